@@ -1,7 +1,7 @@
 """Flexible robot arms: beams in the plane and in space, scene replay and Gymnasium environments.
 
-Importing registers FlexibleArm-v0, TwoLinkFlexArm-v0, MultiLinkFlexArm-v0, SpatialFlexArm-v0 and the tasks of
-`flexarm_env.suite`; the public names below are loaded when they are first used.
+Importing the package registers FlexibleArm-v0, TwoLinkFlexArm-v0, MultiLinkFlexArm-v0, SpatialFlexArm-v0 and the tasks
+of `flexarm_env.suite`. The public names below are imported when they are first used.
 """
 
 from collections.abc import Mapping
@@ -40,7 +40,7 @@ _HOME = {
     "TimeFunction": "time_functions",
     "Trajectory": "trajectory",
 }
-"""Where each public name is defined."""
+"""Module that defines each public name."""
 
 __all__ = [
     "Accelerometer", "Arm", "Base", "Camera", "Contact", "Elbow", "Encoder", "Gyroscope", "Joint", "JointTorque",

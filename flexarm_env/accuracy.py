@@ -1,20 +1,21 @@
-"""Estimate of a run's tip error, from a run of twice the step and one on another mesh (theory, section 8).
+"""Estimate of a run's tip error, from a run with twice the step and a run on another mesh (theory, section 8).
 
 The error has these parts, each a fraction of the arm's length:
 
-    time_step   half the distance of the tip from a companion run of twice the step (a third is the error of a method of
-                second order; the rest is a safety margin); the whole distance from a run of an eighth of the step if
-                the step does not resolve the slowest vibration, or its decay; in space up to 1.5 times the distance, if
-                that between the companion and a run of four times the step shows no second order
-    mesh        half the distance between that companion and another one of twice the step on half the mesh; all of it
-                if the other mesh is the finer one; at least the distance from frames that are clamped at their roots,
-                in space from an exact beam, if links are so stubby that chords have an error on any mesh, or under such
-                tension that they bend within less than an element (theory, section 8; `accuracy_space`)
+    time_step   half the distance of the tip from a companion run with twice the step. (The error of a second-order
+                method is a third of this distance; the rest is a safety margin.) If the step does not resolve the
+                slowest vibration, or its decay: the whole distance from a run with an eighth of the step. In space up
+                to 1.5 times the distance, if a run with four times the step shows no second order
+    mesh        half the distance between this companion and another one with twice the step on half the mesh; the whole
+                distance if the other mesh is the finer one. Links may be so stubby that chords have an error on any
+                mesh, or under such tension that they bend within less than an element. The part is then at least the
+                distance from frames clamped at their roots, in space from an exact beam (theory, section 8;
+                `accuracy_space`)
     energy      five times the energy that the scheme created, or half of the energy that it dissipated, as a fraction
                 of the energy turned over (`Trajectory.turned_over`)
-    others      errors of the formulation known before the run: System.notes
+    others      errors of the formulation that are known before the run: System.notes
 
-Time step, mesh and notes are added; the estimate is that sum, or the energy's part if that is larger.
+The estimate is the sum of time step, mesh and notes, or the part `energy` if this part is larger.
 """
 
 import math
@@ -33,21 +34,21 @@ from .settings import MOST_ELEMENTS, Settings, steps_in
 from .validation import Array
 
 _SAME_TIME = 1e-9
-"""Instants that differ by less (s, and relative to the last one) are the same."""
+"""Instants count as equal if their difference is smaller (s, and relative to the last instant)."""
 
 INACCURATE = "inaccurate"
 """Status of a run that reached its end with an estimated error above the limit."""
 
 FOUND, TAKEN = 5.0, 0.5
-"""Error per fraction of the energy turned over that the scheme created (FOUND) or dissipated (TAKEN). A small relative
-error of an energy is twice that of the amplitude, hence a half; created energy indicates instability and counts ten
-times as much."""
+"""Factors on the energy that the scheme created (FOUND) or dissipated (TAKEN), as a fraction of the energy turned over.
+TAKEN is a half because a small relative error of an energy is twice that of the amplitude. FOUND is ten times as large
+because created energy indicates instability."""
 
 
 @dataclass(frozen=True)
 class Probe:
-    """A companion run: instants t (n,) s; tips (n, 2) m, or in space the tip and the ends of its axes, of a fifth of
-    the arm's length, (n, 4, 3) m; good: whether the run reached its end.
+    """A companion run: instants t (n,) s, and its tips. In the plane: positions (n, 2) m. In space: the tip and the
+    ends of its axes, of a fifth of the arm's length, (n, 4, 3) m. good: whether the run reached its end.
     """
 
     t: Array
@@ -57,15 +58,15 @@ class Probe:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimated error and its parts, fractions of L. unknown: why time step or mesh could not be estimated, and total
-    is infinite; otherwise ""."""
+    """Estimated error and its parts, fractions of L. unknown: the reason why time step or mesh could not be estimated
+    and the total is infinite; otherwise ""."""
 
     total: float
     parts: Mapping[str, float] = field(default_factory=dict)
     unknown: str = ""
 
     def message(self, limit: float) -> str:
-        """Return why a run is inaccurate, and the remedy."""
+        """Return the reason why a run is inaccurate, and the remedy."""
         if self.unknown:
             return f"the error could not be estimated: {self.unknown}; take a smaller dt or a finer mesh"
         worst = max(self.parts, key=lambda name: self.parts[name])
@@ -76,7 +77,7 @@ class Estimate:
 
 
 def missed(settings: Settings, step_error: float) -> str:
-    """Return why fitted steps are inaccurate, "" if the step_tolerance is met; step_error: the largest of a stretch."""
+    """Return why fitted steps are inaccurate; "" if step_error, the largest of a stretch, meets the step_tolerance."""
     if settings.step_tolerance is None or step_error <= settings.step_tolerance:
         return ""
     return (
@@ -95,14 +96,14 @@ REMEDY = {
 
 
 HALF = 0.5
-"""Error per unit of distance from a run of twice the step, or on half the mesh."""
+"""Error per unit of distance from a run with twice the step, or from a run on half the mesh."""
 
 
 def other_mesh(settings: Settings, space: bool = False) -> tuple[Settings, float]:
-    """Return settings of another mesh, and the error per unit of distance from a run on it.
+    """Return settings with another mesh, and the error per unit of distance from a run with these settings.
 
-    The mesh is coarser, or finer if there is no coarser one. For planar links reduced to modes it is the full model. In
-    space it has another number of segments with the same number of modes.
+    The mesh is coarser, or finer if there is no coarser one. For planar links reduced to modes, the settings are the
+    full model. In space they have another number of segments with the same number of modes.
     """
     if settings.formulation == "elastica":
         assert settings.nodes is not None
@@ -132,9 +133,9 @@ def other_mesh(settings: Settings, space: bool = False) -> tuple[Settings, float
 
 
 def companion_mesh(scene: Scene, settings: Settings) -> tuple[Scene, Settings, float]:
-    """Return scene and settings of another mesh, and the error per unit of distance from a run on it. Where a section
-    jumps or kinks, all cells are halved: a coarser mesh may have the same cells in the critical piece, and the distance
-    would hide their error. Elsewhere the mesh is that of `other_mesh`."""
+    """Return scene and settings with another mesh, and the error per unit of distance from a run with them. If a
+    section jumps or kinks, all cells are halved: a coarser mesh may have the same cells in the critical piece and would
+    hide their error. Otherwise the mesh is that of `other_mesh`."""
     if divided(scene.arm):
         if halved := halved_mesh(scene.arm, settings):
             return replace(scene, arm=halved[0]), halved[1], 1.0
@@ -145,23 +146,23 @@ def companion_mesh(scene: Scene, settings: Settings) -> tuple[Scene, Settings, f
 
 
 COARSE, FINER = 0.5, 0.125
-"""Step times the rate of the slowest vibration above which runs of h and 2 h may have the same error; h is then
-compared with a step of FINER h."""
+"""Step times the rate of the slowest vibration above which runs with h and 2 h may have the same error. Such a run is
+compared with a run with FINER times its step."""
 
 
 DRIVEN = 4.0
-"""Factor on the step that must still resolve loads and motions for half the distance to suffice. Otherwise the arm's
-vibration at their frequency may be out of phase in both runs, and the whole distance counts."""
+"""Factor on the step: if the longer step still resolves loads and motions, half the distance suffices. Otherwise the
+arm's vibration at their frequency may be out of phase in both runs, and the whole distance counts."""
 
 
 QUARTER, SLOW, QUICK = 0.25, 0.2, 30.0
-"""Factor on the step of the run that arms on elastic gears are compared with; step times the rate of a gear's vibration
-below which the step resolves it (SLOW), and above which the gear is practically rigid (QUICK)."""
+"""Arms on elastic gears: factor on the step of the companion run. Step times the rate of a gear's vibration below which
+the step resolves the vibration (SLOW), and above which the gear is practically rigid (QUICK)."""
 
 
 def clamped(scene: Scene, settings: Settings) -> Settings | None:
-    """Return settings of the same mesh with frames clamped at the roots, for stubby links with von Karman chords, whose
-    error due to shear no mesh removes; otherwise None."""
+    """Return settings with the same mesh and frames clamped at the roots, for stubby links with von Karman chords; no
+    mesh removes the error of chords due to shear. Otherwise return None."""
     along = settings.formulation == "floating_frame" and settings.frame == "chord" and settings.coupling == "von_karman"
     if along and not scene.spatial and any(link.slenderness > STUBBY for link in scene.arm.links):
         return settings.replace(frame="root")
@@ -169,13 +170,13 @@ def clamped(scene: Scene, settings: Settings) -> Settings | None:
 
 
 def rubs(scene: Scene) -> bool:
-    """Return whether a joint has dry friction or backlash: step errors are of first order at sticking and impact."""
+    """Return whether a joint has dry friction or backlash; step errors are of first order at sticking and impact."""
     return any(joint.friction_coulomb > 0.0 or joint.backlash > 0.0 for joint in scene.arm.joints)
 
 
 def gear_rate(scene: Scene) -> float:
-    """Return the rate (1/s) of the fastest vibration of a rotor on its elastic gear against the rigid arm beyond; 0: no
-    such gear, or an arm in space."""
+    """Return the rate (1/s) of the fastest vibration of a rotor on its elastic gear against the rigid arm after the
+    gear. Return 0 if there is no such gear, or for an arm in space."""
     arm, rates = scene.arm, [0.0]
     if scene.spatial:
         return 0.0
@@ -187,9 +188,9 @@ def gear_rate(scene: Scene) -> float:
 
 
 def slowest_rate(scene: Scene) -> float:
-    """Return the rate (1/s) of the straight arm's slowest vibration, root held, or of its faster decay if overdamped.
-    It is the frequency of a beam with the arm's length and smallest stiffness, with the arm's load at its tip
-    (Rayleigh). For planar arms with varying sections it is the frequency of the actual arm."""
+    """Return the rate (1/s) of the straight arm's slowest vibration with a held root, or of its faster decay if
+    overdamped. The rate is the frequency of a beam with the arm's length and smallest stiffness and the arm's load at
+    its tip (Rayleigh). For planar arms with varying sections the rate is that of the actual arm."""
     arm, spatial = scene.arm, scene.spatial
     bending = [link for link in arm.links if not link.rigid]
     if not bending:
@@ -207,7 +208,7 @@ def slowest_rate(scene: Scene) -> float:
 
 
 def _varying_rate(arm: Arm) -> float:
-    """Return omega^2 (1/s^2) of a straight, locked arm with varying sections: Rayleigh's quotient of its sag."""
+    """Return omega^2 (1/s^2) of a straight, locked arm with varying sections, as Rayleigh's quotient of its sag."""
     s, EI, mass, first = [], [], [], 0.0
     for k, link in enumerate(arm.links):
         # 200 pieces per link; masses at their middles, payload and elbows at the link's last piece
@@ -233,15 +234,15 @@ def _varying_rate(arm: Arm) -> float:
 
 
 def count_steps(scene: Scene, settings: Settings, end: float, sample: float) -> int:
-    """Return the number of steps of a run that lands on every sample and kink."""
+    """Return the number of steps in a run whose steps end at every sample and kink."""
     lengths = _stretches(scene, end, sample)
     return int(_steps_in(lengths, _step_of(lengths, settings, sample)).sum())
 
 
 def in_steps(scene: Scene, settings: Settings, end: float, sample: float) -> Settings:
-    """Return settings with the longest step of at most dt of a run that lands on every sample and kink. An elastica's
-    inertia belongs to one step length (theory, 5.3): its dt is the step length at which equal and shorter steps cover a
-    tenth of the time."""
+    """Return settings with the longest step of at most dt with which steps end at every sample and kink. An elastica's
+    inertia belongs to one step length (theory, 5.3). The dt of an elastica is therefore the step length for which equal
+    and shorter steps cover a tenth of the time."""
     return settings.replace(dt=_step_of(_stretches(scene, end, sample), settings, sample))
 
 
@@ -274,7 +275,7 @@ def _step_of(lengths: Array, settings: Settings, sample: float) -> float:
 
 
 def common_instants(t: ArrayLike, other: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the indices of common instants in two increasing sequences of times, t (n,) s and other (m,) s."""
+    """Return the indices of equal instants in two increasing sequences of times, t (n,) s and other (m,) s."""
     first, second = np.asarray(t, dtype=float), np.asarray(other, dtype=float)
     # nearest instant of the other sequence: the one behind or before
     nearest = np.clip(np.searchsorted(second, first), 0, second.size - 1)
@@ -285,7 +286,7 @@ def common_instants(t: ArrayLike, other: ArrayLike) -> tuple[NDArray[np.intp], N
 
 
 def distance(one: Probe, other: Probe) -> float:
-    """Return the largest distance of two tips, or of their axes' ends, m, over common instants; inf if a run failed."""
+    """Return the largest distance (m) of two runs' tips, or axes' ends, at common instants; inf if a run failed."""
     if not (one.good and other.good):
         return math.inf
     mine, theirs = common_instants(one.t, other.t)
@@ -301,11 +302,12 @@ def estimate(
     run: Callable[..., Probe],
     levels: Sequence[int] = (),
 ) -> tuple[dict[str, float], str]:
-    """Return the parts "time_step" and "mesh" of the error, fractions of L, and why one of them is infinite.
+    """Return the parts "time_step" and "mesh" of the error, fractions of L, and the reason if one is infinite.
 
-    mine: the run itself, sampled every `sample` s. run: function that makes a companion run, of a scene, settings, a
+    mine: the run itself, sampled every `sample` s. run: function that makes a companion run from a scene, settings, a
     sampling interval and, for fitted steps, the halvings of dt in each stretch (`Trajectory.step_levels`). levels:
-    those of the run. Drag (`Arm.mass_damping`) depends on the mesh: meshes are then compared without it.
+    halvings of the run itself. Drag (`Arm.mass_damping`) depends on the mesh; meshes are therefore compared without
+    drag.
     """
     dt = settings.dt
     assert dt is not None
@@ -363,8 +365,8 @@ def estimate(
 def _share_of_step(
     scene: Scene, settings: Settings, end: float, sample: float, mine: Probe, found: float, run: Callable[..., Probe]
 ) -> float:
-    """Return `step_factor` for a run in space at the distance `found` (m) from `mine`, a run of twice its step.
-    settings, sample: of `mine`. A third run, of four times the step, shows how the distance grows."""
+    """Return `step_factor` for a run in space at the distance `found` (m) from `mine`, a run with twice its step.
+    settings, sample: those of `mine`. A third run, with four times the step, shows how the distance grows."""
     again, wide = settings.replace(dt=2.0 * float(settings.dt or 0.0)), min(2.0 * sample, end)
     if count_steps(scene, again, end, wide) > 0.75 * count_steps(scene, settings, end, sample):
         return step_factor(1.0)
@@ -372,8 +374,8 @@ def _share_of_step(
 
 
 def _from_exact(scene: Scene, settings: Settings, mine: Probe, sample: float, run: Callable[..., Probe]) -> float:
-    """Return the distance (m) of a run in space from its `witness`, an exact beam. inf: the witness is too coarse. 0:
-    there is none, or double precision cannot resolve it."""
+    """Return the distance (m) of a run in space from its `witness`, an exact beam. Return inf if the witness is too
+    coarse, and 0 if there is no witness or double precision cannot resolve it."""
     exact, fine = witness(scene, settings, mine.t, mine.tip)
     if exact is None:
         return 0.0
@@ -395,9 +397,9 @@ def followed(
 ) -> dict[str, float]:
     """Return the elastica's error due to neglected stretch and shear, a fraction of L; {} for other formulations.
 
-    In the plane it is the larger of the linear estimate (notes) and the distance from a run whose links are softer by
-    the effect of stretch and shear (`Notes.softer`), at most 1. In space it is the distance from an exact beam or, for
-    slender links, from that softer run: both follow the loads.
+    In the plane the error is the larger of the linear estimate (notes) and the distance from a run with softer links,
+    at most 1. The links are softened by the effect of stretch and shear (`Notes.softer`). In space the error is the
+    distance from an exact beam or, for slender links, from this softer run; both include the effect of the loads.
     """
     stiffness = getattr(notes, "softer", None)
     if stiffness is None:
@@ -412,7 +414,7 @@ def followed(
 
 
 def _why(time_step: float, mesh: float) -> str:
-    """Return the reason for an infinite estimate, or ""."""
+    """Return the reason for an infinite estimate; "" if the estimate is finite."""
     if math.isinf(time_step):
         return "neither a run of twice the step nor one of half of it came to its end"
     if math.isinf(mesh):
@@ -421,7 +423,7 @@ def _why(time_step: float, mesh: float) -> str:
 
 
 def finer_mesh(settings: Settings) -> Settings:
-    """Return settings of about twice the mesh."""
+    """Return settings with about twice the number of elements or nodes."""
     if settings.formulation == "elastica":
         assert settings.nodes is not None
         return settings.replace(nodes=min(12, settings.nodes + 2) if settings.nodes < 12 else 11)
@@ -436,12 +438,13 @@ def finer_mesh(settings: Settings) -> Settings:
 
 
 def energy_part(balance: Array, turned_over: float) -> float:
-    """Return the energy's part of the error from the balance (n,), J, and the energy turned over, J."""
+    """Return the part `energy` of the error estimate, a number without unit, computed from the energy balance (n,), J,
+    and the energy turned over, J."""
     if turned_over <= 0.0:
         return 0.0
     return max(FOUND * float(balance.max()), -TAKEN * float(balance.min())) / turned_over
 
 
 def total(parts: Mapping[str, float]) -> float:
-    """Return the estimate from its parts: their sum without energy, or energy's part if larger."""
+    """Return the estimate from its parts: the sum of all parts except `energy`, or `energy` if it is larger."""
     return max(parts.get("energy", 0.0), sum(value for name, value in parts.items() if name != "energy"))

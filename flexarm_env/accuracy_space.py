@@ -1,6 +1,6 @@
-"""Errors of a run in space that coarser meshes and longer steps do not show, and the comparisons that reveal them.
+"""Errors of a run in space that coarser meshes and longer steps do not show, and comparisons that show them.
 
-Part of the estimate of `accuracy`.
+This module computes part of the estimate of `accuracy`.
 """
 
 import math
@@ -13,32 +13,36 @@ from .settings import Settings
 from .validation import Array
 
 STUBBY = 5e-3
-"""EI / (C L^2) of a link above which frames along chords are compared with clamped ones, in space with exact beams."""
+"""EI / (C L^2) of a link above which a run with chord frames is compared with another run.
+
+The other run has clamped frames; in space it is an exact beam.
+"""
 
 SHEARED = 1e-4
 """EI / (C L^2) of a link above which an elastica in space is compared with an exact beam."""
 
 LAYER = 2.0
-"""Element length over sqrt(EI/N), the bending length of a link under an axial force N, above which any run in space is
-compared with a finer exact beam.
+"""Element length over sqrt(EI/N), the bending length of a link under an axial force N.
+
+Above this ratio any run in space is compared with a finer exact beam.
 """
 
 AT_LEAST, AT_MOST = 12, 200
-"""Minimum number of elements per link of the exact beam beside an elastica; maximum of any exact beam."""
+"""Smallest number of elements per link of the exact beam that checks an elastica; largest number of any exact beam."""
 
 
 def _stubbiness(link: Link) -> float:
-    """Return EI / (C L^2) of a link in space, the largest along it and of both bending planes."""
+    """Return the largest EI / (C L^2) of a link in space, along the link and over both bending planes."""
     s = np.linspace(0.0, link.length, 9)
     own, across = link.along(s), link.across(s)
     return float(max((own.EI / own.C).max(), (across["EI_y"] / across["C_y"]).max()) / link.length**2)
 
 
 def _pull(scene: Scene, t: Array, tip: Array) -> float:
-    """Return an estimate of the largest force (N) in the links of a run in space: weight, inertia, loads.
+    """Return an estimate of the largest force (N) in the links of a run in space, from weight, inertia and loads.
 
     Args:
-        t, tip: instants (n,) s; places of the tip and its axes (n, 4, 3) m, inertial axes.
+        t, tip: instants (n,) s; positions of the tip and its axes (n, 4, 3) m, inertial axes.
     """
     arm = scene.arm
     mass = arm.payload.mass + sum(link.mass for link in arm.links) + sum(elbow.mass for elbow in arm.elbows)
@@ -55,14 +59,14 @@ def _pull(scene: Scene, t: Array, tip: Array) -> float:
 def witness(scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Settings | None, bool]:
     """Return settings of an exact beam whose distance from the run is an error that coarser meshes do not show.
 
-    Frames along chords have an error of the order of the squared shear angle, on any mesh. The elastica has no shear. A
-    link under an axial force N bends within about sqrt(EI/N) of its ends: elements several times longer have the same
-    error, whether a mesh has one or two of them.
+    Frames along chords have an error of the order of the squared shear angle, on any mesh. The elastica neglects shear.
+    A link under an axial force N bends within about sqrt(EI/N) of its ends. With elements that are several times
+    longer, meshes with one and with two elements have the same error.
 
     Args:
-        t, tip: instants (n,) s and places of the tip and its axes (n, 4, 3) m of the run.
+        t, tip: instants (n,) s and positions of the tip and its axes (n, 4, 3) m of the run.
     Returns:
-        The settings, or None if no such error is expected; and whether their elements are short enough.
+        The settings, or None if no such error is expected, and whether their elements are short enough.
     """
     links = [link for link in scene.arm.links if not link.rigid]
     if not scene.spatial or not links:
@@ -95,24 +99,25 @@ def softest(link: Link) -> float:
 
 
 LITTLE = 1e-7
-"""Distance of runs, over the arm's length, below which no third run is made."""
+"""Distance of two runs, over the arm's length, below which no third run is made."""
 
 
 def step_factor(growth: float) -> float:
-    """Return the error of a run of step h per unit of its distance from a run of 2 h.
+    """Return the error of a run with step h per unit of its distance from a run with step 2 h.
 
-    growth: factor by which that distance grows with twice the step. If the error is a power of h, it is 1 / (growth -
-    1) of the distance: a third in second order. A safety factor of 1.5 is applied. Vibrations that no step resolves are
-    off by their amplitude at any step: growth is then about 1, and the error at most the distance, with the factor 1.5.
+    growth: factor by which this distance grows if both steps are doubled. If the error is a power of h, it is 1 /
+    (growth - 1) of the distance: a third in second order. The result includes a safety factor of 1.5. Vibrations that
+    no step resolves have an error of the size of their amplitude at any step. growth is then about 1, and the error is
+    at most the distance, times 1.5.
     """
     return 0.5 if growth >= 4.0 or not math.isfinite(growth) else min(1.5, 1.5 / max(growth - 1.0, 1e-3))
 
 
 def mesh_factor(n: int) -> float:
-    """Return the error of a run of n elements over its distance from a run of m elements, m = n / 2 rounded up.
+    """Return the error of a run with n elements over its distance from a run with m elements, m = n / 2 rounded up.
 
-    If the error is proportional to the squared element length, it is 1 / ((n/m)^2 - 1) of the distance: a third for m
-    half of n. A safety factor of 1.5 is applied. For n = 1 the distance is that from two elements, and 1 is returned
-    (by the same rule the error would be 4/3 of it).
+    If the error is proportional to the squared element length, it is 1 / ((n/m)^2 - 1) of the distance: a third if m is
+    half of n. The result includes a safety factor of 1.5. For n = 1 the other run has two elements, and the result is 1
+    (by the same rule the error would be 4/3 of the distance).
     """
     return 1.0 if n == 1 else 1.5 / ((n / -(-n // 2)) ** 2 - 1.0)

@@ -23,7 +23,7 @@ _OF_LINK = ("tau_d", "curvature", *ENDS)
 _TAPER = ("widths", "thicknesses", "E", "rho", "G", "kappa")
 
 _BESIDE = ("randomization", "identification")
-"""Tables beside [arm] in a file that `flexarm identify` wrote."""
+"""Tables that a file by `flexarm identify` contains beside [arm]."""
 
 
 def names() -> tuple[str, ...]:
@@ -34,15 +34,15 @@ def names() -> tuple[str, ...]:
 
 @cache
 def named(name: str) -> Arm:
-    """A named arm. Return a packaged arm. Raises ValueError for an unknown name."""
+    """A named arm. Return a packaged arm; raise ValueError if the name is unknown."""
     check.choice("arm", name, names())
     return from_toml((resources.files("flexarm_env") / "data" / "arms" / f"{name}.toml").read_text("utf-8"))
 
 
 def resolve(arm: Arm | str | os.PathLike[str], directory: str | os.PathLike[str] = ".") -> Arm:
-    """Return an arm from an :class:`Arm`, a name, or a TOML file (found from ``directory``).
+    """Return an arm, given an :class:`Arm`, a name, or a TOML file (relative to ``directory``).
 
-    Raises ValueError for a text that is neither a name nor a file, and for an invalid file.
+    Raises ValueError if a text is neither a name nor a file, or if the file is invalid.
     """
     if isinstance(arm, Arm):
         return arm
@@ -58,9 +58,9 @@ def resolve(arm: Arm | str | os.PathLike[str], directory: str | os.PathLike[str]
 
 
 def from_toml(source: str | os.PathLike[str]) -> Arm:
-    """Read the arm of a TOML file or text: the keys of :class:`Arm`, at the top level or in a table ``[arm]``.
+    """Read the arm of a TOML file or text, which has the keys of :class:`Arm` at the top level or in a table ``[arm]``.
 
-    Raises ValueError that names the file, the key path, the value and the rule, OSError for no such file.
+    Raises ValueError that names the file, the key path, the value and the rule; OSError if the file does not exist.
     """
     table, path = read_toml(source)
     with check.in_file(path):
@@ -71,14 +71,14 @@ def from_toml(source: str | os.PathLike[str]) -> Arm:
 
 
 def to_toml(arm: Arm) -> str:
-    """Return TOML text of an arm; :func:`from_toml` reads it back to an equal arm."""
+    """Return TOML text of an arm, from which :func:`from_toml` makes an equal arm."""
     import tomli_w
 
     return tomli_w.dumps(to_table(arm))
 
 
 def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm:
-    """Read an arm from the table of a TOML file; default_name: for a table without a name.
+    """Read an arm from the table of a TOML file. default_name: name for a table without a name.
 
     Raises ValueError that names the key path, the value and the rule.
     """
@@ -101,8 +101,9 @@ def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm
 
 
 def section_of(path: str, value: object) -> Section:
-    """Read a section from its table, the value of a link's `section`. Raises ValueError that names the key path, the
-    value and the rule."""
+    """Read a section from its table, the value of a link's `section`.
+
+    Raises ValueError that names the key path, the value and the rule."""
     return _section(path, check.table_of(path, value), path)
 
 
@@ -113,7 +114,7 @@ def base_of(value: object) -> Base:
 
 
 def _link(path: str, value: object) -> Link:
-    """Read a link's table: a rigid one by its mass, else a uniform section, points of a section, or a taper."""
+    """Read a link's table: a rigid link has a mass; other links have a section, points of a section, or a taper."""
     table = check.table_of(path, value)
     if "section" not in table and any(key in table for key in _RIGID[1:]):
         check.known_keys(path, table, _RIGID)
@@ -155,7 +156,7 @@ def _point(path: str, entry: object) -> tuple[Any, Section]:
 
 
 def _section(path: str, section: dict[str, Any], inside: str | None = None) -> Section:
-    """Read the section of a table; inside: its key path if that is not `path`.section."""
+    """Read the section of a table. inside: key path of the section, if it differs from `path`.section."""
     own = inside or f"{path}.section"
     what = f"must be a table of {', '.join(_SECTION)}, or of a rectangle's {', '.join(_RECTANGLE)}"
     keys: tuple[str, ...] = (*_SECTION, *ACROSS)
@@ -187,7 +188,7 @@ def _joint(path: str, value: object) -> Joint:
 
 
 def _link_table(link: Link, space: bool) -> dict[str, Any]:
-    """Return a link as a TOML table, without what has its default."""
+    """Return a link as a TOML table without fields at their defaults."""
     if isinstance(link, RigidLink):
         return {key: getattr(link, key) for key in _RIGID}
     plain = Link(link.length, link.section)
@@ -196,7 +197,7 @@ def _link_table(link: Link, space: bool) -> dict[str, Any]:
 
 
 def _section_table(section: Section | Taper | Points, space: bool) -> Any:
-    """Return a section as a table that `_link` reads back."""
+    """Return a section as a table from which `_link` makes an equal section."""
     if isinstance(section, tuple):
         return [{"s": s, **_section_table(at, space)} for s, at in section]
     if isinstance(section, Taper):
@@ -243,7 +244,7 @@ def _elbow_table(elbow: Elbow) -> dict[str, Any]:
 
 
 def _joint_table(joint: Joint) -> dict[str, Any]:
-    """Return the fields of a joint that differ from their defaults; of its motor, those that are given."""
+    """Return the fields of a joint that differ from their defaults, and the given fields of its motor."""
     table = check.changed(joint)
     if joint.motor is not None:
         table["motor"] = {key: value for key, value in vars(joint.motor).items() if value is not None}

@@ -1,6 +1,6 @@
-"""Many arms of one kind, advanced together by one compiled call per control period; a single arm is a batch of one.
+"""Many arms of one kind; one compiled call advances all arms by a control period. A single arm is a batch of one.
 
-The arms share a Model and a task; payload, stiffness, damping and torque constant are each arm's own. Arms are stored
+The arms share a Model and a task; each arm has its own payload, stiffness, damping and torque constant. Arms are stored
 in lane groups, which threads divide among themselves. An arm's bits do not depend on the batch or the threads.
 """
 
@@ -85,14 +85,14 @@ from .trajectory import joint_angles
 from .validation import Array
 
 LANES_FROM = 3
-"""Smallest batch that is stored in lanes of eight arms; in smaller batches arms are advanced one by one."""
+"""Smallest batch that is stored in lanes of eight arms; smaller batches advance their arms one by one."""
 
 ALONE_AFTER = 20
-"""Steps of a batch after which a single arm's program is compiled beside, for arms whose Newton iteration fails."""
+"""Number of steps after which a single arm's program is also compiled, for arms whose Newton iteration fails."""
 
 
 def gauge_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, places: Sequence[Spot]) -> Array:
-    """Return rows (G, n) whose product with q is the curvature (1/m) at each place (link, 0 root to 1 tip)."""
+    """Return rows (G, n) whose product with q is the curvature (1/m) at each place: (link, 0 root to 1 tip)."""
     assert settings.dt is not None
     scene = standing_scene(arm, settings.dt, gravity)
     return curvature_rows(scene, settings, assembly.assemble(scene, settings), places)
@@ -103,16 +103,16 @@ class Batch:
 
     Args:
         arm, settings (with dt), gravity: the mechanical system; gravity in m/s^2. n: number of arms.
-        task: record of a task. starts: ranges from which starts are drawn.
+        task: record of a task. starts: ranges of drawn starts.
         period: control period, s, a whole number of settings.dt. account: record energies, work and dissipation.
-        threads: maximum number; None: the fastest number, found by timing (`compiler.pace`).
+        threads: maximum number; None selects the fastest number by timing (`compiler.pace`).
         extras: controllers, motors, sensors, moving targets.
-        left: error of the tip due to mesh and step, over the arm's length; inf: unknown. contacts: of the arms.
+        left: error of the tip due to mesh and step, over the arm's length; inf: unknown. contacts: the arms' contacts.
     Attributes:
-        action (n, A) float32: input of `step`. observation (n, O) float32, reward (n,), terminated, truncated (n,): of
-            the last step or start. table: entries of info, one row each, one column per arm (and spare ones). sheet:
-            the table with its views. info_at: row of each entry of `INFO`. request: a `REQUEST`, NaN: drawn at random.
-            address: address of the program's memory, argument of the compiled functions.
+        action (n, A) float32: input of `step`. observation (n, O) float32, reward (n,), terminated, truncated (n,):
+            results of the last step or start. table: entries of info, one row each, one column per arm (and spare
+            columns). sheet: the table with its views. info_at: row of each entry of `INFO`. request: a `REQUEST`; NaN:
+            draw. address: address of the program's memory, argument of the compiled functions.
     """
 
     def __init__(
@@ -197,8 +197,8 @@ class Batch:
             self.record(i)[MODE] = OVER
 
     def _inertia(self) -> float:
-        """Return `runtime.energy_balance.inertia_per_rate` of an elastica, kg m^2; 0 for other formulations, which do
-        not need it; inf without absolute angles, as in space: the energy is then evaluated in every period."""
+        """Return `runtime.energy_balance.inertia_per_rate`, kg m^2, of an elastica; 0 for formulations that do not need
+        it. The result is inf without absolute angles, as in space; every period then evaluates the energy."""
         model, q, v = self.system.model, self.system.q0, np.zeros(len(self.system.q0))
         if model.newton.resolved is None:
             return 0.0
@@ -209,9 +209,9 @@ class Batch:
 
     @property
     def estimate(self) -> float:
-        """Estimated error of the tip over the arm's length: mesh, step, and the elastica's neglect of stretch and
-        shear. The latter is a linear estimate, which links that whip round exceed (theory, section 5). inf: unknown;
-        not nan, which a checker of determinism does not find equal to itself."""
+        """Estimated error of the tip over the arm's length, due to mesh, step, and the elastica's neglect of stretch
+        and shear. The last part is a linear estimate, too small for links that whip round (theory, section 5). inf:
+        unknown; nan would differ from itself in checks of determinism."""
         return self.left + self.system.notes.get("stretch_and_shear", 0.0)
 
     # --- one arm's entries -----------------------------------------------------------------------
@@ -234,7 +234,7 @@ class Batch:
         return self._mine(self.layout.poses, end, i).reshape(self.arm.n_links, -1).copy()
 
     def joints(self, i: int) -> tuple[Array, Array]:
-        """Return joint angles (N,), rad, and rates (N,), rad/s, of arm i; a floating base's hub from the x axis."""
+        """Return arm i's joint angles (N,), rad, and rates (N,), rad/s; a floating hub's angle is from the x axis."""
         poses = self.poses(i)
         return (poses[:, SPACE_POSE.angle], poses[:, SPACE_POSE.rate]) if self.arm.spatial else joint_angles(poses)
 
@@ -244,11 +244,11 @@ class Batch:
         return self._par(i).copy()
 
     def motion(self, i: int) -> tuple[Array, Array, Array]:
-        """Return q, v (rows,) and joint torques (N,), N m, of arm i, copies."""
+        """Return copies of arm i's coordinates q and rates v (rows,) and its joint torques (N,), N m."""
         return tuple(rows[i].copy() for rows in self.motions()[:3])
 
     def motions(self) -> tuple[Array, Array, Array, Array]:
-        """Return coordinates and rates (n, rows), joint torques (n, N), N m, and parameters of all arms, copies."""
+        """Return copies of all arms' coordinates and rates (n, rows), joint torques (n, N), N m, and parameters."""
         work = uncompiled(unpack)(self.lane, self.system.model, np.arange(self.layout.par, dtype=np.float64), 0)
         rows, lanes = len(self.system.q0), len(self.lane)
 
@@ -264,8 +264,8 @@ class Batch:
         return mine(work.q[0], rows), mine(work.v[0], rows), mine(torques, self.arm.n_links), par
 
     def set_starts(self, starts: Starts) -> None:
-        """Draw the starts of later episodes from these ranges; running episodes continue. A variant of the program that
-        was not needed before is compiled now."""
+        """Set the ranges from which the starts of later episodes are drawn; running episodes continue. The call
+        compiles a variant of the program if the new ranges need one."""
         anew = (starts.attainable is None) != (self.starts.attainable is None)
         self.starts, self._alone = starts, self._beside()
         if anew:
@@ -277,15 +277,15 @@ class Batch:
             getattr(self.program.ranges, name)[...] = getattr(ranges, name)
 
     def ask(self, angles: Array, target: Array, vibration: Array) -> None:
-        """Set the next start: joint angles (N,), rad, target (2,) and vibration (1,) or (3,); NaN: drawn. In space the
-        target is given by joint angles (N,) that reach it."""
+        """Set the next start: joint angles (N,), rad, target (2,) and vibration (1,) or (3,); NaN: draw at random. In
+        space the target is given as joint angles (N,) at which the arm reaches it."""
         asked = {"angles": angles, "target": target, "vibration": np.resize(vibration, 3), "goals": np.zeros(0)}
         if self.arm.spatial:
             asked |= {"target": np.full(2, np.nan), "goals": target}
         self.request[:] = REQUEST.pack({"joints": self.arm.n_links, "goals": len(asked["goals"])}, **asked)
 
     def start(self, arms: Sequence[int], keys: Sequence[int], *, limit: int, mode: int = RUNNING) -> None:
-        """Start episodes of `arms`; keys: 64 random bits per arm for its draws and noise; limit: periods allowed."""
+        """Start episodes of `arms` with at most `limit` periods; keys: 64 random bits per arm for draws and noise."""
         lanes, at = len(self.lane), self.layout.record + PERIODS_ALLOWED * len(self.lane)
         chosen = np.asarray(arms, np.int64)
         self.queue[: len(chosen)] = chosen
@@ -294,9 +294,9 @@ class Batch:
         self._start(self.address, mode, len(arms))
 
     def take_report(self, i: int, code: int, action: Array, report: Mapping[str, Array]) -> None:
-        """Write the outcome of a period of the guided arm i, which another simulation has advanced.
-        code: status, or -1 for the start of its episode. action (N,). report: poses (N, 12), torque (N,), N m, energies
-        (5,), J (`tasks.program.ENERGIES`), gauges (G,), scaled, motors (N,): motor angles over the gear ratio, rad."""
+        """Write the outcome of a period of the guided arm i, which another simulation has advanced. code: status, or -1
+        for an episode's start. action (N,). report: poses (N, 12), torque (N,), N m, energies (5,), J
+        (`tasks.program.ENERGIES`), scaled gauges (G,), motors (N,): motor angles over gear ratio, rad."""
         at, layout, instruments = self.info_at, self.layout, self.extras.instruments
         info, record = self._mine(layout.info, layout.saved, i), self.record(i)
         if code <= OK:
@@ -328,8 +328,8 @@ class Batch:
         return int(count)
 
     def renew(self, keep: bool = True) -> None:
-        """Let later steps write to another table without references from outside; the present table stays unchanged.
-        keep: copy the present entries into it first; otherwise a step must write all of them."""
+        """Let later steps write to a new table; references from outside to the present table stay unchanged. keep: copy
+        the present entries to the new table; otherwise a step must write all of them."""
         sheets = self._sheets
         if not sheets[1].is_free():
             sheets[1] = Sheet(np.empty_like(self.table))
@@ -350,15 +350,15 @@ class Batch:
             self.set_state(i, alone.get_state(0))
 
     def alone(self) -> Batch:
-        """Return a batch of one arm like this batch's."""
+        """Return a batch of one arm that is otherwise equal to this batch."""
         return self._alone.get(self._one)
 
     def _beside(self) -> Beside[Batch]:
-        """Return the batch of one arm, to be compiled while this batch steps."""
+        """Return the batch of one arm; it is compiled while this batch steps."""
         return Beside(ALONE_AFTER if len(self.lane) > 1 else 0)
 
     def _one(self) -> Batch:
-        """Create a batch of one arm like this batch's."""
+        """Create a batch of one arm that is otherwise equal to this batch."""
         names = ("period", "gravity", "account", "extras", "left", "contacts")
         return Batch(self.arm, self.settings, 1, self.task, self.starts, **{k: getattr(self, k) for k in names})
 
@@ -385,7 +385,7 @@ class Batch:
 
     @property
     def counts(self) -> Array:
-        """Newton iterations, factorizations, halvings and steps of each lane group since its creation, (groups, 4)."""
+        """Newton iterations, factorizations, halvings and steps since creation, by lane group, (groups, 4)."""
         return self.block[:, self._work * len(self.lane) :][:, :4].copy()
 
     @property
@@ -395,7 +395,7 @@ class Batch:
         return bool((self.block[:, at : at + len(self.lane)].ravel()[: self.n] > 0.0).all())
 
     def _parts(self, i: int) -> tuple[Array, Array]:
-        """Return all entries of arm i in the block as views: the integrator's memory, and the other sections."""
+        """Return all entries of arm i in the block as views: the integrator's memory and the other sections."""
         return self._mine(0, self._work * len(self.lane), i), self._mine(self.layout.par, self.layout.end, i)
 
     def view(self, i: int) -> View:

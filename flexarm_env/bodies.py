@@ -13,7 +13,7 @@ from flexarm_env.validation import Array
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
 Inertia = Any
-"""Moment of inertia about any axis (kg m^2), or a `Matrix`: an inertia tensor."""
+"""Moment of inertia that holds about any axis (kg m^2), or an inertia tensor (`Matrix`)."""
 
 Z: Vector = (0.0, 0.0, 1.0)
 """Joint axis of an arm in the plane."""
@@ -46,11 +46,13 @@ def rows(path: str, value: object, unit: str = "") -> Matrix:
 
 
 def mount(path: str, value: Any) -> Matrix | None:
-    """Validate a rotation, given as a matrix or as an axis with an angle (rad); return a matrix, None for no rotation.
+    """Validate a rotation, given as a matrix or as an axis with an angle (rad).
+
+    Returns a matrix, or None for no rotation.
 
     Raises:
-        ValueError: neither form, or a matrix that is not orthogonal and right-handed to 1e-6; within that it is made
-            orthogonal.
+        ValueError: the value has neither form, or the matrix is not orthogonal and right-handed to 1e-6. A matrix
+            within this tolerance is made orthogonal.
     """
     if value is None:
         return None
@@ -75,8 +77,8 @@ def mount(path: str, value: Any) -> Matrix | None:
 def inertia(path: str, value: object) -> Inertia:
     """Validate a moment of inertia or an inertia tensor about a center of mass, kg m^2.
 
-    A tensor must be symmetric, with principal values that a body can have: none negative, none above the sum of the
-    others.
+    A tensor must be symmetric, with principal values that a body can have: each is at least 0 and at most the sum of
+    the other two.
     """
     if not isinstance(value, list | tuple | np.ndarray):
         return check.number(path, value, "kg m^2", minimum=0.0)
@@ -93,7 +95,7 @@ def inertia(path: str, value: object) -> Inertia:
 
 
 def tensor(value: Inertia) -> Array:
-    """Return the 3 x 3 inertia tensor; a number becomes that number times the identity."""
+    """Return the 3 x 3 inertia tensor; a number stands for that number times the identity."""
     return np.array(value) if isinstance(value, tuple) else value * np.eye(3)
 
 
@@ -116,12 +118,12 @@ _STIFF = Section(EI=1.0, EA=1.0, C=1.0, m=1.0)
 
 @dataclass(frozen=True)
 class RigidLink(Link):
-    """A rigid link: a pillar, a gearbox, a satellite. An arm with a rigid link is computed in space.
+    """A rigid link, for example a pillar, a gearbox or a satellite; an arm with a rigid link is computed in space.
 
     Args:
-        length: m, from the joint at its root to the next joint or the arm's tip, along its x axis.
-        mass: kg. centre: center of mass, m, three numbers in the link's axes, from its root.
-        inertia: kg m^2 about the center of mass, a tensor of three rows in the link's axes; a number: about any axis.
+        length: m, along the link's x axis from the joint at its root to the next joint or the arm's tip.
+        mass: kg. centre: center of mass relative to the root, m, three numbers in the link's axes.
+        inertia: kg m^2, about the center of mass: a tensor of three rows in the link's axes, or a number for all axes.
     """
 
     length: float
@@ -139,7 +141,7 @@ class RigidLink(Link):
     curvature: float = field(init=False, default=0.0, repr=False)
 
     def __post_init__(self) -> None:
-        """Validate the fields and convert them to plain numbers; `InvalidValue` names the field."""
+        """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
         check.store(
             self,
             length=check.number("length", self.length, "m", minimum=0.0),
@@ -155,7 +157,7 @@ class RigidLink(Link):
 
     @property
     def uniform(self) -> None:
-        """None: the link has no section."""
+        """None, because the link has no section."""
         return None
 
     def moment(self, power: int) -> float:
@@ -165,5 +167,5 @@ class RigidLink(Link):
 
     @property
     def rotary(self) -> float:
-        """0: `moment` contains the whole inertia."""
+        """0, because `moment` contains the whole inertia."""
         return 0.0

@@ -1,4 +1,4 @@
-"""Errors of a run's tip against a reference, at the instants that both contain."""
+"""Errors of a run's tip relative to a reference, at the instants that both contain."""
 
 import dataclasses
 import math
@@ -16,9 +16,9 @@ from flexarm_env.accuracy import common_instants
 class TipError:
     """Distance of the tip from a reference.
 
-    max_tip_error, rms_tip_error: largest and root-mean-square distance, m; max_tip_angle_error, max_start_angle_error:
-    of the tip's angle and of the root's, rad; time_of_max: s, instant of the largest error; instants: number of
-    compared instants. NaN: the reference lacks this column.
+    max_tip_error, rms_tip_error: largest and root-mean-square distance, m. max_tip_angle_error, max_start_angle_error:
+    largest error of the tip's angle and of the root's angle, rad. time_of_max: instant of the largest error, s.
+    instants: number of compared instants. NaN: the reference does not have this column.
     """
 
     max_tip_error: float
@@ -40,11 +40,11 @@ def tip_error(
 
     Args:
         t: (n,) s, increasing. tip: (n, 3): x, y in m and angle in rad.
-        reference: column t, and those of tip_x and tip_y, tip_angle, start_angle that exist
+        reference: column t, and the existing columns of tip_x and tip_y, tip_angle, start_angle
             (`flexarm_env.scenes.reference(NAME).columns`, `read_reference`). start: path of the root, in the form of
             tip; required for start_angle.
     Raises:
-        ValueError: the two have no instant in common after the first; nothing is interpolated.
+        ValueError: path and reference have no common instant after the first; instants are not interpolated.
     """
     path = np.asarray(tip, dtype=float)
     mine, theirs = common_instants(t, reference["t"])

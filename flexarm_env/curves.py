@@ -1,4 +1,4 @@
-"""Curvature of a stress-free link: one number, or linear between points along the link."""
+"""Curvature of a stress-free link: one number, or a linear function between points along the link."""
 
 from itertools import pairwise
 from typing import Any
@@ -10,17 +10,17 @@ from flexarm_env import validation as check
 from flexarm_env.validation import Array
 
 Curvature = float | tuple[tuple[float, float], ...]
-"""1/m, positive to the left; or pairs (s, curvature), s in m from the root; two points with the same s are a jump."""
+"""Curvature, 1/m, positive to the left; or pairs (s, curvature), s in m from the root; equal s mark a jump."""
 
 GAUSS = np.polynomial.legendre.leggauss(12)
-"""Gauss points and weights on [-1, 1] for each stretch that turns by less than half a radian."""
+"""Gauss points and weights on [-1, 1] for a stretch that turns by less than half a radian."""
 
 
 def checked(value: object, length: float) -> Curvature:
-    """Validate a curvature and return it; points with one common value become a number.
+    """Validate a curvature and return it; if all points have one value, return this number.
 
     Raises:
-        ValueError: no numbers (1/m), or points that do not run from 0 to `length` (m) in order.
+        ValueError: a value is not a number (1/m), or the points do not run from 0 to `length` (m) in order.
     """
     if not isinstance(value, list | tuple):
         return check.number("curvature", value, "1/m")
@@ -38,9 +38,11 @@ def checked(value: object, length: float) -> Curvature:
 
 
 def check_places(key: str, places: list[float], length: float) -> float:
-    """Check places along a link (m): ascending from 0 to the length, two equal ones are a jump; return the length.
+    """Check places along a link (m) and return its length.
 
-    The last place is set to the exact length. key: name for the ValueError, with {} for the index.
+    Places must ascend from 0 to the length; two equal places mark a jump.
+
+    The last place is set to the exact length. key: name in the ValueError, with {} for the index.
     """
     if places[0] != 0.0:
         raise check.InvalidValue(key.format(0), places[0], "must be 0, the link's root")
@@ -60,14 +62,14 @@ def check_places(key: str, places: list[float], length: float) -> float:
 def between(places: Array, s: Array, before: bool) -> tuple[NDArray[np.int64], Array]:
     """Return the index of the last point at or before each place s, and the fraction of the way to the next point.
 
-    At a jump the interval behind it counts, or the one in front if `before`.
+    At a jump the function uses the interval after the jump, or the interval before it if `before`.
     """
     i = np.clip(np.searchsorted(places, s, side="left" if before else "right") - 1, 0, len(places) - 2)
     return i, np.clip((s - places[i]) / (places[i + 1] - places[i]), 0.0, 1.0)
 
 
 def points(curve: Curvature) -> tuple[float, ...]:
-    """Return the places where the curvature kinks or jumps within a link, m from the root."""
+    """Return the places at which the curvature kinks or jumps within a link, m from the root."""
     return () if isinstance(curve, float) else tuple(s for s, _ in curve[1:-1])
 
 
@@ -77,7 +79,7 @@ def jumps(curve: Curvature) -> tuple[float, ...]:
 
 
 def along(curve: Curvature, s: Any, before: bool = False) -> Array:
-    """Return the curvature (1/m) at places s (m); at a jump the value behind it, or in front of it if `before`."""
+    """Return the curvature (1/m) at places s (m); at a jump its value after the jump, or before it if `before`."""
     s = np.asarray(s, np.float64)
     if isinstance(curve, float):
         return np.full(s.shape, curve)
@@ -87,7 +89,7 @@ def along(curve: Curvature, s: Any, before: bool = False) -> Array:
 
 
 def angle(curve: Curvature, s: Any) -> Array:
-    """Return the tangent angle at places s (m) relative to that at the root, rad: the integral of the curvature."""
+    """Return the tangent angle at places s (m) relative to the root's, rad: the integral of the curvature."""
     s = np.asarray(s, np.float64)
     if isinstance(curve, float):
         return np.asarray(curve * s)
@@ -121,7 +123,7 @@ def place(curve: Curvature, s: Any) -> NDArray[np.complex128]:
 
 
 def part(curve: Curvature, first: float, last: float) -> Curvature:
-    """Return the curvature of the stretch between two places (m), with s measured from the first."""
+    """Return the curvature of the stretch between two places (m), with s measured from the first place."""
     if isinstance(curve, float):
         return curve
     inner = [(s - first, kappa) for s, kappa in curve if first < s < last]

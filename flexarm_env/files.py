@@ -1,7 +1,7 @@
-"""Read and write the users' files: TOML, JSON, CSV and NPZ archives of arrays.
+"""Read and write users' files: TOML, JSON, CSV, and NPZ archives of arrays.
 
-A file is read as a whole, and nothing in it is executed. Invalid content raises a ValueError that names the file; a
-file that the system cannot open raises an OSError with its name.
+A file is read as a whole, and nothing in it is executed. Invalid content raises a ValueError that names the file. If
+the operating system cannot open a file, an OSError names it.
 """
 
 import csv
@@ -34,12 +34,13 @@ DEEPEST = 64
 
 # ------------------------------------------------------------------ TOML and JSON
 def read_toml(source: str | os.PathLike[str]) -> tuple[dict[str, Any], Path | None]:
-    """Return the table of a TOML file or text, and the file's path (None for a text).
+    """Return the table of a TOML file or text, and the path of the file (None for a text).
 
-    A string is a text if it has a line break, or an equals sign without ending in ``.toml``; otherwise it is a path.
+    A string is a text if it contains a line break, or if it contains an equals sign and does not end in ``.toml``;
+    otherwise it is a path.
 
     Raises:
-        OSError: the file cannot be read. ValueError: the content is no TOML.
+        OSError: the file cannot be read. ValueError: the content is not TOML.
     """
     path = None
     try:
@@ -57,7 +58,7 @@ def read_toml(source: str | os.PathLike[str]) -> tuple[dict[str, Any], Path | No
 
 
 def from_json(text: str, path: str) -> Any:
-    """Return the value of a JSON text. Raises ValueError, whose message begins with `path`, for an invalid text."""
+    """Return the value of a JSON text; if the text is invalid, raise ValueError whose message begins with `path`."""
     try:
         return _shallow(json.loads(text))
     except (ValueError, RecursionError) as error:
@@ -65,7 +66,7 @@ def from_json(text: str, path: str) -> Any:
 
 
 def read_json(path: str | os.PathLike[str]) -> Any:
-    """Return the value of a JSON file. Raises ValueError that names the file if it cannot be read or is invalid."""
+    """Return the value of a JSON file; if it is unreadable or invalid, raise ValueError that names the file."""
     try:
         return _shallow(json.loads(Path(path).read_text("utf-8")))
     except OSError as error:
@@ -75,7 +76,7 @@ def read_json(path: str | os.PathLike[str]) -> Any:
 
 
 def _shallow(value: Any) -> Any:
-    """Return the value; raise ValueError if it is nested deeper than `DEEPEST`."""
+    """Return the value; raise ValueError if the value is nested deeper than `DEEPEST`."""
     level = [value]
     for _ in range(DEEPEST):
         level = [inner for one in level for inner in _inside(one)]
@@ -85,12 +86,12 @@ def _shallow(value: Any) -> Any:
 
 
 def _inside(value: Any) -> Iterable[Any]:
-    """Return the values inside a dict or list, () for anything else."""
+    """Return the values in a dict or list; () for any other value."""
     return value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
 
 
 def _why(error: BaseException) -> str:
-    """Return the reason of a parser's error as a phrase."""
+    """Return the reason for a parser's error as a phrase."""
     return f"nested more than {DEEPEST} deep" if isinstance(error, RecursionError) else str(error)
 
 
@@ -98,10 +99,10 @@ def _why(error: BaseException) -> str:
 def csv_lines(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], list[list[str]]]:
     """Return a CSV file's column names (first line) and the cells of its other lines; empty lines are skipped.
 
-    Files that end in .gz are unpacked.
+    A file that ends in .gz is unpacked.
 
     Raises:
-        OSError: the file cannot be read. ValueError: it is no CSV text; the message names the file.
+        OSError: the file cannot be read. ValueError: the file is not a CSV text; the message names the file.
     """
     try:
         opened = gzip.open if os.fspath(path).endswith(".gz") else open
@@ -113,7 +114,7 @@ def csv_lines(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], list[list[
 
 
 def unit_of(column: str) -> str:
-    """Return the unit of a trajectory's column, such as "m" of tip_x; "" for shares and quaternions."""
+    """Return the unit of a trajectory's column, for example "m" for tip_x; "" for shares and quaternions."""
     name = column.rstrip("0123456789")
     if name in ("t", "energy"):
         return {"t": "s", "energy": "J"}[name]
@@ -130,13 +131,13 @@ def without_units(header: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def listed(header: tuple[str, ...]) -> str:
-    """Return column names as one phrase of at most 300 characters, "none" if there are none."""
+    """Return column names as one phrase of at most 300 characters; "none" if there are none."""
     text = ", ".join(header) or "none"
     return text if len(text) <= 300 else text[:297] + "..."
 
 
 def numbers(k: int, name: str, lines: list[list[str]], columns: int) -> Array:
-    """Return the numbers of column k as (n,). Raises ValueError that names row and column."""
+    """Return the numbers of column k as (n,); raise ValueError that names row and column if one is invalid."""
     values = []
     for i, line in enumerate(lines):
         if len(line) != columns:
@@ -153,11 +154,14 @@ _HEADER = re.compile(
     r"\{'descr': '(?P<type>[<>|=]?(?:f[248]|[iu][1248]|b1|U\d{1,9}))', 'fortran_order': (?P<columns>True|False), "
     r"'shape': \((?P<shape>(?:\d{1,18}, ?)*(?:\d{1,18})?)\), \} *\n"
 )
-"""Pattern of NumPy's header for numbers, bools and texts; matched, not evaluated: a header may hold any expression."""
+"""Pattern of NumPy's header for numbers, bools and texts.
+
+The header is matched and not evaluated, because it may contain any expression.
+"""
 
 
 def npz_names(path: str | os.PathLike[str], what: str) -> tuple[str, ...]:
-    """Return the names of the arrays in an .npz file. Argument `what` and errors are those of :func:`read_npz`."""
+    """Return the names of the arrays in an .npz file; `what` and errors are as for :func:`read_npz`."""
     with _archive(path, what) as archive:
         return tuple(name.removesuffix(".npy") for name in archive.namelist())
 
@@ -168,7 +172,7 @@ def read_npz(path: str | os.PathLike[str], what: str, most: int | None = None) -
     Each array's size is checked against its header before memory is allocated.
 
     Args:
-        what: noun for messages, such as "trajectory". most: largest unpacked size in bytes, or None.
+        what: noun for messages, for example "trajectory". most: largest unpacked size in bytes, or None.
     Raises:
         OSError: the file cannot be read. ValueError: invalid content; the message names the file.
     """
@@ -181,7 +185,7 @@ def read_npz(path: str | os.PathLike[str], what: str, most: int | None = None) -
 
 @contextmanager
 def _archive(path: str | os.PathLike[str], what: str) -> Iterator[zipfile.ZipFile]:
-    """Open a zip archive for a `with` block; errors of damaged content become a ValueError that names the file."""
+    """Open a zip archive for a `with` block; if its content is damaged, raise ValueError that names the file."""
     try:
         with zipfile.ZipFile(path) as archive:
             yield archive
@@ -194,7 +198,10 @@ def _archive(path: str | os.PathLike[str], what: str) -> Iterator[zipfile.ZipFil
 
 
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
-    """Read one array of an archive. Its declared size must equal the bytes present, before memory is allocated."""
+    """Read one array of an archive.
+
+    Memory is allocated only after the check that the array's declared size equals the number of bytes present.
+    """
     with archive.open(info) as file:
         # header: magic, version (2 or 4 bytes of length), dictionary
         start = file.read(8)
@@ -230,9 +237,9 @@ def to_file(flag: str, path: str | os.PathLike[str], endings: tuple[str, ...] = 
     """Return the path of an output file and create its folder, so that an invalid path fails before a long run.
 
     Args:
-        flag: argument's name in the message. endings: permitted suffixes; () for any.
+        flag: name of the argument in the message. endings: permitted suffixes; () for any.
     Raises:
-        ValueError: another suffix, or the path is a folder.
+        ValueError: the suffix is not permitted, or the path is a folder.
     """
     file = Path(path)
     if endings and file.suffix.lower() not in endings:
@@ -244,7 +251,7 @@ def to_file(flag: str, path: str | os.PathLike[str], endings: tuple[str, ...] = 
 
 
 def to_folder(flag: str, path: str | os.PathLike[str]) -> Path:
-    """Create an output folder and return its path. Raises ValueError, which names `flag`, if the path is a file."""
+    """Create an output folder and return its path; raise ValueError that names `flag` if the path is a file."""
     folder = Path(path)
     if folder.is_file():
         raise check.InvalidValue(flag, os.fspath(path), "must be a folder, and this is a file")
@@ -255,11 +262,11 @@ def to_folder(flag: str, path: str | os.PathLike[str]) -> Path:
 def write_whole(path: Path, content: bytes | Callable[[Path], Any]) -> None:
     """Write `content` to `path` completely or not at all, through a temporary file in the same folder.
 
-    content: bytes, or a function that writes a file of the same suffix. The folder is created. Devices and pipes are
+    content: bytes, or a function that writes a file with the same suffix. The folder is created. Devices and pipes are
     written directly.
 
     Raises:
-        OSError: with the path, if writing fails.
+        OSError: writing failed; the error contains the path.
     """
     apart = path.is_dir() or path.is_file() or not path.exists()
     part = path.with_name(f".part-{os.getpid()}-{path.name}") if apart else path  # of this process alone
@@ -291,7 +298,7 @@ def table(columns: str, rows: Iterable[Iterable[object]] = (), numbers: bool = F
     """Return the lines of a Markdown table.
 
     Args:
-        columns: heads, separated by " | ". rows: cells. numbers: align all columns but the first to the right.
+        columns: heads, separated by " | ". rows: cells. numbers: align all columns except the first to the right.
     """
     rule = "|---|" + ("---:|" if numbers else "---|") * columns.count(" | ")
     return [f"| {columns} |", rule, *("| " + " | ".join(map(str, row)) + " |" for row in rows)]
@@ -305,9 +312,9 @@ def write_npz(path: Path, arrays: Mapping[str, Any]) -> None:
 
 
 def imported(path: str, word: str) -> Any:
-    """Import the object that `word`, "module:name", names, from the current folder too.
+    """Import the object that `word`, "module:name", names; the current folder is searched, too.
 
-    ValueError, beginning with `path`: it cannot be imported.
+    Raises ValueError that begins with `path` if the object cannot be imported.
     """
     module, _, name = word.partition(":")
     if os.getcwd() not in sys.path:
@@ -322,5 +329,5 @@ def imported(path: str, word: str) -> Any:
 
 
 def in_words(error: BaseException) -> str:
-    """Return an error in one line, its message cut at 200 characters."""
+    """Return an error in one line, with its message cut at 200 characters."""
     return f"{type(error).__name__}: {' '.join(str(error).split())[:200]}".removesuffix(": ")

@@ -1,4 +1,4 @@
-"""Layouts of flat arrays: one declaration gives both packing in NumPy and the offsets in kernels.
+"""Layouts of flat arrays: one declaration defines the packing in NumPy and the offsets in kernels.
 
     ELEMENT = Layout("Element", "", Field("EA", (), "N/m", "EA / l"), Field("G", (4, 4), "1/m", "of eq. [45]"))
     BODY = Layout(
@@ -11,11 +11,11 @@
     block = BODY.pack({"n": 3, "elements": 1}, length=1.0, c=c, G=G, elements=...)
     BODY.unpack(block, n=3, elements=1)["G"]                              views of `block`, in their shapes
 
-In kernels `body_at = kernel(BODY.offsets)` is a function (first, n, elements) of plain integer arithmetic that returns
-a named tuple of where each field begins: `at = body_at(p, n, e)`, then `data[at.G + i * n + j]`; `at.end` is where the
-layout ends. `kernel(BODY.views)`, a function (flat, first, n, elements), returns slices of `flat` instead. A layout
-without sizes has `places`, a named tuple of numbers: after `AT = ELEMENT.places` beside a kernel, `AT.G` in it
-is compiled in.
+In kernels, `body_at = kernel(BODY.offsets)` is a function (first, n, elements) of integer arithmetic. The function
+returns a named tuple with the start of each field: `at = body_at(p, n, e)`, then `data[at.G + i * n + j]`; `at.end` is
+the end of the layout. `kernel(BODY.views)`, a function (flat, first, n, elements), returns slices of `flat` instead. A
+layout without sizes has `places`, a named tuple of numbers: after `AT = ELEMENT.places` in the kernel's module, `AT.G`
+in the kernel is a compiled constant.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 
 class Field(NamedTuple):
-    """A part of a layout. shape: numbers or expressions in the layout's sizes, () for a single number."""
+    """A part of a layout. shape: numbers or expressions in the layout's sizes; () for a single number."""
 
     name: str
     shape: tuple[int | str, ...]
@@ -46,26 +46,26 @@ class Field(NamedTuple):
 
 
 class Layout:
-    """Fields one after the other in a flat array.
+    """A sequence of fields in a flat array.
 
     Args:
-        name: name of the returned named tuples. sizes: names of the sizes, such as "n, elements"; "" for none.
-        fields: in their order; an array is stored by rows.
+        name: name of the returned named tuples. sizes: names of the sizes, for example "n, elements"; "" for none.
+        fields: the fields in order; an array is stored by rows.
     Attributes:
         length: number of entries, as an expression in the sizes.
-        offsets: function (first, *sizes) -> named tuple of the places of all fields and of the `end`.
+        offsets: function (first, *sizes) -> named tuple of the places of all fields and of `end`.
         views: function (flat, first, *sizes) -> named tuple of one-dimensional slices.
-        shapes: function (**sizes) -> the fields' shapes in numbers.
-        places: `offsets(0)` of a layout without sizes; otherwise None.
+        shapes: function (**sizes) -> the fields' shapes as numbers.
+        places: `offsets(0)` if the layout has no sizes; otherwise None.
     Raises:
-        ValueError: two fields of one name, or one that is named `end`.
+        ValueError: two fields have one name, or a field is named `end`.
     """
 
     def __init__(self, name: str, sizes: str, *fields: Field) -> None:
         """Generate the functions that compute offsets, views and shapes for given sizes.
 
-        name: of the layout. sizes: its symbolic sizes, such as "rows, lanes". Raises ValueError for a field that is
-        there twice.
+        name: name of the layout. sizes: its symbolic sizes, for example "rows, lanes". Raises ValueError if a field
+        occurs twice.
         """
         self.name, self.fields = name, fields
         self.sizes = tuple(word.strip() for word in sizes.split(",") if word.strip())
@@ -99,7 +99,7 @@ class Layout:
         """Pack the values of all fields into a flat array.
 
         Raises:
-            ValueError: a missing or unknown field, or a value with another number of entries.
+            ValueError: a field is missing or unknown, or a value has a wrong number of entries.
         """
         known = {field.name for field in self.fields}
         if known != set(values):
@@ -115,7 +115,7 @@ class Layout:
 
     @cached_property
     def _fields(self) -> Any:
-        """The function behind `unpack`, made where there is something to unpack."""
+        """The function that `unpack` calls; it is made at the first call."""
         return _function(*self._unpacking, {})
 
     def unpack(self, flat: NDArray[np.float64], first: int = 0, /, **sizes: int) -> dict[str, NDArray[np.float64]]:
@@ -124,14 +124,14 @@ class Layout:
         return found
 
     def __str__(self) -> str:
-        """Describe each field in a line: name, shape, unit, meaning."""
+        """Describe each field in one line: name, shape, unit, meaning."""
         rows = [(f.name, f"({', '.join(map(str, f.shape))})", f.unit, f.meaning) for f in self.fields]
         widths = [max(len(row[k]) for row in rows) for k in range(3)]
         return "\n".join("  ".join([*(row[k].ljust(widths[k]) for k in range(3)), row[3]]) for row in rows)
 
 
 def _part(k: int, field: Field) -> str:
-    """Return field k's view in its shape, as the text of an expression."""
+    """Return the text of an expression for field k's view in its shape."""
     if len(field.shape) < 2:
         return f"_flat[..., _{k} : _{k + 1}]" if field.shape else f"_flat[..., _{k}]"
     shape = ", ".join(f"int({part})" for part in field.shape)
@@ -139,7 +139,7 @@ def _part(k: int, field: Field) -> str:
 
 
 def _function(name: str, arguments: list[str], lines: list[str], result: str, scope: dict[str, Any]) -> Any:
-    """Make a function from its lines, in a form that a kernel can be made of."""
+    """Make a function from its lines, in a form from which a kernel can be made."""
     body = "".join(f"    {line}\n" for line in [*lines, f"return {result}"])
     text, file = f"def {name}({', '.join(arguments)}):\n{body}", f"<layout {name} {len(linecache.cache)}>"
     linecache.cache[file] = len(text), None, text.splitlines(keepends=True), file  # where a kernel's text is looked for

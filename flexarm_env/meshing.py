@@ -1,14 +1,15 @@
 """Division of a link into cells (elements, segments, node intervals) that follow jumps and kinks of its section.
 
 A smooth piece of a link lies between two neighboring places where its section jumps or kinks, or its curvature jumps.
-Cells of a link that is one smooth piece are even. Elsewhere cells end at jumps and kinks, and their size follows the
+If a link is one smooth piece, its cells are equal. Otherwise cells end at jumps and kinks, and their size follows the
 density
 
     d(s) = EI(s)^(-1/2) / int EI^(-1/2) ds + KINKED |d ln EI / ds|                  (1/m)
 
-The integral of its first term is 1. The length l of a cell should follow both the angle M l / EI by which it bends
-(l ~ EI) and the length of bending waves (l ~ EI^(1/4)); the power 1/2 lies between. The second term gives cells to a
-piece whose stiffness changes by a large factor: its curvature M / EI is not the polynomial that a cell represents.
+The integral of its first term is 1. The length l of a cell should follow both the angle M l / EI by which the cell
+bends (l ~ EI) and the length of bending waves (l ~ EI^(1/4)); the power 1/2 is a compromise. The second term adds cells
+to a piece whose stiffness changes by a large factor, because a cell's polynomial does not represent its curvature M /
+EI.
 """
 
 from __future__ import annotations
@@ -24,14 +25,14 @@ from flexarm_env import validation as check
 from flexarm_env.validation import Array
 
 KINKED = 0.2
-"""Weight of a change of ln EI by 1, relative to the whole link's EI^(-1/2) term."""
+"""Weight of a change of ln EI by 1, relative to the integral of EI^(-1/2) over the whole link."""
 
 SAMPLES = 64
 """Number of intervals of a smooth piece in the trapezoidal rule for the density."""
 
 
 class Stiffnesses(Protocol):
-    """The properties of sections that the density reads."""
+    """Properties of sections from which the density is computed."""
 
     @property
     def EI(self) -> Array:
@@ -40,18 +41,18 @@ class Stiffnesses(Protocol):
 
 
 class Divisible(Protocol):
-    """The attributes of a link that its division reads (see `sections.Link`)."""
+    """Attributes of a link from which its division is computed (see `sections.Link`)."""
 
     def __hash__(self) -> int: ...
 
     @property
     def length(self) -> float:
-        """m."""
+        """Length of the link, m."""
         ...
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Places of jumps and kinks, the ends among them, m from the root."""
+        """Places of jumps and kinks and both ends of the link, m from the root."""
         ...
 
     @property
@@ -60,7 +61,7 @@ class Divisible(Protocol):
         ...
 
     def along(self, s: Array | float, before: bool = False) -> Stiffnesses:
-        """The section's properties at places s, m; before: on the root's side of a jump."""
+        """The section's properties at places s, m; `before`: on the root's side of a jump."""
         ...
 
 
@@ -88,7 +89,7 @@ class Piece(NamedTuple):
 
 @lru_cache(512)
 def _pieces(link: Divisible, kinks: bool) -> tuple[Piece, ...]:
-    """Return the smooth pieces of a link, between jumps and kinks, or between jumps alone where `kinks` is False."""
+    """Return the smooth pieces of a link, between jumps and kinks, or only between jumps if `kinks` is False."""
     ends = link.breaks if kinks else (0.0, *link.jumps, link.length)
     sampled, spans = [], []
     # EI^(-1/2) along each piece; at its end the value before the jump
@@ -112,7 +113,7 @@ def _pieces(link: Divisible, kinks: bool) -> tuple[Piece, ...]:
 def pieces(link: Divisible, n: int, option: str) -> tuple[Piece, ...]:
     """Return the pieces that n cells can separate: between jumps and kinks, or between jumps if n is too small.
 
-    option: name of the user's option that gave n. Raises ValueError, which names it, where n is too small for the
+    option: name of the user's option that gave n. Raises ValueError, which names the option, if n is too small for the
     jumps.
     """
     # a cell cannot span a jump
@@ -125,7 +126,9 @@ def pieces(link: Divisible, n: int, option: str) -> tuple[Piece, ...]:
 
 
 def counts(found: Sequence[Piece], n: int, most: int | None = None) -> list[int]:
-    """Return how many of n cells each piece gets: one, and each further cell where the weight per cell is largest.
+    """Return how many of n cells each piece gets.
+
+    Each piece gets one cell; each further cell goes to the piece with the largest weight per cell.
 
     most: largest number of cells of a piece, or None; n must not exceed `most` times the number of pieces.
     """
@@ -138,7 +141,7 @@ def counts(found: Sequence[Piece], n: int, most: int | None = None) -> list[int]
 
 
 def ends(link: Divisible, n: int, option: str) -> Array:
-    """Return the ends of n cells, (n + 1,) m from the link's root; option: as in `pieces`."""
+    """Return the ends of n cells, (n + 1,) m from the link's root. option: as in `pieces`."""
     if len(link.breaks) == 2:
         return np.linspace(0.0, link.length, n + 1)
     found = pieces(link, n, option)
@@ -147,21 +150,23 @@ def ends(link: Divisible, n: int, option: str) -> Array:
 
 
 def cells_like(link: Divisible, n: int) -> int:
-    """Return the number of cells that resolves a link with jumps and kinks as n cells resolve a uniform one."""
+    """Return the number of cells that resolves a link with jumps and kinks as n cells resolve a uniform link."""
     if len(link.breaks) == 2:
         return n
     return sum(max(1, int(np.ceil(n * piece.weight - 1e-9))) for piece in _pieces(link, True))
 
 
 def middles(link: Divisible, n: int) -> list[float]:
-    """Return the places, m from the root, that divide each piece into halves of equal weight; n: number of cells, more
-    than jumps."""
+    """Return the places, m from the root, that divide each piece into halves of equal weight.
+
+    n: number of cells; it must exceed the number of jumps."""
     return [float(piece.ends(2)[1]) for piece in _pieces(link, n >= len(link.breaks) - 1)]
 
 
 def divides(fine: Divisible, m: int, link: Divisible, n: int) -> bool:
-    """Return whether with m cells each half piece of `fine` has as many cells as the corresponding piece of `link` with
-    n cells.
+    """Return whether m cells divide `fine` at least as finely as n cells divide `link`.
+
+    The condition is that each half piece of `fine` has as many cells as the corresponding piece of `link`.
 
     fine: a link whose pieces are the halves of the pieces of `link`.
     """

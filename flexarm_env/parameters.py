@@ -1,9 +1,9 @@
 """Parameters of an arm: frozen, validated dataclasses in SI units.
 
-An :class:`Arm` is a chain of :class:`Link` objects. Link ``k`` starts at joint ``k``: joint 0 is the hub
-(the root of the arm), joint ``k >= 1`` the elbow between the tip of link ``k-1`` and the root of link ``k``.
-Every class is immutable and hashable; sequences are stored as tuples; ``dataclasses.replace`` makes a variant
-and validates it. An invalid value raises a ``ValueError`` that names the key path, the value and the rule.
+An :class:`Arm` is a chain of :class:`Link` objects. Link ``k`` starts at joint ``k``. Joint 0 is the hub (the root of
+the arm); joint ``k >= 1`` is the elbow between the tip of link ``k-1`` and the root of link ``k``. Every class is
+immutable and hashable, and stores sequences as tuples. ``dataclasses.replace`` makes a variant and validates it. An
+invalid value raises a ``ValueError`` that names the key path, the value and the rule.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ class Elbow:
     """Masses and axis of the joint between two links.
 
     ``mass`` (kg) and ``inertia_left`` (kg m^2) belong to the tip of the link before the joint, ``inertia_right`` (kg
-    m^2) to the root of the link behind it. All are zero or positive. Inertias may be tensors (three rows) in the axes
-    of their link; a number holds about any axis.
+    m^2) to the root of the link after the joint. All are zero or positive. Inertias may be tensors (three rows) in the
+    axes of their link; a number holds for any axis.
 
-    In space the link behind the joint has the root axes R_tip mount exp(angle axis), with R_tip the axes of the tip
-    before it. ``axis`` is a unit vector in the axes of the link behind; ``mount`` is a rotation matrix, (axis, angle in
-    rad) or None.
+    In space the root axes of the link after the joint are R_tip mount exp(angle axis), with the axes R_tip of the tip
+    before the joint. ``axis`` is a unit vector in the axes of the link after the joint. ``mount`` is a rotation matrix,
+    (axis, angle in rad) or None.
     """
 
     mass: float = 0.0
@@ -47,7 +47,7 @@ class Elbow:
     mount: Any = None
 
     def __post_init__(self) -> None:
-        """Validate the fields and convert them to plain numbers; `InvalidValue` names the field."""
+        """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
         _store(
             self,
             mass=check.number("mass", self.mass, "kg", minimum=0.0),
@@ -59,7 +59,7 @@ class Elbow:
 
     @property
     def spatial(self) -> bool:
-        """Whether the elbow turns a link out of the plane of the one before, or has inertia tensors."""
+        """Whether the elbow turns a link out of the plane of the previous link, or has inertia tensors."""
         tensors = isinstance(self.inertia_left, tuple) or isinstance(self.inertia_right, tuple)
         return self.axis != bodies.Z or self.mount is not None or tensors
 
@@ -68,10 +68,10 @@ class Elbow:
 class Payload:
     """A rigid body fixed to the tip of the last link.
 
-    ``mass`` in kg and ``inertia`` in kg m^2 about the center of mass, zero or positive; ``offset``: from the tip to
-    that center, m (along the tip's tangent, across it to the left). In space the inertia may be a tensor (three rows,
-    in the tip's axes; a number holds about any axis), and the offset may have a third component. ``radius`` (m): of the
-    sphere about the tip that touches obstacles (`Contact`); 0: a point.
+    ``mass`` (kg) and ``inertia`` (kg m^2, about the center of mass) are zero or positive. ``offset`` is the center's
+    position relative to the tip, m (along the tip's tangent, across it to the left). In space the inertia may be a
+    tensor (three rows, in the tip's axes; a number holds for any axis), and the offset may have a third component.
+    ``radius`` (m) is the radius of the sphere about the tip that touches obstacles (`Contact`); 0 stands for a point.
     """
 
     mass: float = 0.0
@@ -80,7 +80,7 @@ class Payload:
     radius: float = 0.0
 
     def __post_init__(self) -> None:
-        """Validate the fields and convert them to plain numbers; `InvalidValue` names the field."""
+        """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
         _store(
             self,
             mass=check.number("payload.mass", self.mass, "kg", minimum=0.0),
@@ -100,7 +100,7 @@ class Payload:
 
     @property
     def eccentric(self) -> bool:
-        """Whether the payload has a mass with its center off the tip."""
+        """Whether the payload has a mass whose center is not at the tip."""
         return self.mass > 0.0 and any(self.offset)
 
     @property
@@ -117,7 +117,7 @@ class Motor:
 
     Args:
         torque_constant: N m/A, positive.
-        resistance: resistance of the winding, ohm, positive; None: unknown, and voltages are not available.
+        resistance: resistance of the winding, ohm, positive; None: unknown, and voltage commands are not available.
         back_emf: V s/rad, zero or positive; None: equal to the torque constant, as in SI units.
         current_limit: A, positive, or None. voltage_limit: V, positive, or None; requires a resistance.
     """
@@ -129,7 +129,7 @@ class Motor:
     voltage_limit: float | None = None
 
     def __post_init__(self) -> None:
-        """Validate the fields and convert them to plain numbers; `InvalidValue` names the field."""
+        """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
         # the limits and the resistance may be None
         positive = {"resistance": "ohm", "current_limit": "A", "voltage_limit": "V"}
         for name, unit in positive.items():
@@ -152,22 +152,23 @@ class Joint:
     """Drive of a joint: rotor, gear and friction. Angles, rates and torques are on the gear's output side.
 
     The torque of the joint (`JointTorque`, an action) acts on the motor's side. An elastic gear adds a coordinate to
-    the arm: the motor's angle divided by the gear ratio, measured like the joint's from the link before. Its coordinate
-    "motor0" exists in addition to "joint0", the angle of the link's root. Spring and damper act between the two.
+    the arm: the motor's angle divided by the gear ratio, measured relative to the previous link like the joint's angle.
+    The motor's coordinate is "motor0", in addition to "joint0", the angle of the link's root. Spring and damper act
+    between both.
 
     Args:
-        stiffness: stiffness of the gear, N m/rad, positive; inf: rigid, without that coordinate.
+        stiffness: stiffness of the gear, N m/rad, positive; inf: rigid, without the motor's coordinate.
         damping: damping of the gear, N m s/rad, in parallel with the spring; 0 for infinite stiffness.
-        motor_inertia: inertia of the rotor about its own axis, kg m^2: its energy is 1/2 motor_inertia (gear_ratio
-            rate)^2, with the rate of the motor's angle relative to the link before. An elastic gear needs one, unless a
-            motion prescribes the motor's angle. In space the rotor's angular momentum causes a gyroscopic moment when
-            its axis turns.
+        motor_inertia: inertia of the rotor about its own axis, kg m^2. The rotor's energy is 1/2 motor_inertia
+            (gear_ratio rate)^2, with the rate of the motor's angle relative to the previous link. An elastic gear needs
+            a positive inertia unless a motion prescribes the motor's angle. In space the rotor's angular momentum
+            causes a gyroscopic moment when the rotor's axis turns.
         gear_ratio: turns of the rotor per turn of the joint, positive, at most 1e9.
-        friction_viscous: N m s/rad. friction_coulomb: N m: torque that holds the joint at rest, and that brakes it in
+        friction_viscous: N m s/rad. friction_coulomb: N m: the torque that holds the joint at rest and brakes it in
             motion.
-        friction_side: "motor" or "link": side of an elastic gear that the friction acts on.
-        backlash: total play of an elastic gear at its output, rad: the spring engages after half of it to either side.
-            The damping acts in the gap as well.
+        friction_side: "motor" or "link": the side of an elastic gear on which the friction acts.
+        backlash: total play of an elastic gear at its output, rad. The spring engages after half of the play to either
+            side. The damping also acts in the gap.
         motor: source of the torque; None: the torque is applied directly.
     """
 
@@ -234,14 +235,14 @@ class Base:
     The first joint turns link 0 relative to the base, and the reaction torque turns the base.
 
     Args:
-        mass: kg, zero or positive. inertia: about its center, kg m^2, positive.
+        mass: kg, zero or positive. inertia: about the base's center of mass, kg m^2, positive.
     """
 
     mass: float
     inertia: float
 
     def __post_init__(self) -> None:
-        """Validate the fields and convert them to plain numbers; `InvalidValue` names the field."""
+        """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
         _store(
             self,
             mass=check.number("mass", self.mass, "kg", minimum=0.0),
@@ -256,24 +257,24 @@ class Arm:
     Args:
         name: a short word.
         links: N >= 1 links, root to tip.
-        hub_inertia: at the root of link 0, kg m^2; in space also a tensor, in that link's axes.
-        hub_axis, hub_mount: axis and mount of the root joint, as `Elbow.axis` and `Elbow.mount` relative to the ground:
-            link 0's root has the axes hub_mount exp(angle hub_axis).
-        elbows: N-1 elbows, or () for massless ones.
+        hub_inertia: inertia at the root of link 0, kg m^2; in space also a tensor, in the axes of link 0.
+        hub_axis, hub_mount: axis and mount of the root joint relative to the ground (see `Elbow.axis` and
+            `Elbow.mount`): the axes of link 0's root are hub_mount exp(angle hub_axis).
+        elbows: N-1 elbows, or () for massless elbows.
         joints: N drives (:class:`Joint`), or () for ideal joints.
-        payload: at the tip of the last link.
-        tau_d: Kelvin-Voigt time constant, s, of the links without their own: stress = D (strain + tau_d strain rate),
-            so that zeta_k = tau_d omega_k / 2.
+        payload: payload at the tip of the last link.
+        tau_d: Kelvin-Voigt time constant, s, of the links that do not define their own: stress = D (strain + tau_d
+            strain rate), so that zeta_k = tau_d omega_k / 2.
         mass_damping: 1/s, drag on the motion of a link, its elbow's mass and the payload relative to the link's
-            floating frame, eq. [65]: zeta_k gains mass_damping / (2 omega_k). Only for one frame per link (formulation
-            "floating_frame" with segments=1 or modes alone); an error elsewhere.
+            floating frame, eq. [65]; it adds mass_damping / (2 omega_k) to zeta_k. The drag requires one frame per link
+            (formulation "floating_frame" with segments=1 or only modes); other formulations raise an error.
         torque_limits: N positive numbers, N m, or None (no limit).
         joint_limits: N entries, each None or (low, high) in rad (joint 0: the root angle; joint k: the angle of
             link k's root from link k-1's tip), or None (no limits at all).
         source: origin of the numbers.
-        sensors: sensors of `observation="measured"` and `Trajectory.measured`; None: ideal ones.
-        base: body that carries the arm if its root is free, in the plane; None: no body. If the root is held, so is the
-            base.
+        sensors: sensors of `observation="measured"` and `Trajectory.measured`; None: ideal sensors.
+        base: body that carries the arm in the plane if its root is free; None: no body. If the root is held, the base
+            is held, too.
     """
 
     name: str
@@ -293,7 +294,7 @@ class Arm:
     base: Base | None = None
 
     def __post_init__(self) -> None:
-        """Validate the fields and the number of elbows, joints and limits; `InvalidValue` names the field."""
+        """Validate the fields and the number of elbows, joints and limits; an `InvalidValue` names the field."""
         check.text("name", self.name, empty=False)
         links = check.instances("links", self.links, Link, "at least one Link")
         if not links:
@@ -332,7 +333,7 @@ class Arm:
 
     @property
     def spatial(self) -> bool:
-        """Whether the links turn out of the x-y plane or one is rigid, so that the arm is computed in space."""
+        """Whether the arm is computed in space: its links turn out of the x-y plane, or a link is rigid."""
         # the root joint's axis, mount or tensor
         hub = self.hub_axis != bodies.Z or self.hub_mount is not None or isinstance(self.hub_inertia, tuple)
         parts: tuple[Elbow | Payload, ...] = (*self.elbows, self.payload)
@@ -351,7 +352,7 @@ class Arm:
 
     @property
     def total_length(self) -> float:
-        """Sum of the links' lengths with their rigid ends, m."""
+        """Sum of the links' lengths, including their rigid ends, m."""
         return sum(link.span for link in self.links)
 
     @property
@@ -363,7 +364,7 @@ class Arm:
 
     @property
     def damping(self) -> tuple[float, tuple[float, ...] | None]:
-        """Largest tau_d of the links, s, and each link's ratio to it; None instead of the ratios if all are equal."""
+        """Largest tau_d of the links, s, and each link's ratio to it; if all are equal, None instead of the ratios."""
         # a link's own tau_d takes precedence over the arm's
         own = [self.tau_d if link.tau_d is None else link.tau_d for link in self.links]
         largest = max(own)
@@ -371,7 +372,7 @@ class Arm:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the N joints: "hub"; "elbow", or where there are several "elbow_1", "elbow_2", ..."""
+        """Names of the N joints: "hub", then "elbow", or "elbow_1", "elbow_2", ... if there are several elbows."""
         # a single elbow has no number
         count = self.n_links - 1
         return ("hub", *(("elbow",) if count == 1 else tuple(f"elbow_{k + 1}" for k in range(count))))
@@ -387,15 +388,15 @@ class Arm:
 
     @property
     def taut(self) -> Arm:
-        """The arm without backlash, for linear models: within the gap there is no spring to linearize."""
+        """The arm without backlash, for linear models: there is no spring to linearize within the gap."""
         return replace(self, joints=tuple(replace(joint, backlash=0.0) for joint in self.joints))
 
     def joint(self, k: int) -> Joint:
-        """Return the drive of joint k; an ideal one if none is given."""
+        """Return the drive of joint k; an ideal joint if none is given."""
         return self.joints[k] if self.joints else Joint()
 
     def elbow(self, joint: int) -> Elbow:
-        """Return the elbow at joint 1 ... N-1; a massless one if none is given."""
+        """Return the elbow at joint 1 ... N-1; a massless elbow if none is given."""
         if not 1 <= joint < self.n_links:
             raise check.InvalidValue("joint", joint, f"must be from 1 to {self.n_links - 1} for this arm")
         return self.elbows[joint - 1] if self.elbows else Elbow()
@@ -409,7 +410,7 @@ def _torque_limits(value: object, n: int) -> tuple[float, ...] | None:
 
 
 def _joint_limits(value: object, n: int) -> tuple[JointRange | None, ...] | None:
-    """Validate N joint ranges (low, high), rad; None or an empty entry means no limit at that joint."""
+    """Validate N joint ranges (low, high), rad; None, or None as an entry, stands for no limit."""
     if value is None:
         return None
     ranges: list[JointRange | None] = []

@@ -1,4 +1,4 @@
-"""Record episodes while they are played, save them to one file, replay them bit for bit, export them to Minari.
+"""Record episodes while they run, save them to one file, replay them bit for bit, and export them to Minari.
 
     from flexarm_env.recording import EpisodeRecorder, load_episodes, replay, save_episodes, to_minari
     env = EpisodeRecorder(gymnasium.make("FlexibleArm-v0"))
@@ -6,9 +6,9 @@
     save_episodes("episodes.npz", env.episodes)
     again = replay(load_episodes("episodes.npz")[0])
 
-A file holds `meta` (JSON: format, version, and each episode's environment and start) and arrays of all n episodes, one
-after the other: `lengths` (n,), `observations` (sum(T + 1), O), `actions` (sum(T), N), `rewards`, `terminations` and
-`truncations` (sum(T),), and `info_<name>` (sum(T + 1), ...).
+A file contains `meta` (JSON: format, version, and each episode's environment and start) and the arrays of all n
+episodes, one after the other: `lengths` (n,), `observations` (sum(T + 1), O), `actions` (sum(T), N), `rewards`,
+`terminations` and `truncations` (sum(T),), and `info_<name>` (sum(T + 1), ...).
 """
 
 from __future__ import annotations
@@ -47,16 +47,16 @@ from flexarm_env.view.sources import of_episode
 FORMAT = 1
 STEPS = ("actions", "rewards", "terminations", "truncations")
 TRANSPARENT = (PassiveEnvChecker, OrderEnforcing, TimeLimit)
-"""Wrappers through which observations and actions pass unchanged."""
+"""Wrappers that do not change observations and actions."""
 
 
 @dataclass(frozen=True, repr=False)
 class Episode:
-    """T steps of one environment, with the data to play them again.
+    """T steps of one environment, with the data that replay them.
 
     Attributes:
-        env_id: id in the registry. env_kwargs: its keywords. max_episode_steps: as given to make, or None.
-        seed: seed of the reset, or None; `generator` is then the state of the environment's generator before the reset.
+        env_id: id in the registry. env_kwargs: its keywords. max_episode_steps: the value given to make, or None.
+        seed: seed of the reset. If None, `generator` is the state of the environment's generator before the reset.
         options: options of the reset, or None.
         observations (T + 1, O), actions (T, N): float32. rewards (T,): float64. terminations, truncations (T,): bool.
         infos: arrays by name, T + 1 rows each.
@@ -92,8 +92,8 @@ class Episode:
         return all(np.array_equal(getattr(self, name), getattr(other, name), equal_nan=True) for name in names)
 
     def clip(self, label: str | None = None, env_id: str | None = None) -> Clip | SpaceClip:
-        """Replay the episode and return the clip that a player shows. label: name beside other clips; default the
-        environment's id. env_id: as in `replay`."""
+        """Replay the episode and return the clip that a player shows. label: name beside other clips; the default is
+        the environment's id. env_id: as in `replay`."""
         with closing(_make_env(self, env_id, info_level="full")) as env:
             played = [(observation, info, env.unwrapped.snapshot()) for observation, info in _played(env, self)]
             plan, guide = env.unwrapped.plan, env.unwrapped.guide
@@ -111,8 +111,8 @@ class Episode:
         return of_episode(plan, views, rows, self.rewards, self.env_id if label is None else label, rate)
 
     def view(self, *others: Episode, labels: Sequence[str] | None = None, env_id: str | None = None) -> Player:
-        """Return a page that plays the episode and others beside it: `.save("episode.html")`, or shown in a notebook.
-        labels: labels of all episodes; default the environments' ids. env_id: as in `replay`."""
+        """Return a page that plays the episode and others beside it; save it by `.save("episode.html")` or show it in a
+        notebook. labels: labels of all episodes; the default is the environments' ids. env_id: as in `replay`."""
         return Player.of((self, *others), labels, env_id)
 
     def _repr_html_(self) -> str:
@@ -122,11 +122,11 @@ class Episode:
 class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
     """Wrapper of a single environment of this package that stores its episodes in `episodes`, oldest first.
 
-    An episode is stored when it ends; one that `reset` or `close` interrupts is stored as far as it was played.
-    Wrappers that change observations or actions belong around this one.
+    An episode is stored when it ends. If `reset` or `close` interrupts an episode, its part until then is stored.
+    Wrappers that change observations or actions must wrap this wrapper.
 
     Raises:
-        ValueError: another environment, one not made by `gymnasium.make`, or keywords that a file cannot hold.
+        ValueError: env is not of this package, was not made by `gymnasium.make`, or a file cannot contain its keywords.
     """
 
     def __init__(self, env: gym.Env[Array32, Array32]) -> None:
@@ -151,7 +151,7 @@ class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array32, dict[str, Any]]:
-        """Start an episode with a seed and options. Raises ValueError for options that a file cannot hold."""
+        """Start an episode with a seed and options; raise ValueError if a file cannot contain the options."""
         self._keep()
         kept = None if options is None else _plain("options", options)
         # without a seed the generator's state determines the start
@@ -205,15 +205,15 @@ class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
 
 # --------------------------------------------------------------------- again
 def replay(episode: Episode, env_id: str | None = None) -> Episode:
-    """Play an episode again in a new environment, with the same start and actions, and return the new episode.
+    """Replay an episode in a new environment, with the same start and actions, and return the new episode.
 
-    On the same version and processor as the recording, `replay(e).equals(e)`.
+    With the version and processor of the recording, `replay(e).equals(e)` is true.
 
     Args:
-        env_id: the episode's id, required for an environment of another package: a file must not choose what is
+        env_id: the episode's id; required for an environment of another package, because a file must not choose what is
             imported.
     Raises:
-        ValueError: another environment's episode without env_id, no steps, or an end before the last action.
+        ValueError: env_id is missing, the episode has no steps, or it ends before the last action.
     """
     _alike([episode])
     env = EpisodeRecorder(_make_env(episode, env_id))
@@ -231,13 +231,13 @@ def frames(episode: Episode, env_id: str | None = None) -> Iterator[NDArray[np.u
 
 
 def _make_env(episode: Episode, named: str | None, **more: Any) -> Any:
-    """Create the environment of an episode, with keywords `more` added."""
+    """Create the environment of an episode, with the additional keywords `more`."""
     env_id, keywords = permitted("episode", episode.env_id, episode.env_kwargs, named)
     return gym.make(env_id, **{"max_episode_steps": episode.max_episode_steps, **_restored(keywords), **more})
 
 
 def _played(env: Any, episode: Episode) -> Iterator[tuple[Array32, dict[str, Any]]]:
-    """Play an episode again; yield (observation, info) at the start and after each step."""
+    """Replay an episode; yield (observation, info) at the start and after each step."""
     options = _restored(episode.options)
     # restore the generator that drew the start
     if episode.generator is not None:
@@ -260,7 +260,7 @@ def save_episodes(path: str | os.PathLike[str], episodes: Sequence[Episode]) -> 
         path: path of the file; its folder is created. episodes: at least one, with observations and infos of the same
             shapes.
     Raises:
-        ValueError: no episode, different shapes of observations or infos, or an episode that `load_episodes` rejects.
+        ValueError: there is no episode, observations or infos differ in shape, or `load_episodes` rejects one.
     """
     episodes = _alike(episodes)
     meta: dict[str, Any] = {
@@ -281,7 +281,7 @@ def save_episodes(path: str | os.PathLike[str], episodes: Sequence[Episode]) -> 
 
 
 def _alike(episodes: object) -> tuple[Episode, ...]:
-    """Validate episodes of one file: at least one, each with a step or more, entries and infos of the same shapes."""
+    """Validate the episodes of one file: at least one, each with a step, and entries and infos of the same shapes."""
     found = check.sequence("episodes", episodes, "Episodes")
     if not found:
         raise ValueError("episodes = []: must hold at least one")
@@ -300,7 +300,7 @@ def _alike(episodes: object) -> tuple[Episode, ...]:
 
 
 def load_episodes(path: str | os.PathLike[str]) -> list[Episode]:
-    """Return the episodes in a file by `save_episodes`. Raises ValueError for another or damaged file."""
+    """Return the episodes in a file by `save_episodes`; raise ValueError if the file is of another kind or damaged."""
     arrays = read_npz(path, "episodes")
     with check.in_file(path):
         for name in ("meta", "lengths", "observations", *STEPS):
@@ -338,7 +338,7 @@ ABOUT: Mapping[str, Callable[[str, Any], Any]] = {
     "env_id": check.text, "env_kwargs": check.table_of, "max_episode_steps": partial(check.integer, minimum=1),
     "seed": partial(check.integer, minimum=0), "generator": _state, "options": check.table_of,
 }  # fmt: skip
-"""Metadata of an episode in a file, each with its validation."""
+"""Metadata of an episode in a file, each with its validating function."""
 
 
 def _cut(arrays: Mapping[str, Any], about: Sequence[Mapping[str, Any]]) -> Iterator[Episode]:
@@ -370,17 +370,17 @@ SERIES: Mapping[str, tuple[str, check.Shape]] = {
 
 
 def to_minari(episodes: Sequence[Episode], dataset_id: str, env_id: str | None = None, **about: Any) -> Any:
-    """Return a Minari data set of episodes, stored in Minari's folder (MINARI_DATASETS_PATH).
+    """Make and return a Minari data set of episodes in Minari's folder (MINARI_DATASETS_PATH).
 
-    Requires the `data` extra, but no JAX; Minari's own `DataCollector` needs it (`pip install "minari[create]"`).
+    Requires the `data` extra. Only Minari's own `DataCollector` also needs JAX (`pip install "minari[create]"`).
 
     Args:
         episodes: episodes of one environment. dataset_id: for example "flexarm/slew/pd-v0". env_id: as in `replay`.
         about: keywords of `minari.create_dataset_from_buffers`: algorithm_name, author, description, ...
     Returns:
-        The `minari.MinariDataset`; an interrupted episode ends as truncated there.
+        The `minari.MinariDataset`; in this data set an interrupted episode ends as truncated.
     Raises:
-        ValueError: no episode, episodes of several environments, or an invalid id. ImportError: Minari is missing.
+        ValueError: no episode, several environments, or an invalid id. ImportError: Minari is not installed.
     """
     with check.needs("a Minari data set", "minari h5py", "data"):
         import minari
@@ -411,7 +411,7 @@ def to_minari(episodes: Sequence[Episode], dataset_id: str, env_id: str | None =
 
 # ------------------------------------------------------ what JSON can hold
 def _plain(path: str, value: Any) -> Any:
-    """Return a value in JSON types; arms and scenes become the text of their TOML files."""
+    """Return a value in JSON types; an arm or a scene becomes the text of its TOML file."""
     if isinstance(value, Arm):
         return {"arm.toml": arms.to_toml(value)}
     if isinstance(value, Scene):
@@ -436,7 +436,7 @@ def _plain(path: str, value: Any) -> Any:
 
 
 def _restored(value: Any) -> Any:
-    """Return the value that `_plain` has converted."""
+    """Return the value that `_plain` converted to JSON types."""
     if isinstance(value, Mapping):
         if set(value) == {"arm.toml"}:
             text = check.text("arm.toml", value["arm.toml"]) + "\n"  # a text, not a file's name

@@ -1,7 +1,7 @@
 """Static equilibrium of scenes that start at rest under their loads, by pseudo-transient continuation.
 
-Each integrator step begins without velocity, M c (q - q_before) + f(q) = 0, where c falls as the step grows. The first,
-short steps reduce the energy; the last, long steps equal Newton's iteration for f = 0.
+Each integrator step begins without velocity: M c (q - q_before) + f(q) = 0, where c decreases as the step grows. The
+first steps are short and reduce the energy; the last steps are long and equal Newton's iteration for f = 0.
 """
 
 from dataclasses import replace
@@ -19,7 +19,7 @@ from .time_functions import TimeFunction, constant
 from .validation import Array
 
 AT_REST = 1e-12
-"""Change by a long step, rad or arm lengths, below which the arm is at rest."""
+"""Change in a long step, rad or arm lengths, below which the arm is at rest."""
 
 LONG = 1e4
 """Length of a long step, s."""
@@ -29,14 +29,14 @@ MOST = 300
 
 
 class NoEquilibrium(RuntimeError):
-    """No equilibrium was found; the message describes the attempts."""
+    """Raised if no equilibrium was found; the message describes the attempts."""
 
 
 def resting(scene: Scene) -> Scene:
-    """Return the scene with all loads and motions constant at their values for t = 0.
+    """Return the scene with constant loads and motions, at their values for t = 0.
 
-    With start="held" all joints are held as well; behind an elastic gear the motor is held instead. Torques on joints
-    that are held are dropped.
+    With start="held" all joints are held, too; with an elastic gear the motor is held instead of the joint. Torques on
+    held joints are removed.
     """
     names = [motion.coordinate for motion in scene.motions]
     held = []
@@ -68,8 +68,8 @@ def _at_start(load: Load) -> Load:
 def resting_settings(settings: Settings, space: bool) -> Settings:
     """Return the settings for `relax`: steps of one size, and no correction of the period.
 
-    An elastica in space gets the inertia of steps of 1 s, which is proportional to its stiffness: all its strains then
-    come to rest at the same rate.
+    An elastica in space gets the inertia for steps of 1 s. The inertia is proportional to the stiffness, so that all
+    strains come to rest at the same rate.
     """
     plain: dict[str, Any] = {"step_tolerance": None}
     if space and settings.formulation == "elastica":
@@ -82,7 +82,7 @@ def resting_settings(settings: Settings, space: bool) -> Settings:
 def relax(simulation: Any) -> Array:
     """Advance a `Simulation` of a `resting` scene to its equilibrium and return the coordinates there (m, rad).
 
-    Raises NoEquilibrium where no step length leads to rest.
+    Raises NoEquilibrium if no step length leads to rest.
     """
     work, weight = simulation.work, simulation.model.weight
     rates, algebraic = (work.v, work.a, work.b), simulation.model.algebraic
@@ -120,7 +120,7 @@ def relax(simulation: Any) -> Array:
 
 
 def _reason(simulation: Any, last: float) -> str:
-    """Return why no rest was found. last: status of the last failed step."""
+    """Return the reason why no rest was found. last: status of the last failed step."""
     if last == OUT_OF_RANGE:
         return f"{out_of_range(simulation.model)}; start=\"unloaded\" lets it begin without stress"
     scene, frames = simulation.scene, simulation.settings.formulation == "floating_frame"
@@ -138,8 +138,9 @@ def _reason(simulation: Any, last: float) -> str:
 
 
 def out_of_range(model: Any, share: str = "") -> str:
-    """Return an error message: the arm at rest exceeds its formulation's range. share: share of the loads at which it
-    does."""
+    """Return an error message: the arm at rest exceeds the range of its formulation.
+
+    share: share of the loads from which on the arm exceeds it."""
     bound = float(getattr(model, "bound", 0.0))
     why = "beyond the range of the reduction to modes" if bound else "larger than a floating body can have"
     instead = "take more segments (no modes), or formulation='geometrically_exact'"
@@ -149,7 +150,7 @@ def out_of_range(model: Any, share: str = "") -> str:
 def rested(system: Any, scene: Scene, settings: Settings, kind: Any) -> Any:
     """Return the scene's System with initial coordinates q0 at equilibrium, or unchanged for start="unloaded".
 
-    kind: the class Simulation. Rows that the resting scene lacks, such as multipliers, start at 0.
+    kind: the class Simulation. Rows that the resting scene does not have, such as multipliers, start at 0.
     """
     if scene.start == "unloaded":
         return system

@@ -1,7 +1,7 @@
-"""The arm with rigid links in the plane: reach, inertia, Coriolis torques, and scales derived from them.
+"""Arm with rigid links in the plane: reach, inertia, Coriolis torques, and scales derived from them.
 
-Angles alpha_k are absolute, of each link's tangent at its root, rad. Positions are complex numbers x + i y: a link that
-spans a from joint to joint contributes a exp(i alpha_k).
+The angle alpha_k is the absolute angle of the tangent at link k's root, rad. Positions are complex numbers x + i y: a
+link that spans a from joint to joint contributes a exp(i alpha_k).
 """
 
 import math
@@ -27,9 +27,10 @@ def reach(arm: Arm) -> tuple[float, float]:
 def link_inertia(arm: Arm) -> ComplexOrReal:
     """Return the constants C (N, N), kg m^2, of the inertia matrix in the links' absolute angles alpha.
 
-    It is M_jk = Re C_jk exp(-i (alpha_j - alpha_k)). A body (link, elbow, motor or payload) at sum_j a_j exp(i
-    alpha_j), summed over the links on the way to it, adds m conj(a_j) a_k, and its own inertia to the link that it
-    turns with. C is real where all bodies lie on straight lines from joint to joint.
+    The matrix is M_jk = Re C_jk exp(-i (alpha_j - alpha_k)). A body (link, elbow, motor or payload) has the position
+    sum_j a_j exp(i alpha_j), summed over the links up to the body. The body adds m conj(a_j) a_k to C, and its own
+    inertia to the entry of the link with which it turns. C is real if all bodies lie on straight lines from joint to
+    joint.
     """
     ends = _link_ends(arm)
     total = np.zeros((arm.n_links, arm.n_links), ends.dtype)
@@ -41,7 +42,7 @@ def link_inertia(arm: Arm) -> ComplexOrReal:
 
 
 def mass_moments(arm: Arm) -> ComplexOrReal:
-    """Return the (N,) vector S, kg m: the sum of the bodies' mass times position is sum_k S_k exp(i alpha_k)."""
+    """Return the vector S (N,), kg m: the sum of the bodies' mass times position is sum_k S_k exp(i alpha_k)."""
     ends = _link_ends(arm)
     total = np.zeros(arm.n_links, ends.dtype)
     for mass, last, along, _ in _bodies(arm, ends):
@@ -52,7 +53,7 @@ def mass_moments(arm: Arm) -> ComplexOrReal:
 def _link_ends(arm: Arm) -> ComplexOrReal:
     """Return the position of each link's far joint in the axes of its root, (N,) m.
 
-    Complex numbers x + i y, or real ones where all bodies lie on straight lines from joint to joint.
+    The numbers are complex, x + i y, or real if all bodies lie on straight lines from joint to joint.
     """
     bent = any(link.curved for link in arm.links)
     kind: Any = np.complex128 if arm.payload.eccentric or bent else np.float64
@@ -62,7 +63,7 @@ def _link_ends(arm: Arm) -> ComplexOrReal:
 def _levers(ends: ComplexOrReal, last: int, along: complex) -> ComplexOrReal:
     """Return the levers a_j, (N,) m, of a body at `along` (m) in the axes of link `last`.
 
-    Its position is sum a_j exp(i alpha_j), with the absolute angles alpha of the links.
+    The body's position is sum a_j exp(i alpha_j), with the absolute angles alpha of the links.
     """
     levers = np.where(np.arange(len(ends)) < last, ends, 0.0)
     levers[last] = along
@@ -70,10 +71,12 @@ def _levers(ends: ComplexOrReal, last: int, along: complex) -> ComplexOrReal:
 
 
 def _bodies(arm: Arm, lengths: ComplexOrReal) -> Iterator[tuple[float, int, complex, float]]:
-    """Yield each body's mass (kg), index of the link that it turns with, position in its axes (m), own inertia (kg
-    m^2).
+    """Yield the data of each body of the arm.
 
-    lengths: far joint of each link in the axes of its root, m. Rotors of motors are left out.
+    The data of a body are its mass (kg), the index of the link with which it turns, its position in this link's axes
+    (m), and its own inertia (kg m^2).
+
+    lengths: far joint of each link in the axes of its root, m. Rotors of motors are not included.
     """
     for k, link in enumerate(arm.links):
         # hub, or elbow: mass and left inertia belong to the link before, the right inertia to this one
@@ -105,7 +108,7 @@ def _bodies(arm: Arm, lengths: ComplexOrReal) -> Iterator[tuple[float, int, comp
 
 
 def _differences(arm: Arm, elbows: Array) -> Array:
-    """Return alpha_j - alpha_k, (n, N, N) rad, from elbow angles (n, N - 1) rad; curved links add their own turn."""
+    """Return alpha_j - alpha_k, (n, N, N) rad, from elbow angles (n, N - 1) rad; curved links add their own angle."""
     elbows = np.asarray(elbows, np.float64)
     if any(link.curved for link in arm.links):
         elbows = elbows + [link.turn for link in arm.links[:-1]]
@@ -114,12 +117,12 @@ def _differences(arm: Arm, elbows: Array) -> Array:
 
 
 def _of_joints(values: Array, axis: int) -> Array:
-    """Return sums over links k ... N - 1 along an axis: forces on link k and beyond act at joint k."""
+    """Return sums over links k ... N - 1 along an axis: forces on link k and all later links act at joint k."""
     return np.flip(np.cumsum(np.flip(values, axis), axis), axis)
 
 
 def rigid_inertia(arm: Arm, elbows: Array) -> Array:
-    """Return the inertia matrix in joint angles, (n, N, N) kg m^2, rotors included, at elbow angles (n, N - 1) rad."""
+    """Return the inertia matrix in joint angles, (n, N, N) kg m^2, with rotors, at elbow angles (n, N - 1) rad."""
     rotors = np.diag([arm.joint(k).rotor for k in range(arm.n_links)])
     C, turned = link_inertia(arm), _differences(arm, elbows)
     return _of_joints(_of_joints(C.real * np.cos(turned) + C.imag * np.sin(turned), 1), 2) + rotors
@@ -128,7 +131,8 @@ def rigid_inertia(arm: Arm, elbows: Array) -> Array:
 def coriolis(arm: Arm, elbows: Array, rates: Array) -> Array:
     """Return the Coriolis and centrifugal torques (n, N), N m, at joint rates (n, N), rad/s.
 
-    They are joint torques less inertia times acceleration. elbows: elbow angles (n, N - 1), rad.
+    Coriolis and centrifugal torques are the joint torques less inertia times acceleration. elbows: elbow angles (n, N -
+    1), rad.
     """
     # rates of the absolute angles, squared
     squares = np.cumsum(rates, axis=1) ** 2
@@ -145,7 +149,7 @@ def inertia_beyond(arm: Arm, joint: int) -> float:
 def rate_scale(arm: Arm, joint: int) -> float:
     """Return the top rate sqrt(tau pi/2 / I), rad/s, of a rigid quarter turn from rest to rest at full torque.
 
-    It is reached midway. tau: torque limit of the joint. I: inertia of the straight arm about the joint.
+    The arm reaches this rate midway. tau: torque limit of the joint. I: inertia of the straight arm about the joint.
     """
     limits = arm.torque_limits
     assert limits is not None
@@ -153,10 +157,10 @@ def rate_scale(arm: Arm, joint: int) -> float:
 
 
 def centre_shift(arm: Arm) -> float:
-    """Return the largest distance of the hub from the center of mass of arm and floating base, m; 0 without a base.
+    """Return the hub's largest distance from the center of mass of arm and floating base, m; 0 without a base.
 
-    With the base free, the hub stays within this distance of a fixed point, and the tip within the arm's length less
-    it.
+    If the base floats freely, this center of mass is a fixed point. The hub stays within the returned distance of
+    it, and the tip within the arm's length less this distance.
     """
     if arm.base is None:
         return 0.0

@@ -32,7 +32,7 @@ def matrices(psi: Any) -> Array:
 def slope(psi: Array) -> Array:
     """Return the tangent map T (..., 3, 3) of rotation vectors psi (..., 3), rad.
 
-    It maps changes of psi to rotations in body axes: exp(psi^ + d psi^) = exp(psi^) exp((T d psi)^).
+    T maps changes of psi to rotations in body axes: exp(psi^ + d psi^) = exp(psi^) exp((T d psi)^).
     """
     angle, hat = np.sqrt((psi**2).sum(axis=-1))[..., None, None], skew(psi)
     # T = 1 - (1 - cos a)/a^2 psi^ + (a - sin a)/a^3 psi^^2, by its series below a = 0.01

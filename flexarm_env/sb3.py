@@ -48,23 +48,23 @@ def make_sb3_vec(
 
     Args:
         env_id: a registered id, such as "FlexibleArm-v0". n_envs: number of environments.
-        seed: environment i starts with seed + i at the first reset; None seeds from the system.
-        monitor: wrap in VecMonitor (episode returns and lengths, `is_success`); a string: the file that it writes.
+        seed: environment i starts with seed + i at the first reset; None: the operating system provides seeds.
+        monitor: wrap in VecMonitor (episode returns and lengths, `is_success`); a string is the file that it writes.
         normalize: wrap in VecNormalize; a mapping contains its keywords, e.g. {"norm_reward": False, "gamma": 0.98}.
-        info_keys: entries of the environment's info to include in every step. Otherwise only the infos of ended
-            episodes are filled; Stable-Baselines3 reads no others.
-        vectorization_mode: "vector_entry_point" (the native one), or "sync" or "async" for n_envs single ones.
-        wrappers: functions or classes that each single environment is wrapped in, the first one innermost. The native
-            vector environment has no single ones: with wrappers, "vector_entry_point" is "sync".
-        lengths: factors on the links' lengths, among which the environments are divided (`envs.lengths`).
-        around: a controller inside the environments, to whose torques actions are added
+        info_keys: entries of the environment's info that every step returns. All other infos are filled only for ended
+            episodes, because Stable-Baselines3 does not read them in other steps.
+        vectorization_mode: "vector_entry_point" (the native one), or "sync" or "async" for n_envs single environments.
+        wrappers: functions or classes that wrap each single environment, the first one innermost. The native vector
+            environment has no single environments; with wrappers, "vector_entry_point" is therefore "sync".
+        lengths: factors on the links' lengths; the environments are divided among them (`envs.lengths`).
+        around: a controller inside the environments; the actions are added to its torques
             (`envs.around.AroundControllerVector`).
         kwargs: keywords of the environment.
     Returns:
-        VecNormalize(VecMonitor(GymnasiumVecEnv)), or fewer of these wrappers as requested.
+        VecNormalize(VecMonitor(GymnasiumVecEnv)), without the wrappers that are not requested.
     Raises:
-        ValueError: n_envs below 1, or a native vector environment that cannot reset in the step that ends an
-            episode. Also the errors that the environment raises for its keywords.
+        ValueError: n_envs is below 1, or a native vector environment cannot reset in the step that ends an episode.
+            Errors of the environment for its keywords are also raised.
     """
     n_envs = check.integer("n_envs", n_envs, minimum=1)
     seed = seed if seed is None else check.integer("seed", seed, minimum=0)
@@ -108,15 +108,15 @@ class GymnasiumVecEnv(VecEnv):
 
     Args:
         env: the vector environment.
-        info_keys: entries of its info to include in the infos of every step. The infos of an ended episode contain all
-            entries, with "terminal_observation" and "TimeLimit.truncated".
+        info_keys: entries of its info that every step returns. The infos of an ended episode contain all entries, with
+            "terminal_observation" and "TimeLimit.truncated".
     Raises:
-        ValueError: another autoreset mode. Stable-Baselines3 requires the first observation of the next episode
-            together with the last reward.
+        ValueError: the autoreset mode is not same-step. Stable-Baselines3 requires the first observation of the next
+            episode together with the last reward.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], info_keys: Sequence[str] = ()) -> None:
-        """Store the environment; ValueError unless its autoreset mode is same-step."""
+        """Store the environment; raise ValueError unless its autoreset mode is same-step."""
         mode = env.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:
             raise ValueError(f"metadata['autoreset_mode'] = {mode}: must be {AutoresetMode.SAME_STEP}")
@@ -128,8 +128,9 @@ class GymnasiumVecEnv(VecEnv):
 
     # ------------------------------------------------------------- episodes
     def reset(self) -> Any:
-        """Reset all environments with the seeds and options of `seed` and `set_options`; return the first
-        observations."""
+        """Reset all environments and return their first observations.
+
+        The seeds and options are those of `seed` and `set_options`."""
         seeds, options = self._seeds, self._options
         self._reset_seeds()
         self._reset_options()
@@ -147,7 +148,7 @@ class GymnasiumVecEnv(VecEnv):
         return observations
 
     def _reset_some(self, indices: Sequence[int], seed: Any, options: Mapping[str, Any]) -> tuple[Any, Infos]:
-        """Reset these environments; return the observations of all and the infos of these."""
+        """Reset some environments; return the observations of all and the infos of those that were reset."""
         mask = np.zeros(self.num_envs, dtype=np.bool_)
         mask[list(indices)] = True
         observations, infos = self.env.reset(seed=seed, options={**options, "reset_mask": mask})
@@ -161,8 +162,9 @@ class GymnasiumVecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], Infos]:
-        """Step the environments; return observations (of the next episode after an end), rewards (n,) float32, dones
-        (n,), infos."""
+        """Step the environments.
+
+        Returns observations (of the next episode if one ended), rewards (n,) float32, dones (n,) and infos."""
         observations, rewards, terminated, truncated, info = self.env.step(self._actions)
         dones = np.logical_or(terminated, truncated)
         infos: Infos = [{} for _ in range(self.num_envs)]
@@ -184,7 +186,7 @@ class GymnasiumVecEnv(VecEnv):
 
     # --------------------------------------------------------------- images
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
-        """Return a picture (height, width, 3) of each environment; they need render_mode="rgb_array"."""
+        """Return a picture (height, width, 3) of each environment; this requires render_mode="rgb_array"."""
         if self.render_mode != "rgb_array":
             warnings.warn(f"render_mode = {self.render_mode!r}: pictures need 'rgb_array'", stacklevel=2)
             return [None] * self.num_envs
@@ -192,7 +194,7 @@ class GymnasiumVecEnv(VecEnv):
 
     # ----------------------------------------- attributes, methods, wrappers
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
-        """Return an attribute of each of these environments.
+        """Return an attribute of the environments in `indices`, as a list.
 
         An array, list or tuple with one entry per environment is split into its entries; any other value is returned
         for each environment.
@@ -207,12 +209,13 @@ class GymnasiumVecEnv(VecEnv):
         return [values[i] for i in self._indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
-        """Set an attribute of these environments to one value. The environments of this package have the attribute
-        `starts`, the ranges of starts and targets.
+        """Set an attribute of the environments in `indices` to one value.
+
+        The environments of this package have the attribute `starts`, the ranges of starts and targets.
 
         Raises:
-            ValueError: indices of some environments for an attribute that all share, or a keyword of the environment
-                that cannot change.
+            ValueError: `indices` selects some environments but all share the attribute, or the attribute is a keyword
+                of the environment that cannot change.
         """
         chosen = self._indices(indices)
         if attr_name in ARGUMENTS and attr_name not in CHANGEABLE:
@@ -236,13 +239,13 @@ class GymnasiumVecEnv(VecEnv):
     def env_method(
         self, method_name: str, *method_args: Any, indices: Indices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Call a method of these environments; return the list of results.
+        """Call a method of the environments in `indices`; return the list of results.
 
         "reset" takes seed (an int: environment i gets seed + i) and options, and resets only these environments;
         "render" draws them. A method of the vector environment with a parameter `indices` receives the indices.
 
         Raises:
-            ValueError: indices of some environments for a method that acts on all.
+            ValueError: `indices` selects some environments but the method acts on all.
         """
         chosen = self._indices(indices)
         if method_name == "reset":
@@ -269,8 +272,9 @@ class GymnasiumVecEnv(VecEnv):
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Indices = None
     ) -> list[bool]:
-        """Return whether each of these environments has the wrapper; environments of a native vector environment have
-        none."""
+        """Return whether each environment in `indices` has the wrapper.
+
+        The environments of a native vector environment have no wrappers."""
         singles = getattr(self.env, "envs", None)
         chosen = self._indices(indices)
         if not isinstance(singles, list):
@@ -287,7 +291,7 @@ class GymnasiumVecEnv(VecEnv):
 
 
 def _calls_some(env: Any) -> bool:
-    """Whether the vector environment's `call` takes the indices of those to be called."""
+    """Return whether the vector environment's `call` accepts the indices of environments."""
     return "indices" in inspect.signature(env.call).parameters if hasattr(env, "call") else False
 
 
@@ -305,7 +309,7 @@ def _info_of(infos: Mapping[str, Any], i: int) -> dict[str, Any]:
 
 
 def _scalar(value: Any) -> Any:
-    """Return numbers of Python, and copies of arrays, so that no reference to shared arrays remains."""
+    """Return Python numbers, and copies of arrays, so that no reference to shared arrays remains."""
     if isinstance(value, np.generic):
         return value.item()
     return value.copy() if isinstance(value, np.ndarray) else value
@@ -321,7 +325,7 @@ def _item(values: Any, i: int) -> Any:
 
 
 def _spread(values: Any, n: int) -> Any:
-    """Return one value per environment: the rows of a value with n of them, else the value n times."""
+    """Return one value per environment: the n rows of a value that has n rows, otherwise the value n times."""
     if isinstance(values, list | tuple) and len(values) == n:
         return values
     if isinstance(values, np.ndarray) and values.shape[:1] == (n,):

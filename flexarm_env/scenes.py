@@ -1,4 +1,4 @@
-"""The named validation scenes (``flexarm_env/data/scenes``), scenes from TOML files, and reference trajectories."""
+"""The package's validation scenes (``flexarm_env/data/scenes``), scenes from TOML files, reference trajectories."""
 
 import os
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ ORDER = (
     "spin_up",
 )
 SPATIAL = ("bend_45", "right_angle_frame", "three_dof_slew", "flying_frame")
-"""Those in space."""
+"""Names of the scenes in space."""
 
 
 def _text(name: str) -> str:
@@ -36,7 +36,7 @@ def _text(name: str) -> str:
 def names(parameter_sets: bool = False, space: bool = False) -> tuple[str, ...]:
     """Return the names of the package's scenes.
 
-    parameter_sets: also those of the form NAME@SET. space: also those in space.
+    parameter_sets: include names of the form NAME@SET. space: include scenes in space.
     """
     chosen = (*ORDER, *SPATIAL) if space else ORDER
     if not parameter_sets:
@@ -46,7 +46,7 @@ def names(parameter_sets: bool = False, space: bool = False) -> tuple[str, ...]:
 
 @cache
 def named(name: str) -> Scene:
-    """Return a named scene, or its parameter set, as ``NAME@as_printed``. Raises ValueError for an unknown name."""
+    """Return a named scene, or its parameter set, as in ``NAME@as_printed``; raise ValueError for an unknown name."""
     known = names(parameter_sets=True, space=True)
     if name not in known:
         raise check.UnknownKey(str(name), known, "scene")
@@ -57,7 +57,7 @@ def named(name: str) -> Scene:
 def resolve(scene: Scene | str | os.PathLike[str]) -> Scene:
     """Return a scene from a :class:`Scene`, a name (NAME or NAME@SET), or a TOML file (FILE.toml or FILE.toml@SET).
 
-    Raises ValueError for a text that is neither, and for an invalid file.
+    Raises ValueError if a text is neither a name nor a file, or if the file is invalid.
     """
     if isinstance(scene, Scene):
         return scene
@@ -76,17 +76,17 @@ def resolve(scene: Scene | str | os.PathLike[str]) -> Scene:
 
 
 COLUMNS = ("t", "energy", "start_x", "start_y", "start_angle", "tip_x", "tip_y", "tip_angle")
-"""Columns that a trajectory's CSV file begins with (s, J, m, m, rad, m, m, rad)."""
+"""First columns of a trajectory's CSV file (s, J, m, m, rad, m, m, rad)."""
 
 COMPARED = (("tip_x", "tip_y"), ("tip_angle",), ("start_angle",))
-"""Columns that a run is compared by: what stands together is needed together, and one of these is enough."""
+"""Groups of columns that a comparison reads: the columns of a group are needed together, and one group is enough."""
 
 
 @dataclass(frozen=True)
 class Reference:
     """A reference trajectory: its scene, origin, absolute tolerances and columns.
 
-    ``tip_tolerance`` in m, ``angle_tolerance`` in rad. The energy is not a reference. ``columns`` maps each name of
+    ``tip_tolerance`` in m, ``angle_tolerance`` in rad. The energy is not compared. ``columns`` maps each name of
     :data:`COLUMNS` to a float64 array (n,).
     """
 
@@ -106,7 +106,7 @@ def reference_names() -> tuple[str, ...]:
 
 @cache
 def reference(name: str) -> Reference:
-    """Return the reference trajectory of a named scene. Raises ValueError if it has none."""
+    """Return the reference trajectory of a named scene; raise ValueError if the scene has none."""
     if name not in reference_names():
         raise check.UnknownKey(str(name), reference_names(), "scene with a reference")
     entry = _references()[name]
@@ -120,9 +120,11 @@ def reference(name: str) -> Reference:
 
 
 def spot_values(name: str) -> dict[str, Any]:
-    """Single tip positions that another program gives for a named scene: t (s), tip_x and tip_y (m), source, tolerance.
+    """Return tip positions of a named scene that another program computed at single instants.
 
-    Raises ValueError for a scene that has none.
+    Columns: t (s), tip_x and tip_y (m), source, tolerance.
+
+    Raises ValueError if the scene has no such positions.
     """
     entries = {entry["scene"]: entry for entry in _references()["spot_values"]}
     if name not in entries:
@@ -131,9 +133,9 @@ def spot_values(name: str) -> dict[str, Any]:
 
 
 def read_trajectory(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-    """Read a trajectory's CSV file: columns by name; its first line must begin with :data:`COLUMNS`.
+    """Read a trajectory's CSV file as columns by name; its first line must begin with :data:`COLUMNS`.
 
-    Raises ValueError, which names file and row, for another table, and FileNotFoundError for a missing file.
+    Raises ValueError, which names file and row, if the table is another one; FileNotFoundError if the file is missing.
     """
     header, lines = csv_lines(path)
     header = without_units(header)
@@ -144,10 +146,9 @@ def read_trajectory(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, n
 
 
 def read_reference(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-    """Read the columns of a CSV file for a comparison: t, and those of :data:`COMPARED` that exist.
+    """Read the columns of a CSV file for a comparison: t, and the existing columns of :data:`COMPARED`.
 
-    The columns may be in any order, with others between them. ValueError and FileNotFoundError as
-    :func:`read_trajectory`.
+    The columns may be in any order, with others between them. The errors are those of :func:`read_trajectory`.
     """
     header, lines = csv_lines(path)
     header = without_units(header)
@@ -159,7 +160,7 @@ def read_reference(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np
 
 
 def _columns(header: tuple[str, ...], lines: list[list[str]]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-    """Return the numbers of a file's lines by column; times must increase."""
+    """Return the numbers of a file's lines by column; the times must increase."""
     if not lines:
         raise check.InvalidValue("rows", 0, "must be at least one")
     found = {name: numbers(k, name, lines, len(header)) for k, name in enumerate(header)}

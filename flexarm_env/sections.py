@@ -1,4 +1,4 @@
-"""Cross-sections of a link: constant, linear between points, or a rectangle with tapered sides; and the beam itself."""
+"""Cross-sections of a link (constant, linear between points, or a tapered rectangle), and the beam itself."""
 
 from __future__ import annotations
 
@@ -25,11 +25,12 @@ class Section:
         C: shear stiffness kappa G A, N, positive.
         m: mass per length, kg/m, positive.
         J: rotary inertia per length, kg m (rho I for a homogeneous section), zero or positive.
-        EI_y, C_y, J_y: bending and shear stiffness and rotary inertia in the x-z plane; required in space, else None.
+        EI_y, C_y, J_y: bending and shear stiffness and rotary inertia in the x-z plane; required in space, otherwise
+            None.
         GJ: torsional stiffness, N m^2, positive (G times Saint-Venant's constant, not the polar moment); required in
             space.
 
-    A link's x axis runs along it, y along its thickness, z along its width; an arm in the plane bends in x-y. The polar
+    A link's x axis runs along it, y along its thickness, z along its width. An arm in the plane bends in x-y. The polar
     rotary inertia is J + J_y.
     """
 
@@ -44,7 +45,7 @@ class Section:
     GJ: float | None = None
 
     def __post_init__(self) -> None:
-        """Validate the fields and convert them to plain numbers; `InvalidValue` names the field."""
+        """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
         check.store(
             self,
             EI=check.number("section.EI", self.EI, "N m^2", above=0.0),
@@ -79,12 +80,12 @@ class Section:
 
     @classmethod
     def circle(cls, diameter: float, E: float, rho: float, G: float, kappa: float = 0.9) -> Section:
-        """Create a homogeneous round bar; diameter: m, other arguments as in :meth:`rectangle`."""
+        """Create a homogeneous round bar. diameter: m; other arguments: as in :meth:`rectangle`."""
         return cls.tube(diameter, check.number("section.diameter", diameter, "m", above=0.0) / 2.0, E, rho, G, kappa)
 
     @classmethod
     def tube(cls, diameter: float, wall: float, E: float, rho: float, G: float, kappa: float = 0.5) -> Section:
-        """Create a homogeneous round tube; diameter (outer), wall: m, other arguments as in :meth:`rectangle`."""
+        """Create a homogeneous round tube. diameter (outer), wall: m; other arguments: as in :meth:`rectangle`."""
         outer = check.number("section.diameter", diameter, "m", above=0.0)
         wall = check.number("section.wall", wall, "m", above=0.0, maximum=outer / 2.0)
         E, rho, G, kappa = _material(E, rho, G, kappa)
@@ -125,7 +126,7 @@ def torsion_constant(width: Any, thickness: Any) -> Any:
 
 
 class Properties(NamedTuple):
-    """Properties of a :class:`Section` at many places, one array for each field, in the field's unit."""
+    """Properties of a :class:`Section` at many places: one array per field, in the field's unit."""
 
     EI: Array
     EA: Array
@@ -164,7 +165,7 @@ class Taper:
             self.rectangle(end)
 
     def sides(self, share: Any) -> tuple[Any, Any]:
-        """Return width and thickness, m, at a fraction of the length (number or array)."""
+        """Return width and thickness, m, at a fraction (number or array) of the length."""
         (b0, b1), (h0, h1) = self.widths, self.thicknesses
         return b0 + (b1 - b0) * share, h0 + (h1 - h0) * share
 
@@ -183,7 +184,7 @@ class Taper:
 
 Points = tuple[tuple[float, Section], ...]
 GAUSS = np.polynomial.legendre.leggauss(16)
-"""Gauss points and weights on [-1, 1] per smooth piece: exact for a taper's b h^3 times polynomials of degree 27."""
+"""Gauss points and weights on [-1, 1] per smooth piece; exact for a taper's b h^3 times polynomials of degree 27."""
 
 
 ENDS = {
@@ -195,21 +196,21 @@ ENDS = {
 
 @dataclass(frozen=True)
 class Link:
-    """A beam with one section, or sections that vary along it; straight, or curved without stress.
+    """A beam with one section, or with sections that vary along it; it is straight, or curved without stress.
 
     Args:
         length: m, positive.
         section: a :class:`Section`; a :class:`Taper`; or a sequence of (s, Section), s in m from the root, ascending
             from 0 to the length. Properties are linear between points; two points with the same s are a jump. Points
-            with equal sections become one Section.
-        tau_d: Kelvin-Voigt time constant of this link, s; None: the arm's.
-        root_offset, tip_offset: m, zero or positive, lengths of rigid ends (a clamp, a hub's radius): from the joint at
-            the link's root to the beam, and from the beam to the next joint or the arm's tip, along the beam's end
-            tangents.
-        root_mass, tip_mass: kg, of these ends, at their midpoints. root_inertia, tip_inertia: kg m^2, about the
+            with equal sections are replaced by one Section.
+        tau_d: Kelvin-Voigt time constant of this link, s; None selects the arm's.
+        root_offset, tip_offset: m, zero or positive, lengths of rigid ends (a clamp, a hub's radius). The ends extend
+            from the joint at the link's root to the beam, and from the beam to the next joint or the arm's tip, along
+            the beam's end tangents.
+        root_mass, tip_mass: kg, masses of these ends, at their midpoints. root_inertia, tip_inertia: kg m^2, about the
             midpoints.
-        curvature: 1/m, of the stress-free beam, positive to the left; or a sequence of (s, curvature), s as in
-            `section`, linear between points, two with the same s a jump.
+        curvature: 1/m, of the stress-free beam, positive to the left; or a sequence of (s, curvature), with s as in
+            `section`, linear between points. Two points with the same s are a jump.
     """
 
     length: float
@@ -224,7 +225,7 @@ class Link:
     curvature: Curvature = 0.0
 
     def __post_init__(self) -> None:
-        """Validate the fields; section: a `Section`, a `Taper`, or points along the link."""
+        """Validate the fields. section: a `Section`, a `Taper`, or points along the link."""
         check.store(self, length=check.number("length", self.length, "m", above=0.0))
         if self.tau_d is not None:
             check.store(self, tau_d=check.number("tau_d", self.tau_d, "s", minimum=0.0))
@@ -247,8 +248,8 @@ class Link:
         kappa: float = 0.85,
         **more: Any,
     ) -> Link:
-        """Create a link with a rectangle whose sides vary linearly from root to tip, see :class:`Taper`; equal sides
-        give one Section. more: the other fields of :class:`Link`."""
+        """Create a link with a rectangle whose sides vary linearly from root to tip (:class:`Taper`). Equal sides give
+        one Section. more: the other fields of :class:`Link`."""
         taper = Taper(widths, thicknesses, E, rho, G, kappa)
         even = taper.sides(0.0) == taper.sides(1.0)
         return cls(length, taper.rectangle(0.0) if even else taper, **more)
@@ -260,7 +261,7 @@ class Link:
 
     @property
     def uniform(self) -> Section | None:
-        """Section of a straight link with constant section, otherwise None."""
+        """Section of a straight link with constant section; otherwise None."""
         return self.section if isinstance(self.section, Section) and not self.curved else None
 
     @property
@@ -274,8 +275,8 @@ class Link:
         return float(curves.angle(self.curvature, self.length)) if self.curved else 0.0
 
     def place(self, s: Any) -> Any:
-        """Return points of the stress-free link as complex numbers x + iy, m, from the root joint along its tangent. s:
-        m from the beam's root; below 0 and beyond the length the points lie on the rigid ends."""
+        """Return points of the stress-free link as complex numbers x + iy, m, in the axes of the root joint's tangent.
+        s: m from the beam's root; below 0 and above the length the points are on the rigid ends."""
         # beam, then straight rigid ends along its end tangents
         inner = curves.place(self.curvature, np.clip(s, 0.0, self.length))
         beyond = np.maximum(np.asarray(s) - self.length, 0.0)
@@ -283,7 +284,7 @@ class Link:
 
     @property
     def points(self) -> tuple[float, ...]:
-        """Places where sections kink or jump, m from the root, with both ends, each once."""
+        """Places where sections kink or jump, and both ends, m from the root; each place occurs once."""
         inner = () if isinstance(self.section, Section | Taper) else tuple(s for s, _ in self.section[1:-1])
         return tuple(sorted({0.0, *inner, *curves.points(self.curvature), self.length}))
 
@@ -304,7 +305,7 @@ class Link:
         return tuple(sorted({0.0, *inner, *curves.jumps(self.curvature), self.length}))
 
     def along(self, s: Array | float, before: bool = False) -> Properties:
-        """Return the properties at places s (m from the root); at a jump those behind it, or `before` it."""
+        """Return the properties at places s (m from the root); at a jump after the jump, or before it if `before`."""
         s = np.asarray(s, np.float64)
         if isinstance(self.section, Taper):
             return self.section.along(s / self.length)
@@ -343,7 +344,7 @@ class Link:
         return (ends[:-1, None] + half * (1.0 + x)).ravel(), (half * weights).ravel()
 
     def part(self, first: float, last: float) -> Link:
-        """Return the beam between two places, m from the root, without rigid ends."""
+        """Return the part of the beam between two places, m from the root, without rigid ends."""
         own: dict[str, Any] = {"curvature": curves.part(self.curvature, first, last)}
         if isinstance(self.section, Section):
             return Link(last - first, self.section, **own)
@@ -373,7 +374,7 @@ class Link:
 
     @property
     def rigid_ends(self) -> bool:
-        """Whether the link has rigid ends or masses on them."""
+        """Whether the link has rigid ends, or masses on rigid ends."""
         return any(getattr(self, name) for name in ENDS)
 
     @property
@@ -383,17 +384,17 @@ class Link:
 
     @property
     def far(self) -> complex:
-        """Position of the next joint of the stress-free link, complex, m, from the root joint along its tangent."""
+        """Position of the next joint of the stress-free link, complex, m, in the axes of the root joint's tangent."""
         return complex(self.place(self.length + self.tip_offset)) if self.curved else self.span
 
     @property
     def ends(self) -> tuple[tuple[float, float, float], ...]:
-        """Rigid ends at root and tip: (mass in kg, distance of its center from the root joint in m, inertia)."""
+        """Rigid ends at root and tip: (mass in kg, distance of the end's center from the root joint in m, inertia)."""
         root = self.root_mass, 0.5 * self.root_offset, self.root_inertia
         return root, (self.tip_mass, self.span - 0.5 * self.tip_offset, self.tip_inertia)
 
     def integral(self, what: str, power: int = 0) -> float:
-        """Return int `what` s^power ds along the beam, s from its root; `what`: a field of :class:`Section`."""
+        """Return int `what` s^power ds along the beam, with s from its root. what: a field of :class:`Section`."""
         # closed form for constant sections
         if isinstance(self.section, Section):
             return float(getattr(self.section, what) * self.length ** (power + 1) / (power + 1))
@@ -406,7 +407,7 @@ class Link:
         return self.integral("m")
 
     def moment(self, power: int) -> float:
-        """Return int m s^power ds along the beam, s from its root, kg m^power."""
+        """Return int m s^power ds along the beam, kg m^power, with s from its root."""
         return self.integral("m", power)
 
     @property
@@ -415,7 +416,7 @@ class Link:
         return self.integral("J")
 
     def series(self, what: str) -> float:
-        """Return the mean stiffness `what` of springs in series: length / int (1 / stiffness) ds."""
+        """Return the mean stiffness of springs in series: length / int (1 / stiffness) ds; what: the stiffness."""
         if isinstance(self.section, Section):
             return float(getattr(self.section, what))
         s, weights = self.quadrature()
@@ -430,8 +431,8 @@ class Link:
 
     @property
     def slenderness(self) -> float:
-        """EI / (C L^2), shear relative to bending flexibility; the elastica neglects shear (about 1e-3 is stubby).
-        Varying sections count by their mean."""
+        """EI / (C L^2), the ratio of shear to bending flexibility; the elastica neglects shear (about 1e-3 is stubby).
+        For varying sections the mean section is used."""
         return self.mean.EI / (self.mean.C * self.length**2)
 
 

@@ -1,12 +1,12 @@
 """Sensors of an arm: encoders, strain gauges, accelerometer, gyroscope, camera; frozen, validated dataclasses.
 
-Every sensor reads one or more quantities u(t) by the same law (defined in `runtime.laws.read`):
+Every sensor reads one or more quantities u(t) by the same law, which `runtime.laws.read` defines:
 
     reading = round_to_quantum(gain F u(t - delay) + bias + noise)
 
-F is a low-pass of order 1 or 2 with gain 1 at rest; gain and bias are constant or drawn anew for each episode; noise is
-an independent normal number for each reading. Between the instants at which a sensor is read (control instants, or the
-samples of a trajectory) u is linear, for which filter and delay are exact. Before the start of an episode u is
+F is a low-pass of order 1 or 2 with gain 1 at rest. Gain and bias are constant, or drawn anew for each episode. Noise
+is an independent normal number for each reading. A sensor is read at control instants, or at the samples of a
+trajectory. Between these instants u is linear, and for this u filter and delay are exact. Before an episode u is
 constant.
 """
 
@@ -27,7 +27,7 @@ MEASURES = ("xy", "xz", "torsion")
 RATE_FREQUENCY = 20.0
 """Default frequency of the first-order low-pass on an encoder's differences, Hz."""
 LARGEST, FINEST = 1e15, 1e-12
-"""Largest gain, bias, noise, quantum or filter damping; smallest quantum: beyond, rounding spoils the readings."""
+"""Largest gain, bias, noise, quantum or filter damping, and smallest quantum; other values spoil the rounding."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class LowPass:
     damping: float = math.sqrt(0.5)
 
     def __post_init__(self) -> None:
-        """Validate the fields and convert them to plain numbers; `InvalidValue` names the field."""
+        """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
         check.store(
             self,
             frequency=check.number("low_pass.frequency", self.frequency, "Hz", above=0.0),
@@ -57,12 +57,12 @@ class Law:
     """Parameters common to all sensors, in the unit of the reading.
 
     Args:
-        gain: a number, or (low, high): drawn uniformly for each episode.
-        bias: a number b: drawn uniformly from -b to b for each episode; or drawn from (low, high), which may be equal.
+        gain: a number, or (low, high), from which the gain is drawn uniformly for each episode.
+        bias: drawn uniformly for each episode, from -b to b for a number b, or from (low, high), which may be equal.
         noise: standard deviation of each reading.
-        low_pass: a filter before the sensor is read, or None.
-        quantum: resolution: readings are whole multiples of it; 0: none.
-        delay: s; any number, not only whole periods.
+        low_pass: filter of the quantity before the sensor is read, or None.
+        quantum: resolution: readings are whole multiples of it; 0: no rounding.
+        delay: s; it may be any number, not only a whole number of periods.
     """
 
     gain: float | Range = 1.0
@@ -73,7 +73,7 @@ class Law:
     delay: float = 0.0
 
     def __post_init__(self) -> None:
-        """Validate the fields and convert them to plain numbers; `InvalidValue` names the field."""
+        """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
         check.store(
             self,
             **{name: _constant_or_range(name, getattr(self, name)) for name in ("gain", "bias")},
@@ -104,12 +104,12 @@ class Law:
 
     @property
     def step(self) -> float:
-        """Resolution of the readings, in their unit; 0: not rounded."""
+        """Resolution of the readings, in their unit; 0: no rounding."""
         return self.quantum
 
     @property
     def interval(self) -> float:
-        """Time from one reading to the next, s; 0: every instant."""
+        """Time from one reading to the next, s; 0: a reading at every instant."""
         return 0.0
 
 
@@ -121,10 +121,10 @@ class Encoder(Law):
     rate_k = a rate_(k-1) + (1 - a) (reading_k - reading_(k-1)) / T with a = exp(-2 pi rate_frequency T).
 
     Args:
-        counts: per turn of the encoder's shaft; readings are multiples of 2 pi / counts, with side "motor" of that
-            over the gear ratio. None: no rounding, or that of `quantum`.
-        side: "link": angle of the link's root from the tip before it. "motor": the motor's angle over the gear ratio,
-            which is the same for a rigid gear (`Joint`).
+        counts: counts per turn of the encoder's shaft; readings are multiples of 2 pi / counts, with side "motor"
+            divided by the gear ratio. None: no rounding, or the rounding of `quantum`.
+        side: "link": angle of the link's root relative to the previous tip. "motor": the motor's angle over the gear
+            ratio; with a rigid gear (`Joint`) both angles are equal.
         rate_frequency: Hz.
     """
 
@@ -152,7 +152,7 @@ class Encoder(Law):
 
     @property
     def step(self) -> float:
-        """Resolution of the angle, rad; 0: not rounded."""
+        """Resolution of the angle, rad; 0: no rounding."""
         return self.quantum if self.counts is None else 2.0 * math.pi / self.counts
 
 
@@ -161,12 +161,12 @@ class StrainGauge(Law):
     """Strain gauge: bending of a link at a place; in space also bending out of the x-y plane, and torsion.
 
     Args:
-        link: 0 is the first. place: along it, from 0 (root) to 1 (tip).
-        unit: "curvature", 1/m, or "strain": curvature times the distance.
-        distance: m, of the gauge from the neutral axis. None: half the thickness of the rectangle that has the
-            section's m and J, sqrt(3 J / m), or J_y for bending in x-z; required for the shear strain of torsion.
-        measures: "xy": curvature in the x-y plane, positive where the link bends towards y; "xz": in the x-z plane,
-            towards z; "torsion": twist over length, positive about x. In the plane only "xy".
+        link: number of the link, from 0. place: position along the link, from 0 (root) to 1 (tip).
+        unit: "curvature", 1/m, or "strain", which is curvature times `distance`.
+        distance: m, of the gauge from the neutral axis; required for the shear strain of torsion. None: half the
+            thickness of the rectangle that has the section's m and J, sqrt(3 J / m), or m and J_y for bending in x-z.
+        measures: "xy": curvature in the x-y plane, positive if the link bends towards y; "xz": in the x-z plane,
+            towards z; "torsion": twist over length, positive about x. In the plane only "xy" is possible.
     """
 
     link: int = 0
@@ -176,7 +176,7 @@ class StrainGauge(Law):
     measures: str = "xy"
 
     def __post_init__(self) -> None:
-        """Validate the fields; a shear strain needs its distance from the axis."""
+        """Validate the fields; a gauge of shear strain requires its distance from the axis."""
         super().__post_init__()
         check.store(
             self,
@@ -197,9 +197,9 @@ class StrainGauge(Law):
         return self.link, self.place, self.measures
 
     def per_curvature(self, m: float, J: float) -> float:
-        """Return reading / curvature for a section of mass m (kg/m) and rotary inertia J (kg m) per length.
+        """Return reading over curvature for a section of mass m (kg/m) and rotary inertia J (kg m) per length.
 
-        1 for a curvature, the distance from the neutral axis (m) for a strain.
+        The ratio is 1 for a curvature and the distance from the neutral axis (m) for a strain.
         """
         if self.unit == "curvature":
             return 1.0
@@ -225,10 +225,10 @@ def surface(m: float, J: float) -> float:
 class Accelerometer(Law):
     """Accelerometer at the arm's tip: specific force, m/s^2, along the tip's tangent (x) and across it (y).
 
-    Specific force is acceleration less gravity; in space it has three components along the tip's axes. u is the mean,
-    since the last instant, of the specific force in the tip's own, turning axes. In a steady spin u is -w^2 r along the
-    tangent and 0 across, in free fall 0, for any interval. The first reading, without an interval before it, is that of
-    a tip with constant velocity in its own axes; at rest it is -g.
+    Specific force is acceleration less gravity. In space it has three components along the tip's axes. u is the mean of
+    the specific force since the last instant, in the tip's own, turning axes. For any interval, u is 0 in free fall; in
+    a steady spin it is -w^2 r along the tangent and 0 across. The first reading, before which there is no interval, is
+    that of a tip with constant velocity in its own axes; at rest it is -g.
     """
 
 
@@ -241,12 +241,12 @@ class Gyroscope(Law):
 class Camera(Law):
     """Camera: position of the tip, m, along fixed axes; in space also two angles of the tip's x axis, rad.
 
-    They are the elevation of this axis out of the x-z plane towards y, and out of the x-y plane towards z, -pi/2 to
-    pi/2 each.
+    The angles are the elevation of this axis out of the x-z plane towards y, and out of the x-y plane towards z; each
+    is in -pi/2 to pi/2.
 
     Args:
-        period: s from one picture to the next, a whole number of control periods (or samples); None: one at each. The
-            picture that arrives at t, the first at 0, shows the tip at t - delay, and is held until the next.
+        period: s from one picture to the next, a whole number of control periods (or samples); None: one
+            picture at each. The first picture arrives at 0. A picture that arrives at t shows the tip at t - delay.
     """
 
     period: float | None = None
@@ -258,7 +258,7 @@ class Camera(Law):
 
     @property
     def interval(self) -> float:
-        """Time between pictures, s; 0: one at every instant."""
+        """Time between pictures, s; 0: a picture at every instant."""
         return self.period or 0.0
 
 
@@ -269,7 +269,7 @@ class ForceSensor(Law):
 
 @dataclass(frozen=True, kw_only=True)
 class ContactSwitch(Law):
-    """Contact switch at the arm's tip: 1 where the normal force exceeds the threshold (N), otherwise 0."""
+    """Contact switch at the arm's tip: 1 if the normal force exceeds the threshold (N), otherwise 0."""
 
     threshold: float = 0.0
 
@@ -304,9 +304,9 @@ class Sensors:
     """The sensors of an arm.
 
     Args:
-        encoders: one per joint; a single one for all joints; (): none.
-        strain_gauges: named strain_gauge_1, strain_gauge_2, ... in this order.
-        accelerometer, camera, gyroscope, force, switch: or None; the last two are for environments with contacts.
+        encoders: one per joint; a single one for all joints; () for none.
+        strain_gauges: the gauges; their readings are named strain_gauge_1, strain_gauge_2, ... in this order.
+        accelerometer, camera, gyroscope, force, switch: sensor or None; the last two require contacts.
     """
 
     encoders: tuple[Encoder, ...] = ()
@@ -333,7 +333,7 @@ class Sensors:
     def readings(self, arm: Any, space: bool = False) -> dict[str, tuple[str, Law]]:
         """Return the readings on an arm in order: names as in `Trajectory.measured`, each with key path and sensor.
 
-        Key paths are those below "sensors"; encoders have their resolution at the gear's output.
+        Key paths begin below "sensors". Encoders have their resolution at the gear's output.
         """
         found: dict[str, tuple[str, Law]] = {}
         # encoders, then sensors of the tip, then gauges
@@ -348,7 +348,7 @@ class Sensors:
         return found | {f"strain_gauge_{i + 1}": (f"strain_gauges[{i}]", gauge) for i, gauge in gauges}
 
     def check_for(self, links: Sequence[Any], space: bool = True, touches: bool = True) -> None:
-        """Raise ValueError unless an arm (in space or not) can carry the sensors; touches: contact forces are known."""
+        """Raise ValueError unless an arm (in space or not) can have the sensors; touches: contact forces are known."""
         for name in () if touches else ("force", "switch"):
             if getattr(self, name) is not None:
                 raise check.InvalidValue(name, getattr(self, name), "must be left out: no contact forces are recorded")
@@ -367,16 +367,16 @@ class Sensors:
 
     @classmethod
     def ideal(cls, links: Sequence[Any]) -> Sensors:
-        """Return the default sensors of an arm: ideal encoders, and a gauge at the root of each link that bends."""
+        """Return the default sensors of an arm: ideal encoders, and a gauge at the root of each flexible link."""
         return cls((Encoder(),), tuple(StrainGauge(link=k) for k, link in enumerate(links) if not link.rigid))
 
 
 def from_table(table: Mapping[str, Any]) -> Sensors:
     """Create sensors from a table of a TOML file or an environment's argument. A ValueError names the key path.
 
-    encoders: a table for all joints, or a list with one per joint; {} is an ideal one. strain_gauges: a list of places
-    (of link 0), of pairs (link, place), and of tables. accelerometer, camera, gyroscope, force, switch:
-    a table each. Keys are the arguments of the classes.
+    encoders: a table for all joints, or a list with one table per joint; {} is an ideal encoder. strain_gauges: a list
+    of places (of link 0), of pairs (link, place), and of tables. Each other sensor (accelerometer, camera, gyroscope,
+    force, switch) is a table. The keys of a table are the arguments of the class.
     """
     check.known_keys("sensors", table, KEYS)
     values: dict[str, Any] = {}
@@ -397,7 +397,7 @@ def from_table(table: Mapping[str, Any]) -> Sensors:
 
 
 def to_table(sensors: Sensors) -> dict[str, Any]:
-    """Return the table that `from_table` reads back, without defaults."""
+    """Return a table, without defaults, from which `from_table` makes equal sensors."""
     table: dict[str, Any] = {}
     for name, own in vars(sensors).items():
         if isinstance(own, tuple) and own:
@@ -408,7 +408,7 @@ def to_table(sensors: Sensors) -> dict[str, Any]:
 
 
 KEYS = check.names_of(Sensors)
-"""Keys of a table of sensors."""
+"""Keys in a table of sensors."""
 
 S = TypeVar("S", bound=Law)
 
@@ -446,5 +446,5 @@ def _read(path: str, kind: type[S], entry: Any) -> S:
 
 
 def _changed(part: Law) -> dict[str, Any]:
-    """Return the fields of a sensor that differ from their defaults, as values of a file."""
+    """Return the fields of a sensor that differ from their defaults, as values for a file."""
     return {name: asdict(value) if name == "low_pass" else value for name, value in check.changed(part).items()}

@@ -1,7 +1,7 @@
-"""Solver settings: the formulation and its options, with the same names in Python, TOML and the command line.
+"""Solver settings: the formulation and its options, which have the same names in Python, TOML and the command line.
 
-``Settings.make("floating_frame", segments=8)`` adds the defaults, all of which are defined here. An option that the
-formulation lacks raises an error that names it and lists the formulation's options.
+``Settings.make("floating_frame", segments=8)`` adds the defaults, all of which this module defines. If a formulation
+does not have an option, an error names the option and lists the options of the formulation.
 """
 
 from __future__ import annotations
@@ -46,35 +46,34 @@ _DEFAULTS: dict[str, dict[str, Any]] = {
 PRESETS: dict[str, tuple[str, dict[str, Any]]] = {
     "paper": ("floating_frame", {"coupling": "paper", "multipliers": True, "newmark": (0.25, 0.5)}),
 }
-"""Names for a formulation with some options. "paper" is the solver of Meek & Liu (1995): frames at the roots of the
-segments, the paper's geometric stiffness [45], Lagrange multipliers, Newmark with beta = 1/4 and gamma = 1/2.
+"""Names for a formulation with some of its options. "paper" is the solver of Meek & Liu (1995): frames at the roots of
+the segments, the paper's geometric stiffness [45], Lagrange multipliers, Newmark with beta = 1/4 and gamma = 1/2.
 """
 
 MODAL_BOUND = 0.25
-"""Tip deflection over length beyond which a link reduced to modes is out of range (theory, section 4)."""
+"""Largest tip deflection over length at which a link reduced to modes is in range (theory, section 4)."""
 MOST_ELEMENTS = 1000
-"""Maximum number of elements per link; a step's dense or banded matrices would be too large beyond."""
+"""Largest number of elements per link; with more elements a step's dense or banded matrices are too large."""
 
 MOST_NODES = 48
-"""Maximum number of nodes per link of the elastica, whose matrices are full; 12 per smooth piece
-(`physics.elastica.chain`).
+"""Largest number of nodes per elastica link, whose matrices are full: 12 per smooth piece (`physics.elastica.chain`).
 """
 
 MOST_STEPS = 10**5
 """Maximum number of steps in a period that is differentiated."""
 
 MOST_IN_SEGMENT = 32
-"""Maximum number of elements per segment of the floating frame, whose matrices are full."""
+"""Largest number of elements per segment of the floating frame, whose matrices are full."""
 
 _MESH = ("segments", "elements", "coupling")
-"""Options of the floating frame that `modes` given alone removes."""
+"""Options of the floating frame that are removed if `modes` is given without them."""
 
 _REPLACED = ("elements", "coupling")
-"""Options without meaning together with `modes`."""
+"""Options that have no meaning together with `modes`."""
 
 
 def expand_preset(formulation: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Return a preset's formulation and its options overridden by ``options``; formulations are returned as given."""
+    """Return a preset's formulation and options, overridden by ``options``; return a formulation unchanged."""
     check.choice("formulation", formulation, (*FORMULATIONS, *PRESETS))
     formulation, preset = PRESETS.get(formulation, (formulation, {}))
     check_options(formulation, options)
@@ -94,7 +93,7 @@ def default_options(formulation: str) -> dict[str, Any]:
 
 
 def check_options(formulation: str, names: Iterable[str]) -> None:
-    """Raise ValueError for a name that is no option of the formulation; the message lists the formulation's options."""
+    """Raise ValueError for a name that is not an option of the formulation; the message lists the options."""
     taken = options_of(formulation)
     for name in names:
         if name not in taken:
@@ -106,38 +105,38 @@ def check_options(formulation: str, names: Iterable[str]) -> None:
 
 @dataclass(frozen=True)
 class Settings:
-    """A formulation with all its options; create it by :meth:`make`. An option that the formulation lacks is None.
+    """A formulation with all its options, created by :meth:`make`; options of other formulations are None.
 
     Args:
         formulation: "floating_frame", "geometrically_exact" or "elastica".
         segments: floating frames per link, 1 to 1000 (floating_frame, default 5; with modes 1).
-        elements: beam elements per segment (floating_frame, default 1) or per link (geometrically_exact, default 5);
-            at most 1000 per link in all.
+        elements: beam elements per segment (floating_frame, default 1) or per link (geometrically_exact, default 5); at
+            most 1000 per link in total.
         coupling: axial-bending coupling (floating_frame), "von_karman" (default), "paper" or "linear".
-        modes: bending modes per segment, 1 to 8, in place of elements and coupling (floating_frame).
-        frame: axes of a segment's floating frame (floating_frame): through both of its ends ("chord", default), or
-            clamped to its root section ("root", the paper's, and the default with multipliers). Where shear strains are
-            large (EI / (C L^2) = 0.025) segments in chords stay 4e-5 of the length off the exact beam.
-        multipliers: join segments and links by Lagrange multipliers, the paper's form, in place of minimal coordinates;
+        modes: bending modes per segment, 1 to 8; they replace elements and coupling (floating_frame).
+        frame: axes of a segment's floating frame (floating_frame). "chord" (default): through both ends. "root":
+            clamped to its root section, as in the paper; the default with multipliers. If shear strains are large (EI /
+            (C L^2) = 0.025), segments with "chord" keep a deviation of 4e-5 of the length from the exact beam.
+        multipliers: join segments and links by Lagrange multipliers, as in the paper, and not by minimal coordinates;
             slower, for comparison (floating_frame, default False; frame "root").
         order: polynomial order of the elements, 1 to 3 (geometrically_exact, default 2).
-        period_correction: correct the integrator's period error in each step (geometrically_exact, default False; the
-            elastica always does). A step is not corrected if the correction would exceed 3 % of the arm's length, or if
-            none of its Newton increments is below both 1 % of that length and the root of the tolerance.
+        period_correction: correct the integrator's period error in each step (geometrically_exact, default False;
+            always on for the elastica). A step is not corrected if the correction exceeds 3 % of the arm's length, or
+            if none of its Newton increments is below both 1 % of the length and the root of the tolerance.
         nodes: tangent angles per link, 3 to 12, or to 48 where the section jumps or kinks (elastica, default 6).
-        dt: step, s; None: the scene's.
+        dt: step, s; None: the step of the scene.
         rho_inf: spectral radius of generalized-alpha at infinite frequency, 0 to 1 (defaults 0.9, 0.7 and 1.0).
-        newmark: (beta, gamma) of plain Newmark, in place of rho_inf.
+        newmark: (beta, gamma) of plain Newmark, which replaces rho_inf.
         tolerance: tolerance of the Newton iteration, default 1e-10.
         newton: "full" (default) or "modified".
         max_iterations: Newton iterations per step, at most 10,000, default 20.
         max_halvings: halvings of a step whose Newton iteration fails, default 8.
-        step_tolerance: permitted error of the tip, a fraction of the arm's length, per control period of an environment
-            or per interval between two samples or kinks of a scene. dt is then the longest step and is halved up to
-            five times as required by the motion; if that does not suffice, `Trajectory.step_error` and info report it.
-            It compares the tips of links in steps of h and h/2. It does not detect errors of motors behind elastic
-            gears, of Coulomb friction that both runs reverse late, or of the mesh. At least `tolerance`. None
-            (default): constant dt.
+        step_tolerance: permitted error of the tip, a fraction of the arm's length. The tolerance applies to a control
+            period of an environment, or to an interval between two samples or kinks of a scene. dt is then the longest
+            step and is halved up to five times as the motion requires. If this does not suffice,
+            `Trajectory.step_error` and info report the error, which is found by comparing the tips of links in steps of
+            h and h/2. The comparison of tips does not detect errors of motors behind elastic gears, of Coulomb friction
+            that both runs reverse late, or of the mesh. At least `tolerance`. None (default): constant dt.
     """
 
     formulation: str
@@ -160,7 +159,7 @@ class Settings:
     step_tolerance: float | None = None
 
     def __post_init__(self) -> None:
-        """Validate the options against the formulation; `InvalidValue` names the option."""
+        """Validate the options of the formulation; an `InvalidValue` names the option."""
         check.choice("formulation", self.formulation, FORMULATIONS)
         taken = _DEFAULTS[self.formulation]
         # options of other formulations must be None; modes and the mesh that it replaces may be None
@@ -202,7 +201,7 @@ class Settings:
             raise check.InvalidValue("elements", self.elements, what)
 
     def _check_integrator(self) -> None:
-        """Check rho_inf or newmark, of which exactly one is given."""
+        """Check that exactly one of rho_inf and newmark is given, and its values."""
         if self.newmark is None:
             check.store(self, rho_inf=check.number("rho_inf", self.rho_inf, minimum=0.0, maximum=1.0))
             return
@@ -213,10 +212,11 @@ class Settings:
 
     @classmethod
     def make(cls, formulation: str = "floating_frame", **options: Any) -> Settings:
-        """Create the settings of a formulation or preset ("paper"), its defaults overridden by ``options``.
+        """Create the settings of a formulation or preset ("paper"): its defaults, overridden by ``options``.
 
-        An option given as None takes its default. Raises ValueError for an option that the formulation lacks, a value
-        out of range, ``modes`` together with ``elements`` or ``coupling``, and ``newmark`` together with ``rho_inf``.
+        An option given as None takes its default. Raises ValueError if the formulation does not have an option, if a
+        value is out of range, or if options exclude each other: ``modes`` with ``elements`` or ``coupling``,
+        ``newmark`` with ``rho_inf``.
         """
         formulation, options = expand_preset(formulation, options)
         values = merged(default_options(formulation), options)
@@ -232,7 +232,7 @@ class Settings:
 
     @property
     def period_error(self) -> float:
-        """kappa: the integrator lengthens a period by the relative amount kappa (omega h)^2 (theory, section 6)."""
+        """kappa: the integrator lengthens a period by the fraction kappa (omega h)^2 (theory, section 6)."""
         # Newmark, e = gamma - 1/2: kappa = beta/2 - 1/24 - e/4 + e^2/8, at least 0
         # generalized-alpha: kappa = 1/12 + 3/8 ((1 - rho_inf)/(1 + rho_inf))^2
         if self.newmark is not None:
@@ -242,16 +242,16 @@ class Settings:
         return 1.0 / 12.0 + 0.375 * ((1.0 - self.rho_inf) / (1.0 + self.rho_inf)) ** 2
 
     def options(self) -> dict[str, Any]:
-        """Return the options from which :meth:`make` creates these settings again, without those that are None."""
+        """Return the options, except None, from which :meth:`make` creates equal settings."""
         names = _DEFAULTS[self.formulation]
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
     def replace(self, **options: Any) -> Settings:
-        """Return settings with some options changed; options that a new one excludes are removed."""
+        """Return settings with some options changed; options that a new option excludes are removed."""
         return Settings.make(self.formulation, **merged(self.options(), options))
 
     def dividing(self, period: float | None) -> Settings:
-        """Return settings with the longest step of at most dt that divides a period, s; None: unchanged."""
+        """Return settings with the longest step of at most dt that divides a period, s; period None: unchanged."""
         if period is None:
             return self
         assert self.dt is not None
@@ -272,9 +272,9 @@ def steps_in(time: float, dt: float) -> int:
 
 
 def merged(base: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
-    """Return ``base`` overridden by the ``options`` that are not None, without entries that these exclude.
+    """Return ``base`` overridden by the ``options`` that are not None; entries that these options exclude are removed.
 
-    modes excludes the mesh, a mesh option excludes modes, multipliers excludes frame; newmark and rho_inf exclude each
+    modes excludes the mesh. A mesh option excludes modes. multipliers excludes frame. newmark and rho_inf exclude each
     other.
     """
     given = {name: value for name, value in options.items() if value is not None}

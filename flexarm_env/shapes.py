@@ -1,7 +1,7 @@
-"""Shapes that an arm has to avoid, in the plane and in space, with signed distances and their gradients.
+"""Shapes that an arm must avoid, in the plane and in space, with signed distances and their gradients.
 
-A distance is measured to the nearest point of the surface, in m, and is negative inside. All distances are exact. If
-several points are equally near, the gradient belongs to one of them.
+A distance is measured to the nearest point of the surface, in m; it is negative inside. All distances are exact. If
+several points are equally near, the gradient belongs to one of the points.
 """
 
 import math
@@ -29,7 +29,7 @@ def _point(path: str, value: object, unit: str = "m") -> Point:
 
 @dataclass(frozen=True)
 class Shape:
-    """Base class of shapes: position and orientation.
+    """Base class of shapes, with position and orientation.
 
     `dimension` is 2 in the plane, 3 in space.
     """
@@ -43,17 +43,17 @@ class Shape:
 
     @property
     def axes(self) -> Array:
-        """Axes of the shape as columns, (d, d)."""
+        """Axes of the shape as columns of a matrix, (d, d)."""
         return np.eye(self.dimension)
 
     @property
     def dimension(self) -> int:
-        """2 or 3."""
+        """Number of coordinates, 2 or 3."""
         return len(self.place)
 
     @property
     def sizes(self) -> Point:
-        """Half of the dimensions along its axes, m; see the classes."""
+        """Half of the dimensions along the shape's axes, m; each class defines its dimensions."""
         return ()
 
     def distance(self, points: ArrayLike) -> Array:
@@ -61,7 +61,7 @@ class Shape:
         return self.look(points)[0]
 
     def gradient(self, points: ArrayLike) -> Array:
-        """Return unit vectors (..., d) in the direction in which the distance grows, at points (..., d)."""
+        """Return unit vectors (..., d), at points (..., d), in the direction in which the distance increases."""
         return self.look(points)[1]
 
     def look(self, points: ArrayLike) -> tuple[Array, Array]:
@@ -77,16 +77,16 @@ class Shape:
         raise NotImplementedError
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the table that `shape_of` reads."""
+        """Return a table from which `shape_of` makes an equal shape."""
         fields = {name: getattr(self, name) for name in check.names_of(type(self))}
         return {"shape": self.name, **{name: value for name, value in fields.items() if value is not None}}
 
 
 @dataclass(frozen=True)
 class HalfSpace(Shape):
-    """Everything behind a plane (in 2-D: behind a line), such as a wall or a floor.
+    """All points behind a plane (in 2-D: behind a line), for example a wall or a floor.
 
-    point: a point of the surface, m. normal: direction towards the free side, of any length.
+    point: a point of the surface, m. normal: vector towards the free side, of any length.
     """
 
     point: Point
@@ -127,12 +127,12 @@ class Sphere(Shape):
 
     @property
     def place(self) -> Point:
-        """Its centre."""
+        """Center of the ball, m."""
         return self.center
 
     @property
     def sizes(self) -> Point:
-        """Its radius."""
+        """Radius of the ball, m."""
         return (self.radius,)
 
     def _local(self, y: Array) -> tuple[Array, Array]:
@@ -144,7 +144,7 @@ class Sphere(Shape):
 class Box(Shape):
     """A cuboid (in 2-D: a rectangle).
 
-    center: m. sides: whole lengths along its axes, m. turn: rotation of its axes: in 2-D an angle (rad), in space a
+    center: m. sides: full lengths along its axes, m. turn: rotation of its axes: in 2-D an angle (rad), in space a
     matrix of three rows or (axis, angle); None: no rotation.
     """
 
@@ -154,7 +154,7 @@ class Box(Shape):
     name: ClassVar[str] = "box"
 
     def __post_init__(self) -> None:
-        """Validate the fields; turn: an angle in the plane, rad, a rotation in space."""
+        """Validate the fields. turn: an angle, rad, in the plane, and a rotation in space."""
         center, sides = _point("center", self.center), _point("sides", self.sides)
         if len(center) != len(sides):
             raise check.InvalidValue("sides", self.sides, f"must have {len(center)} numbers, as center has")
@@ -167,7 +167,7 @@ class Box(Shape):
 
     @property
     def place(self) -> Point:
-        """Its centre."""
+        """Center of the box, m."""
         return self.center
 
     @property
@@ -210,7 +210,7 @@ class Cylinder(Shape):
 
     @property
     def axes(self) -> Array:
-        """Axes as columns; the third is the cylinder's axis."""
+        """Axes as columns of a matrix; the third is the cylinder's axis."""
         along = np.subtract(self.end, self.start) / math.dist(self.start, self.end)
         least = np.eye(3)[np.argmin(np.abs(along))]
         first = np.cross(least, along)
@@ -223,7 +223,7 @@ class Cylinder(Shape):
         return self.radius, 0.5 * math.dist(self.start, self.end)
 
     def _local(self, y: Array) -> tuple[Array, Array]:
-        """Return signed distance (m) of points y (..., 3), in the cylinder's axes, and its gradient (..., 3)."""
+        """Return the signed distance (m) of points y (..., 3), in the cylinder's axes, and its gradient (..., 3)."""
         radius, half = self.sizes
         out, way = _unit(y[..., :2])
         distance, slope = _corner(np.stack([out - radius, np.abs(y[..., 2]) - half], axis=-1))
@@ -239,7 +239,7 @@ def _unit(y: Array) -> tuple[Array, Array]:
 
 
 def _corner(q: Array) -> tuple[Array, Array]:
-    """Return signed distance and gradient in the coordinates of a corner, inside which all are negative."""
+    """Return signed distance and gradient in the coordinates of a corner; all of them are negative inside."""
     outside, inside = np.maximum(q, 0.0), q.max(axis=-1)
     length, slope = _unit(outside)
     nearest = np.eye(q.shape[-1])[np.argmax(q, axis=-1)]
@@ -250,10 +250,10 @@ SHAPES: tuple[type[Shape], ...] = (HalfSpace, Sphere, Box, Cylinder)
 
 
 def shape_of(path: str, value: Any, dimension: int) -> Shape:
-    """Return a shape, or make it of a table: `shape` ("half_space", "sphere", "box", "cylinder") and its fields.
+    """Return a shape, or make one from a table with `shape` ("half_space", "sphere", "box", "cylinder") and its fields.
 
     Raises:
-        ValueError: neither of these, or a shape of another dimension.
+        ValueError: the value is neither a shape nor such a table, or the shape has another dimension.
     """
     shape = value if isinstance(value, Shape) else _from_table(path, value)
     if shape.dimension != dimension:
@@ -263,7 +263,7 @@ def shape_of(path: str, value: Any, dimension: int) -> Shape:
 
 
 def _from_table(path: str, value: Any) -> Shape:
-    """Return the shape of a table, whose `shape` names its class."""
+    """Return the shape of a table, in which `shape` names the class."""
     table = check.table_of(path, value)
     kinds: Mapping[str, Any] = {kind.name: kind for kind in SHAPES}
     words = tuple(kinds)

@@ -1,4 +1,4 @@
-"""Simulation of a scene: one arm, advanced from kink to kink, and the recorded Trajectory."""
+"""Simulation of a scene: one arm that is advanced from kink to kink, and its recorded Trajectory."""
 
 import dataclasses
 import math
@@ -36,20 +36,20 @@ Start = tuple[float, float, bool]
 
 _NO_POINTS = np.zeros((0, 2))
 _NOTHING = np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 2))
-"""Instants, table and points of an empty list of samples."""
+"""Instants, table and points of an empty set of samples."""
 _AT = STRETCH.places
 CHUNK = 500
-"""Steps between two checks of the work done."""
+"""Number of steps between two checks of the work done."""
 CHUNKS = 4
-"""Chunks between two returns from compiled code, where the time limit and Ctrl-C are checked."""
+"""Number of chunks until compiled code returns; the time limit and Ctrl-C are checked then."""
 CHEAP = 250
-"""Number of unknowns up to which CHUNKS times CHUNK steps take less than a second."""
+"""Largest number of unknowns for which CHUNKS times CHUNK steps take less than a second."""
 ENERGY_LIMIT = 1e3
-"""Ratio of a run's energy to the energy accounted for, above which the run has diverged (`Simulation.gained`)."""
+"""Largest ratio of a run's energy to the energy accounted for, before the run has diverged (`Simulation.gained`)."""
 
 
 def fitted_systems(scene: Scene, settings: Settings) -> list[System]:
-    """Return the scene assembled for steps of dt (s); with a step_tolerance for dt, dt/2, ... dt/32."""
+    """Return the scene assembled for steps of dt (s); with a step_tolerance, for dt, dt/2, ... dt/32."""
     assert settings.dt is not None
     steps = [settings.dt * 0.5**k for k in range(1 if settings.step_tolerance is None else FITS)]
     with check.solvable(scene.arm.name):
@@ -57,16 +57,16 @@ def fitted_systems(scene: Scene, settings: Settings) -> list[System]:
 
 
 class Simulation:
-    """One arm of a scene: assembled, started consistently, advanced step by step.
+    """One arm of a scene that is assembled, started consistently and advanced step by step.
 
     Args:
-        scene, settings: settings with a dt. moves: False if the arm is only linearized: a smaller program in space.
+        scene: a scene. settings: with a dt. moves: False if the arm is only linearized; programs are then smaller.
     Attributes:
         t: time reached, s. status: code of `flexarm_env.physics.model`. work: views of the state (`Work`).
-        gross: work of the drives, J, in both directions counted as positive.
+        gross: work of the drives, J, with both directions counted as positive.
         levels: with a step_tolerance, the halvings of dt in each past stretch. step_error: see `Trajectory`.
-        follow: prescribed halvings per stretch, in place of those that the tolerance requires.
-        deadline: `time.perf_counter()` at which `advance_to` stops with status "timed_out"; None: never.
+        follow: prescribed halvings per stretch, which replace those that the tolerance requires.
+        deadline: `time.perf_counter()` at which `advance_to` stops with status "timed_out"; None: no limit.
     """
 
     def __init__(self, scene: Scene, settings: Settings, moves: bool = True) -> None:
@@ -104,31 +104,31 @@ class Simulation:
 
     @property
     def status(self) -> int:
-        """Status code, see `flexarm_env.physics.model.STATUS`."""
+        """Status code; `flexarm_env.physics.model.STATUS` names the codes."""
         return int(self.work.flag[0])
 
     @property
     def message(self) -> str:
-        """Sentence for the status."""
+        """Sentence that describes the status."""
         bound = float(getattr(self.model, "bound", 0.0))
         return MESSAGE[self.status].format(t=self.t, h=self.dt, halvings=self.scheme.max_halvings, bound=bound)
 
     def set_torques(self, torques: Array, fresh: bool = True) -> None:
-        """Set the joint torques (N m, one per joint); fresh False: the integrator keeps its filter, as at a kink."""
+        """Set the joint torques (N m, one per joint). fresh False: the integrator keeps its filter, as at a kink."""
         self.work.u0[:] = self.work.u
         self.work.u[: len(torques)] = torques
         self._restart(fresh)
 
     def advance_to(self, t_end: float, account: bool = True) -> bool:
-        """Advance to t_end (s) in equal steps of at most dt, landing on every kink; return False if the arm has failed.
+        """Advance to t_end (s) in equal steps of at most dt that end at every kink; return False if the arm has failed.
         account: integrate work and dissipation (stored in `work.books`)."""
         if self.t < t_end - NEAR * max(1.0, t_end):
             self._go(self._stretch(), np.array([t_end]), np.empty((1, self._sample)), np.empty((1, 0, 2)), account)
         return self.status == OK
 
     def _fit(self, period: float, run: Callable[[], Array]) -> None:
-        """Advance a stretch of `period` (s) with steps halved as the step_tolerance requires (`runtime.fitted`). run:
-        advances the stretch and returns the links' poses at its end, flat, undefined after a failure."""
+        """Advance a stretch of `period` (s) in steps halved as the step_tolerance requires (`runtime.fitted`). run:
+        advances the stretch and returns the links' flat poses at its end; undefined after a failure."""
         links, w, start = self.scene.arm.n_links, self.work, self._start()
         level, nothing = np.array([float(self._level)]), np.zeros(0)
         # prescribed number of halvings, or compare runs of dt, dt/2, ... until they agree
@@ -155,14 +155,14 @@ class Simulation:
         self.model, self.dt = self.system.model, float(self.settings.dt or 0.0)
 
     def _start(self) -> Start:
-        """Return the start of a stretch, before its fresh restart, which each step size repeats as in environments."""
+        """Return the start of a stretch before its fresh restart; each step size repeats this restart."""
         if self._restarted is None or not np.array_equal(self._flat, self._restarted[1]):
             return self.t, self.gross, False
         self._flat[:], _, gross = self._restarted
         return self.t, gross, True
 
     def _halved(self, k: int, start: Start, run: Callable[[], Array]) -> Array:
-        """Run a stretch from its start with dt halved k times and return the poses of `run`."""
+        """Run a stretch from its start with dt halved k times; return the poses that `run` returns."""
         self.t, self.gross, fresh = start
         self.model, self.dt = self._systems[k].model, float(self.settings.dt or 0.0) * 0.5**k
         if fresh:
@@ -170,7 +170,7 @@ class Simulation:
         return run()
 
     def _stops(self, instant: float) -> list[float]:
-        """Return the kinks (s) up to an instant, then the instant itself, unless it coincides with a kink."""
+        """Return the kinks (s) up to an instant, then the instant itself unless it is a kink."""
         near = NEAR * max(1.0, instant)
         ahead = self._kinks[bisect_right(self._kinks, self.t) : bisect_right(self._kinks, instant + near)].tolist()
         stops = [k for k in ahead if k > self.t + NEAR * max(1.0, k)]
@@ -179,22 +179,22 @@ class Simulation:
     def record(
         self, end: float, interval: float, progress: Callable[[float], None] | None = None
     ) -> tuple[dict[str, Array], Array]:
-        """Advance to `end` (s), recording the start and every `interval` (s), landing on every kink; stop if the arm
-        fails. At a kink the state just before it is recorded. progress: called with the fraction done. Returns the
-        fields of m samples (`runtime.sampling.SAMPLE`), one instant per row, and points along the chain (m, P, 2)."""
+        """Advance to `end` (s) via every kink, and record the start and every `interval` (s); stop if the arm fails. At
+        a kink the state just before the kink is recorded. progress: called with the fraction done. Returns the fields
+        of m samples (`runtime.sampling.SAMPLE`), one instant per row, and points along the chain (m, P, 2)."""
         count = steps_in(end, interval)
         instants = np.arange(count + 1.0) * interval
         instants[0], instants[-1] = self.t, min(count * interval, end)
         return self._samples(self._stretch(ENERGY_LIMIT), instants, progress)
 
     def sample(self) -> tuple[dict[str, Array], Array]:
-        """Return the fields and points of `record` for the present state: m = 1."""
+        """Return the fields and points that `record` returns, for the present state only (m = 1)."""
         return self._samples(self._stretch(), np.array([self.t]), None)
 
     def _samples(
         self, stretch: Array, instants: Array, progress: Callable[[float], None] | None
     ) -> tuple[dict[str, Array], Array]:
-        """Return fields and points of the samples at instants (s), as far as the arm advances."""
+        """Return fields and points of the samples at instants (s), up to the instant that the arm reaches."""
         m, split, points = len(instants), len(instants) * self._sample, self._count()
         # one allocation for rows of numbers and chain points
         room = np.empty(split + m * points * 2)
@@ -203,7 +203,7 @@ class Simulation:
         return SAMPLE.unpack(table[:made], **self._sizes), shapes[:made]
 
     def _stretch(self, gain: float = math.inf, starts: float = GOES_ON) -> Array:
-        """Return a `STRETCH` record for a run that begins now; gain, starts: fields of that record."""
+        """Return a `STRETCH` record for a run that begins now. gain, starts: fields of this record."""
         stretch = np.zeros(_AT.end)
         stretch[_AT.time], stretch[_AT.longest], stretch[_AT.gross] = self.t, self.dt, self.gross
         stretch[_AT.gain], stretch[_AT.starts] = gain, starts
@@ -213,8 +213,8 @@ class Simulation:
         self, stretch: Array, instants: Array, table: Array, shapes: Array, account: bool,
         progress: Callable[[float], None] | None = None,
     ) -> int:  # fmt: skip
-        """Advance to each instant (s) via all kinks, fill one row of `table` and `shapes` per instant; return the
-        number of rows filled, which is smaller after a failure."""
+        """Advance to each instant (s) via all kinks and fill one row of `table` and `shapes` per instant. Return the
+        number of filled rows, which is smaller after a failure."""
         # constant dt: compiled code fills all rows; fitted steps: stretch by stretch
         if self.settings.step_tolerance is None:
             return self._rows(stretch, instants, table, shapes, account, progress)
@@ -233,7 +233,7 @@ class Simulation:
         return len(instants)
 
     def _fitted(self, stretch: Array, stop: float, table: Array, shapes: Array, account: bool) -> int:
-        """Advance a stretch without kinks in fitted steps, fill the row at its end; return 1, or 0 after a failure."""
+        """Advance a stretch without kinks in fitted steps and fill the row at its end; return 1, after a failure 0."""
         row, made = SAMPLE.unpack(table[0], **self._sizes), 0
 
         def run() -> Array:
@@ -289,19 +289,19 @@ class Simulation:
             self._flat[:], (self.gross, self._level, self.step_error), self._restarted = flat, numbers, restarted
 
     def _restart(self, fresh: bool = True) -> None:
-        """Make the state consistent at t+: a fresh start, or a kink, at which the integrator's filter is kept."""
+        """Make the state consistent at t+: at a fresh start, or at a kink, at which the integrator keeps its filter."""
         kept, gross = self._flat.copy(), self.gross
         self._make_consistent(fresh)
         self._restarted = (kept, self._flat.copy(), gross) if fresh else None
 
     def make_consistent(self, model: Any, drive: Drive, flat: Array) -> None:
-        """Make another memory array consistent at t+ with a model and drive, as a fresh start."""
+        """Make another memory array consistent at t+ with a model and drive, as at a fresh start."""
         other = copy(self)
         other.model, other.drive, other._flat = model, drive, flat
         other._make_consistent(fresh=True)
 
     def _make_consistent(self, fresh: bool) -> None:
-        """Call `restart`: within `sample_rows`, which in space saves a second compilation, or alone."""
+        """Call `restart`: within `sample_rows`, which in space saves a second compilation, or directly."""
         if self._whole:
             self._call(self._stretch(starts=ANEW if fresh else AT_KINK), *_NOTHING)
         else:
@@ -310,7 +310,7 @@ class Simulation:
             self.gross += abs(float(books[WORK_DONE]) - before)
 
     def restart_at_kink(self) -> None:
-        """Solve for the state at t+ if the time reached is a kink."""
+        """Solve for the state at t+ if the present time is a kink."""
         near = bisect_right(self._kinks, self.t)
         if any(abs(k - self.t) <= NEAR * max(1.0, k) for k in self._kinks[max(0, near - 1) : near + 1]):
             self._restart(fresh=False)
@@ -324,12 +324,12 @@ class Simulation:
         observe_arm(SINGLE, self.model, self.par, self.work.q, self.work.v, self._poses, self._energies, points)
 
     def gained(self, start: float) -> bool:
-        """Return whether the energy exceeds ENERGY_LIMIT times that of start, gross work (J), losses and gravity."""
+        """Return whether the energy exceeds ENERGY_LIMIT times the sum of start, gross work (J), losses and gravity."""
         lost = float(self.work.books[DISSIPATED])
         return bool(uncompiled(has_gained_energy)(*self.observe()[1].tolist(), start, self.gross, lost, ENERGY_LIMIT))
 
     def joint_torques(self) -> Array:
-        """Return joint torques (n_links,), N m: the applied ones, or the reactions of prescribed angles."""
+        """Return joint torques (n_links,), N m: the applied torques, or the reactions of prescribed angles."""
         torques: Array = self.work.u[: self.scene.arm.n_links].copy()
         # prescribed joints: the reaction replaces the applied torque
         for i, motion in enumerate(self.scene.motions):
@@ -370,20 +370,20 @@ def simulate(
 
     Args:
         scene: a `Scene` (see `flexarm_env.scenes.named`).
-        formulation: "floating_frame", "geometrically_exact", "elastica" or "paper"; None: the scene's.
-        duration, sample: s; None: the scene's. progress: called with the fraction done, 0 to 1.
-        error_limit: largest `error_estimate` (fraction of the arm's length) of a run whose status is "ok".
+        formulation: "floating_frame", "geometrically_exact", "elastica" or "paper"; None: that of the scene.
+        duration, sample: s; None: the scene's values. progress: called with the fraction done, 0 to 1.
+        error_limit: largest `error_estimate` (fraction of the arm's length) for which the status is "ok".
         time_limit: wall-clock time, s, without compilation; a longer run fails with status "timed_out". Each run for
-            the error estimate (usually two, with half as many steps) has the same limit again.
-        estimate_error: False skips those: `error_estimate` is nan, only energy and notes count (`error_parts`).
-        options: options of the formulation (`flexarm_env.settings.Settings`), e.g. segments=8, dt=0.01. Where a motion
-            or load is faster than dt, steps are shorter: a sixteenth of a sine's period at most.
+            the error estimate (usually two, with half as many steps) has the same additional limit.
+        estimate_error: False skips these runs: `error_estimate` is nan; `error_parts` has only energy and notes.
+        options: options of the formulation (`flexarm_env.settings.Settings`), e.g. segments=8, dt=0.01. Steps are
+            shorter if a motion or load is faster than dt: at most a sixteenth of a sine's period.
     Returns:
-        The Trajectory; of a scene in space a `SpatialTrajectory`, computed in the plane if the arm stays in one plane.
-            Status "ok"; "inaccurate" if the estimated error exceeds error_limit or the step_tolerance is missed; or the
-            failure that ended the run early. `message` is a sentence.
+        The Trajectory; for a scene in space a `SpatialTrajectory`, computed in the plane if the arm stays in one plane.
+            The run's status is "ok"; "inaccurate" if the estimated error exceeds error_limit or the step_tolerance is
+            missed; or the failure that ended the run early. `message` is a sentence.
     Raises:
-        ValueError: an option that the formulation lacks, an invalid value, more than MOST_STEPS or MOST_SAMPLES.
+        ValueError: an unknown option, an invalid value, or more than MOST_STEPS steps or MOST_SAMPLES samples.
     """
     if not isinstance(scene, Scene):
         raise check.InvalidValue("scene", scene, "must be a Scene, such as flexarm_env.named(NAME) gives")
@@ -411,8 +411,8 @@ def simulate(
 
 def judge(trajectory: Trajectory, interval: float, error_limit: float = 0.05, time_limit: float | None = None,
           companions: bool = True) -> Trajectory:  # fmt: skip
-    """Return the trajectory with its estimated error, "inaccurate" if that exceeds the limit; failures are unchanged.
-    interval: interval of the samples, s. companions: make the runs behind the estimate."""
+    """Return the trajectory with its estimated error, "inaccurate" if the error exceeds the limit; failures do not
+    change. interval: interval of the samples, s. companions: make the runs for the estimate."""
     if trajectory.status != STATUS[OK]:
         return trajectory
     scene, settings, t, levels = trajectory.scene, trajectory.settings, trajectory.t, trajectory.step_levels
@@ -434,7 +434,7 @@ def judge(trajectory: Trajectory, interval: float, error_limit: float = 0.05, ti
 
 def _probe(scene: Scene, settings: Settings, interval: float, levels: Sequence[int] = (), stiffness: float = 1.0, *,
            end: float, allowed: float | None) -> accuracy.Probe:  # fmt: skip
-    """Make a companion run and return its tips. stiffness: factor on EI; end: s; allowed: wall-clock s, or None."""
+    """Make a companion run; return its tips. stiffness: factor on EI; end: s; allowed: wall-clock s, or None."""
     try:
         simulation = Simulation(scene, accuracy.in_steps(scene, settings, end, interval))
     except NoEquilibrium:  # on its mesh or in its steps; the run itself began at rest

@@ -1,4 +1,4 @@
-"""Recorded runs in space: a `Trajectory` with positions of three components and rotations."""
+"""Recorded runs in space: a `Trajectory` with positions of three components, and with rotations."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -26,16 +26,18 @@ class SpatialTrajectory(Trajectory):
         start, tip (n, 3): x, y, z of the root of link 0 and of the tip of the last link, m.
         tip_rotation (n, 4): quaternion (w, x, y, z), w >= 0, of the tip's axes: x along the link.
         tip_velocity (n, 6): m/s and rad/s, both along inertial axes.
-        hinges (n, N-1, 3): positions of joints 1 to N-1, m. joint_angles, joint_rates (n, N): about the joints' axes.
-        tip_deflection (n, N, 2): each link's tip along y and z of its root, over the link's length; 0 of rigid links.
-        twist (n, N): rad, rotation of each link's tip relative to its root, component about the root's x axis.
+        hinges (n, N-1, 3): positions of joints 1 to N-1, m. joint_angles, joint_rates (n, N): rad and rad/s, about the
+            joints' axes.
+        tip_deflection (n, N, 2): each link's tip along y and z of its root, over the link's length; 0 for rigid links.
+        twist (n, N): rad, rotation of each link's tip relative to its root: component about the root's x axis.
         link_rotations (n, N, 2, 4): quaternions of each link's root and tip.
         shapes (n, points, 3): points along the chain from root to tip, m.
-        unresolved_damping (n,): J, since the start, the work of damping forces beyond `dissipated`. Strain rates at the
-            ends of steps differ in second order of the step from those within steps. In stiff links with damping the
-            strain energy absorbs and returns this work, which is part of the balance.
-        q, v (n, rows): places, rotation vectors and joint angles; of rotations v holds angular velocities in the
-            section's own axes, rad/s. Of a scene that stays in a plane the rows of the plane (`scene.plane.in_plane`).
+        unresolved_damping (n,): J, since the start: work of damping forces in excess of `dissipated`. Strain rates at
+            the ends of steps differ from those within steps in second order of the step. In stiff links with damping,
+            the strain energy absorbs this work and returns it. The balance includes this work.
+        q, v (n, rows): positions, rotation vectors and joint angles, and their rates; for rotations v contains angular
+            velocities in the section's own axes, rad/s. For a scene that stays in a plane, the rows are those of the
+            plane (`scene.plane.in_plane`).
     """
 
     tip_rotation: Array = field(default_factory=lambda: np.zeros((0, 4)))
@@ -44,7 +46,7 @@ class SpatialTrajectory(Trajectory):
     unresolved_damping: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        """A run that is made without unresolved damping has none at any instant."""
+        """Set the unresolved damping to zero at all instants if it was not given."""
         if not np.size(self.unresolved_damping):
             self.unresolved_damping = np.zeros(np.size(self.t))
 
@@ -54,7 +56,7 @@ class SpatialTrajectory(Trajectory):
         return np.asarray(super().balance + self.unresolved_damping - self.unresolved_damping[0])
 
     def columns(self) -> dict[str, Array]:
-        """The table that `to_csv` writes: t, energy, places, the tip's quaternion, angles, deflections, twist."""
+        """Return the table that `to_csv` writes: t, energy, positions, tip quaternion, angles, deflections, twist."""
         table = {"t": self.t, "energy": self.energy}
         places = {"start": self.start, "tip": self.tip}
         places |= {f"hinge{k + 1}": self.hinges[:, k] for k in range(self.hinges.shape[1])}
@@ -70,7 +72,7 @@ class SpatialTrajectory(Trajectory):
         raise check.InvalidValue("scene", self.scene.name, f"must be in the plane for {what}; it is in space")
 
     def _curvature(self, places: Sequence[Spot]) -> Array:
-        """Return curvatures (samples, places), 1/m; of an arm that moves in a plane from its planar scene."""
+        """Return curvatures (samples, places), 1/m; for an arm that moves in a plane, those of its planar scene."""
         flat = in_plane(self.scene)
         if flat is None:
             return super()._curvature(places)
@@ -79,7 +81,7 @@ class SpatialTrajectory(Trajectory):
         return np.asarray(found * np.array(shares))
 
     def _tip_inputs(self, sensors: Sensors) -> list[Array]:
-        """Return the tip's position, rotation and rates that accelerometer, gyroscope and camera read."""
+        """Return the tip's position, rotation and rates, which accelerometer, gyroscope and camera read."""
         turn = rotations.of_quaternions(self.tip_rotation)
         A = rotations.matrices(turn)
         spin, inputs = rotations.back(A, self.tip_velocity[:, 3:]), []
@@ -98,8 +100,9 @@ SpatialTrajectory.arrays = {
 
 
 def placed(run: Trajectory, scene: Scene) -> Trajectory:
-    """Convert a run that was computed in the plane of its scene (`scene.computed`) to space; other runs are
-    unchanged."""
+    """Convert a run to space if it was computed in the plane of its scene (`scene.computed`).
+
+    Other runs do not change."""
     flat = in_plane(scene)
     if flat is None:
         return run

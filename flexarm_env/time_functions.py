@@ -1,7 +1,7 @@
 """Prescribed functions of time for motions and loads, exact with their first two derivatives.
 
-A :class:`TimeFunction` is a list of pieces, each a cubic plus one sine, in one float64 array for compiled code. Between
-pieces the value or a derivative may jump; on these ``kinks`` a time step must end (docs/theory.md, integration).
+A :class:`TimeFunction` is a list of pieces, each a cubic plus one sine, in one float64 array for compiled code. The
+value or a derivative may jump between pieces. A time step must end at these ``kinks`` (docs/theory.md, integration).
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ Array = npt.NDArray[np.float64]
 Side = Literal["right", "left"]
 
 KINK_TOLERANCE = 1e-9
-"""Smallest jump that counts, as a fraction of the size of the function or of its derivative."""
+"""Smallest jump that counts, as a fraction of the magnitude of the function or of its derivative."""
 T0, C0, C1, C2, C3, AMPLITUDE, OMEGA, PHASE, PIECE = range(9)
-"""Columns of ``TimeFunction.pieces``: start (s), cubic, amplitude, frequency (rad/s), phase; PIECE: count."""
+"""Columns of ``TimeFunction.pieces``: start (s), cubic, amplitude, frequency (rad/s), phase. PIECE: their number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +36,8 @@ class TimeFunction:
 
         value(t) = c0 + c1 s + c2 s^2 + c3 s^3 + A sin(w s + p),   s = t - t0,   for t0 <= t < next t0
 
-    The first piece also holds before its ``t0``, and the last one extends to infinity. ``kind`` and ``parameters``
-    record how the function was made, as in a TOML file; two functions are equal if their pieces are.
+    The first piece also holds before its ``t0``, and the last piece extends to infinity. ``kind`` and ``parameters``
+    record how the function was made, as in a TOML file. Two functions are equal if their pieces are equal.
     """
 
     pieces: Array
@@ -45,7 +45,7 @@ class TimeFunction:
     parameters: tuple[tuple[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
-        """Validate the pieces and make them read-only; `InvalidValue` names the piece."""
+        """Validate the pieces and make them read-only; an `InvalidValue` names the piece."""
         try:
             pieces = np.array(self.pieces, dtype=np.float64, order="C")
         except (TypeError, ValueError, OverflowError):
@@ -78,7 +78,7 @@ class TimeFunction:
     @overload
     def __call__(self, t: npt.ArrayLike, derivative: int = 0, side: Side = "right") -> Array: ...
     def __call__(self, t: Any, derivative: int = 0, side: Side = "right") -> Any:
-        """Return the value, or derivative 1 to 3, at ``t``, s, a number or an array; at a kink the ``side`` limit."""
+        """Return the value, or derivative 1 to 3, at ``t`` (s, number or array); at a kink the limit from ``side``."""
         times = np.asarray(t, dtype=np.float64)
         check.choice("side", side, ("right", "left"))
         row = np.searchsorted(self.pieces[:, T0], times, side=side) - 1
@@ -97,21 +97,21 @@ class TimeFunction:
 
     @cached_property
     def jumps(self) -> tuple[float, ...]:
-        """Instants (s) where the value jumps."""
+        """Instants (s) at which the value jumps."""
         return self.kinks_up_to(0)
 
     @cached_property
     def load_kinks(self) -> tuple[float, ...]:
-        """Kinks of a load: instants (s) where the value or its slope jumps."""
+        """Kinks of a load: instants (s) at which the value or its slope jumps."""
         return self.kinks_up_to(1)
 
     @cached_property
     def kinks(self) -> tuple[float, ...]:
-        """Kinks of a motion: instants (s) where the value, its first or its second derivative jumps."""
+        """Kinks of a motion: instants (s) at which the value or its first or second derivative jumps."""
         return self.kinks_up_to(2)
 
     def kinks_up_to(self, order: int) -> tuple[float, ...]:
-        """Return the instants (s) where a derivative of an order from 0 to ``order`` (at most 3) jumps."""
+        """Return the instants (s) at which a derivative of an order from 0 to ``order`` (at most 3) jumps."""
         before, after, at = self.pieces[:-1], self.pieces[1:], self.pieces[1:, T0]
         check.integer("order", order, minimum=0, maximum=3)
         if not len(at):
@@ -137,13 +137,13 @@ class TimeFunction:
         return size
 
     def plus(self, value: float) -> TimeFunction:
-        """Return the function with a constant added."""
+        """Return the function plus a constant."""
         pieces = self.pieces.copy()
         pieces[:, C0] += check.number("value", value)
         return TimeFunction(pieces)
 
     def with_times(self, times: Mapping[float, float]) -> TimeFunction:
-        """Return the function with pieces that begin at the keys of ``times`` moved to begin at its values (s)."""
+        """Return the function; pieces that begin at a key of ``times`` begin at its value (s) instead."""
         pieces = self.pieces.copy()
         pieces[:, T0] = [times.get(t, t) for t in pieces[:, T0].tolist()]
         return TimeFunction(pieces, self.kind, self.parameters)
@@ -157,18 +157,18 @@ class TimeFunction:
 
 
 def cubic(c0: Any, c1: Any, c2: Any, c3: Any, s: Any) -> tuple[Any, Any, Any, Any]:
-    """Return c0 + c1 s + c2 s^2 + c3 s^3 and its three derivatives; numbers (compiled, in the integrator) or arrays."""
+    """Return c0 + c1 s + c2 s^2 + c3 s^3 and its three derivatives, for arrays or (in compiled code) numbers."""
     return c0 + s * (c1 + s * (c2 + s * c3)), c1 + s * (2.0 * c2 + 3.0 * s * c3), 2.0 * c2 + 6.0 * s * c3, 6.0 * c3
 
 
 def wave(amplitude: Any, omega: Any, sine: Any, cosine: Any) -> tuple[Any, Any, Any, Any]:
-    """Return amplitude sin(w s + p) and its three derivatives from that sine and cosine; numbers or arrays."""
+    """Return amplitude sin(w s + p) and its three derivatives, given sine and cosine of w s + p; numbers or arrays."""
     rate = amplitude * omega
     return amplitude * sine, rate * cosine, -(rate * omega * sine), -(rate * omega * omega * cosine)
 
 
 def _evaluate(rows: Array, t: Array, order: int) -> Array:
-    """Return the derivative of order ``order`` of each row of pieces at its time t (s), broadcast."""
+    """Return the derivative of order ``order`` of each row of pieces at the row's time t (s), broadcast."""
     check.integer("derivative", order, minimum=0, maximum=3)
     # local time s and sine argument w s + p
     s = t - rows[..., T0]
@@ -178,19 +178,19 @@ def _evaluate(rows: Array, t: Array, order: int) -> Array:
 
 
 def _increasing(path: str, t: Array) -> None:
-    """Raise InvalidValue at the first time that is not later than the one before."""
+    """Raise InvalidValue at the first time that is not later than the previous one."""
     for i in range(1, len(t)):
         if not t[i] > t[i - 1]:
             raise check.InvalidValue(f"{path}[{i}]", t[i], f"must be later than {t[i - 1]:g}, the time of row {i - 1}")
 
 
 def _row(t0: float, c0: float = 0.0, c1: float = 0.0, c2: float = 0.0, c3: float = 0.0, *sine: float) -> list[float]:
-    """Return a row of pieces; sine: amplitude, rate, phase, or nothing for none."""
+    """Return a row of pieces. sine: amplitude, rate, phase, or no arguments for a row without sine."""
     return [t0, c0, c1, c2, c3, *(sine or (0.0, 0.0, 0.0))]
 
 
 def _of_pieces(kind: str, rows: Any, **parameters: Any) -> TimeFunction:
-    """Create a function from rows of pieces, recording its kind and those parameters that are not None."""
+    """Create a function from rows of pieces, and record its kind and the parameters that are not None."""
     kept = tuple((k, tuple(v.tolist()) if isinstance(v, np.ndarray) else v) for k, v in parameters.items())
     return TimeFunction(np.array(rows, dtype=np.float64), kind, tuple((k, v) for k, v in kept if v is not None))
 
@@ -203,7 +203,7 @@ def constant(value: float) -> TimeFunction:
 
 
 def pulse(value: float, t_end: float, t_start: float = 0.0) -> TimeFunction:
-    """Return ``value`` from ``t_start`` to ``t_end`` (s), else 0. For loads only: the value jumps."""
+    """Return ``value`` from ``t_start`` to ``t_end`` (s), otherwise 0. For loads only, because the value jumps."""
     value = check.number("value", value)
     t_start = check.number("t_start", t_start, "s", minimum=0.0)
     t_end = check.number("t_end", t_end, "s", above=t_start)
@@ -220,7 +220,7 @@ def ramp(rise: float, duration: float, offset: float = 0.0) -> TimeFunction:
 
 
 def cycloid(rise: float, duration: float, offset: float = 0.0) -> TimeFunction:
-    """Return offset + rise (t/T - sin(2 pi t/T)/(2 pi)) for T = ``duration`` (s), held afterwards; no kink."""
+    """Return offset + rise (t/T - sin(2 pi t/T)/(2 pi)) for T = ``duration`` (s), then a constant; it has no kink."""
     rise, duration, offset = _motion(rise, duration, offset)
     # line and sine of opposite rate: at rest at both ends
     first = _row(0.0, offset, rise / duration, 0.0, 0.0, -rise / (2 * math.pi), 2 * math.pi / duration, 0.0)
@@ -244,7 +244,7 @@ def spin_up(rate: float, duration: float, offset: float = 0.0) -> TimeFunction:
 def sine(
     amplitude: float, omega: float, phase: float = 0.0, t_end: float | None = None, offset: float = 0.0
 ) -> TimeFunction:
-    """Return offset + amplitude sin(omega t + phase), omega in rad/s; just ``offset`` from ``t_end`` (s) on."""
+    """Return offset + amplitude sin(omega t + phase), omega in rad/s; from ``t_end`` (s) on, return ``offset``."""
     amplitude, phase = check.number("amplitude", amplitude), check.number("phase", phase, "rad")
     omega, offset = check.number("omega", omega, "rad/s", above=0.0), check.number("offset", offset)
     rows = [_row(0.0, offset, 0.0, 0.0, 0.0, amplitude, omega, phase)]
@@ -264,7 +264,7 @@ def _motion(rise: object, duration: object, offset: object) -> tuple[float, floa
 
 # -------------------------------------------------------------------------------- tables
 def _columns(t: object, least: int, **values: object) -> tuple[Array, ...]:
-    """Validate the columns of a table, times first: at least ``least`` rows, times from 0 on, increasing."""
+    """Validate the columns of a table, times first: at least ``least`` rows, with increasing times from 0 on."""
     times = check.column("t", t, "s")
     if len(times) < least:
         raise check.InvalidValue("t", times, f"must hold at least {least} rows")
@@ -293,8 +293,8 @@ def _with_ends_held(t: Array, y: Array, rows: list[list[float]]) -> list[list[fl
 
 
 def linear_table(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
-    """Return straight lines between the rows t (n,) s and y (n,), n >= 2; the last value is held; each row is a kink.
-    Raises ValueError for fewer rows, and one that names the row for times that do not increase or values not finite."""
+    """Return straight lines between the rows t (n,) s and y (n,), n >= 2; then the last value. Each row is a kink.
+    Raises ValueError for fewer rows, and for a row whose time does not increase or whose value is not finite."""
     time, value = _columns(t, 2, y=y)
     slopes = np.diff(value) / np.diff(time)
     rows = [_row(*row) for row in zip(time[:-1], value[:-1], slopes, strict=True)]
@@ -303,7 +303,7 @@ def linear_table(t: Sequence[float] | Array, y: Sequence[float] | Array) -> Time
 
 def steps(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
     """Return the value y (n,) from each time t (n,) s to the next; 0 before the first. For loads only: the value jumps.
-    Raises ValueError for no row, and one that names the row for times that do not increase or values not finite."""
+    Raises ValueError for no row, and for a row whose time does not increase or whose value is not finite."""
     time, value = _columns(t, 1, y=y)
     rows = [_row(*row) for row in zip(time, value, strict=True)]
     return _of_pieces("steps", [_row(0.0), *rows] if time[0] > 0.0 else rows, t=time, y=value)
@@ -312,13 +312,13 @@ def steps(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunctio
 def spline_table(
     t: Sequence[float] | Array, psi: Sequence[float] | Array, boundary: str = "not-a-knot"
 ) -> TimeFunction:
-    """Return the C2 cubic spline through the rows, with the last value held.
+    """Return the C2 cubic spline through the rows; after the last row it has the last value.
 
     Args:
         t (n,): s, increasing. psi (n,): rad or m.
         boundary: "not-a-knot" (default), "natural" (no curvature at the ends) or "clamped" (at rest at the ends).
     Raises:
-        ValueError: names the invalid row, or the boundary.
+        ValueError: a row or the boundary is invalid; the message names it.
     """
     from scipy.interpolate import CubicSpline
 
@@ -343,11 +343,11 @@ def hermite_table(
     psi_dot: Sequence[float] | Array,
     psi_ddot: Sequence[float] | Array | None = None,
 ) -> TimeFunction:
-    """Return cubics that meet the rows' values and rates (C1); with accelerations three cubics per interval (C2).
+    """Return cubics with the rows' values and rates (C1); with accelerations, three cubics per interval (C2).
 
     Args:
         t (n,): s, increasing. psi (n,): rad or m. psi_dot (n,): 1/s. psi_ddot (n,): 1/s^2, or None.
-    The last value is held: a rate other than zero there is a kink. Raises ValueError that names the row.
+    After the last row the value is constant; if the rate is not zero there, it is a kink. ValueError names the row.
     """
     if psi_ddot is None:
         time, y, v = _columns(t, 2, psi=psi, psi_dot=psi_dot)
@@ -378,8 +378,8 @@ def table(
     interpolation: str | None = None,
 ) -> TimeFunction:
     """Return a function through a table: t (s), psi (rad or m)[, psi_dot[, psi_ddot]]. With psi alone ``interpolation``
-    is "spline" (default, C2) or "linear" (each row a kink). With rates the function passes through the rows' values and
-    rates, and ``interpolation`` must be None."""
+    is "spline" (default, C2) or "linear" (each row a kink). With rates the function has the rows' values and rates, and
+    ``interpolation`` must be None."""
     if psi_dot is None:
         if psi_ddot is not None:
             raise check.MissingKey("psi_dot", "psi_ddot needs it too")
@@ -395,7 +395,7 @@ COLUMNS = ("t", "psi", "psi_dot", "psi_ddot")
 
 def from_array(data: npt.ArrayLike, interpolation: str | None = None) -> TimeFunction:
     """Return :func:`table` of `data` (n, 2 ... 4) with the columns t, psi[, psi_dot[, psi_ddot]]. Raises ValueError for
-    another shape, and as :func:`table` does."""
+    another shape, and the errors of :func:`table`."""
     rows = np.asarray(data)
     if rows.ndim != 2 or not 2 <= rows.shape[1] <= 4 or rows.dtype.kind not in "fiu":
         what = f"{rows.dtype} of shape {rows.shape}"
@@ -418,12 +418,12 @@ def from_csv(
 
     Args:
         path: the file. interpolation: as in :func:`table`.
-        column: name of the column of values (rad, m, N, N m), so that one file can serve several motions and loads;
-            None: the file has the columns t, psi[, psi_dot[, psi_ddot]] only. Other columns are ignored.
+        column: name of the column of values (rad, m, N, N m), so that one file can serve several motions and loads.
+            None: the file has only the columns t, psi[, psi_dot[, psi_ddot]]. Other columns are ignored.
         time: column of the instants, s. rate, acceleration: columns of the values' derivatives, if present.
         scale: factor on values and derivatives (units, gears).
     Raises:
-        ValueError: names the file, the column and the row. OSError: the file cannot be read.
+        ValueError: the message names the file, the column and the row. OSError: the file cannot be read.
     """
     header, lines = csv_lines(path)
     with check.in_file(path):

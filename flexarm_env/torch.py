@@ -26,23 +26,23 @@ Tensor = torch.Tensor
 
 
 class DifferentiableArms:
-    """n arms of an environment, with one state row each; `step` and `observe` have first derivatives.
+    """n arms of an environment with one state row each; `step` and `observe` have first derivatives.
 
-    Tensors are float64 on the CPU and share their memory with NumPy; states and actions of another type are converted,
-    and have gradients of their own type. Episodes do not end, nothing is drawn at random within an episode, and no
-    derivative passes a `reset`. The caller decides which arms restart, and replaces their rows by fresh states
-    (`torch.where`). Actions are clipped to +-1, beyond which nothing depends on them.
+    Tensors are float64 on the CPU and share their memory with NumPy. States and actions of another type are converted,
+    and their gradients have their own type. Episodes do not end, nothing is drawn at random within an episode, and no
+    derivative crosses a `reset`. The caller decides which arms restart, and replaces their rows by new states
+    (`torch.where`). Actions are clipped to +-1; derivatives by clipped actions are zero.
 
     Args:
         id: id of an environment of this package. n: number of arms. keywords: keywords of the environment and its
             solver; threads, parameters: see `flexarm_env.derivatives.Arms`.
     Attributes:
-        arms: the `Arms` with names and sizes of states. n: number of arms. observation_space, action_space: spaces of
+        arms: the `Arms`, with names and sizes of states. n: number of arms. observation_space, action_space: spaces of
             one arm.
         failed (n,) bool: whether the solver failed in the last `step`; results are then NaN.
-        past (n,) bool: whether a joint was beyond its limits, where the environment would end the episode.
+        past (n,) bool: whether a joint was beyond its limits, so that the environment would end the episode.
     Raises:
-        ValueError: a feature without derivatives (see `Arms`), tensors of wrong shapes, or tensors not on the CPU.
+        ValueError: a feature has no derivatives (see `Arms`), or tensors have wrong shapes or are not on the CPU.
     """
 
     def __init__(self, id: str, n: int, **keywords: Any) -> None:
@@ -52,7 +52,7 @@ class DifferentiableArms:
         self.observation_space, self.action_space = self.arms.observation_space, self.arms.action_space
 
     def _store_flags(self) -> None:
-        """Note what became of the arms: going back through steps says so of others."""
+        """Copy the flags `failed` and `past` of the last step, because a backward pass changes those of `arms`."""
         self.failed, self.past = torch.tensor(self.arms.failed), torch.tensor(self.arms.past)
 
     def reset(self, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> Tensor:
@@ -71,12 +71,12 @@ class DifferentiableArms:
         return after, seen, paid
 
     def close(self) -> None:
-        """End the threads."""
+        """Stop the threads."""
         self.arms.close()
 
 
 def _numbers(name: str, value: Tensor) -> NDArray[np.float64]:
-    """Return a tensor's numbers as float64, without a copy if they are."""
+    """Return a tensor's numbers as float64, without a copy if they already are float64."""
     if not isinstance(value, Tensor) or value.is_complex():
         raise check.InvalidValue(name, value, "must be a tensor of real numbers")
     if value.device.type != "cpu":

@@ -1,4 +1,4 @@
-"""Recorded runs: times, poses, energies, torques, work counts; output as CSV, NPZ, or a page that plays the run."""
+"""Recorded runs: times, poses, energies, torques, work counts; output as CSV, NPZ or a page that plays the run."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from .view import Clip, Player, SpaceClip
 from .view.sources import of_trajectory
 
 MOST_STEPS, MOST_SAMPLES = 10**9, 10**6
-"""Steps of a run (half an hour of the quickest), and its recorded instants (some GB)."""
+"""Largest number of steps (half an hour for the fastest arm) and of recorded instants (some GB) of a run."""
 
 
 def link_deflection(poses: Array) -> Array:
@@ -56,7 +56,7 @@ def joint_angles(poses: Array) -> tuple[Array, Array]:
 
 
 def placed(coordinates: Mapping[str, int], poses: Array, q: Array, v: Array) -> dict[str, Any]:
-    """Return a `Trajectory`'s fields of tip, joints and motors from poses (n, N, 12) and states (n, rows)."""
+    """Return a `Trajectory`'s fields for tip, joints and motors from poses (n, N, 12) and states (n, rows)."""
     angles, rates = joint_angles(poses)
     base = coordinates.get("base")
     if base is not None:
@@ -73,32 +73,32 @@ def placed(coordinates: Mapping[str, int], poses: Array, q: Array, v: Array) -> 
 
 @dataclass(repr=False)
 class Trajectory:
-    """A recorded run of n instants and N links, SI units. At a kink the values just before it are recorded.
+    """A recorded run of n instants and N links, SI units. At a kink it contains the values just before the kink.
 
     Attributes:
-        scene, settings: input of the run. t (n,): s.
+        scene, settings: input of the run. t (n,): times, s.
         start, tip (n, 3): x, y (m) and angle (rad) of the root of link 0 and of the tip of the last link.
         tip_velocity (n, 3): m/s and rad/s. hinges (n, N-1, 2): positions of joints 1 to N-1, m.
-        joint_angles, joint_rates (n, N): rad, rad/s; joint 0 from the x axis or the floating base, joint k from the tip
-            of link k-1.
-        motor_angles, motor_rates (n, N): angles and rates of the motors over the gear ratio, relative to the link
-            before; with a rigid gear those of the joint.
-        joint_torque (n, N): N m, applied torque, or the torque that enforces a prescribed angle.
-        tip_deflection (n, N): each link's tip normal to its tangent at its root, over the link's length.
+        joint_angles, joint_rates (n, N): rad, rad/s; joint 0 relative to the x axis or the floating base, joint k
+            relative to the tip of link k-1.
+        motor_angles, motor_rates (n, N): angles and rates of the motors over the gear ratio, relative to the previous
+            link; with a rigid gear they equal those of the joint.
+        joint_torque (n, N): N m, the applied torque, or the torque that enforces a prescribed angle.
+        tip_deflection (n, N): each link's tip normal to its root's tangent, over the link's length.
         kinetic, strain_energy, gravity (n,): energies, J.
-        dissipated, work (n,): J, since the start; work is that of the drives.
+        dissipated, work (n,): J, since the start; `work` is the work of the drives.
         shapes (n, points, 2): points along the chain from root to tip, m.
         q, v (n, rows): the state and its rate; names (rows,): names of the rows.
-        status: "ok", "inaccurate", or the failure that ended the run; message: the same in a sentence.
-        steps, iterations, factorizations, halvings: counts of time steps, Newton iterations, matrices factored and
-            steps halved. cpu_seconds: CPU time of the run's thread, without compilation.
-        notes: known errors of the formulation, as fractions of the arm's length, by name.
-        error_estimate: estimated error of the tip, a fraction of the arm's length (`flexarm_env.accuracy`; nan if the
-            run ended early or was not estimated); error_parts: the parts of the estimate, by name.
-        deflection_bound: tip_deflection beyond which the formulation stops; infinite unless whole links are reduced to
+        status: "ok", "inaccurate", or the failure that ended the run. message: a sentence about the status.
+        steps, iterations, factorizations, halvings: numbers of time steps, Newton iterations, factored matrices and
+            halved steps. cpu_seconds: CPU time of the run's thread, without compilation.
+        notes: known errors of the formulation by name, as fractions of the arm's length.
+        error_estimate: estimated error of the tip, a fraction of the arm's length (`flexarm_env.accuracy`); nan if the
+            run ended early or the error was not estimated. error_parts: the parts of the estimate, by name.
+        deflection_bound: tip_deflection at which the formulation stops; infinite unless whole links are reduced to
             modes.
         step_levels: with a step_tolerance, number of halvings of dt in each interval between samples and kinks.
-        step_error: largest remaining error (a fraction of L) of these intervals; 0 without a step_tolerance.
+        step_error: largest remaining error in one of these intervals, a fraction of L; 0 without a step_tolerance.
         gross_work: J, work of the drives, with both directions counted as positive.
         link_angles (n, N, 2): angles of the tangents at each link's root and tip, rad.
     """
@@ -150,19 +150,19 @@ class Trajectory:
 
     @property
     def base_angle(self) -> Array:
-        """Attitude (n,) of the floating base, rad, 0 at the start. ValueError without a floating base."""
+        """Attitude (n,) of the floating base, rad, 0 at the start; ValueError if the arm has no floating base."""
         if "base" not in self.names:
             raise check.InvalidValue("scene.arm.base", self.scene.arm.base, "must be a Base, and scene.root free")
         return self.q[:, self.names.index("base")]
 
     @property
     def finished(self) -> bool:
-        """Whether the run reached its end, accurate or not."""
+        """Whether the run reached its end, even if it is inaccurate."""
         return self.status in ("ok", "inaccurate")
 
     @property
     def energy(self) -> Array:
-        """Kinetic + strain + gravity energy, J (n,)."""
+        """Sum of kinetic, strain and gravity energy, J (n,)."""
         return self.kinetic + self.strain_energy + self.gravity
 
     @property
@@ -181,27 +181,28 @@ class Trajectory:
         """Return a link's bending strain at a place over time, (n,): curvature times distance from the neutral axis.
 
         Args:
-            link: 0 is the first. place: along it, from 0 (root) to 1 (tip).
-            distance: m. None: the surface of a rectangle with the section's m and J, sqrt(3 J / m).
+            link: number of the link, from 0. place: position along the link, from 0 (root) to 1 (tip).
+            distance: m, from the neutral axis. None: the surface of a rectangle with the section's m and J, sqrt(3 J /
+                m).
         """
         gauge = StrainGauge(link=link, place=place, unit="strain", distance=distance)
         Sensors(strain_gauges=(gauge,)).check_for(self.scene.arm.links)
         return self._bending((gauge,))[:, 0]
 
     def _bending(self, gauges: Sequence[StrainGauge]) -> Array:
-        """What ideal gauges read, (n, gauges)."""
+        """Return the readings (n, gauges) of ideal gauges."""
         units = [gauge.per_curvature_of(self.scene.arm.links[gauge.link]) for gauge in gauges]
         return np.asarray(self._curvature([gauge.spot for gauge in gauges]) * np.array(units))
 
     def _curvature(self, places: Sequence[Spot]) -> Array:
-        """(n, places), 1/m."""
+        """Return the curvatures (n, places), 1/m."""
         return curvatures(self.scene, self.settings, self.names, places, self.q)
 
     # --- to be looked at ---------------------------------------------------------------------------
     def clip(self, label: str | None = None) -> Clip | SpaceClip:
-        """Return the run as a clip for the player; label: name shown beside other runs, default the scene's.
+        """Return the run as a clip for the player. label: name beside other runs; the default is the scene's name.
 
-        ValueError for a run without samples, or with inconsistent arrays.
+        Raises ValueError if the run has no samples or has inconsistent arrays.
         """
         self.check_arrays()
         if not len(self.t):
@@ -209,9 +210,9 @@ class Trajectory:
         return of_trajectory(self, label, self._curvature)
 
     def view(self, *others: Trajectory, labels: Sequence[str] | None = None) -> Player:
-        """Return a page that plays the run and others: save it with `.save("arm.html")`, or display it in a notebook.
+        """Return a page that plays the run and others; save it by `.save("arm.html")` or display it in a notebook.
 
-        labels: names of all runs; default the scenes' names.
+        labels: names of all runs; the default is the scenes' names.
         """
         return Player.of((self, *others), labels)
 
@@ -222,13 +223,13 @@ class Trajectory:
         """Return the readings of sensors at the recorded instants, by the environments' laws (`flexarm_env.sensors`).
 
         Args:
-            sensors: the sensors or their table; None: the arm's own, or ideal sensors if it has none.
+            sensors: the sensors or their table; None: the arm's sensors, or ideal sensors if it has none.
             seed: seed of noise, gains and biases.
         Returns:
             Readings by name, (n,) each, SI: `hub_angle`, `hub_rate`, `elbow_angle`, ... (rad, rad/s),
             `tip_acceleration_x`, `_y` (m/s^2), `camera_x`, `_y` (m), `strain_gauge_1`, ... (1/m, or strain).
         Raises:
-            ValueError: fewer than two samples, samples that are not evenly spaced, or inconsistent arrays.
+            ValueError: there are fewer than two samples, they are not evenly spaced, or arrays are inconsistent.
         """
         self.check_arrays()
         arm = self.scene.arm
@@ -246,7 +247,7 @@ class Trajectory:
         return self._read(own, float(self.t[-1] - self.t[0]) / len(steps), seed)
 
     def _read(self, sensors: Sensors, period: float, seed: int) -> dict[str, Array]:
-        """Return the readings of sensors at the samples, by name; period: s, between samples; seed: of the noise."""
+        """Return the readings of sensors at the samples, by name; period: s between samples; seed: seed of noise."""
         from .runtime.laws import law_of, memory_of, room_of
         from .runtime.readings import read_rows
 
@@ -272,7 +273,7 @@ class Trajectory:
         return dict(zip(readings, out.T.copy(), strict=True))
 
     def _tip_inputs(self, sensors: Sensors) -> list[Array]:
-        """What sensors on the tip read, in the order of `sensors.OF_THE_TIP`."""
+        """Return the quantities at the tip that sensors read, in the order of `sensors.OF_THE_TIP`."""
         inputs = [self.tip, self.tip_velocity] if sensors.accelerometer is not None else []
         return inputs + ([self.tip[:, :2]] if sensors.camera is not None else [])
 
@@ -288,9 +289,9 @@ class Trajectory:
         return table
 
     def to_csv(self, path: str | os.PathLike[str], units: bool = False) -> None:
-        """Write `columns` as CSV with all digits, in s, J, m, rad and rad/s. Raises OSError, and then writes nothing.
+        """Write `columns` as CSV with all digits, in s, J, m, rad and rad/s; an OSError means that nothing is written.
 
-        units: add units to the header, as in "t (s)"; readers of this package accept both forms.
+        units: add units to the header, as in "t (s)"; the readers of this package accept both forms.
         """
         table = self.columns()
         text = [",".join(f"{name} ({unit_of(name)})" if units and unit_of(name) else name for name in table)]
@@ -299,7 +300,7 @@ class Trajectory:
 
     # --- files --------------------------------------------------------------------------------------
     def check_arrays(self) -> None:
-        """Raise ValueError for inconsistent or non-finite arrays, and for times that do not increase."""
+        """Raise ValueError if arrays are inconsistent or not finite, or if times do not increase."""
         links = self.scene.arm.n_links
         sizes = {"links": links, "joints - 1": links - 1, "rows": len(self.names), "n": np.size(self.t)}
         check.arrays(vars(self), {name: ("finite", shape) for name, shape in self.arrays.items()}, sizes)
@@ -317,7 +318,7 @@ class Trajectory:
 
     @classmethod
     def from_npz(cls, path: str | os.PathLike[str]) -> Trajectory:
-        """Read the run that `to_npz` wrote. ValueError for another, a damaged, or a version 0.1 file."""
+        """Read a run that `to_npz` wrote; raise ValueError for a file of another kind or version 0.1, or if damaged."""
         known = read_npz(path, "trajectory")
         with check.in_file(path):
             for name in SINGLE:
@@ -353,8 +354,7 @@ def kind_of(scene: Scene) -> type[Trajectory]:
 
 
 def tips_of(scene: Scene, settings: Settings, fields: Mapping[str, Array]) -> Array:
-    """Return positions of the tip, (n, 2) m, in space also its axes, (n, 4, 3), from the fields of
-    `Simulation.record`."""
+    """Return the tip's positions (n, 2), m, in space with its axes (n, 4, 3), from fields of `Simulation.record`."""
     if scene.spatial:
         return tips_in_space(scene.arm, settings, fields["q"])
     return fields["poses"][:, -1, TIP][:, :2]
@@ -364,7 +364,7 @@ Reader = Callable[[str, Any], Any]
 
 
 def _share(path: str, value: object) -> float:
-    """A number that may be infinite, or not be known."""
+    """Validate a number that may be infinite or nan."""
     return value if isinstance(value, float) else check.number(path, value)
 
 
@@ -385,14 +385,14 @@ ARRAYS: dict[str, check.Shape] = {
     **dict.fromkeys(("kinetic", "strain_energy", "gravity", "dissipated", "work"), ("n",)),
     "q": ("n", "rows"), "v": ("n", "rows"),
 }  # fmt: skip
-"""Arrays of a trajectory, finite numbers."""
+"""Arrays of a trajectory; all their numbers are finite."""
 Trajectory.arrays = ARRAYS
 
 SINGLE: dict[str, tuple[str, check.Shape]] = {
     "names": ("text", ("rows",)), "error_estimate": ("number", ()),
     **dict.fromkeys(("status", "scene", "formulation", "options", "about"), ("text", ())),
 }  # fmt: skip
-"""What `to_npz` writes beside them."""
+"""Arrays that `to_npz` also writes."""
 
 ABOUT: dict[str, Reader] = {
     "message": check.text, "steps": _count, "iterations": _count, "factorizations": _count, "halvings": _count,
@@ -400,11 +400,11 @@ ABOUT: dict[str, Reader] = {
     "deflection_bound": _share, "gross_work": check.number, "step_levels": _levels,
     "step_error": _share,
 }  # fmt: skip
-"""What of a trajectory `to_npz` writes as JSON, and how it is read."""
+"""Fields of a trajectory that `to_npz` writes as JSON, each with the function that reads it."""
 
 
 def check_work(end: float, interval: float, dt: float | None) -> None:
-    """Raise ValueError for a run of `end` s that is empty, or that would take too many steps or samples."""
+    """Raise ValueError if a run of `end` s is empty or would need too many steps or samples."""
     if end < 1e-9:
         raise check.InvalidValue("duration", end, "must be at least 1e-9 s: instants 1e-12 s apart are taken for one")
     if dt is not None and not end / dt <= MOST_STEPS:
@@ -416,7 +416,7 @@ def check_work(end: float, interval: float, dt: float | None) -> None:
 
 
 def recorded(simulation: Any, fields: Mapping[str, Array], shapes: Array, cpu_seconds: float) -> Trajectory:
-    """Return the Trajectory of the fields of `Simulation.record`, sharing their memory."""
+    """Return the Trajectory from the fields of `Simulation.record`, with shared memory."""
     poses, energies, torque = fields["poses"], fields["energies"], fields["torque"]
     scene, system, counts = simulation.scene, simulation.system, simulation.work.counts
     for i, motion in enumerate(scene.motions):

@@ -1,4 +1,4 @@
-"""Validate values that come from users, with one form of error message.
+"""Validation of values that come from users, with one form of error message.
 
 Every message reads ``key.path = value: what is allowed``, e.g.
 ``links[0].section.EI = -1.0: must be a positive number (N m^2)``.
@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 T = TypeVar("T")
 Array = NDArray[np.float64]
-"""Float64 array of any shape; Array32: float32, the type of observations and actions."""
+"""Array: float64 array of any shape. Array32: float32, the type of observations and actions."""
 Array32 = NDArray[np.float32]
 
 
 class BadKey(ValueError):
-    """Error at a key path, ``path``; an outer reader may prefix its own key by :func:`under`."""
+    """Error at the key path ``path``; :func:`under` lets an outer reader prefix its own key."""
 
     def __init__(self, path: str, *more: object) -> None:
         super().__init__(path, *more)
@@ -33,7 +33,7 @@ class BadKey(ValueError):
 
 
 class InvalidValue(BadKey):
-    """Invalid value: ``path`` (key path), ``value``, ``allowed`` (a sentence with the rule)."""
+    """Invalid value: ``path`` (key path), ``value``, ``allowed`` (a phrase with the rule)."""
 
     def __init__(self, path: str, value: object, allowed: str) -> None:
         super().__init__(path, value, allowed)
@@ -51,7 +51,7 @@ class UnknownKey(BadKey):
         super().__init__(path, self.allowed, what, hint)
 
     def __str__(self) -> str:
-        """Return the message: path, the closest permitted key, and all that are permitted."""
+        """Return the message: the path, the closest permitted key, and all permitted keys."""
         last = self.path.rsplit(": ", 1)[-1].rsplit(".", 1)[-1]
         # suggest the closest key, and shorten long paths
         near = difflib.get_close_matches(last, self.allowed, n=1, cutoff=0.7)
@@ -62,8 +62,8 @@ class UnknownKey(BadKey):
 
 
 class UnknownArgument(UnknownKey, TypeError):
-    """Unknown keyword argument; also a TypeError, with the words that Python itself uses for it. `gymnasium.make`
-    raises the error again from its text alone: ``path`` is then the whole message."""
+    """Unknown keyword argument; also a TypeError, with the words that Python itself uses. `gymnasium.make` raises the
+    error again with its text only; ``path`` is then the whole message."""
 
     def __init__(self, path: str, allowed: Iterable[str] = (), what: str = "argument", hint: str = "") -> None:
         super().__init__(path, allowed, what, hint)
@@ -96,13 +96,13 @@ class Unreadable(BadKey):
 
 def lacking(what: str, package: str, extra: str) -> str:
     """Return a sentence that names a missing package, the pip command and the extra that installs it. The package comes
-    first, because not every user has flexarm_env from an index."""
+    first, because not every user has installed flexarm_env from an index."""
     return f'{what} needs {package}: pip install {package} (the extra "{extra}" of flexarm_env brings all of its kind)'
 
 
 @contextmanager
 def needs(what: str, package: str, extra: str, error: type[Exception] = ImportError) -> Iterator[None]:
-    """Guard imports of an optional package: if it is missing, raise `error` with the command that installs it."""
+    """Guard imports of an optional package; if it is missing, raise `error` with the command that installs it."""
     try:
         yield
     except ImportError as missing:
@@ -118,7 +118,7 @@ def installed(package: str) -> str | None:
 
 
 def shown(value: object) -> str:
-    """Return a short text of a value for messages, at most 100 characters."""
+    """Return a short text for a value in messages, at most 100 characters."""
     # NumPy scalars and arrays as Python's
     if isinstance(value, np.generic):
         value = value.item()
@@ -134,7 +134,7 @@ def shown(value: object) -> str:
 
 
 def joined(path: str, key: str) -> str:
-    """Return the key path of ``key`` below ``path``; either may be empty; no dot before ``[3]`` or after a colon."""
+    """Return the key path of ``key`` below ``path``; either may be empty; no dot is before ``[3]`` or after a colon."""
     if not path or not key:
         return path or key
     return path + key if key.startswith("[") or path.endswith(": ") else f"{path}.{key}"
@@ -142,7 +142,7 @@ def joined(path: str, key: str) -> str:
 
 @contextlib.contextmanager
 def under(prefix: str) -> Iterator[None]:
-    """Prefix the key path of an error raised inside the ``with`` block by ``prefix``."""
+    """Prefix the key path of an error that is raised inside the ``with`` block by ``prefix``."""
     try:
         yield
     except BadKey as error:
@@ -151,13 +151,13 @@ def under(prefix: str) -> Iterator[None]:
 
 
 def in_file(path: str | os.PathLike[str] | None) -> contextlib.AbstractContextManager[None]:
-    """Prefix errors raised inside the ``with`` block by the file's path, ``file: key.path``; None: no file."""
+    """Prefix errors that are raised inside the ``with`` block by the file's path, ``file: key.path``; None: no file."""
     return under("" if path is None else f"{os.fspath(path)}: ")
 
 
 @contextmanager
 def solvable(arm: str) -> Iterator[None]:
-    """Turn a singular matrix inside the ``with`` block into InvalidValue: the arm's data span too many magnitudes."""
+    """Turn a singular matrix inside the ``with`` block into InvalidValue; the arm's data span too many magnitudes."""
     try:
         yield
     except np.linalg.LinAlgError:
@@ -223,17 +223,17 @@ def number(
 
 
 LARGEST = 1e30
-"""Largest magnitude of numbers with a unit and of numbers in files; 1 / LARGEST is the smallest of those that must be
-positive. Products of a few larger numbers overflow, and the numbers themselves overflow as float32.
+"""Largest magnitude of numbers with a unit and of numbers in files. Numbers that must be positive are at least 1 /
+LARGEST. Products of a few larger numbers overflow, and the numbers themselves overflow as float32.
 """
 SIZES = {"m": (1e-9, 1e9), "s": (0.0, LARGEST)}
-"""Smallest and largest magnitude by unit, default (1 / LARGEST, LARGEST). High powers are taken of lengths; a time may
-be short, since a run's number of steps limits it.
+"""Smallest and largest magnitude by unit; the default is (1 / LARGEST, LARGEST). Lengths are raised to high powers. A
+time may be short, because the number of a run's steps is limited.
 """
 
 
 def limits(path: str, value: object, unit: str = "", **bounds: float) -> tuple[float, float]:
-    """Validate two numbers (low, high) with low <= high; bounds as in :func:`number`."""
+    """Validate two numbers (low, high) with low <= high; the bounds are those of :func:`number`."""
     what = f"two numbers{f' ({unit})' if unit else ''}, (low, high)"
     low, high = numbers(path, value, what, 2, unit, **bounds)
     # order of the bounds
@@ -262,7 +262,7 @@ def flag(path: str, value: object) -> bool:
 
 
 def text(path: str, value: object, *, empty: bool = True) -> str:
-    """Validate a string; ``empty`` False: not only white space."""
+    """Validate a string; if ``empty`` is False, the string must contain more than white space."""
     if not isinstance(value, str) or (not empty and not value.strip()):
         raise InvalidValue(path, value, "must be a text" if empty else "must be a text that is not empty")
     return value
@@ -276,7 +276,7 @@ def choice(path: str, value: object, allowed: Sequence[str]) -> str:
 
 
 def sequence(path: str, value: object, what: str, length: int | None = None) -> tuple[Any, ...]:
-    """Validate a list, tuple or 1-D array and return a tuple; ``what`` names the elements in the message."""
+    """Validate a list, tuple or 1-D array and return a tuple. ``what`` names the elements in the message."""
     if isinstance(value, np.ndarray) and value.ndim == 1:
         value = value.tolist()
     # texts and iterators are rejected
@@ -288,13 +288,13 @@ def sequence(path: str, value: object, what: str, length: int | None = None) -> 
 def numbers(
     path: str, value: object, what: str, length: int | None = None, unit: str = "", **bounds: float
 ) -> tuple[float, ...]:
-    """Validate a sequence of numbers and return a tuple; arguments as in :func:`sequence` and :func:`number`."""
+    """Validate a sequence of numbers and return a tuple; arguments are as in :func:`sequence` and :func:`number`."""
     given = sequence(path, value, what, length)
     return tuple(number(f"{path}[{i}]", one, unit, **bounds) for i, one in enumerate(given))
 
 
 def several(value: object) -> bool:
-    """Return whether a value is a sequence or array, not a single value; texts and bytes are single."""
+    """Return whether a value is a sequence or array and not a single value; texts and bytes are single values."""
     row = isinstance(value, Sequence) and not isinstance(value, str | bytes)
     return row or (isinstance(value, np.ndarray) and value.ndim > 0)
 
@@ -314,7 +314,7 @@ def instances(path: str, value: object, kind: type[T], what: str = "") -> tuple[
 
 
 def column(path: str, values: object, unit: str = "") -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Validate a table's column and return a float64 array (n,); the message names the first row that is invalid."""
+    """Validate a table's column and return a float64 array (n,); the message names the first invalid row."""
     if isinstance(values, np.ndarray):
         if values.ndim != 1:
             raise InvalidValue(path, values, f"must be one-dimensional, not of shape {values.shape}")
@@ -331,11 +331,11 @@ def column(path: str, values: object, unit: str = "") -> np.ndarray[Any, np.dtyp
 
 
 Shape = tuple[int | str, ...]
-"""Lengths of the axes; a word stands for any length from 1 on, the same for each occurrence of the word."""
+"""Lengths of the axes; a word stands for any length from 1 on, the same wherever the word occurs."""
 
 
 def floats(path: str, values: Any, what: str = "numbers") -> Array:
-    """Return values of any shape as float64, finite or not. Raises InvalidValue for anything but real numbers."""
+    """Return values of any shape as float64, finite or not; raise InvalidValue unless all are real numbers."""
     try:
         # NumPy would drop imaginary parts with a warning only
         if np.iscomplexobj(values):
@@ -346,26 +346,26 @@ def floats(path: str, values: Any, what: str = "numbers") -> Array:
 
 
 def array(path: str, values: object, shape: Shape, what: str = "") -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Validate finite numbers of a shape and return a float64 array; a word in ``shape``: any length from 1 on."""
+    """Validate finite numbers of a shape and return a float64 array; a word in ``shape`` means any length from 1 on."""
     result = floats(path, values, f"numbers of shape {_words(shape, {})}{what and ', '}{what}")
     _fits(path, result, "finite", shape, {}, what)
     return result
 
 
 KINDS = {"finite": "fiu", "number": "fiu", "whole": "iu", "flag": "b", "text": "U", "any": "fiubU"}
-"""Kinds of array content, each with NumPy's permitted kinds of dtype."""
+"""Kinds of array content, each with the permitted kinds of NumPy's dtype."""
 
 
 def arrays(
     given: Mapping[str, np.ndarray[Any, Any]], table: Mapping[str, tuple[str, Shape]], sizes: dict[str, int]
 ) -> dict[str, Any]:
-    """Validate the arrays that a table declares, with common lengths, and return them by name.
+    """Validate the arrays that a table declares, with common lengths, and return the arrays by name.
 
     Args:
         given: arrays by name. table: for each name a key of :data:`KINDS` and a shape; a shape that ends in "..."
-            permits further axes. sizes: known lengths by the words in shapes; lengths found are added.
+            permits further axes. sizes: known lengths, by the words in shapes; lengths that are found are added.
     Raises:
-        ValueError: the first array that is missing or does not fit.
+        ValueError: an array is missing or does not fit; the message names the first one.
     """
     for name, (kind, shape) in table.items():
         _fits(name, needed("", given, name, f"must be an array of shape {_words(shape, sizes)}"), kind, shape, sizes)
@@ -381,7 +381,7 @@ def _fits(
     path: str, values: np.ndarray[Any, Any], kind: str, shape: Shape, sizes: dict[str, int],
     what: str = "to fit the other arrays",
 ) -> None:  # fmt: skip
-    """Raise InvalidValue for an array of another kind or shape, or with an entry that is not finite; add new lengths to
+    """Raise InvalidValue if an array has another kind or shape, or an entry that is not finite; add new lengths to
     ``sizes``."""
     if values.dtype.kind not in KINDS[kind]:
         raise InvalidValue(f"dtype of {path}", str(values.dtype), f"must be that of {_HELD.get(kind, 'numbers')}")
@@ -413,7 +413,7 @@ def table_of(path: str, value: object) -> dict[str, Any]:
 
 
 def known_keys(path: str, table: Mapping[str, Any], allowed: Iterable[str], what: str = "key") -> None:
-    """Raise UnknownKey for the first key of ``table`` that is not in ``allowed``."""
+    """Raise UnknownKey for the first key in ``table`` that is not in ``allowed``."""
     allowed = tuple(allowed)
     for key in table:
         if key not in allowed:
@@ -428,8 +428,8 @@ def needed(path: str, table: Mapping[str, Any], key: str, allowed: str) -> Any:
 
 
 def made(path: str, kind: type[T], value: object, *, prefix: str | None = None, **must: str) -> T:
-    """Create an object of the dataclass ``kind`` from a table of its fields. prefix: key path of errors raised by the
-    class, default ``path``. must: phrases for the required fields."""
+    """Create an object of the dataclass ``kind`` from a table of its fields. prefix: key path of errors that the class
+    raises; default ``path``. must: phrases for the required fields."""
     table = table_of(path, value)
     known_keys(path, table, names_of(kind))
     for key, allowed in must.items():

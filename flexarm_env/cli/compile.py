@@ -116,7 +116,7 @@ def _scenes(formulation: str | None) -> Iterator[Use]:
 
 
 def _commands() -> list[Use]:
-    """Compile the programs of other commands: policies, controllers, and gradients."""
+    """Return the uses of commands beyond environments and scenes: policies, controllers, gradients."""
     import gymnasium as gym
     import numpy as np
 

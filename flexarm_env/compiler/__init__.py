@@ -1,4 +1,4 @@
-"""Compiler of kernels: decorators, the words of the kernel language, and threads for compiled code (docs: compiler)."""
+"""Compiler of kernels: decorators, built-in functions of kernels, and threads for compiled code (docs: compiler)."""
 
 from .beside import Beside
 from .crew import CROWDED, Crew, OneAtATime, one_at_a_time

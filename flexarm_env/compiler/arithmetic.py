@@ -1,4 +1,4 @@
-"""Arithmetic of kernels with Python's meaning, folded where both operands are known at compile time.
+"""Arithmetic of kernels with Python's meaning; operations on operands known at compile time are folded.
 
 Integers have 64 bits and wrap around. Floor division rounds down, and a remainder has the sign of the divisor. Division
 by zero gives 0 for integers (Python raises an error) and NaN for floats. A shift by 64 or more gives 0. Python
@@ -46,7 +46,7 @@ def whole_kind(x: Any) -> bool:
 
 
 def number(b: Any, x: Any) -> Value:
-    """Convert x to a `Value`: float64 or lanes. Refused: x is no number."""
+    """Convert x to a `Value`: float64 or lanes. Raises Refused if x is no number."""
     if isinstance(x, Value):
         return x
     if isinstance(x, Integer):
@@ -61,7 +61,7 @@ def number(b: Any, x: Any) -> Value:
 
 
 def whole(b: Any, x: Any, unsigned: bool = False) -> Any:
-    """Convert an integer or truth value to an LLVM i64. Refused: other items, and known integers out of range.
+    """Convert an integer or truth value to an LLVM i64. Refused (error): other items, and known integers out of range.
 
     unsigned: known integers up to 2^64 - 1 are accepted, otherwise up to 2^63 - 1.
     """
@@ -113,7 +113,7 @@ def _reckonable(*items: Any) -> None:
 
 
 def far_from_exact(x: Any, y: Any) -> bool:
-    """Return whether x / y of signed integers may differ from the quotient of both converted to float64.
+    """Return whether x / y of signed integers may differ from the quotient of x and y converted to float64.
 
     If so, `wholes.ratio` computes it, rounded once as in Python. Unsigned integers are converted to float64 first, as
     in NumPy.
@@ -160,7 +160,7 @@ def binary(b: Any, op: str, x: Any, y: Any) -> Any:
 def _of_tuples(op: str, x: Any, y: Any) -> Any:
     """Concatenate two tuples, or repeat one a known number of times. Refused: other operations.
 
-    Refused as well: two tuples that both hold numbers of run time. Python joins them, where a vector's sum is meant.
+    Also refused: two tuples that both hold run-time numbers. Python would join them, but the sum of vectors is meant.
     """
     if op == "Add" and is_tuple(x) and is_tuple(y):
         if all(any(isinstance(item, Value) for item in one) for one in (x, y)):
@@ -204,7 +204,7 @@ def _wholes(b: Any, op: str, x: Any, y: Any) -> Any:
 def _shifted(b: Any, op: str, p: Any, q: Any, unsigned: bool) -> Any:
     """Write p << q or p >> q (arithmetic for signed); q >= 64 gives 0, or -1 for negative p shifted right.
 
-    LLVM's shifts are undefined from 64 places on, hence the clamped count. LLVM folds constants itself.
+    The count is clamped, because LLVM's shifts are undefined from 64 places on. LLVM folds constants itself.
     """
     # unsigned comparison: a negative count is large, too
     few, zero = b.icmp_unsigned("<", q, ir.Constant(WORD, 64)), ir.Constant(WORD, 0)
@@ -216,7 +216,7 @@ def _shifted(b: Any, op: str, p: Any, q: Any, unsigned: bool) -> Any:
 def _divided(b: Any, op: str, p: Any, q: Any, unsigned: bool) -> Any:
     """Write integer p // q or p % q, rounded toward minus infinity; 0 for q = 0.
 
-    LLVM's division is undefined for q = 0 and for -2^63 / -1: q is replaced by 1 in both cases.
+    LLVM's division is undefined for q = 0 and for -2^63 / -1. In both cases q is replaced by 1.
     """
     zero, one = ir.Constant(WORD, 0), ir.Constant(WORD, 1)
     # q = 0 and q = -1 are treated apart
@@ -277,7 +277,7 @@ def _power(b: Any, x: Any, y: Any) -> Any:
 
 
 def external(b: Any, name: str, count: int) -> Any:
-    """Return the module's declaration of C's math function `name` of `count` doubles, declaring it where missing."""
+    """Return the module's declaration of C's math function `name` of `count` doubles; declare it if it is missing."""
     found = b.module.globals.get(name)
     if found is None:
         found = ir.Function(b.module, ir.FunctionType(DOUBLE, [DOUBLE] * count), name)
@@ -363,7 +363,7 @@ def truncated(b: Any, x: Any) -> Any:
 
 
 def truncated_unsigned(b: Any, x: Any, signed: Any) -> Any:
-    """Return the 64 bits of float x as an unsigned integer: its truncation from 2^63 on, saturated, below `signed`."""
+    """Return float x as an unsigned 64-bit integer: truncated and saturated from 2^63 on, below that `signed`."""
     value, kind = number(b, x).value, ir.FunctionType(WORD, [DOUBLE])
     above = b.call(b.module.declare_intrinsic("llvm.fptoui.sat.i64.f64", (), kind), [value])
     return b.select(b.fcmp_ordered(">=", value, ir.Constant(DOUBLE, 2.0**63)), above, signed.value)

@@ -11,10 +11,10 @@ T = TypeVar("T")
 
 
 class Beside(Generic[T]):
-    """A value that is made once: in a thread after `calls` calls of `count`, or by `get` if that comes first.
+    """A value that is made once: in a thread after `calls` calls of `count`, or by an earlier call of `get`.
 
-    calls = 0: by `get` only. The thread is not a daemon, so the process waits for it before it exits: LLVM cannot be
-    interrupted.
+    With calls = 0 only `get` makes it. The thread is not a daemon: LLVM cannot be interrupted, so the process waits for
+    the thread before it exits.
     """
 
     def __init__(self, calls: int) -> None:
@@ -24,7 +24,7 @@ class Beside(Generic[T]):
         self._thread: threading.Thread | None = None
 
     def count(self, make: Callable[[], T]) -> None:
-        """Count a call; the last of `calls` starts the thread that makes the value by `make`."""
+        """Count a call; call number `calls` starts the thread that makes the value by `make`."""
         if self._left > 0:
             self._left -= 1
             if self._left == 0 and self._found is None:
@@ -32,7 +32,7 @@ class Beside(Generic[T]):
                 self._thread.start()
 
     def _run(self, make: Callable[[], T]) -> None:
-        """Thread function: make the value, unannounced; an exception is dropped, since `get` raises it again."""
+        """Thread function: make the value without messages; drop an exception, because `get` will raise it again."""
         # nobody waits for it
         with unannounced(), contextlib.suppress(Exception):
             self._found = make()

@@ -1,4 +1,4 @@
-"""Calls in kernels: to built-in words, named tuple classes, kernels, members of families and straight-line code."""
+"""Calls in kernels of built-in functions, named tuple classes, kernels, members of families and straight-line code."""
 
 import inspect
 from collections.abc import Hashable
@@ -14,8 +14,8 @@ def call(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) ->
     """Write a call in a kernel and return the item that it evaluates to.
 
     function: the callee, known at compile time. items: positional arguments. named: keyword arguments. The result
-    depends on the callee: a built-in word writes its instructions; a named tuple class makes a `Record`; a kernel is
-    called (or inlined by the reverse mode); a member of a `Family` is chosen by its argument's class; straight-line
+    depends on the callee. A built-in function writes its instructions. A named tuple class makes a `Record`. A kernel
+    is called (or inlined in reverse mode). A member of a `Family` is chosen by the class of an argument. Straight-line
     code is traced in place.
     """
     try:
@@ -64,7 +64,7 @@ def call(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) ->
 
 
 def _record(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) -> Record:
-    """Make the `Record` of a named tuple class from positional and keyword arguments and defaults."""
+    """Make the `Record` of a named tuple class from positional arguments, keyword arguments and defaults."""
     items = completed(function.__name__, function._fields, function._field_defaults, items, named)
     return Record(function, items, writer.lane)
 

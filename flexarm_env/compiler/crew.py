@@ -1,12 +1,12 @@
 """A crew: worker threads that share the groups of a batch in compiled code, by atomic operations, without the GIL.
 
 Waking a thread takes longer than a step of a small batch, and a thread that returns to the interpreter waits for the
-GIL. So a worker stays in compiled code and polls its board for the next task for a while; the caller likewise polls for
-the end of it. After polling without success a thread marks itself ASLEEP on its board, returns to Python and blocks on
-a lock; the other side then marks it CALLED, and Python releases the lock. Work stealing: each thread begins with its
-own part of a task and takes half of the rest at a time; then it takes work from the ends of other threads' parts, so
-that no thread waits for one that the system does not schedule. Parts are taken by compare-and-swap: if two threads try,
-one succeeds. Threads are created at first use, and again after a fork.
+GIL. Therefore a worker stays in compiled code and polls its board for the next task for a while. The caller polls its
+own board for the end of the task. A thread that has polled without success marks itself ASLEEP on its board, returns to
+Python and blocks on a lock. The thread that needs it marks it CALLED, and Python releases the lock. Work is distributed
+by stealing. Each thread begins with its own part of a task and takes half of the rest at a time. Then it takes work
+from the ends of other threads' parts, so that no thread waits for one that the system does not schedule. Parts are
+taken by compare-and-swap: if two threads try, one succeeds. Threads are created at first use, and again after a fork.
 """
 
 import atexit
@@ -28,7 +28,7 @@ from .kinds import WORD, Integer, Truth
 from .words import WORDS
 
 BOARD = 64
-"""int64 numbers of one board; each worker has a board, and the last one is the caller's."""
+"""Number of int64 entries of one board. Each worker has a board, and the last board is the caller's."""
 
 TASK, PART = 8, 16
 """Offsets on a board. TASK: number of the task to help with (OVER: end the thread). PART: the rest of the owner's part,
@@ -36,20 +36,20 @@ packed as task number, next group, end (21 bits each for the groups)."""
 DONE, STATE = 24, 40
 """DONE: number of the last task that the worker has helped with. STATE: AWAKE, ASLEEP or CALLED."""
 FUNCTION, ADDRESS, GROUPS, FINISHED, SUM, RAISED = 0, 1, 2, 48, 49, 50
-"""On the caller's board. The task: address of the compiled function, its argument, number of groups. FINISHED: groups
-done. SUM: of the returned values. RAISED: 1 if a call has returned a negative number."""
+"""Offsets on the caller's board. The task: address of the compiled function, its argument, number of groups. FINISHED:
+number of groups done. SUM: sum of the returned values. RAISED: 1 if a call has returned a negative number."""
 OVER = -1
 AWAKE, ASLEEP, CALLED = range(3)
 
 SLEEP, WAKE, END = range(3)
-"""Results of `serve`: no task came, block; the task is done and the caller blocks, wake it; end the thread."""
+"""Results of `serve`: block, because no task came; wake the caller, because the task is done; end the thread."""
 
 CALL, WAIT = -2, -3
-"""Results of `lead` below FAILED (a task raised an error): wake the workers marked CALLED, then call again with stage
-RUN; block until the task is done, then call again with stage LOOK."""
+"""Results of `lead`. FAILED: a task raised an error. CALL: wake the workers marked CALLED, then call again with stage
+RUN. WAIT: block until the task is done, then call again with stage LOOK."""
 
 GIVE, RUN, LOOK = range(3)
-"""Stages of `lead`: publish the task, do one's own part, wait for the end."""
+"""Stages of `lead`: publish the task, do the caller's own part, wait for the end."""
 
 TASKS = 2**20
 """Task numbers run from 1 to TASKS, then from 1 again."""
@@ -59,7 +59,7 @@ _MASK = 2**_BITS - 1
 
 
 def _fresh(board: Any, k: int) -> int:
-    """Load board[k] atomically, sequentially consistent: all that was written before it is visible."""
+    """Load board[k] atomically, sequentially consistent: all earlier writes of other threads are visible."""
     return int(board[k])
 
 
@@ -125,10 +125,10 @@ WORDS.update({
 
 @kernel
 def _share(boards, me, task):
-    """Run the task's function on one's own part of the groups, then steal from the others' parts.
+    """Run the task's function on the thread's own part of the groups, then steal from other threads' parts.
 
-    boards: BOARD int64 numbers for each worker, then the caller's; PART of a board: its owner's rest of the groups. me:
-    number of the thread's board. task: number of the task. The function and its argument are on the caller's board.
+    boards: BOARD int64 numbers for each worker, then the caller's; PART of a board: the remaining groups of its owner.
+    me: number of the thread's board. task: number of the task. The function and its argument are on the caller's board.
     Returns whether the thread finished the task's last group.
     """
     members, last_one = boards.shape[0] // BOARD, False
@@ -189,9 +189,9 @@ def lead(boards, task, function, address, groups, rounds, stage):
     """Return the sum of function(address, first, last) over parts of range(groups), shared with the workers.
 
     function: address of machine code; address: its argument. task: its number. rounds: polls before blocking. stage:
-    GIVE (publish the task and do one's own part), RUN (do one's own part) or LOOK (only wait for the end). CALL or WAIT
-    (negative) instead: Python has to wake workers or block, then call again. FAILED: a part returned < 0. boards: BOARD
-    int64 numbers for each worker, then the caller's.
+    GIVE (publish the task and do the caller's own part), RUN (do the own part) or LOOK (only wait for the end). A
+    result of CALL or WAIT (negative) means that Python has to wake workers or to block, and then to call again. FAILED:
+    a part returned < 0. boards: BOARD int64 numbers for each worker, then the caller's.
     """
     workers = boards.shape[0] // BOARD - 1
     head = workers * BOARD
@@ -327,7 +327,7 @@ class Crew:
         return int(result)
 
     def _begin(self) -> None:
-        """Start the threads, with new boards and a new lock for the caller: old threads may hold the former ones."""
+        """Start the threads with new boards and a new lock for the caller: old threads may hold the old ones."""
         self._boards, self._done = np.zeros_like(self._boards), threading.Lock()
         # compile or load `serve` here, not in a thread: with task OVER it returns at once
         self._boards[TASK] = OVER
@@ -365,8 +365,7 @@ CROWDED = (
 class OneAtATime:
     """Context manager that admits one thread at a time; a second one gets a RuntimeError instead of waiting.
 
-    It raises an error instead of locking, because with a lock two threads would alternate steps of the same
-    environment.
+    A lock would let two threads alternate steps of the same environment. Therefore this raises an error instead.
     """
 
     def __init__(self) -> None:

@@ -18,7 +18,8 @@ from .widening import widened
 def _mode() -> str:
     """Return "llvm" where kernels are compiled or "python" where Python runs them (slowly, for a debugger).
 
-    Read from FLEXARM_COMPILER; ValueError for another word. NUMBA_DISABLE_JIT means "python", with a warning.
+    The mode is read from FLEXARM_COMPILER; ValueError for another word. NUMBA_DISABLE_JIT means "python", with a
+    warning.
     """
     chosen = os.environ.get("FLEXARM_COMPILER", "")
     if chosen not in ("", "llvm", "python"):
@@ -97,12 +98,12 @@ def completed(
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile `function` for the kinds of its arguments, when Python or another kernel calls it.
+    """Decorate a kernel: it is compiled for the kinds of its arguments when Python or another kernel calls it.
 
     Python's calls release the interpreter's lock.
 
-    IEEE arithmetic without contraction: a lane of a batch and a single arm must agree to the last bit. Division by zero
-    gives an infinity, never an exception, so that a failing arm is a value to be tested and not a crash.
+    Arithmetic is IEEE without contraction, because a lane of a batch and a single arm must agree to the last bit.
+    Division by zero gives an infinity, never an exception, so that a failing arm can be tested for and causes no crash.
     """
     return _by_python_alone(function) if UNCOMPILED else Kernel(function)
 
@@ -114,7 +115,7 @@ _by_python = ContextVar("_by_python", default=False)
 def uncompiled(function: Any) -> Any:
     """Return a function that lets Python run a kernel and all that it calls.
 
-    For rare calls and for kernels that return arrays.
+    It serves rare calls and kernels that return arrays.
     """
     if not isinstance(function, Kernel):
         return function
@@ -138,7 +139,8 @@ def _run_by_python(function: Callable[..., Any], items: Sequence[Any], named: Ma
 def _check_lanes(function: Callable[..., Any], items: Sequence[Any], named: Mapping[str, Any]) -> None:
     """Raise RuntimeError for a kernel with lane arrays (`lane_arrays`) under a tag of more than one lane.
 
-    Python would index single numbers. Kernels without annotations check where they load (`lanes`).
+    Python would index single numbers instead of elements. Kernels without annotations are checked when they load
+    (`lanes`).
     """
     if not lane_parameters(function):
         return
@@ -165,8 +167,7 @@ def _by_python_alone(function: Callable[..., Any]) -> Any:
 def inlined(function: Callable[..., Any]) -> Any:
     """Decorate a kernel that is always inlined into its callers.
 
-    Use it for kernels with so many array arguments that passing them costs more than compiling the code at every call
-    site.
+    Use it for kernels with many array arguments, if passing them costs more than compiling the code at every call site.
     """
     return _by_python_alone(function) if UNCOMPILED else Kernel(function, ["alwaysinline"])
 
@@ -182,8 +183,8 @@ def entry_point(function: Callable[..., Any]) -> Any:
 def superword(function: Callable[..., Any]) -> Any:
     """Decorate a kernel that applies one operation to many numbers of one arm, as elimination does to a row.
 
-    Where the kernel is large, LLVM vectorizes these numbers (superword-level parallelism); the bits stay the same. LLVM
-    skips the other large functions of the program, where the search takes long and gains nothing.
+    If the kernel is large, LLVM vectorizes these numbers (superword-level parallelism); the bits stay the same. LLVM
+    skips the other large functions of the program, because the search takes long there and gains nothing.
     """
     return _by_python_alone(function) if UNCOMPILED else Kernel(function, superword=True)
 

@@ -1,8 +1,8 @@
-"""Dependencies of a compiled program outside the package's sources, described in text that processes can compare.
+"""Dependencies of a compiled program outside the package's sources, described by text that processes can compare.
 
 A program on disk is loaded if this description is the same as when it was compiled. The description includes the kernel
-itself, the global names that it reads, the functions, classes and values of these names, and their dependencies in
-turn. A module's name alone does not suffice, since two folders may each have a module of that name.
+itself, the global names that it reads, and the objects of these names (functions, classes, values) with their own
+dependencies. A module's name alone does not suffice, because two folders may each have a module of that name.
 
 A function is described by its bytecode, defaults and closure values; a named tuple by its fields, defaults and
 constants; numbers, strings, arrays and collections by their contents. A program that depends on anything else is not
@@ -34,7 +34,7 @@ from .trace import Straight, global_names
 PACKAGE = Path(__file__).parents[1]
 
 Reads = Mapping[Any, Collection[str]]
-"""By function of a program, the global names that it reads, attributes included (`constants.PI`)."""
+"""For each function of a program, the global names that it reads, including attributes (`constants.PI`)."""
 
 
 class Indescribable(ValueError):
@@ -42,12 +42,12 @@ class Indescribable(ValueError):
 
 
 class Description:
-    """Text that describes what a program depends on.
+    """Text that describes the dependencies of a program.
 
     Attributes:
         words: the description, one string for each root and each function.
-        guide: what `now` needs to repeat it: whether each function was compiled, and the names that it reads.
-        classes: named tuple classes found on the way, by module and qualified name.
+        guide: data with which `now` repeats the description: whether each function was compiled, and the names that it
+        reads. classes: named tuple classes found on the way, by module and qualified name.
     """
 
     def __init__(self, reads: Reads | None, guide: Sequence[Any]) -> None:
@@ -87,7 +87,7 @@ class Description:
         return found
 
     def _all(self, roots: Sequence[Any]) -> None:
-        """Describe the root objects, then all functions that they refer to, breadth first."""
+        """Describe the roots, then, breadth first, the functions outside the package (`_named`) that they lead to."""
         for root in roots:
             self.words.append(self.describe(root))
         while self._left:
@@ -131,7 +131,7 @@ class Description:
             return type(item).__qualname__
 
     def _named(self, function: FunctionType) -> str:
-        """Describe a function by name if it is the package's, by file digest if a library's, else by a new label.
+        """Describe a function: by name (the package's own), by file digest (a library's), or by a new label.
 
         Functions with a label are described later, by `_function`.
         """
@@ -237,7 +237,7 @@ def _plain(function: Any) -> Any:
 
 
 def key_words(function: Any, shapes: Sequence[Any]) -> list[Any]:
-    """Return what distinguishes programs of outside functions or classes in the cache key; empty for the package's.
+    """Return the part of the cache key for functions or classes from outside the package; empty without such.
 
     function: the Python function of a kernel. shapes: its argument types (`kinds.described_as`).
     """
@@ -259,7 +259,7 @@ def key_words(function: Any, shapes: Sequence[Any]) -> list[Any]:
 
 
 def _described(item: Any) -> list[str]:
-    """Return the description of an object and of what it refers to, or the reason why it has none."""
+    """Return the description of an object and its references, or the reason why it has no description."""
     found = Description({}, ())
     try:
         found._all([item])
@@ -280,7 +280,7 @@ def classes_of(shape: Any) -> Iterator[Any]:
 
 
 def _foreign_classes(shapes: Sequence[Any]) -> list[Any]:
-    """Return the named tuple classes in argument types that are not the package's: kernels may be their constants."""
+    """Return the named tuple classes in argument types that are from outside the package; they may hold kernels."""
     return [cls for cls in classes_of(shapes) if not _is_own_class(cls)]
 
 

@@ -18,7 +18,7 @@ def returns_none(*_: Any) -> None:
 
 
 class OfPart:
-    """A family's function of a class that delegates it to one of its fields, `part`."""
+    """A family's function for a class that delegates the function to one of its fields, `part`."""
 
     def __init__(self, function: Any, part: str) -> None:
         self.function, self.part, self.__module__ = function, part, function.__module__
@@ -39,10 +39,10 @@ class OfPart:
 class Family:
     """Kernels of the same names for several classes of named tuples, chosen by the class of one argument.
 
-    Compiled, the choice is made where the call is written, so that it costs nothing at run time.
+    In compiled code the choice is made at compile time and costs nothing at run time.
 
-    `family.register(Class, kernel, ..., name=kernel)` registers a class's kernels, by their own names or others;
-    `family.delegate(Class, part, function, ...)` registers those of the class of its field `part`;
+    `family.register(Class, kernel, ..., name=kernel)` registers kernels of a class, by their own or other names;
+    `family.delegate(Class, part, function, ...)` registers the kernels of the class of its field `part`;
     `family.function(name, arguments)` returns the function that other kernels (and Python) call.
 
     argument: name of the dispatching argument. defaults: kernels of classes that do not register their own.
@@ -56,7 +56,7 @@ class Family:
     def register(self, kind: type, *named: Callable[..., Any], **functions: Callable[..., Any]) -> None:
         """Register kernels of a class; a later call adds to them or replaces them.
 
-        TypeError: a name that none of the family's functions has, which no call would ever reach.
+        Raises TypeError for a name that none of the family's functions has, because no call would ever reach it.
         """
         functions = {function.__name__: function for function in named} | functions
         unknown = sorted(functions.keys() - self.names) if self.names else []
@@ -74,8 +74,7 @@ class Family:
             choice[:] = [*(one for one in choice if one[0] is not self), (self, function)]
 
     def delegate(self, kind: type, part: str, *functions: Any) -> None:
-        """Register functions for a class that uses those of its field: `part` is the field, whose class has these
-        functions."""
+        """Register functions for a class that delegates them to its field `part`, whose class has these functions."""
         self.register(kind)
         for function in functions:
             self.members[kind][function.__name__] = made = OfPart(function, part)

@@ -1,4 +1,4 @@
-"""Elements of arrays and tuples in kernels: indices, slices, and what is written to elements."""
+"""Elements of arrays and tuples in kernels: indices, slices and assignments to elements."""
 
 import ast
 from collections.abc import Callable, Sequence
@@ -38,7 +38,7 @@ class Elements:
     value: Callable[[ast.expr], Any]
 
     def lengths(self, array: Array) -> Sequence[Any]:
-        """Return the shape of an array as LLVM i64; of an array of lanes the number of elements."""
+        """Return the shape of an array as LLVM i64; for an array of lanes the number of elements."""
         stride = 1 if array.lane is None else len(array.lane)
         return array.shape if stride == 1 else [self.b.sdiv(array.shape[0], ir.Constant(WORD, stride))]
 
@@ -78,7 +78,7 @@ class Elements:
         return self.b.gep(array.data, [k], inbounds=True)
 
     def _check_index(self, array: Array, steps: Sequence[Any]) -> None:
-        """Refuse indices of another number than the array's dimensions, truth values and negative indices."""
+        """Refuse truth values, negative indices, and more or fewer indices than the array has dimensions."""
         if len(steps) != len(array.shape):
             raise Refused(f"{len(steps)} indices of an array of {len(array.shape)} dimensions")
         if any(isinstance(x, Truth | bool) for x in steps):
@@ -119,7 +119,7 @@ class Elements:
         raise Refused(f"{told(item)}[{told(at)}]: elements of arrays; of tuples at known places, or of one kind")
 
     def _chosen(self, items: list[Any], at: Any) -> Any:
-        """Select one of several items of one kind by a run-time index; the last one if no other matches."""
+        """Select one of several items of one kind by a run-time index; select the last one if no other matches."""
         found = leaves(items[-1])
         for k, item in enumerate(items[:-1]):
             here = self.b.icmp_signed("==", at, ir.Constant(WORD, k))

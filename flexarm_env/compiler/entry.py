@@ -1,8 +1,8 @@
-"""Calls of compiled functions from Python with all arguments behind one address, the fastest kind of call.
+"""Calls of compiled functions from Python with all arguments in memory at one address, the fastest kind of call.
 
-`Placed` writes a named tuple of arrays and numbers into a row of 64-bit words once; a kernel that begins with `p =
-dereference(address)` reads from there. The Python side keeps words and arrays alive and calls the compiled function
-through `entry`, a C function that Python calls directly, or by its address (`native`).
+`Placed` writes a named tuple of arrays and numbers into a row of 64-bit words once. A kernel that begins with `p =
+dereference(address)` reads from these words. The Python side keeps words and arrays alive and calls the compiled
+function through `entry`, a C function that Python calls directly, or by its address (`native`).
 
 Kernels can be called with arguments of all kinds as well (`call`): these are placed for the duration of the call.
 """
@@ -21,7 +21,7 @@ from .kinds import Layout, described_as, words_of
 from .program import Program, program_of
 
 FAILED = -1
-"""A return value that no compiled step has."""
+"""A return value that no compiled step returns."""
 
 
 class Placed:
@@ -31,7 +31,7 @@ class Placed:
     """
 
     def __init__(self, value: Any) -> None:
-        """Write the value's words; where nothing is compiled the address is the value itself."""
+        """Write the value's words; if nothing is compiled, the address is the value itself."""
         self.value = value  # keeps the arrays alive
         self.address: Any = value
         if UNCOMPILED:
@@ -51,12 +51,12 @@ class Placed:
 
 
 def entry(function: Any, placed: Placed, *arguments: int) -> Callable[..., Any]:
-    """Return the compiled form of `function(address, *arguments)`, at most two whole numbers, which returns one."""
+    """Return the compiled form of `function(address, *arguments)`: at most two integer arguments, an integer result."""
     return function if UNCOMPILED else _direct(function, placed, arguments).call
 
 
 def native(function: Any, placed: Placed, *arguments: int) -> int:
-    """Return the address of the machine code of the same function; 0 where nothing is compiled."""
+    """Return the address of the machine code of this function; 0 if nothing is compiled."""
     return 0 if UNCOMPILED else _direct(function, placed, arguments).address
 
 
@@ -75,15 +75,17 @@ Arrays = list[NDArray[Any]]
 
 
 class _Kept(OrderedDict[int, tuple[Any, Placed, Arrays, list[Any]]]):
-    """Cache of placed named tuples, by identity, which is unique as long as they are kept; the oldest ones drop out.
+    """Cache of placed named tuples by identity.
 
-    An array in a tuple may have changed its shape or its writability: the tuple is then placed anew.
+    An identity is unique as long as the cache holds its tuple. The oldest tuples are dropped.
+
+    If an array in a tuple has changed its shape or its writability, the tuple is placed anew.
     """
 
     LIMIT = 256
 
     def place(self, value: Any) -> Placed:
-        """Return the `Placed` of a named tuple, from the cache where its arrays are as they were."""
+        """Return the `Placed` of a named tuple, from the cache if its arrays have not changed."""
         found = self.get(id(value))
         if found is None or found[3] != [(x.flags.num, x.shape, x.dtype) for x in found[2]]:
             arrays = list(_arrays(value))
@@ -111,7 +113,7 @@ _kept = _Kept()
 
 
 def call(kernel: Kernel, items: Sequence[Any]) -> Any:
-    """Return a kernel's result for arguments of any kind that kernels take. TypeError: another kind."""
+    """Return a kernel's result for arguments of any kind that kernels accept; raise TypeError for another kind."""
     # kinds (`shapes`), struct letters and words of all arguments
     shapes: list[Any] = []
     letters, values, held = "", [], []

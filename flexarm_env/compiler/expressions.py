@@ -107,7 +107,7 @@ class Expressions(Elements):
         return write(node)
 
     def condition(self, node: ast.expr) -> Any:
-        """Evaluate a condition: a bool where it is known at compile time, otherwise an LLVM i1."""
+        """Evaluate a condition to a bool if it is known at compile time, otherwise to an LLVM i1."""
         if isinstance(node, ast.BoolOp):
             return self._all(isinstance(node.op, ast.And), self.condition, node.values)
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
@@ -247,7 +247,7 @@ class Expressions(Elements):
         return self.arithmetic(type(node.op).__name__, self.value(node.left), self.value(node.right))
 
     def arithmetic(self, op: str, x: Any, y: Any) -> Any:
-        """Write x op y; signed integer ratios that float64 may round twice call `wholes.ratio`."""
+        """Write x op y; for ratios of signed integers that float64 may round twice, call `wholes.ratio`."""
         if isinstance(x, Record | Stored) or isinstance(y, Record | Stored):
             return operators.binary(self, op, x, y)
         if op == "Div" and arithmetic.far_from_exact(x, y):
@@ -257,11 +257,11 @@ class Expressions(Elements):
         return binary(self.b, op, x, y)
 
     def of_Compare(self, node: ast.Compare) -> Any:
-        """Evaluate a comparison; a < b < c evaluates b once, and c only where a < b holds."""
+        """Evaluate a comparison; a < b < c evaluates b once, and c only if a < b holds."""
         left = self.value(node.left)
 
         def tested(following: tuple[ast.cmpop, ast.expr]) -> Any:
-            """Compare the operand on the left with the next one, which becomes the left one."""
+            """Compare the left operand with the next operand, which becomes the new left operand."""
             nonlocal left
             op, right = following[0], self.value(following[1])
             result = self._compared(op, left, right)

@@ -17,15 +17,16 @@ from .statements import Writer
 from .symbols import DOUBLE
 
 MOST_ROOM = 2**19
-"""Largest number of float64 (4 MB) that a kernel and all its callees may take of a thread's stack, which has 8 MB."""
+"""Largest number of float64 (4 MB) that a kernel and all its callees may use on a thread's stack of 8 MB."""
 
 DEEPEST = 20
-"""Largest depth of nested specializations of one kernel; beyond it counts as recursion, which is refused."""
+"""Largest depth of nested specializations of one kernel. A greater depth counts as recursion, which is refused."""
 
 LARGE, LARGE_HOT = 160, 350
-"""Largest number of instructions of a function without lanes that LLVM may inline; the second one is for programs of an
-`entry_point`. Results are bitwise those without limit. Runs take up to 9 % longer (entry points 1 %), and compiling
-takes 0.83 to 0.9 of the time (entry points 0.85). At a limit of 80, floating frames in space ran 35 % longer."""
+"""Largest number of instructions of a function without lanes that LLVM may inline. The second number is for programs of
+an `entry_point`. Results are bitwise the same as without limit. Runs take up to 9 % longer (entry points 1 %), and
+compiling takes 0.83 to 0.9 of the time (entry points 0.85). At a limit of 80, floating frames in space ran 35 % longer.
+"""
 
 SPARED = "noimplicitfloat"
 """LLVM attribute of functions that its superword (SLP) vectorizer skips."""
@@ -107,7 +108,7 @@ class Module:
         return tuple(self._rooms.get(code.name, (0, 0)))
 
     def reset_room(self, code: Any, room: tuple[int, ...]) -> None:
-        """Set a function's stack use back to an earlier `room_of`, where code of an attempt was removed."""
+        """Reset a function's stack use to an earlier `room_of`, after the code of an attempt was removed."""
         self._rooms[code.name] = list(room)
 
     def _check_room(self, room: list[int], own: int, below: int) -> None:
@@ -120,7 +121,7 @@ class Module:
             )
 
     def calls(self, code: Any, called: Any) -> None:
-        """Record a call: the callee's stack use, with its own callees, lies beyond the caller's."""
+        """Record a call: the stack use of the callee and its own callees adds to the caller's."""
         room = self._rooms.setdefault(code.name, [0, 0])
         self._check_room(room, room[0], max(room[1], sum(self._rooms.get(called.name, ()))))
 
@@ -133,7 +134,7 @@ class Module:
     def mark_loop(self, back: Any) -> None:
         """Add metadata to a loop's back edge that stops LLVM from unrolling it by a run-time trip count.
 
-        Programs of an `entry_point` get none: their loops may be unrolled.
+        Programs of an `entry_point` get no such metadata, because their loops may be unrolled.
         """
         if not self.often:
             self._loops += 1
@@ -145,7 +146,7 @@ class Module:
             back.set_metadata("llvm.loop", mark)
 
     def table(self, values: Any) -> Any:
-        """Return the global constant array (float64 if any value is one, else int64) of known numbers, made once."""
+        """Return a global constant array of known numbers, made once (float64 if any value is a float, else int64)."""
         # by repr: 0.0 and -0.0 are equal, but not the same constant
         key = tuple(map(repr, values))
         if key not in self._tables:
@@ -162,7 +163,7 @@ class Module:
 def _is_large(code: Any, most: int) -> bool:
     """Return whether a function has more than `most` instructions and no vectors.
 
-    Functions with lanes are left to LLVM's inliner: a call would spill their vector registers.
+    Functions with lanes are left to LLVM's inliner, because a call would spill their vector registers.
     """
     types = [one.type for block in code.blocks for one in block.instructions]
     return len(types) > most and not any(isinstance(one, ir.VectorType) for one in types)

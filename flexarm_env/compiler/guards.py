@@ -1,12 +1,13 @@
-"""Guards of the reverse sweep: masks that stop a zero cotangent from becoming NaN in a branch that was not chosen.
+"""Guards of the reverse sweep: masks that keep a zero cotangent from becoming NaN in a branch that was not chosen.
 
 In the reverse sweep the operand that a select did not choose gets the cotangent 0, and 0 times an infinite slope is
-NaN. Cotangents that leave the part of the graph used by that operand alone are therefore selected once more: unchanged
-for the chosen operand, 0 for the other. In forward mode the select itself does that, as it selects between tangents.
+NaN. Therefore cotangents that leave the part of the graph used only by that operand are selected once more: unchanged
+if the operand was chosen, otherwise 0. In forward mode this is not needed, because the select itself selects between
+tangents.
 
-A node's *path* lists the conditions under which its cotangent matters. A condition is a side of a select (`Side`). If a
-value is used by several selects, within a branch, or from memory that a select reads, the condition is that its
-cotangent is not 0 (`Live`).
+A node's *path* lists the conditions under which its cotangent matters. A condition is a side of a select (`Side`), or
+that the node's cotangent is not 0 (`Live`). The latter is used if several selects use the value, or if it is used
+within a branch or from memory that a select reads.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import Any
 Path = tuple[Any, ...]
 
 ROUNDS = 8
-"""Largest number of passes over all nodes to find which arrays are read under a guard."""
+"""Largest number of passes over all nodes to find the arrays that are read under a guard."""
 
 _ELSEWHERE = object()
 """First entry of the path of a use that is guarded in another region or through memory."""
@@ -38,7 +39,7 @@ class Side:
 
 
 class Live:
-    """Guard: a node's cotangent is not 0. test: that comparison (i1), written once the cotangent is known.
+    """Guard: a node's cotangent is not 0. test: this comparison (i1), written as soon as the cotangent is known.
 
     steep_alone: the guard is needed by quotients and roots only, not by products.
     """
@@ -54,8 +55,8 @@ class Live:
 class Guards:
     """Paths of all nodes of a `Tape`, and the guards that are needed.
 
-    nodes: in program order. names: ids of stack slots of a single number. paths: by id of a node, its guards.
-    used: the guards on the path of a node whose pullback may make NaN of 0; all others are left out.
+    nodes: in program order. names: ids of stack slots of a single number. paths: by id of a node, its guards. used: the
+    guards on the path of a node whose pullback may turn 0 into NaN; other guards are left out.
     """
 
     def __init__(self, nodes: Iterable[Any], names: set[int]) -> None:
@@ -88,7 +89,7 @@ class Guards:
         }
 
     def _is_guarded(self, load: Any) -> bool:
-        """Return whether a load may get a zero cotangent because a select or a branch did not choose it."""
+        """Return whether a load may get a zero cotangent because a select or a branch did not choose the load."""
         return bool(self.paths[id(load)]) or (load.base in self._names and load.region.is_within_branch())
 
     def side(self, node: Any, pull: Any) -> Path:
@@ -100,7 +101,7 @@ class Guards:
     def _path(self, node: Any) -> Path:
         """Return a node's path: the guards that all of its uses share from the beginning.
 
-        Where uses differ a `Live` guard of the node itself follows. A node that is not used has the path ().
+        If the uses' paths differ, a `Live` guard of the node itself follows. A node that is not used has the path ().
         """
         uses: list[Path] = []
         for user, pull in self._users.get(id(node), ()):
@@ -128,7 +129,8 @@ class Guards:
         return found if found in self.used and found in self.paths[id(node)] else None
 
     def left(self, node: Any, parent: Any) -> list[Any]:
-        """Return the needed guards on a node's path that are not on its parent's; all of them where parent is None."""
+        """Return the needed guards on a node's path that are not on its parent's; with parent None return all needed
+        ones."""
         path: Path = self.paths[id(node)]
         if parent is not None and parent.region is node.region:
             path = path[len(_common([path, self.paths[id(parent)]])) :]

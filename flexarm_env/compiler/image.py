@@ -1,4 +1,4 @@
-"""Relocatable image of a placed named tuple: the words and arrays that an exported library loads at any address."""
+"""Relocatable image of a placed named tuple: words and arrays that an exported library can load at any address."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Items: what names and expressions of a kernel stand for while it is compiled.
+"""Items: the values of a kernel's names and expressions during compilation.
 
 A symbolic item holds LLVM values known at run time: `symbols.Value` (float64 or lanes) and the classes below. A static
 item is known at compile time and stands for itself: None, sizes, lane tags, functions, strings, Python's numbers.
@@ -6,7 +6,7 @@ item is known at compile time and stands for itself: None, sizes, lane tags, fun
     leaves(item)       the LLVM values that an item is made of
     rebuilt(item, it)  the same item of other LLVM values
     kind(item)         specialization key: equal for items that the same compiled code serves
-    Layout             where the fields of a named tuple lie in a row of 8-byte words (see `entry`)
+    Layout             places of a named tuple's fields in a row of 8-byte words (see `entry`)
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Array:
     """A C-contiguous array at run time.
 
     data: pointer to the first element. shape: one LLVM i64 per dimension. letter: element type, a key of NUMBERS.
-    fixed: writing is refused, since the array is a global constant or read-only in NumPy. lane: the lane tag of an
+    fixed: writing is refused, because the array is a global constant or read-only in NumPy. lane: the lane tag of an
     array of lanes, whose indices count elements of all lanes (`lane_arrays`); None: indices count numbers.
     """
 
@@ -205,7 +205,7 @@ def words_of(value: Any) -> list[int]:
 
 
 def declared(item: Any, holds: bool | None, lane: Any) -> Any:
-    """Return an argument or field as its annotation declares it, with indices by elements of lanes or by numbers.
+    """Return an argument or field as its annotation declares it: indices count elements of lanes, or numbers.
 
     holds: True for `Lanes`, False for another type, None without an annotation. lane: the kernel's lane tag, or None.
     Refused: `Lanes` of an item that is no one-dimensional array of float64 (None and sizes excepted).
@@ -291,7 +291,7 @@ def rebuilt(item: Any, it: Iterator[Any], builder: Any) -> Any:
 
 
 def kind(item: Any) -> Any:
-    """Return the hashable specialization key of an item: equal keys share one compiled function.
+    """Return the hashable specialization key of an item; items with equal keys share one compiled function.
 
     Symbolic items give their type (lanes, tangents, element type, class), static ones their type and value.
     """

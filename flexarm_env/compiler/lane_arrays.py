@@ -1,4 +1,4 @@
-"""Arrays of lanes: `x[k]` in a kernel is element k of every lane where an annotation says that x holds lanes.
+"""Arrays of lanes: if an annotation declares that x holds lanes, `x[k]` in a kernel is element k of every lane.
 
     @kernel
     def axpy(lane, n, x: Lanes, y: Lanes, scale):
@@ -7,9 +7,9 @@
 
 `Lanes` annotates parameters, assignments and fields of named tuples. The fields count for parameters and assignments
 that are annotated with a type (`w: Work`) and for named tuples that the kernel makes. Other names of a lane array, its
-slices `x[i:]`, tuples with it and results of `stack` hold lanes, too. A kernel that is called with one sees what its
-own annotations say. The number of lanes is that of the kernel's argument `lane`. In uncompiled mode there is one lane,
-for which NumPy's indexing means the same.
+slices `x[i:]`, tuples with it and results of `stack` hold lanes, too. In a called kernel, the annotations of that
+kernel decide. The number of lanes is that of the kernel's argument `lane`. In uncompiled mode there is one lane, for
+which NumPy's indexing gives the same result.
 """
 
 from __future__ import annotations

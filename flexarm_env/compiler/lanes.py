@@ -1,17 +1,17 @@
-"""Lanes: one kernel source for one arm or several; a vector of float64 that compiles to one machine register.
+"""Lanes: one kernel source for one arm or several arms, with vectors of float64 that compile to machine registers.
 
 A kernel takes a *lane tag*, a tuple of zeros whose length L is the number of arms advanced together (`SINGLE` or
 `EIGHT`). In an array that holds lanes, element k of all L arms lies at `[k*L : (k+1)*L]`. `load(lane, array, k)`
-returns a float64 where L = 1 and an LLVM `<L x double>` otherwise; arithmetic and the functions below accept both, so
-that the same source is the kernel of a single arm and of a batch. No operation is contracted or reordered, hence both
-give the same bits, on any x86 or Arm vector unit.
+returns a float64 if L = 1 and an LLVM `<L x double>` otherwise. Arithmetic and the functions below accept both types,
+so the same source is the kernel of a single arm and of a batch. No operation is contracted or reordered. Single arms
+and batches therefore give the same bits, on any x86 or Arm vector unit.
 
-A longer tag, `dual(lane, D)`, makes the same source the kernel of its derivative (forward mode): each element is
-followed by D tangents, L numbers each, its derivatives along D directions, and every operation propagates them by the
+With a longer tag, `dual(lane, D)`, the same source becomes the kernel of its derivative (forward mode). Each element is
+followed by D tangents of L numbers each: its derivatives along D directions. Every operation propagates tangents by the
 rules in `symbols`. `lane_count(lane)` is the number of arms of either kind of tag.
 
-The functions here are those that Python runs where compilation is disabled; `words` says what the compiler writes for
-them.
+Python runs the functions of this module if compilation is disabled. `words` defines the instructions that the compiler
+writes for them.
 """
 
 import math
@@ -23,11 +23,11 @@ from .decorator import UNCOMPILED, kernel
 SINGLE: tuple[int, ...] = (0,)
 EIGHT: tuple[int, ...] = (0,) * 8
 WIDEST = SINGLE if UNCOMPILED else EIGHT
-"""Lane tag for batches. Where compilation is disabled there are no vectors: each arm is advanced by itself."""
+"""Lane tag for batches. If compilation is disabled, there are no vectors, and each arm is advanced by itself."""
 
 
 def dual(lane: tuple[int, ...], tangents: int = 1) -> tuple[int, ...]:
-    """Return the tag of as many arms with `tangents` tangents each (of one arm: at most 6)."""
+    """Return the tag of the same number of arms with `tangents` tangents each (for one arm at most 6)."""
     return lane * (1 + tangents)
 
 
@@ -77,7 +77,7 @@ def store_lane(lane: tuple[int, ...], array: np.ndarray, k: int, i: int, value: 
 def stack(lane: tuple[int, ...], sizes: tuple[int, ...]) -> np.ndarray:
     """Return an uninitialized array of `len(sizes)` values per lane that lives until the kernel returns.
 
-    It becomes registers where the compiler knows every index into it.
+    The array becomes registers if the compiler knows every index into it.
     """
     return np.full(len(lane) * len(sizes), np.nan)
 
@@ -132,12 +132,12 @@ def without_tangents(x: float) -> float:
 
 
 def with_slope(y: float, x: float, slope: float) -> float:
-    """Return y with the tangents of x times slope: the value y of a function of x whose derivative is `slope`."""
+    """Return y with the tangents of x times slope: y is the value of a function of x whose derivative is `slope`."""
     return y
 
 
 def tangents_only(x: float) -> float:
-    """Return -0 with the tangents of x; added to a number, it changes the number's tangents alone."""
+    """Return -0 with the tangents of x; added to a number, it changes only the number's tangents."""
     return -0.0
 
 
@@ -157,7 +157,7 @@ def turn(t: float, s: float, c: float) -> tuple[float, float]:
 
 
 _FAR = 1e15
-"""Angle from which a period has fewer than 50 floats, and beyond which `_WHOLE` does not count right angles."""
+"""Above this angle a period contains fewer than 50 floats, and `_WHOLE` cannot count right angles."""
 
 # pi/2 in three parts of 33 bits: k * part is exact for |k| < 2^20, so the reduction keeps full precision.
 _HALF_PI_1 = 1.57079632673412561417e00

@@ -1,4 +1,4 @@
-"""Loops of kernels: limits of `range`, and where `break` and `continue` lead."""
+"""Loops of kernels: limits of `range`, and targets of `break` and `continue`."""
 
 from __future__ import annotations
 

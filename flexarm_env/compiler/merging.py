@@ -1,4 +1,4 @@
-"""Merging of items where two control paths meet or a name is reassigned: the common type that both convert to."""
+"""Merging of items at joins of control paths and reassignments of names: the common type to which both convert."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ APART = object()
 
 
 class Widen(Exception):
-    """Raised when a name's stack slots are too narrow: its function is written again with this template for it."""
+    """Raised if a name's stack slots are too narrow: the function is rewritten with this template for the name."""
 
     def __init__(self, name: str, template: Any) -> None:
         self.name, self.template = name, template

@@ -1,4 +1,4 @@
-"""Nodes and regions of a `Tape`: differentiable instructions with their pullbacks, and the code that they lie in."""
+"""Nodes and regions of a `Tape`: differentiable instructions with their pullbacks, and the code that contains them."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class Pull(NamedTuple):
 class Node:
     """A float64 LLVM value that depends on a differentiated input, with its edges to the operands.
 
-    value: the LLVM value. pulls: edges to active operands. region: the code stretch that it was written in.
-    test: condition (i1) of a select. risky: the pullback may turn a cotangent of 0 into NaN (0 * inf).
-    steep: the slope may be infinite at finite operands (quotient, square root). base: id of the array that a load
-    reads. stored: ids of the arrays that the value is stored to. cotangent: sum of the shares so far, on the way back.
+    value: the LLVM value. pulls: edges to active operands. region: the code stretch that it was written in. test:
+    condition (i1) of a select. risky: the pullback may turn a cotangent of 0 into NaN (0 * inf). steep: the slope may
+    be infinite at finite operands (quotient, square root). base: id of the array that a load reads. stored: ids of the
+    arrays that the value is stored to. cotangent: present sum of the shares, during the reverse sweep.
     """
 
     def __init__(
@@ -46,9 +46,9 @@ class Node:
 class Region:
     """A stretch of code that is reversed as a unit: a function, a loop body or one side of a branch.
 
-    items: nodes and callables in program order; the reverse sweep goes through them backwards.
-    kept: by id of a forward value, the LLVM value that stands for it on the way back.
-    entry: basic block where the reverse code of the region begins; forward values are recomputed or reloaded there.
+    items: nodes and callables in program order; the reverse sweep goes through them backwards. kept: by id of a forward
+    value, the LLVM value that replaces it in the reverse sweep. entry: basic block where the reverse code of the region
+    begins; forward values are recomputed or reloaded there.
     """
 
     entry: Any

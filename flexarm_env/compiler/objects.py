@@ -1,11 +1,11 @@
-"""Cache of compiled programs on disk: one file per program, found by a key of everything that its code depends on.
+"""Cache of compiled programs on disk: one file per program, found by a key of all dependencies of its code.
 
 The key covers the sources, the argument types, llvmlite's version and the processor. A file is its SHA-256, a line of
 JSON and an object file: reading one executes nothing. A damaged file is compiled again; without a writable folder no
 file is stored. A file that users other than the owner and root could have written is not read.
 
 For kernels from outside the package the JSON lists their dependencies (`dependencies`). Loading a file renews its time
-of modification: where files take more than `LIMIT`, the least recently loaded ones are deleted.
+of modification. If files take more than `LIMIT`, the least recently loaded files are deleted.
 """
 
 import contextlib
@@ -41,20 +41,20 @@ SUFFIX = ".o"
 _DIGEST = hashlib.sha256().digest_size
 
 LIMIT, ROOM = 512.0, "FLEXARM_CACHE_MB"
-"""Largest total size of the files of a folder, MB, and the environment variable that sets another."""
+"""Largest total size of the files of a folder, MB, and the environment variable that sets another size."""
 
 SPARE = 0.9
 """Above the limit files are deleted until this fraction of it is left."""
 
 OFTEN, FORGOTTEN = 3600.0, 30 * 86400.0
-"""Seconds: least time between two renewals of a file's time, and age from which a partial file is abandoned; time
-without loading after which files of other versions of the package are deleted."""
+"""Seconds. The first is the least time between two renewals of a file's time, and the age from which a partial file
+counts as abandoned. The second is the time without loading after which files of other package versions are deleted."""
 
 _NAME = re.compile(rf"[^/]+-\d+\.[0-9a-f]{{16}}\.[0-9a-f]{{24}}{re.escape(SUFFIX)}(\.[0-9a-f]{{16}})?")
 """Names of program files, complete and partial ones; no other file is deleted."""
 
 _said = False
-"""Whether this process has been warned that nothing can be stored."""
+"""True after this process has warned that nothing can be stored."""
 
 _sentences: set[str] = set()
 """Messages that `_say_once` has logged."""
@@ -103,7 +103,7 @@ def key_of(function: Any, shapes: Sequence[Any], direct: bool, *target: str) -> 
 
 @cache
 def _former() -> str | None:
-    """Return the folder that Numba's variable names, with a warning: it named the cache in earlier releases."""
+    """Return the folder in Numba's environment variable, with a warning: earlier releases took the cache from it."""
     folder = os.environ.get(FORMER)
     if folder and not os.environ.get(VARIABLE):
         warnings.warn(f"{FORMER}: is {VARIABLE} now; it is still heeded in this release", FutureWarning, stacklevel=2)
@@ -111,9 +111,9 @@ def _former() -> str | None:
 
 
 def folders() -> list[Path]:
-    """Return the folders where programs are looked for; they are written to the first.
+    """Return the folders in which programs are searched; new programs are written to the first.
 
-    The folder beside an installed package, compiled by an administrator, serves users who cannot write there.
+    The folder beside an installed package, compiled by an administrator, serves users without write access to it.
     """
     beside = PACKAGE / "__pycache__" / "objects"
     chosen = os.environ.get(VARIABLE) or _former()
@@ -326,7 +326,7 @@ def clean(folder: Path) -> tuple[int, int]:
 
 
 _known_size: dict[Path, int] = {}
-"""Size of each folder in bytes: last counted by this process, plus what it has written since."""
+"""Size of each folder in bytes: the last count by this process plus the size of files written since."""
 
 
 def _make_room(folder: Path, key: Key, written: Path) -> None:
@@ -365,7 +365,7 @@ def _make_room(folder: Path, key: Key, written: Path) -> None:
 
 
 def _over(path: Path, key: Key) -> bool:
-    """Return whether a file of the same kernel is from other sources, or a partial one older than an hour."""
+    """Return whether a file of the same kernel is from other sources, or is a partial file older than an hour."""
     if path.suffix == SUFFIX:
         return not path.name.startswith(f"{key.base}.{key.stamp[:16]}.")
     with contextlib.suppress(FileNotFoundError):

@@ -1,7 +1,7 @@
 """Operators of named tuples: `a + b`, `R @ a`, `-a`, `R.T` call the methods and properties of their classes.
 
-A method is a kernel without a decorator: a Python function of the class body that the compiler reads where an operator
-or a property stands in a kernel. Python calls the same functions in uncompiled mode and in traced code.
+A method is a kernel without a decorator: a Python function of the class body. The compiler reads it for an operator or
+a property in a kernel. Python calls the same functions in uncompiled mode and in traced code.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def has_operators(cls: Any) -> bool:
 
 
 def _of_class(item: Any, word: str) -> Any:
-    """Return the Python function of a method of an item's named tuple class; None where it has none of its own."""
+    """Return the Python function of a method of an item's named tuple class; None if the class does not define it."""
     found = getattr(item.instance_class, word, None) if isinstance(item, Record | Stored) else None
     return found if isinstance(found, FunctionType) else None
 

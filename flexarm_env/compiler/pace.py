@@ -1,8 +1,8 @@
 """Number of threads for the steps of a batch: measured, at most the number of processors available.
 
-The duration of a step depends on the arms; the gain by a second thread depends on the processor, on other processes and
-on what the caller does between steps. These influences are unknown in advance, so a few single-threaded and threaded
-steps are timed occasionally. Results are bitwise the same for any number of threads.
+The duration of a step depends on the arms. The gain by a second thread depends on the processor, on other processes and
+on the caller's work between steps. These influences are unknown in advance. Therefore a few single-threaded and
+threaded steps are timed occasionally. Results are bitwise the same for any number of threads.
 """
 
 import math
@@ -14,14 +14,14 @@ from pathlib import Path
 from .crew import Crew
 
 ARMS_PER_THREAD = 128
-"""Arms per thread for derivatives: a second thread from twice as many arms on."""
+"""Arms per thread for derivatives. A second thread is used from twice this number of arms on."""
 SAMPLES = 5
 """Steps of a trial; its result is their median."""
 WORK = 30e-6
-"""Least duration of a step per thread, s: waking a thread takes about as long."""
+"""Least duration of a step per thread, s. Waking a thread takes about as long."""
 WORTH = 0.75
-"""Least parallel efficiency, speedup per thread. Below it other processes need the processors, or waking threads takes
-longer than their part of a step."""
+"""Least parallel efficiency (speedup per thread). A lower value means that other processes need the processors, or that
+waking threads takes longer than their part of a step."""
 RARELY, SELDOM = 50.0, 800.0
 """Least and largest time between trials, as a multiple of the duration of a trial."""
 
@@ -95,8 +95,8 @@ class Pace:
     def took(self, seconds: float) -> None:
         """Record the duration (s) of a step that ran with `threads` threads, and choose the next number.
 
-        A trial times SAMPLES steps with one thread, then with as many as their duration suggests, then with half as
-        many, and so on, until the speedup per thread is at least WORTH.
+        A trial times SAMPLES steps with one thread. From their duration it estimates a number of threads and times
+        steps with this number, then with half of it, and so on, until the speedup per thread is at least WORTH.
         """
         # between trials: count down, then begin with one thread
         if self._wait > 0.0:

@@ -1,7 +1,8 @@
-"""Programs: a kernel with all its callees, compiled to machine code that is called by C's calling convention.
+"""Programs: a kernel with all its callees, compiled to machine code with C's calling convention.
 
-Each program has one function int64(int64, int64, int64). It gets the addresses of the kernel's arguments and of its
-result or, if called directly, the address of its one named tuple and up to two integers (see `entry`).
+Each program has one function int64(int64, int64, int64). Its arguments are the addresses of the kernel's arguments and
+of its result. In a direct call they are the address of the kernel's one named tuple and up to two integers (see
+`entry`).
 """
 
 import ctypes
@@ -142,7 +143,7 @@ def _compiled(
 def linkable(kernel: Kernel, layout: Layout, name: str, cpu: str | None) -> bytes:
     """Return an object file with the function `name`(address of a placed named tuple, two integers), to be linked.
 
-    cpu: LLVM's name of the target processor; None: this machine's. Results are bitwise those of the program in Python.
+    cpu: LLVM's name of the target processor; None for this machine's. Results are bitwise those of a call from Python.
     """
     shapes = [("placed", layout), "integer", "integer"]
     with _LOCK, announced(kernel.function), _uncollected():
@@ -152,9 +153,9 @@ def linkable(kernel: Kernel, layout: Layout, name: str, cpu: str | None) -> byte
 
 @contextmanager
 def _uncollected() -> Iterator[None]:
-    """Pause Python's garbage collection while LLVM code is built, whose objects are many and all in use.
+    """Pause Python's garbage collection while LLVM code is built, because its many objects are all in use.
 
-    Collecting would double the time. Afterwards collect once and return freed memory, tens of MB, to the system.
+    Collection would double the time. Afterwards collect once and return freed memory, tens of MB, to the system.
     """
     before = gc.isenabled()
     gc.disable()
@@ -322,7 +323,7 @@ made.emit_object(module)
 
 
 def is_processor(cpu: str) -> bool:
-    """Return whether LLVM generates code for a processor name; a child process tries, since LLVM may exit on it."""
+    """Return whether LLVM generates code for a processor name; tested in a child process, because LLVM may exit."""
     if not re.fullmatch(r"[\w.+-]{1,64}", cpu, flags=re.ASCII) or cpu.startswith("-"):
         return False
     done = subprocess.run([sys.executable, "-c", _ASKED, cpu], capture_output=True, check=False)
@@ -376,7 +377,7 @@ def _door() -> tuple[Any, Any]:
     """Return (PyMethodDef, PyCFunction_NewEx): with them `python_function` makes a callable of machine code.
 
     The C function of the PyMethodDef, `_door_text`, calls the address in its `self`, a Python int. It is machine code,
-    since a call through ctypes takes longer than a control period of a small arm.
+    because a call through ctypes takes longer than a control period of a small arm.
     """
     key = objects.key_of(_door_text, [], True, *target_text())
     kept = objects.load(key)

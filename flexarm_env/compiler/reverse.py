@@ -1,9 +1,9 @@
 """Reverse mode: generate from a kernel the kernel that propagates cotangents from its outputs back to its inputs.
 
-`vjp_of(function, names)` writes the function with all its callees inlined, then the reverse sweep: it gives the
-derivatives by all inputs, at a few times the cost of the function. The `Tape` records instructions; this module adds
-loops and branches. The sweep runs loops from the last iteration to the first. Forward values that the sweep needs and
-cannot recompute are saved: those of a loop in a frame per iteration, those of a branch in stack slots.
+`vjp_of(function, names)` writes the function with all its callees inlined, then the reverse sweep. The result contains
+the derivatives by all inputs, at a few times the cost of the function. The `Tape` records instructions; this module
+adds loops and branches. The sweep runs loops from the last iteration to the first. Forward values that the sweep needs
+and cannot recompute are saved: in a loop in one frame per iteration, in a branch in stack slots.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Backward(Writer):
     def write(self, items: Sequence[Any]) -> Any:
         """Write the function's code at the current position; return the result item.
 
-        A `Widen` is noted for this function (its name cleared) and raised on, for the whole to be written again.
+        A `Widen` is recorded for this function (its name cleared) and raised again, so that the whole is written anew.
         """
         try:
             self.take(items)
@@ -89,7 +89,7 @@ class Backward(Writer):
     _branched = 0
 
     def bind(self, name: str, item: Any) -> None:
-        """Assign an item to a name; arrays with cotangents directly, since their bar is known at compile time."""
+        """Assign an item to a name; arrays with cotangents directly, because their bar is known at compile time."""
         if any(isinstance(x, Array) and self.b.has_bar(x.data) for x in _parts(item)):
             self.names[name] = item
         else:
@@ -363,7 +363,7 @@ class _Held(Tracer):
         return self.arrays[-1]
 
     def close(self) -> None:
-        """Store changed elements, and move the loads to the beginning of what was recorded.
+        """Store changed elements, and move the loads to the beginning of the recorded code.
 
         Their cotangents are then added to memory at the end of the reverse code.
         """
@@ -441,8 +441,9 @@ def vjp_of(function: Any, names: tuple[str, ...], scratch: tuple[str, ...] = ())
     """Return the vector-Jacobian product of a kernel: it takes its arguments, then cotangents for each of `names`.
 
     names: arguments that are arrays, or named tuples of arrays. Cotangents of elements that the function writes are
-    consumed: they are then 0 or, where the old content was read too, its cotangent. Contributions to elements that are
-    only read are added to theirs. The arrays stay unchanged. scratch: arrays of working memory, whose content
-    matters neither before nor after. Where nothing is compiled the function itself is returned.
+    consumed. Afterwards they are 0 or, if the old content was read too, the cotangent of the old content. For elements
+    that are only read, contributions are added to their cotangents. The arrays stay unchanged. scratch: arrays of
+    working memory, whose content matters neither before nor after. If nothing is compiled, the function itself is
+    returned.
     """
     return function if UNCOMPILED else Pulled(function, names, scratch)

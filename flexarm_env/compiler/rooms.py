@@ -1,4 +1,4 @@
-"""Scratch memory of a `Tape`: saved forward values lie on the stack while they fit, otherwise in memory from malloc."""
+"""Scratch memory of a `Tape` for saved forward values: on the stack if they fit, otherwise from malloc."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -57,7 +57,7 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
         return self.bitcast(self.gep(frame, [ir.Constant(WORD, at)], inbounds=True), kind.as_pointer())
 
     def _function(self, name: str, kind: Any) -> Any:
-        """Return the module's declaration of the external function `name`, declaring it where missing."""
+        """Return the module's declaration of the external function `name`; declare it if it is missing."""
         found = self.module.globals.get(name)
         return found or ir.Function(self.module, kind, name)
 

@@ -1,6 +1,6 @@
 """Output arrays of compiled code, returned as NumPy views that are created once for each array.
 
-A caller of `step` gets views of an array and may keep them; the next step then writes into another array. Creating a
+A caller of `step` gets views of an array. If the caller keeps them, the next step writes into another array. Creating a
 view takes longer than copying a number, so each array stores its views. It is reused, with the same views, when no
 caller holds a reference to any of them.
 """
@@ -47,7 +47,7 @@ _BARE, _EACH = 0, 0
 
 
 def _measure() -> tuple[int, int]:
-    """Return (count of an array that nobody else holds, increment per view), as this Python counts references."""
+    """Return (reference count of an array that nobody else holds, increment per view) in this version of Python."""
     counts = []
     for n in (0, 1, 2):
         sheet = Sheet(np.zeros((3, 2)))

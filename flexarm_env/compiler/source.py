@@ -1,4 +1,4 @@
-"""Source text of kernels, parsed to an AST: read by `linecache`, refused where it differs from the running code."""
+"""Source text of kernels, read by `linecache` and parsed to an AST; refused if it differs from the running code."""
 
 import __future__
 
@@ -79,7 +79,7 @@ def source_of(function: Any) -> Source:
 
 
 def _tree(text: str, code: CodeType) -> Any:
-    """Return the AST node in a file's text that compiles to a function's code; None if there is none any more.
+    """Return the AST node in a file's text that compiles to a function's code; None if the text has no such node.
 
     Candidates are found by name and first line; bytecode and constants must match, docstrings may differ.
     """
@@ -138,7 +138,8 @@ def _meaning(code: CodeType) -> list[Any]:
 def _often(tree: ast.FunctionDef) -> set[str]:
     """Return the names of a function that are assigned more than once.
 
-    An assignment in a loop over a tuple counts twice, since the loop is unrolled; so does an augmented one.
+    An assignment in a loop over a tuple counts twice, because the loop is unrolled. An augmented assignment counts
+    twice, too.
     """
     found = Counter(argument.arg for argument in tree.args.args)
 

@@ -67,7 +67,7 @@ class Writer(Expressions):
     def write(self, items: Sequence[Any]) -> Any:
         """Write the function's code for arguments of the kinds of `items`; return its result template.
 
-        Errors are raised as Refused with file and line of the current statement, unforeseen ones too.
+        Every error, also an unforeseen one, is raised as Refused with file and line of the current statement.
         """
         # LLVM arguments are the leaves of all items
         it = iter(self.code.args)
@@ -266,7 +266,8 @@ class Writer(Expressions):
     def on_If(self, node: ast.If) -> None:
         """Write an if statement: only the branch taken if the condition is static, otherwise two basic blocks.
 
-        Names keep a value after it if both branches that reach the end leave them the same item or slots.
+        After the statement a name has a value if it stands for the same item or slots in all branches that reach the
+        end.
         """
         # a static condition: the other branch is not compiled, and may contain anything
         test = self.condition(node.test)

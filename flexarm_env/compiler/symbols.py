@@ -2,8 +2,8 @@
 
 A `Value` is a float64 or a vector of lanes, alone or *dual*: with tangents, its derivatives along some directions. This
 module defines the rules of differentiation for kernels' operations on lanes (`lanes`) and for straight-line code
-(`trace`). Tangents do not change the value, to the last bit. At a kink the derivative follows the branch taken: for
-select_lt the chosen operand, for |x| at 0 the value from above. The derivative of a square root at 0 is 0.
+(`trace`). Tangents do not change any bit of the value. At a kink the derivative is that of the branch taken: for
+select_lt of the chosen operand, for |x| at 0 the derivative from above. The derivative of a square root at 0 is 0.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ class Value:
         return first.having(rest)
 
     def wide(self, count: int) -> Any:
-        """Return the LLVM value in `count` lanes, a scalar broadcast; tangents are left aside."""
+        """Return the LLVM value in `count` lanes (a scalar is broadcast), without tangents."""
         return self.value if self.count == count else broadcast(self.builder, self.value, count)
 
     def parts(self, count: int, tangents: int) -> list[Any]:
-        """Return LLVM values in `count` lanes: the value and `tangents` tangents, 0 where it has none."""
+        """Return LLVM values in `count` lanes: the value, then `tangents` tangents, which are 0 if it has none."""
         # a constant has tangents 0
         slopes = self.tangents or (self.other(0.0),) * tangents
         return [x.wide(count) for x in (self, *slopes)]
@@ -74,7 +74,7 @@ class Value:
 
     @property
     def alone(self) -> Value:
-        """The value without its tangents."""
+        """Return the value without its tangents."""
         return self.like(self.value, self.count)
 
     def _binary(self, instruction: str, a: Any, b: Any) -> Value:
@@ -213,7 +213,7 @@ def largest(x: Value) -> Value:
 
 
 def with_slope(y: Value, x: Value, slope: Value) -> Value:
-    """Return y as a function of x alone with the given derivative: tangents slope x', those of y dropped."""
+    """Return y as a function of x alone with the given derivative: tangents slope x'; y's own tangents are dropped."""
     # a `Tape` records the slope for the reverse sweep
     if hasattr(y.builder, "sloped"):
         return y.builder.sloped(y, x, slope)

@@ -1,11 +1,11 @@
 """The tape of reverse mode: an IR builder that records float64 instructions and writes the reverse sweep of cotangents.
 
-A `Tape` writes instructions as any builder does. While it records, each one that depends on a differentiated input
+A `Tape` writes instructions like any builder. While it records, each instruction that depends on a differentiated input
 becomes a `Node` of the current `Region`: a function, a loop body, one side of a branch. `sweep` writes the reverse code
 of a region. Memory has parallel memory for cotangents (bars). In the reverse sweep a store moves the cotangent of its
-place to the stored number and sets it to 0; a load adds its cotangent to that of the place. In the reverse sweep `back`
-gives a forward value: in the outermost region it is still available; integers, addresses, cheap arithmetic and loads
-from unchanged arrays are recomputed; all others are saved.
+place to the stored number and clears it at the place; a load adds its cotangent to that of the place. `back` returns a
+forward value in the reverse sweep. In the outermost region the value is still available. Integers, addresses, cheap
+arithmetic and loads from unchanged arrays are recomputed. Other values are saved.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Tape(Rooms):
 
     # --- passes ------------------------------------------------------------------------------------
     def argument(self, array: Any, bar: Any) -> Any:
-        """Return the address where the code sees an array: its own, or a copy's if written to. bar None: scratch."""
+        """Return the address at which the code sees an array: its own, or a copy's if written to. bar None: scratch."""
         slot = self.slot(DOUBLE.as_pointer())
         size = array.shape[0]
         for more in array.shape[1:]:
@@ -297,7 +297,7 @@ class Tape(Rooms):
         return self.select(self.fcmp_ordered("<", x, _all(g.type)), self.fneg(g), g)
 
     def insert_element(self, into: Any, x: Any, k: Any) -> Any:
-        """Write a vector with lane k replaced by x; the cotangent of lane k goes to x, the others to the vector."""
+        """Write a vector with lane k replaced by x; lane k's cotangent goes to x, that of other lanes to the vector."""
         by_into, by_x = (
             lambda g: self.insert_element(g, _all(DOUBLE), k),
             lambda g: self.extract_element(g, k),
@@ -353,7 +353,7 @@ class Tape(Rooms):
         return place
 
     def _bar(self, place: Any) -> Any:
-        """Return the address of the cotangents of an address: the same offsets from the bar of its base."""
+        """Return the cotangents' address for an address: the same offsets from the bar of its base."""
         if id(place) in self._bars:
             return self.back(self._bars[id(place)])
         bar = self._bar(place.operands[0])

@@ -1,15 +1,15 @@
 """Straight-line code: Python that runs once, at compile time, on symbolic values.
 
 A traced function gets a `Value` for each number and a `Slots` for each array; each operation on them writes one LLVM
-instruction into the calling kernel. Python executes all loops, tables, lists and dicts, so only operations remain to be
-compiled; indices are constants, and `stack` memory becomes registers. Such a function accesses arrays of lanes
-(`lane_arrays`) at indices known at compile time, and branches on no symbolic value; kernels and functions of its own
-module that it calls are traced with it. Tuples of zeros (lane tags, sizes) and None stand for themselves.
+instruction into the calling kernel. Python executes all loops, tables, lists and dicts, so that only operations remain
+to be compiled. Indices are constants, and `stack` memory becomes registers. Such a function accesses arrays of lanes
+(`lane_arrays`) at indices known at compile time, and does not branch on symbolic values. Kernels, and functions of its
+own module, that it calls are traced with it. Tuples of zeros (lane tags, sizes) and None stand for themselves.
 
-`@unrolled` is for a kernel with loops over the Model's size `n`: where n is a tag, a tuple of zeros, the kernel is
-traced; where n is a number, the same source is compiled with its loops. `@traced` is for functions that are Python at
-compile time throughout. Both perform the same operations in the same order, hence give the same bits; where compilation
-is disabled they run on plain numbers.
+`@unrolled` is for a kernel with loops over the Model's size `n`. If n is a tag, a tuple of zeros, the kernel is traced.
+If n is a number, the same source is compiled with its loops. `@traced` is for functions that are always traced. Both
+perform the same operations in the same order and therefore give the same bits. If compilation is disabled, they run on
+plain numbers.
 """
 
 import functools
@@ -114,7 +114,7 @@ class Tracer:
         return Slots(self.builder, array)
 
     def close(self) -> None:
-        """Finish the traced code; a subclass stores what it has kept in registers."""
+        """Finish the traced code; a subclass stores the values that it has kept in registers."""
 
     def load(self, lane: Any, array: Any, k: int) -> Value:
         """Return element k of every lane: of stack memory (a list), or loaded from an array."""
@@ -181,7 +181,7 @@ class Tracer:
         return own or item in self.words or isinstance(item, Straight | Kernel) or hasattr(item, "choice")
 
     def symbol(self, item: Any) -> Any:
-        """Return what an argument item is in traced code; None: an integer, or an array of other types than float64.
+        """Return the form of an argument item in traced code; None for an integer or an array not of float64.
 
         Arrays become `Slots`, named tuples namespaces of their fields, numbers and static items themselves.
         """
@@ -225,10 +225,10 @@ def _plain(function: Any) -> Any:
 
 
 class Straight:
-    """A function that is traced, hence inlined, where kernels call it.
+    """A function that is traced, and therefore inlined, at each call by a kernel.
 
-    when: condition on (arguments by name, writer); where False `function`, a kernel, is called. traits: words that
-    go into the cache key beside the function.
+    when: condition on (arguments by name, writer). If it is False, `function` is a kernel and is called. traits: words
+    that go into the cache key beside the function.
     """
 
     def __init__(self, function: Any, when: Callable[[dict[str, Any], Any], bool] | None = None) -> None:
@@ -263,7 +263,7 @@ def traced(function: Any) -> Any:
 
 
 def unrolled(function: Any) -> Any:
-    """Mark a kernel of `lane`, `model`, ...: it is traced where the Model's size n is a tag, otherwise called.
+    """Mark a kernel of `lane`, `model`, ...: it is traced if the Model's size n is a tag, otherwise called.
 
     It returns a tuple or nothing.
     """

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 LOG = logging.getLogger("flexarm_env")
 
 AFTER, PAUSE, TICK = 0.5, 3.0, 1.0
-"""Seconds: of compilation before a line is written; without compilation after which a new wait begins; between two
-updates of the counter on a terminal."""
+"""Three times in seconds: duration of compilation before a line is written; pause without compilation after which a new
+wait begins; time between two updates of the counter on a terminal."""
 
 PARTS = {
     "step": "a control period", "start_episodes": "starts of episodes", "finish_guided": "guided starts",
@@ -37,7 +37,7 @@ class Task(NamedTuple):
 
 _task: ContextVar[Task | None] = ContextVar("_task", default=None)
 _silent = ContextVar("_silent", default=False)
-"""Whether compilation in this context is not announced, since nobody waits for it."""
+"""True if compilation in this context is not announced, because nobody waits for it."""
 
 _began, _ended, _count = float("-inf"), float("-inf"), 0
 """The last wait: its start, the end of its last compilation (`time.monotonic`, s), its number of programs so far."""
@@ -58,7 +58,7 @@ def compiling(what: str, programs: int = 0) -> Iterator[None]:
 
 @contextmanager
 def unannounced() -> Iterator[None]:
-    """Suppress messages about compilation meanwhile, in this context."""
+    """Context manager that suppresses messages about compilation in this context."""
     before = _silent.set(True)
     try:
         yield
@@ -70,7 +70,7 @@ def unannounced() -> Iterator[None]:
 def announced(function: Callable[..., Any]) -> Iterator[None]:
     """Announce the compilation of a kernel once it has lasted AFTER seconds, and count seconds on a terminal.
 
-    A thread writes the messages, since the compiler does not return meanwhile.
+    A thread writes the messages, because the compiler does not return meanwhile.
     """
     global _began, _ended, _count
     if _silent.get():

@@ -8,7 +8,7 @@ EXACT = 2**53
 """Integers up to this size are represented exactly by float64."""
 
 _ENOUGH = np.uint64(2**55)
-"""A quotient from 2^55 on has three bits more than float64: with a sticky last bit it rounds as the ratio does."""
+"""A quotient from 2^55 on has three bits more than float64. With a sticky last bit it rounds like the exact ratio."""
 
 
 @kernel

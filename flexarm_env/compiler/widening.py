@@ -1,7 +1,7 @@
 """Arrays of float32, uint8 and bool in kernels that Python runs: their elements read as in compiled kernels.
 
-NumPy computes with uint8 in 8 bits and with float32 in 32, and its truth values are no numbers. In a kernel an element
-is a float64, a 64-bit integer or a truth value.
+NumPy computes with uint8 in 8 bits and with float32 in 32 bits, and its truth values are not numbers. In a kernel an
+element is a float64, a 64-bit integer or a truth value.
 """
 
 from typing import Any

@@ -1,7 +1,8 @@
-"""Built-in words of the kernel language: each Python function with the emitter of its LLVM instructions.
+"""Built-in functions ("words") of the kernel language: each Python function with the emitter of its LLVM instructions.
 
-In uncompiled mode the functions themselves are called; the compiler uses the emitters in `WORDS`. Its first
-argument e is the writer of the function being compiled: e.b is the IR builder. The others are items (`kinds`).
+In uncompiled mode the functions themselves are called. The compiler uses the emitters in `WORDS`. The first argument e
+of an emitter is the writer of the function being compiled, and e.b is the IR builder. The other arguments are items
+(`kinds`).
 """
 
 import math
@@ -61,7 +62,8 @@ def load(e: Any, lane: Any, array: Any, k: Any) -> Value:
 def store(e: Any, array: Any, k: Any, value: Any) -> None:
     """Store a number in element k of every lane, with its tangents.
 
-    In a lane array (`lane_arrays`) a narrower number is widened; elsewhere its own lanes and tangents are stored.
+    In a lane array (`lane_arrays`) a narrower number is widened. In other arrays only its own lanes and tangents are
+    stored.
     """
     x = number(e.b, value)
     if isinstance(array, Array) and array.lane is not None:

@@ -146,8 +146,9 @@ def c_comment(lines: Iterable[str]) -> str:
 def harmless(line: str) -> str:
     """Make a line safe inside a C comment. The line may contain the name of an arm, a file or a keyword.
 
-    Comment delimiters are broken up. Backslashes are removed, and so is their C99 trigraph (two question marks and a
-    slash), because at the end of a line they would join it to the next line.
+    Comment delimiters are broken up. Backslashes and all other characters except printable ASCII become "?". Two
+    question marks are separated, because the C99 trigraph for a backslash begins with them: at the end of a line a
+    backslash would join the line to the next.
     """
     # printable ASCII without backslash
     line = re.sub(r"[^ -\[\]-~]", "?", line)

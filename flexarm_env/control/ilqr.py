@@ -182,10 +182,7 @@ def followed(system: System, x: Array, plan: Solution, bound: float = 1.0) -> tu
 
 
 def total(costs: Sequence[Cost], effort: Array, states: Array, controls: Array, still: Array | float = 0.0) -> Array:
-    """Return the total cost (n,) of trajectories; infinite where a trajectory is not finite.
-
-    effort (N,): weights on (controls - still)^2.
-    """
+    """Return costs (n,) of trajectories, with 1/2 sum of effort (N,) times (controls - still)^2; inf if not finite."""
     value = 0.5 * np.einsum("tna,a->n", (controls - still) ** 2, effort)
     with np.errstate(all="ignore"):
         for cost in costs:

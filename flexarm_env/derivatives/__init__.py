@@ -1,4 +1,4 @@
-"""Exact derivatives of control periods, of many arms at once."""
+"""Exact derivatives of control periods, for many arms at once."""
 
 from .arms import Arms
 from .period import Jacobians, Periods

@@ -14,8 +14,11 @@ from .rollouts import Rollout, rollout
 
 
 class Part(NamedTuple):
-    """A group of arms that are advanced together: their rows of input and output, the `Periods` that advance them, and
-    the places of their state's numbers in a full state."""
+    """A group of arms that are advanced together.
+
+    read, write: rows of input and output. periods: the `Periods` that advance the arms. places: places of their state's
+    numbers in a full state.
+    """
 
     read: Any
     write: Any
@@ -24,23 +27,23 @@ class Part(NamedTuple):
 
 
 _STATE_OF = {"step": (0, "state"), "jacobians": (0, "state"), "vjp": (0, "state_bar"), "observe_jacobian": (1, "")}
-"""Which of what a method gives is as long as a state, and where numbers in it come from that a part has not."""
+"""For each method: index of the result that has a state's length, and argument that gives entries a part lacks."""
 
 
 class Arms(Periods):
-    """n arms of an environment, one control period at a time, with exact derivatives.
+    """n arms of an environment, advanced by one control period at a time, with exact derivatives.
 
-    A state is a row of numbers that determines the arm's future. From it a period computes the same numbers as the
-    environment, to the last bit (but actions are float64). Episodes do not end and nothing is drawn at random: sensors
-    have no noise, commands no jitter, and a state contains only the present or next push. The caller handles time
-    limits, joint limits and resets. If the solver fails, results are NaN.
+    A state is a row of numbers that determines the arm's future. From a state, a period computes the same numbers as
+    the environment, to the last bit, except that actions are float64. Episodes do not end and nothing is drawn at
+    random: sensors have no noise, commands have no jitter, and a state contains only the present or next push. The
+    caller handles time limits, joint limits and resets. If the solver fails, results are NaN.
 
     Args:
-        id: id of an environment of this package. n: number of arms. threads: largest number of threads; None: chosen
-            as by the vector environment. parameters: also differentiate by parameters: payload mass and inertia,
-            factors on EI (in space also on EI_y and GJ), tau_d, the factor on the torque constant, and, for joints
-            that are not ideal, stiffness, damping, rotor, friction and backlash (`stiffness[0]`, ...). In a state the
-            parameters follow the numbers that change with time, before stored observations.
+        id: id of an environment of this package. n: number of arms. threads: largest number of threads; None: chosen as
+            by the vector environment. parameters: True: also differentiate by parameters. The parameters are payload
+            mass and inertia, factors on EI (in space also on EI_y and GJ), tau_d, and the factor on the torque
+            constant. Joints that are not ideal add stiffness, damping, rotor, friction and backlash (`stiffness[0]`,
+            ...). In a state the parameters follow the numbers that change with time and precede stored observations.
         keywords: keywords of the environment and its solver.
     Attributes:
         n, state_size, action_size, observation_size: sizes. observation_space, action_space: spaces of one arm.
@@ -49,8 +52,9 @@ class Arms(Periods):
         failed (n,): whether the solver failed in the last call. past (n,): whether a joint was beyond its limits at the
             end of the last call.
     Raises:
-        ValueError: an environment of another package; an invalid size; `reward.cost`; prescribed motions together with
-            `step_tolerance`; prescribed motions of different joints in different arms together with `multipliers`.
+        ValueError: the environment belongs to another package, a size is invalid, or a feature has no derivatives:
+            `reward.cost`; prescribed motions together with `step_tolerance`; prescribed motions of different joints in
+            different arms together with `multipliers`.
     """
 
     def __init__(
@@ -85,8 +89,8 @@ class Arms(Periods):
     def reset(self, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> Array:
         """Start episodes as the vector environment does with this seed and these options; return states (n, S).
 
-        With prescribed motions, states contain accelerations and torques under every formulation, so `names`, `moving`
-        and `state_size` may change.
+        With prescribed motions, states contain accelerations and torques in every formulation. A reset may therefore
+        change `names`, `moving` and `state_size`.
         """
         if (options or {}).get("motion") is not None:
             self._not_fitted()
@@ -101,7 +105,7 @@ class Arms(Periods):
             raise check.InvalidValue("step_tolerance", tolerance, what)
 
     def _arrange(self) -> None:
-        """One part for each of the environment's arms that follow motions, and one for all others."""
+        """Make one part for each arm that follows a motion, and one for all other arms."""
         batch, guides, had = self.environment.batch, self.environment.guides, self._parts
         self._parts, self._led = [], list(guides.values())
         for part in had:
@@ -132,7 +136,7 @@ class Arms(Periods):
         self.failed, self.past = np.zeros(self.n, np.bool_), np.zeros(self.n, np.bool_)
 
     def _each(self, name: str, **rows: Any) -> Any:
-        """What a method of all parts gives, put together; rows: (n, ...), its arguments."""
+        """Call a method of each part and combine the results; rows: the method's arguments, (n, ...)."""
         widths = {"action": (self.action_size,), "observation_bar": (self.observation_size,), "reward_bar": ()}
         given = {key: checked(key, x, (self.n, *widths.get(key, (self.state_size,)))) for key, x in rows.items()}
         made: list[Array] = []
@@ -170,8 +174,10 @@ class Arms(Periods):
         return self._each("observe", state=state) if self._parts else super().observe(state)
 
     def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
-        """Return state (n, S), observation (n, O) and reward (n,) after a period with an action (n, A), clipped to
-        +-1."""
+        """Return state (n, S), observation (n, O) and reward (n,) after a period.
+
+        action (n, A) is clipped to +-1.
+        """
         return self._each("step", state=state, action=action) if self._parts else super().step(state, action)
 
     def rollout(self, state: Array, actions: Array) -> Rollout:
@@ -185,8 +191,10 @@ class Arms(Periods):
     def vjp(
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
     ) -> tuple[Array, Array]:
-        """Return cotangents (n, S), (n, A) of state and action, from those of a period's state, observation and
-        reward."""
+        """Return the cotangents (n, S), (n, A) of state and action.
+
+        The arguments end with the cotangents of the state, observation and reward after the period.
+        """
         if not self._parts:
             return super().vjp(state, action, state_bar, observation_bar, reward_bar)
         bars = {"state_bar": state_bar, "observation_bar": observation_bar, "reward_bar": reward_bar}
@@ -198,7 +206,7 @@ class Arms(Periods):
         return self._each("observe_jacobian", state=state) if self._parts else super().observe_jacobian(state)
 
     def close(self) -> None:
-        """End the threads."""
+        """Stop the threads."""
         for part in self._parts:
             part.periods.close()
         if not self._parts:

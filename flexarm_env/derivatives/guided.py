@@ -1,4 +1,4 @@
-"""Derivatives of arms with prescribed motions; the environment simulates each of these outside the batch."""
+"""Derivatives of arms with prescribed motions, each of which the environment simulates outside the batch."""
 
 from typing import Any
 
@@ -31,7 +31,7 @@ def guided(guide: Any, model: Any, lanes: int) -> Guided:
 
 
 def state_of(batch: Any, arm: int, guide: Any, model: Any, layout: Any, places: Any) -> Array:
-    """Return the numbers at `places` of the state of arm `arm` in its guide: (1, S)."""
+    """Return the numbers (1, S) at `places` of the state of arm `arm`, which its guide simulates."""
     block, work = np.zeros(layout.row), guide.simulation.work
     there = uncompiled(unpack)(SINGLE, model, block, 0)
     for name in ("q", "v", "a", "b", "u"):

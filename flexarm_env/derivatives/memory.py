@@ -1,8 +1,8 @@
-"""Observations that depend on the past: delayed and stacked ones, and readings of sensors with memory.
+"""Observations that depend on the past: delayed and stacked observations, and readings of sensors with memory.
 
 A state then contains the latest `frames` observations of E entries, the oldest first. With a delay, an observation
-consists of the oldest of these. A period drops the oldest observation and appends the new one, so derivatives of stored
-observations are only shifted.
+consists of the oldest stored entries. A period drops the oldest observation and appends the new one; the derivatives of
+the other stored observations are therefore only shifted.
 """
 
 from typing import Any
@@ -21,9 +21,9 @@ class Memory:
     Args:
         batch: the arms. moving: X, number of a state's moving entries without stored observations.
     Attributes:
-        chosen (E,): indices of the observed entries. size: O, length of an observation. moving: X with stored
-            observations.
-        frames: number of observations stored in a state; 0 if an observation follows from the rest of the state.
+        chosen (E,): indices of the observed entries. size: O, length of an observation. moving: X plus the number of
+            stored entries.
+        frames: number of observations stored in a state; 0 if the rest of the state determines an observation.
     """
 
     def __init__(self, batch: Any, moving: int) -> None:
@@ -45,20 +45,20 @@ class Memory:
 
     # --- states ----------------------------------------------------------------------------------
     def parts(self, state: Array) -> tuple[Array, Array]:
-        """Split states into states without stored observations, and the stored observations."""
+        """Split states into states without stored observations, and these observations."""
         x, y = self._first, self.moving
         if self.frames == 0:
             return state, state[:, x:y]
         return np.concatenate([state[:, :x], state[:, y:]], axis=1), state[:, x:y]
 
     def joined(self, own: Array, past: Array) -> Array:
-        """`parts`, backwards."""
+        """Combine states without stored observations with these observations; the inverse of `parts`."""
         if self.frames == 0:
             return own
         return np.concatenate([own[:, : self._first], past, own[:, self._first :]], axis=1)
 
     def with_past(self, own: Array, first: int = 0) -> Array:
-        """Add the stored observations of the batch's arms, from arm `first` on, to their states."""
+        """Add the stored observations of the batch's arms, starting with arm `first`, to the arms' states."""
         if self.frames == 0:
             return own
         batch, late = self._batch, np.zeros((len(own), self._age, self.entries))
@@ -70,7 +70,7 @@ class Memory:
         return self.joined(own, np.concatenate([told, late.reshape(len(own), -1)], axis=1))
 
     def shown(self, past: Array) -> Array:
-        """The observation (n, O)."""
+        """Return the observation (n, O) that stored observations give."""
         return past[:, : self.size].copy()
 
     def after(self, past: Array, seen: Array) -> tuple[Array, Array]:
@@ -82,7 +82,7 @@ class Memory:
 
     # --- derivatives -----------------------------------------------------------------------------
     def whole(self, moved: Array) -> Array:
-        """Extend a period's derivative to stored observations, (n, X + O + 1, X + A)."""
+        """Extend a period's derivative to stored observations; result (n, X + O + 1, X + A)."""
         if self.frames == 0:
             return moved
         x, y, entries = self._first, self.moving, self.entries
@@ -101,8 +101,11 @@ class Memory:
         return full
 
     def vjp(self, state: Array, seen: Array) -> tuple[Array, Array, Array]:
-        """Split cotangents of states (n, S) and observations (n, O) after a period: those of states without stored
-        observations, of the observations stored before the period, and of the new entries."""
+        """Split the cotangents of states (n, S) and observations (n, O) after a period.
+
+        Returns the cotangents of states without stored observations, of the observations stored before the period, and
+        of the new entries.
+        """
         own, past = self.parts(state)
         if self.frames == 0:
             return own, past, seen

@@ -35,12 +35,14 @@ from .memory import Memory
 from .places import laws_of, places_of
 
 MOST_AT_ONCE = 3
-"""Columns that go side by side: more of them cost as much and take longer to compile."""
+"""Number of columns computed side by side; more columns cost as much each and take longer to compile."""
 
 
 PASSES, MOST_PASSES = 5, 20
-"""Solutions for a step's tangents where its matrix is the derivative but for a thousandth: of exact beams, in space; of
-exact beams there at most as many, until nothing is left."""
+"""Number of iterations for a step's tangents if the step's matrix differs from the derivative by about a thousandth
+(exact beams in the plane, elasticas in space, contact); largest number for exact beams in space, which iterate to
+convergence.
+"""
 
 
 Found = TypeVar("Found", bound=tuple[Array, ...])
@@ -53,9 +55,10 @@ def _renamed(name: str, now: str) -> None:
 class Jacobians(NamedTuple):
     """Results of a control period of n arms, and their derivatives.
 
-    A state has S entries, of which the first X move (`Arms.moving`); an action has A entries, an observation O.
-    `moved` contains the derivatives of and by moving entries. A, B, C, D, r_x and r_u are the same derivatives for
-    complete states: entries that do not move stay constant, and derivatives by them are set to zero.
+    A state has S entries, of which the first X move (`Arms.moving`); an action has A entries, an observation O. `moved`
+    contains the derivatives without the rows and columns of entries that do not move. A, B, C, D, r_x and r_u are the
+    derivatives for complete states: entries that do not move stay constant, and derivatives with respect to them are
+    zero.
     """
 
     state: Array  # (n, S), a period later
@@ -70,7 +73,7 @@ class Jacobians(NamedTuple):
         return moving, entries, self.state.shape[1], self.moved.shape[2] - moving
 
     def _whole(self, part: Array, *axes: int) -> Array:
-        """Zeros along these axes where a state's numbers do not move."""
+        """Return the derivative with zeros inserted along its state axes for entries that do not move."""
         x, _, size, _ = self._sizes
         return np.pad(part, [(0, size - x if axis in axes else 0) for axis in range(part.ndim)])
 
@@ -111,7 +114,7 @@ class Jacobians(NamedTuple):
         return self.moved[:, -1, self._sizes[0] :]
 
     def jvp(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
-        """Map tangents (n, S), (n, A) of state and action to those of the next state, observation and reward."""
+        """Map tangents (n, S), (n, A) of state and action to tangents of the next state, observation and reward."""
         x, entries, _, _ = self._sizes
         both = np.concatenate([state[:, :x], action], axis=1)
         out = (self.moved @ both[:, :, None])[:, :, 0]
@@ -144,11 +147,11 @@ class Periods:
         batch: the arms. parameters: see `Arms`. kept: states contain accelerations and torques even if periods begin by
             solving for accelerations. guided: (index, `envs.motion.Guide`) of a single arm with prescribed motion;
             None: all arms of the batch. alone: arms that are computed one at a time, with halved steps if Newton's
-            iteration fails: "failed" (those that failed in their lane, as in the environment), "all" or "none". whole:
+            iteration fails: "failed" (arms that failed in their lane, as in the environment), "all" or "none". whole:
             include the terms of all parameters (`physics.model.complete`).
     Attributes:
         n, state_size, action_size, observation_size, moving, names, failed, past: see `Arms`. backwards: whether
-        cotangents have kernels of their own (`vjp`).
+            separate kernels compute cotangents (`vjp`).
     """
 
     def __init__(
@@ -284,10 +287,11 @@ class Periods:
     ) -> tuple[Array, Array]:
         """Return cotangents (n, S), (n, A) of state and action, from those of a period's state, observation and reward.
 
-        Kernels for cotangents (`backwards`), which cost a few times as much as a period, exist for elasticas; without
-        controllers for exact beams, floating frames of at most eight elastic coordinates a segment, and all these
-        with gears (without derivatives by the gears' parameters, and without Coulomb friction in floating frames). They
-        require targets at rest and ideal sensors. In all other cases the Jacobians are used.
+        Kernels for cotangents (`backwards`) cost a few times as much as a period. The kernels exist for elasticas.
+        Without controllers the kernels exist for exact beams and for floating frames of at most eight elastic
+        coordinates a segment. Both may have gears, without derivatives by the gears' parameters and without Coulomb
+        friction in floating frames. The kernels require targets at rest and ideal sensors. In all other cases the
+        Jacobians are used.
         """
         given = checked("state_bar", state_bar, (self.n, self.state_size))
         seen = checked("observation_bar", observation_bar, (self.n, self.observation_size))
@@ -310,7 +314,7 @@ class Periods:
         return self._with_halved("vjp", (by_state, by_action), state, action, given, seen, paid)
 
     def pull(self, *items: Any) -> tuple[Array, Array]:
-        """`vjp`, by its former name, for one release."""
+        """Deprecated name of `vjp`, for one release."""
         _renamed("pull", "vjp")
         return self.vjp(*items)
 
@@ -327,7 +331,7 @@ class Periods:
         return self._rows("observation", entries), slopes
 
     def close(self) -> None:
-        """End the threads."""
+        """Stop the threads."""
         self._crew.close()
         if self._one is not None:
             self._one.close()
@@ -348,8 +352,9 @@ class Periods:
         return given
 
     def _carried(self, rows: Array) -> None:
-        """Arms whose parameters are infinite, factors that are not positive, or too stiff for double precision, are a
-        ValueError. Masses and tau_d about 0 may be negative: differences want them."""
+        """Raise ValueError if a parameter is infinite or too stiff for double precision, or if a factor is not
+        positive. Masses and tau_d near 0 may be negative, because differences need such values.
+        """
         least = np.fmin.reduce(rows[:, self._least], axis=0)
         for k, value in zip(self._least, least.tolist(), strict=True):
             factor = self.names[k].endswith("_factor")
@@ -390,8 +395,9 @@ class Periods:
             self._stuck[:] = False
 
     def _with_halved(self, name: str, found: Found, *rows: Any) -> Found:
-        """What a method gave of these rows; of arms whose Newton iteration failed beside others, as in the environment,
-        what it gives of each alone, whose steps are halved."""
+        """Return what a method found for these rows. If an arm's Newton iteration failed beside others, the method
+        repeats it alone with halved steps, as in the environment.
+        """
         for i in np.flatnonzero(self._stuck).tolist():
             if self._one is None:
                 self._one = Periods(self._batch.alone(), self.parameters, self._kept, alone="all")
@@ -413,7 +419,7 @@ class Periods:
 
 
 def checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Validate numbers of this shape and return them as an array; ValueError for another shape."""
+    """Validate numbers of this shape and return them as an array; raise ValueError for another shape."""
     rows = check.floats(name, value)
     if rows.shape != shape:
         raise check.InvalidValue(f"{name}.shape", rows.shape, f"must be {shape}")
@@ -430,7 +436,7 @@ def _passes(model: Any) -> int:
 
 
 def _goes_back(model: Any, controls: bool, parameters: bool) -> bool:
-    """Whether a model has derivatives backwards; controls: controllers or amplifiers look at it."""
+    """Return whether a model has kernels for cotangents. controls: controllers or amplifiers read the model's state."""
     if isinstance(model, Elastica):
         return isinstance(model.n, tuple)
     if controls:

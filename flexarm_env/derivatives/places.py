@@ -38,7 +38,9 @@ class _Place(NamedTuple):
 def places_of(
     batch: Any, model: Any, stride: int, layout: Any, parameters: bool, kept: bool
 ) -> tuple[Any, tuple[str, ...], int]:
-    """Return the places of a state's entries in a block with elements `stride` apart, their names, and how many move.
+    """Return the places and names of a state's entries, and the number of entries that move.
+
+    The places are in a block whose elements are `stride` apart.
 
     kept: include accelerations and torques even if periods begin by solving for accelerations.
     """
@@ -105,7 +107,7 @@ def places_of(
 
 
 def _laws(model: Any) -> list[tuple[int, str, float]]:
-    """Numbers of the joints' laws that are not 0, where they are each arm's own: which, name, value."""
+    """Return index, name and value of the joint laws' numbers that are not 0, if each arm has its own laws."""
     if getattr(model, "own", None) is None:
         return []
     found = []
@@ -119,14 +121,16 @@ def _laws(model: Any) -> list[tuple[int, str, float]]:
 
 
 def laws_of(model: Any, names: tuple[str, ...]) -> tuple[list[int], list[float]]:
-    """Return the places in a state of the parameters of the joints' laws, and which parameters they are."""
+    """Return the places in a state of the joint laws' parameters, and the parameters' values."""
     found = _laws(model)
     return [names.index(name) for _, name, _ in found], [value for _, _, value in found]
 
 
 def _of_sensors(instruments: Any, first: int, recorded: Any, own: Any) -> tuple[list[_Place], list[_Place]]:
-    """What sensors remember that their readings depend on; and what is drawn of them, or counts. own: parameters, which
-    gains and biases are added to, or None."""
+    """Return the sensors' memory that affects their readings, and their numbers that are drawn or counted.
+
+    own: list of parameters to which gains and biases are added, or None.
+    """
     if instruments is None:
         return [], []
     moving: list[_Place] = []

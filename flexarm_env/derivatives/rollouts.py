@@ -12,8 +12,10 @@ from .period import Periods, checked
 
 
 class Outcome(NamedTuple):
-    """States (T + 1, n, S), initial ones first, observations (T, n, O) and rewards (T, n) after each period; or
-    tangents."""
+    """States (T + 1, n, S), the initial ones first, observations (T, n, O) and rewards (T, n) after each period.
+
+    A rollout's `jvp` returns tangents in this form.
+    """
 
     states: Array
     observations: Array
@@ -31,13 +33,14 @@ class Gradient(NamedTuple):
 class Rollout:
     """T control periods of n arms under given actions.
 
-    Only states are stored; `jvp` and `vjp` compute the derivatives of each period from them. Episodes do not end:
+    Only states are stored; `jvp` and `vjp` compute the derivatives of each period from the states. Episodes do not end:
     `failed` and `past` mark periods at which an environment would end the episode. After a solver failure an arm's
-    numbers are NaN. A rollout lies within one episode, so no derivative passes a reset.
+    numbers are NaN. A rollout lies within one episode, so no derivative crosses a reset.
 
     Attributes:
         arms: the arms. states (T + 1, n, S): initial states first. actions (T, n, A). observations (T, n, O), rewards
-        (T, n): after each period. failed (T, n): the solver failed. past (T, n): a joint was beyond its limits.
+        (T, n): after each period. failed (T, n): whether the solver failed. past (T, n): whether a joint was beyond its
+            limits.
     """
 
     arms: Periods
@@ -49,8 +52,10 @@ class Rollout:
     past: NDArray[np.bool_]
 
     def jvp(self, state: Any = None, actions: Any = None) -> Outcome:
-        """Return the first-order change of the rollout due to changes of initial states (n, S) and actions (T, n,
-        A)."""
+        """Return the tangents of the rollout's results, given tangents of initial states and actions.
+
+        state (n, S), actions (T, n, A): the tangents, or None for zero.
+        """
         count = len(self.actions)
         moved = np.zeros_like(self.states)
         moved[0] = _given("state", state, self.states[0].shape)

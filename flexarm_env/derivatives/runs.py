@@ -1,4 +1,4 @@
-"""Derivatives of a scene's run with respect to numbers of the scene or the arm."""
+"""Derivatives of a scene's run with respect to parameters of the scene or the arm."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from ..validation import Array
 from .period import PASSES
 
 MOST = 4_000_000
-"""Numbers of factored matrices kept at once."""
+"""Largest number of entries of factored matrices that are stored at once."""
 
 PASSES_IN_SPACE = 10
-"""As `period.PASSES`: Newton's matrix lacks more there."""
+"""`period.PASSES` in space, where Newton's matrix is less accurate."""
 
 MOST_ROWS = 1_000_000
-"""Steps of a run up to which each is kept."""
+"""Largest number of steps in a run whose states are all stored."""
 
 
 class NotDifferentiable(ValueError):
-    """Raised for a run without a derivative; the message names the reason."""
+    """Raised if a run has no derivative; the message gives the reason."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,9 @@ class Run:
     """A run in equal steps, with its states stored for differentiation.
 
     Attributes:
-        simulation: state at the end. trajectory: the samples. start (4, n): initial q, v, a, b. q, v, a (steps, n) and
-        t (steps,): values at the ends of steps. every: number of steps between two samples.
+        simulation: the simulation, with its state at the end. trajectory: the samples. start (4, n): initial q, v, a,
+            b. q, v, a (steps, n) and t (steps,): values at the ends of steps. every: number of steps between two
+            samples.
     """
 
     simulation: Simulation
@@ -54,7 +55,7 @@ class Run:
 
     @classmethod
     def of(cls, simulation: Simulation, interval: float) -> Run:
-        """Run a fresh Simulation of a scene, recorded every `interval` s; see `Trajectory.status`."""
+        """Run a new Simulation of a scene and record it every `interval` s; see `Trajectory.status`."""
         scene = simulation.scene
         every = max(1, int(np.ceil(interval / simulation.dt * (1.0 - 1e-9))))
         if every * scene.duration / interval > MOST_ROWS:
@@ -87,14 +88,14 @@ class Run:
                 raise NotDifferentiable(what)
 
     def slopes(self, neighbours: Sequence[tuple[Simulation, float, float]]) -> Array:
-        """Return the derivatives of q and v at the samples, the start included, by a parameter: (samples, 2, n).
+        """Return the derivatives of q and v at the samples, with the start, by a parameter: (samples, 2, n).
 
         neighbours: two Simulations of the scene with the parameter changed by an offset e, as (simulation, offset,
         weight in the derivative). Central: (a, e, 1 / 2e), (b, -e, -1 / 2e). One-sided: (a, e, 2 / e),
         (b, 2 e, -1 / 2e).
 
         Raises:
-            NotDifferentiable: see `check`; or the changed parameter changes the structure of the model.
+            NotDifferentiable: as in `check`, or the changed parameter changes the structure of the model.
         """
         self.check()
         own = self.simulation
@@ -135,9 +136,9 @@ class Run:
         return np.concatenate([tangent[:2].reshape(1, -1), out[self.every - 1 :: self.every]]).reshape(-1, 2, n)
 
     def moved(self, other: Simulation, change: Array, places: bool = True) -> Trajectory:
-        """Return the trajectory of a neighbour's arm, with changes (samples, 2, n) added to q and v.
+        """Return the trajectory of the neighbor's arm, with changes (samples, 2, n) added to q and v.
 
-        places: also recompute tip, joints and motors; all other fields are unchanged.
+        places: also recompute tip, joints and motors; all other fields do not change.
         """
         q, v = self.trajectory.q + change[:, 0], self.trajectory.v + change[:, 1]
         found: dict[str, Any] = {}
@@ -151,7 +152,7 @@ class Run:
         return replace(self.trajectory, scene=other.scene, q=q, v=v, **found)
 
     def _factored(self, k: int, steps: Steps) -> Array:
-        """Matrices of the steps from k on; the last are kept."""
+        """Return the factored matrices of the steps from k on; only the last ones are stored."""
         own = self.simulation
         if self._kept.get("at") != k:
             factors = np.empty(len(steps.h) * int(size(own.model.n_factor)))
@@ -161,14 +162,14 @@ class Run:
         return np.asarray(self._kept["factors"])
 
     def _driven(self, of: Simulation) -> tuple[Array, Array]:
-        """Inputs (steps, inputs) and prescribed values (steps, motions, 3) of a scene."""
+        """Return the inputs (steps, inputs) and prescribed values (steps, motions, 3) of a scene."""
         u, psi = np.zeros((len(self.t), len(of.work.u))), np.zeros((len(self.t), OF_MOTION.end * of.n_motions))
         sensitivity.drive_rows(SINGLE, of.drive, self.t, np.diff(self.t, prepend=0.0), u, psi)
         return u, psi.reshape(len(self.t), of.n_motions, OF_MOTION.end)
 
 
 def _state(of: Simulation) -> Array:
-    """q, v, a, b as they are."""
+    """Return the present q, v, a, b."""
     w = of.work
     return np.array([w.q, w.v, w.a, w.b])
 
@@ -178,7 +179,7 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def _kind(model: Any) -> Any:
-    """What compiled code is made for: sizes, tags and what there is of a model."""
+    """Return the properties that determine the compiled code: a model's sizes, tags and optional parts."""
     if isinstance(model, np.ndarray):
         return model.dtype, model.shape
     if hasattr(model, "_fields"):

@@ -1,10 +1,10 @@
-"""Gymnasium wrappers with a controller inside: an action adds a share of the torque limits to the controller's torques.
+"""Gymnasium wrappers that add the action, as a share of the torque limits, to the torques of a controller.
 
     env = AroundController(gymnasium.make("FlexibleArm-v0"), "pd", share=0.7)
     envs = AroundControllerVector(gymnasium.make_vec("FlexibleArm-v0", num_envs=64), "pd", share=0.7)
 
-Any learner can train in them. `flexarm train --around` uses the second and stores controller and network as one
-policy.
+Any learner can train in a wrapped environment. `flexarm train --around` uses `AroundControllerVector` and stores
+controller and network as one policy.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ Memory = dict[str, Any]
 
 
 class AroundController(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Add a controller's torques to the actions of a single environment; the sum is saturated at the torque limits.
+    """Add a controller's torques to the actions of a single environment and saturate the sum at the torque limits.
 
-    The controller reads what the environment observes, and nothing else.
+    The controller reads only the environment's observations.
 
     Args:
         env: an environment of this package, with actions that are torques.
-        controller: "pd" or another name of :func:`flexarm_env.control.make`; "pd@FILE" has the gains of a file.
-        share: share of the torque limits that an action of 1 adds; None: 0.7.
+        controller: "pd" or another name of :func:`flexarm_env.control.make`; "pd@FILE" reads the gains from a file.
+        share: share of the torque limits that an action of 1 adds; None selects 0.7.
     Raises:
-        ValueError: an unknown controller, a share that is not positive, or an unsupported environment.
+        ValueError: the controller is unknown, the share is not positive, or the environment is not supported.
     """
 
     def __init__(self, env: gym.Env[Any, Any], controller: str = "pd", share: float | None = None) -> None:
@@ -50,7 +50,10 @@ class AroundController(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         return self._seen, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Step the environment under controller and action (N,), clipped to [-1, 1]. RuntimeError before `reset`."""
+        """Step the environment with controller and action (N,), clipped to [-1, 1].
+
+        Raises RuntimeError before `reset`.
+        """
         if self._seen is None:
             raise RuntimeError("No episode has begun: call reset first")
         self._seen, *found = self.env.step(self.inside.actions(self.controller, self._seen, action))
@@ -58,13 +61,13 @@ class AroundController(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
 
 class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
-    """The same for a vector environment, in every autoreset mode.
+    """Add a controller's torques to the actions of a vector environment, in every autoreset mode.
 
     Args:
-        env: a vector environment of this package. controller, share: as :class:`AroundController`'s. inside: the
-            controller with its gains, instead of both.
+        env: a vector environment of this package. controller, share: as for :class:`AroundController`. inside: a
+            controller with its gains, which replaces `controller` and `share`.
     Raises:
-        ValueError: as :class:`AroundController`; a controller whose memory begins for all environments together.
+        ValueError: as for :class:`AroundController`, or the controller can only restart in all environments together.
     """
 
     def __init__(
@@ -80,7 +83,7 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
         self._ended = np.zeros(env.num_envs, np.bool_)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environments, or those of options["reset_mask"], and begin the controller's episodes there."""
+        """Reset the environments, or those in options["reset_mask"], and begin the controller's episodes in them."""
         seen, info = self.env.reset(seed=seed, options=options)
         mask = (options or {}).get("reset_mask")
         if mask is None or self._seen is None:
@@ -93,7 +96,7 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
         return seen, info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step all environments under controller and actions (n, N), clipped to [-1, 1]."""
+        """Step all environments with the controller and actions (n, N), clipped to [-1, 1]."""
         if self._seen is None:
             raise RuntimeError("No episode has begun: call reset first")
         total = self.inside.actions(self.controller, self._seen, actions)
@@ -108,12 +111,12 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
         return seen, rewards, terminated, truncated, info
 
     def memory(self) -> Memory:
-        """Return a copy of what the wrapper remembers: the last observations, ends, and the controller's memory."""
+        """Return a copy of the wrapper's memory: last observations, ended episodes and the controller's memory."""
         arrays = {k: v.copy() for k, v in vars(self.controller).items() if isinstance(v, np.ndarray)}
         return {"seen": None if self._seen is None else self._seen.copy(), "ended": self._ended.copy(), "own": arrays}
 
     def remember(self, memory: Memory) -> None:
-        """Restore the memory that `memory` returned, after a `reset`."""
+        """Restore a memory that the method `memory` returned; call it after `reset`."""
         self._seen, self._ended = memory["seen"], memory["ended"].copy()
         for name, value in memory["own"].items():
             setattr(self.controller, name, value.copy())

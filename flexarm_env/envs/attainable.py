@@ -1,4 +1,4 @@
-"""Conditions on drawn targets: the arm reaches them within its joint limits, and its motors hold it there."""
+"""Conditions on drawn targets: the arm reaches a target within its joint limits and its motors hold the arm there."""
 
 import dataclasses
 import itertools
@@ -17,25 +17,25 @@ from .features import Frame
 from .targets import Pair
 
 SAMPLES = 1000
-"""Draws among which one at least has to be attainable."""
+"""Number of drawn targets of which at least one must be attainable."""
 
 PATHS = 100
-"""Drawn paths among which one at least has to be attainable."""
+"""Number of drawn paths of which at least one must be attainable."""
 
 TRIED = 4
-"""Drawn starts from which a given path in space is followed, where it cannot be from the middle one."""
+"""Number of drawn starts that are tried if an arm in space cannot follow a given path from the middle posture."""
 
 _ELBOWS = 9
-"""Angles of each elbow at which distances of the tip are looked at."""
+"""Number of angles of each elbow at which the tip's distance from the root is computed."""
 _SURE = 0.98
-"""Share of the largest torque that is needed by no sampled posture where none is checked when it is drawn."""
+"""Share of the largest torque: if every sampled posture needs at most this share, drawn targets are not checked."""
 
 
 def needs_of(frame: Frame, task: Task, starts: Starts, extras: Any) -> Attainable | None:
-    """Return the conditions on drawn targets, or None if all possible draws meet them or the base floats.
+    """Return the conditions on drawn targets; None if every possible draw meets them or the base floats.
 
     Raises:
-        ValueError: none of `SAMPLES` drawn targets is attainable.
+        ValueError: none of the `SAMPLES` drawn targets is attainable.
     """
     arm = frame.arm
     if arm.base is not None:
@@ -61,10 +61,10 @@ def needs_of(frame: Frame, task: Task, starts: Starts, extras: Any) -> Attainabl
 
 
 def path_needs(frame: Frame, task: Task, starts: Starts, extras: Any, periods: int) -> Any:
-    """Return the moving target (`Extras.reference`) with the conditions that drawn paths must meet.
+    """Return the moving target (`Extras.reference`) with the conditions on drawn paths.
 
     Raises:
-        ValueError: the joint limits do not let the arm follow a given path, or none of `PATHS` drawn ones is
+        ValueError: the joint limits do not let the arm follow a given path, or none of the `PATHS` drawn paths is
             attainable.
     """
     moving, arm = extras.reference, frame.arm
@@ -101,7 +101,7 @@ def path_needs(frame: Frame, task: Task, starts: Starts, extras: Any, periods: i
 
 
 def _first_out(task: Task, begin: np.ndarray, points: np.ndarray) -> int | None:
-    """Return the index of the first point (n, 1 or 2) of a path that a planar arm cannot follow; None: it can.
+    """Return the index of the first point of a path (n, 1 or 2) that a planar arm cannot follow; None if there is none.
 
     begin (N, 2): ranges of the joints' starts, rad; the arm starts in their middles.
     """
@@ -112,10 +112,10 @@ def _first_out(task: Task, begin: np.ndarray, points: np.ndarray) -> int | None:
 
 
 def _first_lost(arm: Arm, begin: np.ndarray, points: np.ndarray) -> int | None:
-    """Return the index of the first point (n, 3), m, that an arm in space loses from its joint limits; None: none.
+    """Return the index of the first point (n, 3), m, at which an arm in space leaves its joint limits, or None.
 
-    The posture starts at the middles of begin (N, 2), rad, and where the path is lost from there, at `TRIED` drawn
-    starts; the latest index of all counts.
+    The arm starts at the middles of the ranges begin (N, 2), rad. If it leaves its limits from there, `TRIED` drawn
+    starts are tried, too. The function returns the largest index over all starts.
     """
     if arm.joint_limits is None:
         return None
@@ -131,7 +131,7 @@ def _first_lost(arm: Arm, begin: np.ndarray, points: np.ndarray) -> int | None:
 def check_target(task: Task, angles: np.ndarray, target: Pair, arm: Arm) -> None:
     """Raise `InvalidValue` if the joint limits of a planar arm exclude a given target.
 
-    angles (N,): angles of the joints at the start, rad; NaN where they are drawn.
+    angles (N,): joint angles at the start, rad; NaN for joints with drawn angles.
     """
     if uncompiled(attainable)(task, _free(task), np.nan_to_num(angles), *target) < 0.5:
         given = target if len(task.targets) > 1 else target[0]
@@ -139,13 +139,13 @@ def check_target(task: Task, angles: np.ndarray, target: Pair, arm: Arm) -> None
 
 
 def _free(task: Task) -> Attainable:
-    """Return the conditions on a target at which no torque is needed."""
+    """Return the conditions on targets for an arm that needs no torque to stay at rest."""
     n = len(task.links)
     return Attainable(np.zeros(2 * n), np.zeros(2), np.full(n, np.inf), None)
 
 
 def _worst(arm: Arm, task: Task, starts: Starts, extras: Any) -> tuple[Arm, np.ndarray]:
-    """Return the arm with the heaviest payload that can be drawn, and the smallest torque limits (N,), N m."""
+    """Return the arm with the heaviest payload that can be drawn and the smallest torque limits (N,), N m."""
     factors, change = starts.drawn, extras.payload_change
     heavy = factors["payload"][1] * (1.0 if change is None else max(1.0, float(change.factor.max())))
     weak = factors["torque_constant"][0]
@@ -154,7 +154,7 @@ def _worst(arm: Arm, task: Task, starts: Starts, extras: Any) -> tuple[Arm, np.n
 
 
 def _in_plane(frame: Frame, arm: Arm, torques: np.ndarray) -> tuple[Attainable, bool]:
-    """Return the conditions on targets of a planar arm, and whether its motors hold it in every posture."""
+    """Return the conditions on targets of a planar arm, and whether its motors can hold the arm in every posture."""
     gravity = np.array(frame.gravity or (0.0, 0.0))
     moments = np.array(mass_moments(arm), complex)
     bodies = np.stack([moments.real, moments.imag], axis=1).ravel()
@@ -163,7 +163,7 @@ def _in_plane(frame: Frame, arm: Arm, torques: np.ndarray) -> tuple[Attainable, 
 
 
 def _surely_followed(arm: Arm, frame: Frame, moving: Any, begin: np.ndarray) -> bool:
-    """Return whether the joint limits certainly let the arm follow every path that can be drawn."""
+    """Return True only if the joint limits certainly let the arm follow every path that can be drawn."""
     limits = [(-math.inf, math.inf) if pair is None else pair for pair in arm.joint_limits or (None,) * arm.n_links]
     ranges = moving.ranges.reshape(-1, 2)
     if frame.kind.target.numbers == 1:  # a swing from the start to either side
@@ -190,7 +190,7 @@ def _with_payload(arm: Arm, factor: float) -> Arm:
 
 
 def _all_within(arm: Arm, frame: Frame, task: Task, starts: Starts) -> bool:
-    """Return whether a planar arm certainly reaches every target that can be drawn within its joint limits."""
+    """Return True only if a planar arm certainly reaches every target that can be drawn within its joint limits."""
     limits = [(-math.inf, math.inf) if pair is None else pair for pair in arm.joint_limits or (None,) * arm.n_links]
     low, high = starts.target[0]
     if frame.kind.target.numbers == 1:
@@ -208,7 +208,7 @@ def _all_within(arm: Arm, frame: Frame, task: Task, starts: Starts) -> bool:
 def _distances(arm: Arm, limits: list[Pair]) -> Pair:
     """Return the smallest and largest distance of the tip from the root, m.
 
-    Elbows are on a grid within their limits.
+    The elbow angles are sampled on a grid within their limits.
     """
     grids = [np.linspace(max(low, -math.pi), min(high, math.pi), _ELBOWS) for low, high in limits]
     grids = [np.append(grid, np.clip(0.0, grid[0], grid[-1])) for grid in grids]
@@ -224,10 +224,11 @@ def _distances(arm: Arm, limits: list[Pair]) -> Pair:
 
 
 def _in_space(frame: Frame, arm: Arm, starts: Starts, torques: np.ndarray) -> Attainable | None:
-    """Return the conditions on targets of an arm in space, drawn as joint angles, or None if its motors hold all.
+    """Return the conditions on targets of an arm in space; None if the motors hold the arm at every target.
 
-    `Attainable.bodies` gets each link's mass (kg) and center of mass (m, link axes); torques (N,): N m, the largest.
-    Raises ValueError if the motors hold none of `SAMPLES` drawn targets.
+    Targets are drawn as joint angles. `Attainable.bodies` gets each link's mass (kg) and center of mass (m, link axes).
+    torques (N,): the largest torques, N m. Raises ValueError if the motors cannot hold the arm at any of `SAMPLES`
+    drawn targets.
     """
     gravity = np.array(frame.gravity or (0.0, 0.0, 0.0))
     if not gravity.any():

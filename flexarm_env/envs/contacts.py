@@ -1,4 +1,4 @@
-"""The keyword `contacts`: obstacles that an arm may touch, and steps that resolve the impacts."""
+"""The keyword `contacts`: it adds obstacles that an arm may touch, and selects steps that resolve the impacts."""
 
 import math
 from collections.abc import Mapping
@@ -18,22 +18,23 @@ from .features import Frame
 from .resolution import FINEST_TOLERANCE
 
 MOST_STEPS = 1000
-"""Steps of a control period that are chosen at most, where `dt` is not given."""
+"""Largest number of steps per control period that is chosen if the user gives no `dt`."""
 
 
 def framed(
     frame: Frame, value: Any, task: str, given: Mapping[str, Any], drawn: Mapping[str, tuple[float, float]],
     changing: PayloadChange | None,
 ) -> Frame:  # fmt: skip
-    """Return the frame with the contacts of the keyword's value, in steps in which impacts last at least `STEPS`.
+    """Return the frame with the given contacts, in steps in which every impact lasts at least `STEPS` steps.
 
-    Where `dt` is not given a control period is divided into as many steps as that needs, at most `MOST_STEPS`; the
-    Newton tolerance falls with the square of the step. The lightest and softest arm that may be drawn counts.
-    value: one or several `Contact` or tables; None: no contacts. task: of the environment. given: the user's options of
-    the solver. drawn: ranges of factors by name. changing: a payload that changes.
+    If the user gives no `dt`, a control period is divided into enough steps, at most `MOST_STEPS`. The Newton tolerance
+    decreases with the square of the step. The number of steps follows from the lightest and softest arm that may be
+    drawn.
+    value: one or several `Contact` or tables; None for no contacts. task: task of the environment. given: the user's
+    options of the solver. drawn: ranges of factors by name. changing: the payload change.
 
     Raises:
-        ValueError: names the key path, the value and what is allowed.
+        ValueError: the message names the key path, the value and the allowed values.
     """
     arm, settings = frame.arm, frame.settings
     contacts = contacts_of("contacts", value, arm, frame.kind.space)
@@ -53,7 +54,7 @@ def framed(
 
 
 def refuse_motion(contacts: tuple[Contact, ...], path: str, value: Any) -> None:
-    """Raise `InvalidValue` if prescribed motions are combined with contacts."""
+    """Raise `InvalidValue` if a prescribed motion is combined with contacts."""
     if contacts:
         what = "must not be given in an environment with contacts; scenes (flexarm_env.Scene) take motions and contacts"
         raise check.InvalidValue(path, value, what)
@@ -63,7 +64,7 @@ def _resolved(
     frame: Frame, contacts: tuple[Contact, ...], given: Mapping[str, Any], drawn: Mapping[str, tuple[float, float]],
     changed: float,
 ) -> Settings:  # fmt: skip
-    """Return settings whose steps resolve the contacts. changed: least factor of a payload that changes."""
+    """Return settings whose steps resolve the contacts. changed: smallest factor of a payload change."""
     settings = frame.settings
     assert settings.dt is not None
     count = max(1, round(frame.period / settings.dt))
@@ -81,7 +82,7 @@ def _resolved(
 
 
 def _with_step(first: Settings, dt: float, fixed: bool) -> Settings:
-    """Return the settings with steps of dt (s) and, unless it is fixed, the Newton tolerance that they need."""
+    """Return the settings with steps of dt (s). Unless it is fixed, the Newton tolerance is adapted to this step."""
     assert first.dt is not None
     share = dt / first.dt
     tolerance = first.tolerance
@@ -93,9 +94,9 @@ def _with_step(first: Settings, dt: float, fixed: bool) -> Settings:
 def _with_least_masses(
     system: System, scene: Scene, settings: Settings, drawn: Mapping[str, tuple[float, float]], changed: float,
 ) -> System:  # fmt: skip
-    """Return the System with the least effective masses of its points over nominal and lightest, softest arm.
+    """Return the System whose points have their smallest effective masses.
 
-    changed: least factor of a payload that changes.
+    The minimum is over the nominal arm and the lightest, softest arm. changed: smallest factor of a payload change.
     """
     assert settings.dt is not None
     par = system.par.copy()
@@ -118,7 +119,7 @@ def _with_least_masses(
 
 
 def _steps_needed(scene: Scene, system: System, period: float) -> int:
-    """Return the number of steps of a period (s) for which every impact lasts `STEPS` of them, at most MOST_STEPS + 1.
+    """Return the number of steps in a period (s) with which every impact lasts `STEPS` steps, at most MOST_STEPS + 1.
 
     system: the assembled scene.
     """

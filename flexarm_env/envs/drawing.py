@@ -14,7 +14,7 @@ from ..validation import Array
 Color = tuple[int, int, int]
 
 SUPERSAMPLING = 3
-"""Strokes are drawn this many times as wide and high, and averaged down."""
+"""Supersampling factor: strokes are drawn on a canvas larger by this factor in width and height, then averaged."""
 
 PAPER: Color = (250, 251, 252)
 SHADE: Color = (229, 233, 239)
@@ -37,16 +37,16 @@ class Sheet:
     """A picture in progress.
 
     Args:
-        size: width and height of the picture, pixels. reach: arm's reach, m; half of the shorter side shows `margin`
-            times this length.
-        center: the point in the middle, m (2,). cell: side of a grid square, m.
-    Lengths named in points are 1/640 of the picture's shorter side.
+        size: width and height of the picture, pixels. reach: arm's reach, m. Half of the shorter side of the picture
+            shows `margin` times the reach.
+        center: the point at the middle of the picture, m (2,). cell: side of a grid square, m.
+    A length of one "point" is 1/640 of the picture's shorter side.
     """
 
     def __init__(self, size: tuple[int, int], reach: float, margin: float, center: Array, cell: float) -> None:
-        """Draw on paper of size (width, height), pixels, around `center` (2,), m, with a grid of squares of `cell` m.
+        """Draw paper of size (width, height), pixels, around `center` (2,), m, with grid squares of `cell` m.
 
-        reach: m; half of the shorter side is margin * reach (`scale_of`).
+        reach: m; half of the shorter side shows margin * reach (`scale_of`).
         """
         self.pg = pygame_module()
         self.size, self.center = size, center
@@ -87,7 +87,7 @@ class Sheet:
             self.pg.draw.line(self.canvas, color, line[k], line[k + 1], max(1, round(width * self.point)))
 
     def arrow(self, start: ArrayLike, end: ArrayLike, color: Color) -> None:
-        """Draw an arrow with a dot at its start and a pale edge, so that it is seen on the arm."""
+        """Draw an arrow with a dot at its start. A pale edge separates the arrow from the arm."""
         a, b = self.pixels(start), self.pixels(end)
         draw_arrow(self.canvas, a, b, color, self.point)
 
@@ -100,7 +100,7 @@ class Sheet:
             self.pg.draw.line(self.canvas, color, a + (b - a) * (k / count), a + (b - a) * ((k + 0.5) / count), wide)
 
     def picture(self) -> Any:
-        """Return the surface in the picture's own size, smoothed down from the supersampled canvas."""
+        """Return the surface at the picture's size, averaged down from the supersampled canvas."""
         return self.pg.transform.smoothscale(self.canvas, self.size)
 
 
@@ -123,7 +123,10 @@ def draw_arrow(canvas: Any, start: Array, end: Array, color: Color, point: float
 
 
 def write(picture: Any, text: str, at: tuple[float, float], height: float, color: Color, side: str) -> None:
-    """Write text on a surface. side: attribute of the text's pygame.Rect that is placed at `at`, such as "topleft"."""
+    """Write text on a surface at the position `at`.
+
+    side: attribute of the text's pygame.Rect that is placed at `at`, for example "topleft".
+    """
     image = _label(text, max(7, round(height)), color)
     picture.blit(image, image.get_rect(**{side: (round(at[0]), round(at[1]))}))
 
@@ -135,7 +138,7 @@ def array_of(picture: Any) -> NDArray[np.uint8]:
 
 
 def scale_of(size: tuple[int, int], reach: float, margin: float) -> float:
-    """Return the picture's scale, pixels per m."""
+    """Return the scale of a picture, pixels per m."""
     return min(size) / (2.0 * margin * reach)
 
 
@@ -147,7 +150,7 @@ def _pixels(points: ArrayLike, size: tuple[int, int], scale: float, center: Arra
 
 @lru_cache(maxsize=4)
 def _paper(size: tuple[int, int], reach: float, scale: float, center: tuple[float, float], cell: float) -> Any:
-    """Return the empty sheet: grid, axes, and a circle of radius `reach` about the origin."""
+    """Return an empty sheet with grid, axes and a circle of radius `reach` about the origin."""
     pg = pygame_module()
     width, height = size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING
     paper = pg.Surface((width, height), 0, 32)
@@ -167,7 +170,7 @@ def _paper(size: tuple[int, int], reach: float, scale: float, center: tuple[floa
 
 @lru_cache(maxsize=512)
 def _label(text: str, height: int, color: Color) -> Any:
-    """Render a text of a given height, pixels: drawn four times as large, then smoothed down."""
+    """Render a text of a given height, pixels: draw it four times as large and average it down."""
     pg = pygame_module()
     if not pg.font.get_init():
         _font.cache_clear()

@@ -1,4 +1,4 @@
-"""Costs, pushes, payloads that change, starts and what counts as success: from keyword arguments to records."""
+"""Conversion of keyword arguments to records: costs, pushes, payload changes, starts and conditions of success."""
 
 import dataclasses
 import math
@@ -23,17 +23,17 @@ from .task import Kind, at_zero
 Pair = tuple[float, float]
 
 STATIONS = (0.0, 0.25, 0.5, 0.75)
-"""Places along each link, from its root (0) to its tip (1), where strain is looked at: at the tip there is none."""
+"""Stations for strain along each link, from its root (0) to its tip (1); the strain at the tip itself is 0."""
 
 TURNS = ("exact", "any")
 GRIPPED = ("resting", "moving")
 PARTS = ("arm", "tip")
 EVENTS = ("cost", "pushes", "payload_change", "keep_out")
-"""Keywords, and fields of `Extras`, that add to info."""
+"""Keywords and fields of `Extras` that add entries to info."""
 
 
 def cost(frame: Frame, value: Any) -> Cost | None:
-    """Read `cost`: limits on tip deflections (over the link's length) and on strains of the links' surfaces."""
+    """Read `cost`: limits of tip deflections (over the link's length) and of the links' surface strains."""
     if value is None:
         return None
     table = table_of("cost", value, ("deflection", "strain"))
@@ -48,11 +48,11 @@ def cost(frame: Frame, value: Any) -> Cost | None:
 
 
 def _strains(frame: Frame, limit: float) -> Array:
-    """Return rows for `protocol.strain_gauge` that read the surface strain at each link's stations over the limit.
+    """Return rows for `protocol.strain_gauge`: surface strain, divided by its limit, at each link's stations.
 
-    limit: strain, without unit. In the plane (4 N, n), 4 stations on each of N flexible links; the strain over the
-    limit is row . q. In space each station has two rows of a `GAUGE` record, for bending in the link's x-y and x-z
-    planes.
+    limit: strain, without unit. In the plane the rows (4 N, n) belong to 4 stations on each of N flexible links, and a
+    row times q is strain over limit. In space each station has two rows of a `GAUGE` record, for bending in the link's
+    x-y and x-z planes.
     """
     space = frame.kind.space
     planes = ("xy", "xz") if space else ("xy",)
@@ -74,7 +74,7 @@ def _strains(frame: Frame, limit: float) -> Array:
 
 
 def shapes_of(space: bool, value: Any) -> tuple[Shape, ...]:
-    """Return the shapes of `keep_out`, () if there are none."""
+    """Return the shapes of `keep_out`; () if there are none."""
     if value is None:
         return ()
     rows = value.get("shapes") if isinstance(value, Mapping) and "shapes" in value else value
@@ -115,13 +115,13 @@ def pushes(frame: Frame, value: Any) -> Pushes | None:
 
 
 def _range(path: str, table: dict[str, Any], key: str, unit: str, minimum: float = 0.0) -> Array:
-    """Return a table's required range (low, high)."""
+    """Return the required range (low, high) of a table's key."""
     value = check.needed(path, table, key, f"must be two numbers{f' ({unit})' if unit else ''}, (low, high)")
     return np.array(check.limits(f"{path}.{key}", value, unit, minimum=minimum))
 
 
 def payload_change(frame: Frame, value: Any) -> PayloadChange | None:
-    """Read `payload_change`: a payload that is gripped or released once in an episode."""
+    """Read `payload_change`: a payload that the arm grips or releases once in an episode."""
     if value is None:
         return None
     table = table_of("payload_change", value, ("time", "factor", "gripped"))
@@ -135,9 +135,9 @@ def payload_change(frame: Frame, value: Any) -> PayloadChange | None:
 
 
 def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool, drawn: int) -> dict[str, Any]:
-    """Return the task record's fields for success, turns and info that differ from the usual ones.
+    """Return the task record's fields for success, turns and info that differ from their defaults.
 
-    drawn: last index of the drawn numbers in info, or -1.
+    drawn: index of the last drawn number in info; -1 if there is none.
     """
     kind = frame.kind
     table = table_of("success", success, (*kind.bands, "hold", "once", "paid"))
@@ -177,7 +177,7 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool,
 
 
 def starts(kind: Kind, arm: Arm, value: Any) -> tuple[Starts, bool]:
-    """Return the ranges of fresh starts, and whether target angles are absolute instead of relative to the start."""
+    """Return the ranges of fresh starts, and whether target angles are absolute or relative to the start."""
     usual = kind.starts(arm)
     if value is None:
         return usual, False
@@ -200,9 +200,9 @@ def starts(kind: Kind, arm: Arm, value: Any) -> tuple[Starts, bool]:
 
 
 def _joint(arm: Arm, k: int, row: Any, of: str = "angles") -> Pair:
-    """Return joint k's range (low, high), rad, of `starts.<of>`; `InvalidValue` where it leaves the joint's limits.
+    """Return joint k's range (low, high), rad, of `starts.<of>`; raise `InvalidValue` if it exceeds the joint limits.
 
-    row: the user's pair of angles, rad. of: the table's key, for messages.
+    row: the user's pair of angles, rad. of: the table's key, which messages name.
     """
     low, high = check.limits(f"starts.{of}[{k}]", row, "rad", **ANGLE)
     own = None if arm.joint_limits is None else arm.joint_limits[k]
@@ -213,9 +213,10 @@ def _joint(arm: Arm, k: int, row: Any, of: str = "angles") -> Pair:
 
 
 def _target(kind: Kind, arm: Arm, value: Any) -> list[Pair]:
-    """Return the two ranges of `starts.target`: of the angle, or of a point's distance (m) and bearing (rad).
+    """Return the two ranges of `starts.target`.
 
-    In space: a range of each joint angle, rad.
+    One link: range of the angle (rad) and an unused range. More links: ranges of a point's distance (m) and bearing
+    (rad). In space: a range of each joint angle, rad.
     """
     if kind.space:
         rows = check.sequence("starts.target", value, f"{arm.n_links} pairs of joint angles, rad", arm.n_links)
@@ -232,7 +233,7 @@ def _target(kind: Kind, arm: Arm, value: Any) -> list[Pair]:
 
 
 def unguided(extras: Extras, path: str, value: Any) -> None:
-    """Raise `InvalidValue` if a prescribed motion is combined with events that need a freely moving arm."""
+    """Raise `InvalidValue` if a prescribed motion is combined with events that require a freely moving arm."""
     for name in EVENTS:
         if getattr(extras, name) is not None:
             raise check.InvalidValue(path, value, f"must not be given in an environment with {name}")

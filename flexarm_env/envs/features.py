@@ -1,4 +1,4 @@
-"""Sensors, actuators, controllers and moving targets: from the keyword arguments of an environment to its `Extras`."""
+"""Conversion of an environment's keyword arguments to its `Extras`: sensors, actuators, controllers, moving targets."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -24,12 +24,12 @@ from .task import Kind
 
 ACTION_MODES = ("torque", "current", "voltage", "residual_pd")
 LONGEST = 1000
-"""Largest delay, in steps or periods: each of them is remembered."""
+"""Largest delay, in steps or control periods; the environment stores this many past values."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Properties of the environment that keywords are read for. contacts: obstacles that its arm may touch."""
+    """Properties of an environment that its keywords depend on. contacts: obstacles that the arm may touch."""
 
     kind: Kind
     arm: Arm
@@ -40,14 +40,14 @@ class Frame:
 
 
 def table_of(path: str, value: Any, keys: Sequence[str]) -> dict[str, Any]:
-    """Return a keyword's table after checking its keys; {} for None."""
+    """Return a keyword's table after checking its keys; {} if the value is None."""
     table = {} if value is None else check.table_of(path, value)
     check.known_keys(path, table, keys)
     return table
 
 
 def for_each(path: str, value: Any, n: int, unit: str = "", **bounds: float) -> Array:
-    """Return one number for each of n links or joints, from one number or n."""
+    """Return one number for each of n links or joints; the value is one number for all of them or n numbers."""
     many = check.several(value)
     values = check.sequence(path, value, f"{n} numbers{f' ({unit})' if unit else ''}", n) if many else (value,) * n
     names = [f"{path}[{k}]" if many else path for k in range(n)]
@@ -66,7 +66,7 @@ def whole(path: str, value: Any, step: float, name: str, **bounds: float) -> int
 
 
 def _late(path: str, value: Any, step: float, name: str) -> tuple[int, int]:
-    """Convert a delay, or a range of delays (s), to its smallest and largest whole number of steps."""
+    """Convert a delay, or a range of delays (s), to the smallest and largest whole number of steps."""
     if not check.several(value):
         return (whole(path, value, step, name, minimum=0.0),) * 2
     limits = enumerate(check.limits(path, value, "s", minimum=0.0))
@@ -76,10 +76,10 @@ def _late(path: str, value: Any, step: float, name: str) -> tuple[int, int]:
 
 # --- controllers -------------------------------------------------------------------------------------
 def controller(frame: Frame, mode: Any, share: Any) -> Controller | None:
-    """Return the joint controllers under the action, or None if the action is a torque, a current or a voltage.
+    """Return the joint controllers that the action commands; None if the action is a torque, a current or a voltage.
 
-    The stiffness gives the full torque at an error of pi/4. The damping is critical for the straight rigid arm beyond
-    the joint.
+    The stiffness gives the full torque at an error of pi/4 rad. The damping is critical for the rigid, straight part of
+    the arm from the joint to the tip.
     """
     if check.choice("action_mode", mode, ACTION_MODES) != "residual_pd":
         if share is not None:
@@ -92,9 +92,9 @@ def controller(frame: Frame, mode: Any, share: Any) -> Controller | None:
 
 
 def amplified(arm: Arm, mode: Any) -> tuple[Arm, Amplifier | None]:
-    """Return the arm with the viscous friction of back-emf added, and the amplifier that converts actions to torques.
+    """Return the arm with the viscous friction due to back-emf, and the amplifier that converts actions to torques.
 
-    Raises ValueError where a joint lacks a motor, its limit, or for voltages its resistance.
+    Raises ValueError if a joint lacks a motor or the motor's limit, or, for voltages, the motor's resistance.
     """
     if mode not in ("current", "voltage"):
         return arm, None
@@ -126,7 +126,7 @@ _ACTUATOR = ("lag", "delay", "jitter", "saturation", "viscous", "coulomb")
 
 
 def with_friction(arm: Arm, value: Any) -> Arm:
-    """Return the arm with the friction of `actuator` added to its joints' own."""
+    """Return the arm with the friction of `actuator` added to the friction of its joints."""
     table, joints = table_of("actuator", value, _ACTUATOR), [arm.joint(k) for k in range(arm.n_links)]
     for name, unit in (("viscous", "N m s/rad"), ("coulomb", "N m")):
         more = for_each(f"actuator.{name}", table.get(name, 0.0), arm.n_links, unit, minimum=0.0)
@@ -144,8 +144,8 @@ def with_friction(arm: Arm, value: Any) -> Arm:
 def with_hub(arm: Arm, drawn: Any) -> tuple[Arm, float]:
     """Return the arm prepared for a drawn hub inertia, and the nominal inertia about the hub's axis, kg m^2.
 
-    The difference from the nominal hub is drawn as inertia of joint 0's rotor, which has the same effect on a base that
-    does not turn. Where joint 0 has no other law, a negligible rotor gives it one.
+    The difference between the drawn and the nominal hub inertia is drawn as inertia of joint 0's rotor. On a base that
+    does not turn, the rotor has the same effect as the hub. If joint 0 is ideal, it gets a negligible rotor.
     """
     if drawn is None:
         return arm, 0.0
@@ -162,7 +162,7 @@ def with_hub(arm: Arm, drawn: Any) -> tuple[Arm, float]:
 
 
 def actuator(frame: Frame, value: Any) -> Actuator | None:
-    """Read `actuator`: the motors, or None if they are ideal."""
+    """Read `actuator`; return the motors, or None if they are ideal."""
     if value is None:
         return None
     table = table_of("actuator", value, _ACTUATOR)
@@ -207,9 +207,9 @@ _SENSORS = ("noise", "delay", *description.KEYS)
 def sensors(
     frame: Frame, value: Any, gauges: Sequence[description.StrainGauge], names: Sequence[str], scales: Sequence[float]
 ) -> Sensors | None:
-    """Read noise and delay of all entries, and the gauges; None if all is ideal.
+    """Read noise and delay of all entries and the gauges; return the sensors, or None if all are ideal.
 
-    names, scales: names and scales of all entries, gauges last.
+    names, scales: names and scales of all entries, with the gauges last.
     """
     table = table_of("sensors", None if isinstance(value, description.Sensors) else value, _SENSORS)
     places = [gauge.spot for gauge in gauges]
@@ -228,7 +228,7 @@ _STIFFNESS = {"xz": "EI_y", "torsion": "GJ"}
 
 
 def gauge_scales(frame: Frame, gauges: Sequence[description.StrainGauge]) -> list[float]:
-    """Return each gauge's scale, 1/m: the curvature, or twist, under the full torque of the link's joint."""
+    """Return each gauge's scale, 1/m: the curvature, or twist, that the full torque of the link's joint causes."""
     limits, links = frame.arm.torque_limits, frame.arm.links
     assert limits is not None
     sizes = []
@@ -240,7 +240,10 @@ def gauge_scales(frame: Frame, gauges: Sequence[description.StrainGauge]) -> lis
 
 
 def _noise(deviations: Any, names: Sequence[str], scales: Sequence[float]) -> Array:
-    """Return standard deviations in scales, from one share of the scale for all, or by name in the entry's unit."""
+    """Return standard deviations, divided by the entries' scales.
+
+    deviations: one share of the scale for all entries, or a table by name in each entry's unit.
+    """
     if not isinstance(deviations, Mapping):
         return np.full(len(names), check.number("sensors.noise", deviations, minimum=0.0))
     check.known_keys("sensors.noise", deviations, names, "entry of the observation")
@@ -251,7 +254,7 @@ def _noise(deviations: Any, names: Sequence[str], scales: Sequence[float]) -> Ar
 
 # --- moving targets ----------------------------------------------------------------------------------
 def reference(frame: Frame, value: Any, periods: int) -> Reference:
-    """Read `reference`: a given path, sampled at the control instants, or the ranges from which episodes draw paths."""
+    """Read `reference`: a given path, sampled at the control instants, or the ranges of paths drawn in each episode."""
     target, arm = frame.kind.target, frame.arm
     drawn = value if isinstance(value, Mapping) and "t" not in value else {}
     value = None if drawn else value
@@ -273,7 +276,7 @@ def reference(frame: Frame, value: Any, periods: int) -> Reference:
 
 
 def gravity_of(kind: Kind, given: Any) -> tuple[float, ...] | None:
-    """Return gravity (2,), in space (3,), m/s^2: the kind's own where it is not given."""
+    """Return gravity (2,), in space (3,), m/s^2; the default of the environment's kind if none is given."""
     if given is None:
         return kind.gravity
     what = "three numbers (m/s^2), (x, y, z)" if kind.space else "two numbers (m/s^2), (x, y)"

@@ -21,12 +21,12 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     exact geometry: it may bend far, and it vibrates as a continuous body, not as a mass on a spring.
 
     The default arm, `strip`, is an aluminum strip of 1 m x 30 mm x 3.42 mm (EI about 7 N m^2) with 0.05 kg m^2 at the
-    hub and 0.2 kg at the tip. Its first frequency, with the hub clamped and the payload attached, is 8.89 rad/s; its
-    damping ratio is one per cent.
+    hub and 0.2 kg at the tip. The strip's first frequency, with the hub clamped and the payload attached, is 8.89
+    rad/s; its damping ratio is one per cent.
 
     `gymnasium.make("FlexibleArm-v0")` makes one arm, `gymnasium.make_vec("FlexibleArm-v0", num_envs=n)` makes n arms
-    that one compiled call advances. Both give the same numbers, bit for bit. Without an import of the package use the
-    id `flexarm_env:FlexibleArm-v0`.
+    that one compiled call advances. A single arm and an arm among n arms give the same numbers, bit for bit. Without an
+    import of the package use the id `flexarm_env:FlexibleArm-v0`.
 
     ## Action space
 
@@ -88,7 +88,7 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     - Termination: only by failure. `info["termination_reason"]` is `joint_limit` (a joint beyond its limits),
       `action_not_finite`, or the status of the solver (`newton_failed`, `out_of_range`, `diverged`, `not_finite`).
       After `action_not_finite` and a failure of the solver, the observation is the last good one. The other arms of a
-      vector continue.
+      vector environment continue.
     - Success does not end an episode. `info["is_success"]` is true if, over the last 0.5 s, the tip angle was within 1
       degree of the target and the rate of the deflection below 0.01 L/s. The success of an episode is the value at its
       last step.
@@ -114,7 +114,7 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
 
     ## Arguments
 
-    Keyword arguments of `gymnasium.make` and `make_vec`. Most users need these eight:
+    All arguments are keyword arguments of `gymnasium.make` and `make_vec`. Most users need these eight:
 
     | name | default | meaning |
     |---|---|---|

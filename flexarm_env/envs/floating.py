@@ -1,4 +1,4 @@
-"""Arms on a freely floating base: the keyword `base`, and the features that such arms lack."""
+"""Arms on a freely floating base: the keyword `base`, and the features that such arms do not support."""
 
 from dataclasses import replace
 from typing import Any
@@ -15,11 +15,14 @@ _HELD = {
     "initial_vibration": "modes are those of an arm whose root is held",
     "gravity": "the arm would fall away from its target",
 }
-"""Keywords that ask for a root that is held, and why."""
+"""Keywords that require a fixed root, and the reason for each."""
 
 
 def with_base(arm: Arm, value: Any, space: bool) -> Arm:
-    """Return the arm on the floating base of the keyword `base`, a Base or its table; None leaves the arm unchanged."""
+    """Return the arm on the floating base given by the keyword `base`, a Base or its table.
+
+    If the keyword is None, the arm does not change.
+    """
     if value is None:
         return arm
     if space:
@@ -28,7 +31,7 @@ def with_base(arm: Arm, value: Any, space: bool) -> Arm:
 
 
 def check_afloat(frame: Frame, task: str, mode: str, wanted: Any, **arguments: Any) -> None:
-    """Raise ValueError for keywords that an arm on a floating base does not support. arguments: those of `_HELD`."""
+    """Raise ValueError for keywords that an arm on a floating base does not support. arguments: keywords in `_HELD`."""
     arm = frame.arm
     if arm.base is None:
         return

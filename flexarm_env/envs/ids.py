@@ -1,4 +1,4 @@
-"""Environments that a file may name, so that a policy or recording cannot import arbitrary code."""
+"""Environments that a file may name; the check prevents a policy or recording from importing arbitrary code."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,12 +13,12 @@ PACKAGE = "flexarm_env"
 
 
 def own_ids() -> tuple[str, ...]:
-    """Return the ids of this package's registered environments that simulate."""
+    """Return the ids of this package's registered environments that simulate an arm."""
     return tuple(key for key, spec in registry.items() if str(spec.entry_point).startswith(f"{PACKAGE}.envs."))
 
 
 def make_registered(make: Callable[..., Any], env_id: str, /, **keywords: Any) -> Any:
-    """Call `gymnasium.make` or `make_vec` with an id. Raises ValueError for one that is not registered or not an id."""
+    """Call `gymnasium.make` or `make_vec` with an id; raise ValueError if the id is invalid or not registered."""
     try:
         return make(env_id, **keywords)
     except DependencyNotInstalled:
@@ -28,12 +28,12 @@ def make_registered(make: Callable[..., Any], env_id: str, /, **keywords: Any) -
 
 
 def permitted(path: str, env_id: Any, env_kwargs: Any, named: str | None = None) -> tuple[str, dict[str, Any]]:
-    """Return the environment id and keywords of a file, after checking that `gymnasium.make` may receive them.
+    """Return the environment id and keywords from a file, after checking that `gymnasium.make` may receive both.
 
     Args:
-        path: their name in messages. named: an id that the caller explicitly permits.
+        path: name of the id in messages. named: an id that the caller explicitly permits.
     Raises:
-        ValueError: an id that is neither this package's own nor `named`; or unknown keywords for an id of this package.
+        ValueError: the id is neither this package's own nor `named`, or an id of this package has unknown keywords.
     """
     keywords = check.table_of(check.joined(path, "env_kwargs"), env_kwargs)
     if named is not None and env_id == named:

@@ -1,4 +1,4 @@
-"""The error of an environment's tip in small motions: the quantities of the rule in `resolution`, for one arm."""
+"""Error of an environment's tip in small motions: the quantities of the rule in `resolution`, for one arm."""
 
 from __future__ import annotations
 
@@ -20,21 +20,27 @@ from .small_motions_space import of_space, poses_in_space
 
 OF_ELBOWS = 0.1  # weight of the spin of elbows, which links that hardly bend follow to higher order
 MARGIN, MARGIN_OF_FRICTION = 3.0, 10.0
-"""Error of 99 % of the episodes over G e_1, and over e_2."""
+"""Error that 99 % of the episodes do not exceed, as a multiple of G e_1 and of e_2."""
 
 MESHES: Mapping[str, tuple[str, tuple[int, ...]]] = {
     "elastica": ("nodes", (4, 6, 8, 12)),
     "geometrically_exact": ("elements", (3, 5, 8, 12)),
     "floating_frame": ("segments", (2, 4, 6, 10)),
 }
-"""Option and sizes of a formulation's mesh, from the usual one on."""
+"""Mesh option of each formulation and its sizes, from the usual size to finer ones."""
 
 AMPLIFIED, AMPLIFIED_IN_SPACE, POWER = 0.55, 1.1, 3
-"""Constants of G, rad; in space links turn against each other's planes, and gravity holds the swing of the whole."""
+"""Constants of G: bend in the plane and in space, rad, and exponent.
+
+In space, links turn out of each other's planes, and gravity limits the swing of the whole arm.
+"""
 
 CONTACT = 0.3  # largest omega_c h
 THIRD, DAMPED, STEADY = 2, 0.1, 0.45
-"""Vibration of a chain of elasticas, from 0, that steps must resolve below this damping ratio; its largest omega h."""
+"""Vibration of a chain of elasticas (index from 0) that steps must resolve if its damping ratio is below `DAMPED`.
+
+`STEADY` is the largest omega h of this vibration.
+"""
 
 TURNED = 2.0  # largest angle of an element in space at rest, rad; from pi on a moving one has no rotation vector
 SELDOM = 0.25  # weight of the arms that are drawn farthest from the nominal one
@@ -42,16 +48,16 @@ TRAVEL = 1.0  # time for which a rate stays wrong after a reversal, s
 SLENDER = 0.1  # largest radius of gyration of a section over its link's length: small motions have no shear
 REFERENCE = 8  # elements of a link of the reference in space
 STIFFEST = 1e8
-"""Largest w^2 T, 1/s, of a vibration w over a control period T: the exponential loses 1e-16 of it."""
+"""Largest w^2 T, 1/s, of a vibration w over a control period T; the matrix exponential loses 1e-16 of this number."""
 
 SETTLED, CHATTER = 20, 0.3
-"""A PD loop chatters if its torques change by this share of the limits in so many last periods, without action."""
+"""A PD loop chatters if its torques change by `CHATTER` of the limits in its last `SETTLED` periods without action."""
 
 
 class Judge:
-    """The rule for one arm, drive and control period (s), with the errors e and factors of the module's docstring.
+    """The rule for one arm, drive and control period (s); `resolution` defines the errors e and their factors.
 
-    stiffness: factor on EI, in space on EI_y and GJ too. theta: largest bend of a link, rad.
+    stiffness: factor on EI, in space also on EI_y and GJ. theta: largest bend of a link, rad.
     """
 
     def __init__(self, arm: Arm, drive: Drive, period: float, stiffness: float = 1.0) -> None:
@@ -80,13 +86,13 @@ class Judge:
 
     @property
     def slender(self) -> bool:
-        """Whether small motions, which have no shear, represent the arm: slender links."""
+        """Whether the links are slender, so that small motions, which neglect shear, represent the arm."""
         radii = [math.sqrt(link.rotary / link.mass) / link.length for link in self.arm.links if link.mass > 0.0]
         return max(radii, default=0.0) <= SLENDER
 
     @cached_property
     def chatters(self) -> tuple[bool, bool]:
-        """Whether a PD loop does not come to rest without action: (in one of the postures, in all of them)."""
+        """Whether a PD loop does not come to rest without action: (in at least one posture, in every posture)."""
         if self.drive.residual is None:
             return False, False
         limits = CHATTER * np.array(self.drive.limits)
@@ -101,7 +107,7 @@ class Judge:
         return math.sqrt(joint.stiffness * (1.0 / joint.rotor + 1.0 / (self.inertia[k] - joint.rotor)))
 
     def _response(self, motion: Motion) -> Array:
-        """Return the reference's response to all runs (`Motion.respond`); store the torques of the first run."""
+        """Return the reference's response to all runs (`Motion.respond`), and store the torques of the first run."""
         asked = []
 
         def torques(k: int, angles: Array, rates: Array) -> Array:
@@ -114,10 +120,10 @@ class Judge:
         return found
 
     def _spun(self, response: Array, inner: bool) -> float:
-        """Return int Omega^3 dt, rad^3/s^2, of the fastest link, or (inner) of the fastest elbow without joint limits.
+        """Return int Omega^3 dt, rad^3/s^2, of the fastest link; if `inner`, of the fastest elbow without joint limits.
 
-        response: of `Motion.respond`, with joint angles (rad) of each control period and run. Omega: rate of the link's
-        angle (in space of the joint's), or of the elbow's, rad/s.
+        response: result of `Motion.respond`, with joint angles (rad) of each control period and run. Omega: rate,
+        rad/s, of the link's absolute angle (in space of its joint angle), or of the elbow angle.
         """
         count, limits = self.arm.n_links, self.arm.joint_limits or (None,) * self.arm.n_links
         angles = response[:, self.places : self.places + count]
@@ -149,7 +155,7 @@ class Judge:
         return np.asarray(np.clip(full * action, -limits, limits))
 
     def _fine(self, pose: Array) -> Motion:
-        """Return the small motions of the reference mesh about a posture, frequencies limited (`_softened`).
+        """Return the small motions of the reference mesh about a posture, with limited frequencies (`_softened`).
 
         pose (N,), rad: absolute link angles in the plane, joint angles in space.
         """
@@ -158,18 +164,18 @@ class Judge:
         return self._softened(Motion.of(self.arm, self._scaled(fine(self.arm), self.stiffness), pose))
 
     def _softened(self, motion: Motion) -> Motion:
-        """Return the motion with frequencies limited to those that double precision can carry through a period."""
+        """Return the motion with its frequencies limited to those that double precision resolves in a period."""
         return motion.softened(math.sqrt(STIFFEST / self.period))
 
     def _scaled(self, parts: Chain, stiffness: float) -> Chain:
-        """Return a chain with its bending stiffness times a factor."""
+        """Return a chain with its bending stiffness multiplied by a factor."""
         return parts if stiffness == 1.0 else replace(parts, K=stiffness * parts.K)
 
     def _motion(self, settings: Settings, pose: Array, h: float) -> Motion:
-        """Return the small motions about a posture on the settings' mesh, with inertia and damping that steps see.
+        """Return the small motions about a posture on the settings' mesh, with the integrator's inertia and damping.
 
-        h: step, s. Linear elements (order 1) with one Gauss point are stiffer in bending by 1 / (4 E^2), E of them a
-        link: they keep the curvature of an element at its mean.
+        h: step, s. Linear elements (order 1) with one Gauss point keep the curvature of an element at its mean. E such
+        elements per link are therefore stiffer in bending by 1 / (4 E^2).
         """
         elements = (settings.segments or 1) * (settings.elements or 1)
         stiffness = self.stiffness
@@ -190,7 +196,7 @@ class Judge:
         return self._softened(motion)
 
     def small(self, settings: Settings, h: float) -> float:
-        """Return e_1: the largest distance of the tip from the reference in small motions, over the arm's length."""
+        """Return e_1: the tip's largest distance from the reference in small motions, over the arm's length."""
         name, _ = MESHES[settings.formulation]
         size = getattr(settings, name)
         key = (
@@ -202,7 +208,7 @@ class Judge:
         return self._known[key]
 
     def halved(self, settings: Settings, h: float) -> float:
-        """Return the largest distance, over L, between the tips of small motions in steps of h and of h/2 (s)."""
+        """Return the largest distance, over L, between the tips of small motions in steps of h (s) and of h/2."""
         worst = 0.0
         for pose in self.poses:
             one, two = (self._stepped(settings, pose, k) for k in (h, 0.5 * h))
@@ -212,21 +218,21 @@ class Judge:
     def _stepped(self, settings: Settings, pose: Array, h: float) -> Array:
         """Return the response of small motions about `pose` (rad) on the settings' mesh, in steps of h (s).
 
-        Response: tip, joint angles and bends of each control period and run (`Motion.respond`).
+        The response contains the tip, joint angles and bends of each control period and run (`Motion.respond`).
         """
         motion = self._motion(settings, pose, h)
         return motion.respond(motion.stepped(h, round(self.period / h)), self._torques, PERIODS, len(HELD))
 
     def _apart(self, one: Array, two: Array) -> float:
-        """Return the largest distance between the tips of two responses (`Motion.respond`), over the arm's length.
+        """Return the largest distance, over the arm's length, between the tips of two responses (`Motion.respond`).
 
-        The last run is left out; inf where a response is not finite.
+        The last run is left out. The result is inf if a response is not finite.
         """
         apart = np.linalg.norm((one - two)[:, : self.places, :-1], axis=1).max() / self.arm.total_length
         return float(apart) if math.isfinite(apart) else math.inf
 
     def _small(self, settings: Settings, h: float) -> float:
-        """Return e_1 of steps of h (s) on the settings' mesh, over all postures and runs; inf for unstable steps."""
+        """Return e_1 of steps of h (s) on the settings' mesh, over all postures and runs; inf if unstable."""
         runs = zip(self.poses, self.fine, strict=True)
         return max(self._apart(self._stepped(settings, pose, h), fine_one) for pose, fine_one in runs)
 
@@ -243,20 +249,20 @@ class Judge:
         return settings.period_error * h * h * turned
 
     def bound(self, settings: Settings, h: float) -> float:
-        """Return e = G e_1 + e_2 over the arm's length; inf for steps that leave a contact or vibration unresolved."""
+        """Return e = G e_1 + e_2 over the arm's length; inf if the steps do not resolve a contact or a vibration."""
         steady = settings.formulation != "elastica" or self.unsteady * h <= STEADY
         if not steady or self.contact * h > CONTACT * (1.0 + 1e-9):
             return math.inf
         return self.gain * self.small(settings, h) + self.friction * h * TRAVEL
 
     def estimate(self, settings: Settings, h: float) -> float:
-        """Return the estimated error of the tip, over the arm's length: MARGIN G e_1 + MARGIN_OF_FRICTION e_2 + e_3."""
+        """Return the estimated error of the tip over the arm's length: MARGIN G e_1 + MARGIN_OF_FRICTION e_2 + e_3."""
         more = (MARGIN_OF_FRICTION - MARGIN) * self.friction * h * TRAVEL
         return min(1.0, MARGIN * self.bound(settings, h) + self.spin(settings, h) + more)
 
 
 class Worst:
-    """The maximum over the rules of the nominal arm and of the drawn extremes; the extremes have the weight SELDOM."""
+    """The largest errors over the rules of the nominal arm and the extreme drawn arms, which have the weight SELDOM."""
 
     def __init__(self, rules: Sequence[Judge]) -> None:
         self.rules, self.arm, self.period = rules, rules[0].arm, rules[0].period
@@ -267,9 +273,9 @@ class Worst:
 
     @property
     def elements(self) -> int:
-        """Number of elements of a link in space.
+        """Number of elements per link in space.
 
-        At rest the full torque of the link's joint turns each element by at most `TURNED` (rad).
+        With this number, the full torque of a link's joint turns each element by at most `TURNED` (rad) at rest.
         """
         arm, most = self.arm, 1
         for k, link in enumerate(arm.links if arm.spatial else ()):
@@ -281,15 +287,15 @@ class Worst:
         return most
 
     def bound(self, settings: Settings, h: float) -> float:
-        """Return e over the arm's length, the largest of all rules."""
+        """Return the largest e of all rules, over the arm's length."""
         return max(self.rules[0].bound(settings, h), *(SELDOM * rule.bound(settings, h) for rule in self.rules))
 
     def spin(self, settings: Settings, h: float) -> float:
-        """Return e_3 over the arm's length, the largest of all rules."""
+        """Return the largest e_3 of all rules, over the arm's length."""
         return max(self.rules[0].spin(settings, h), *(SELDOM * rule.spin(settings, h) for rule in self.rules))
 
     def estimate(self, settings: Settings, h: float) -> float:
-        """Return the error that mesh and step may leave, over the arm's length, the largest of all rules."""
+        """Return the largest estimated error of all rules due to mesh and step, over the arm's length."""
         return max(self.rules[0].estimate(settings, h), *(SELDOM * rule.estimate(settings, h) for rule in self.rules))
 
 
@@ -300,10 +306,10 @@ def judge(arm: Arm, drive: Drive, period: float, stiffness: float = 1.0) -> Judg
 
 
 def worst(arm: Arm, drive: Drive, period: float, drawn: Mapping[str, tuple[float, float]]) -> Worst:
-    """Return the rule for an arm and its drawn extremes: the softest, and the stiffest with the least payload.
+    """Return the rule for an arm and its extreme drawn arms: the softest, and the stiffest with the smallest payload.
 
-    period: control period, s. drawn: ranges (low, high) of factors on EI, payload and torque_constant; others do not
-    count.
+    period: control period, s. drawn: ranges (low, high) of factors by name; only those of EI, payload and
+    torque_constant are used.
     """
     (soft, stiff), (light, _), (_, strong) = (
         drawn.get(name, (1.0, 1.0)) for name in ("EI", "payload", "torque_constant")

@@ -1,4 +1,4 @@
-"""Keyword arguments of the environments, with their types: what editors complete and `help` shows."""
+"""Keyword arguments of the environments with their types, for completion in editors and for `help`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..settings import FORMULATIONS, default_options
 
 
 class SolverKeywords(TypedDict, total=False):
-    """Options of the solver (`Settings`); those that the formulation lacks must not be given."""
+    """Options of the solver (`Settings`); an option that the formulation does not have must not be given."""
 
     segments: int | None
     elements: int | None
@@ -35,7 +35,7 @@ class SolverKeywords(TypedDict, total=False):
 
 
 class Keywords(SolverKeywords, total=False):
-    """Keyword arguments of every environment; `options.plan` has their defaults and checks them."""
+    """Keyword arguments of every environment; `options.plan` defines their defaults and checks their values."""
 
     arm: Arm | str | os.PathLike[str] | None
     base: Base | Mapping[str, float] | None
@@ -76,10 +76,10 @@ SOLVER_OPTIONS = tuple(dict.fromkeys(name for formulation in FORMULATIONS for na
 
 
 def signature_of(function: Callable[..., Any], plan: Callable[..., Any]) -> inspect.Signature:
-    """Return the signature of a constructor whose `**arguments` are those of `plan`, each with type and default.
+    """Return the signature of a constructor that passes `**arguments` to `plan`, with the type and default of each one.
 
-    function: a constructor with `self`. plan: a function of the environment's kind and of keywords, the last of which
-    collects options of the solver; an option of the solver has the default None, the formulation's own.
+    function: a constructor with `self`. plan: a function of the environment's kind and of keywords; its last parameter
+    collects the solver's options. The solver's options have the default None, which selects the formulation's default.
     """
     own = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD][1:]
     taken = [p for p in inspect.signature(plan).parameters.values() if p.kind is p.KEYWORD_ONLY]

@@ -1,8 +1,8 @@
 """Vector environments whose arms have links of several lengths.
 
-The arms of a batch share their mesh and mass matrix, which depend on lengths: a length cannot be drawn anew for each
-episode, as factors of `randomization` are. `LengthsVectorEnv` steps one native vector environment for each length as
-one vector environment.
+The arms of a batch share their mesh and mass matrix, which depend on the links' lengths. The factors of `randomization`
+are drawn anew for each episode; a length cannot be. `LengthsVectorEnv` therefore steps one native vector environment
+for each length and presents all of them as one vector environment.
 """
 
 import dataclasses
@@ -34,10 +34,10 @@ Factor = float | Sequence[float]
 
 
 def scaled(arm: Arm, factor: Factor) -> Arm:
-    """Return the arm with its links' lengths multiplied by a factor, one for all links or one for each.
+    """Return the arm with its links' lengths multiplied by one factor for all links, or by a factor for each link.
 
-    Sections do not change; if they or the curvature vary along the link, their places are scaled. Rigid ends, and the
-    mass and inertia of rigid links, do not change.
+    The positions along the link at which sections or the curvature are given are scaled; the sections themselves do not
+    change. Rigid ends do not change, nor do the mass and inertia of rigid links.
     """
     given = factor if check.several(factor) else [factor] * arm.n_links
     factors = check.numbers("lengths", given, f"a number, or {arm.n_links} of them", arm.n_links, "", above=0.0)
@@ -45,9 +45,9 @@ def scaled(arm: Arm, factor: Factor) -> Arm:
 
 
 def _scaled_link(link: Link, factor: float) -> Link:
-    """Return a link with its length, and the places of its section and curvature, multiplied by a factor.
+    """Return a link with its length and the positions of its sections and curvatures multiplied by a factor.
 
-    Of a rigid link the center of mass moves in proportion, too; its mass and inertia stay.
+    The center of mass of a rigid link moves in proportion; its mass and inertia do not change.
     """
     if factor == 1.0:
         return link
@@ -67,13 +67,14 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
 
     Args:
         env_id: a registered id. num_envs: number of arms, at least one for each length.
-        lengths: factors on the lengths of all links, or for each arm a factor for each link. The arms are divided
-            evenly among them: the first ones have the first factor.
+        lengths: factors on the lengths of all links, or for each entry a factor for each link. The arms are divided
+            evenly among the entries, and the first arms have the first entry.
         keywords: keywords of the environment, with `autoreset_mode` and `threads`.
     Attributes:
-        parts: a native vector environment for each length, in order. lengths: as given. plan: plan of the first part.
+        parts: a native vector environment for each length, in order. lengths: the given lengths. plan: plan of the
+            first part.
     Raises:
-        ValueError: fewer arms than lengths, a length that is not positive, or whatever the environment raises.
+        ValueError: there are fewer arms than lengths, a length is not positive, or the environment raises the error.
     """
 
     def __init__(self, env_id: str, num_envs: int, lengths: Sequence[Factor], **keywords: Any) -> None:
@@ -115,7 +116,7 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         """Start episodes: of all arms, or of those in options["reset_mask"]. Arm i gets seed + i, or seed[i].
 
         Raises:
-            ValueError: as of the native vector environment; no episode has been started then.
+            ValueError: as for the native vector environment; in this case no episode has started.
         """
         seeds = checked_seeds(seed, self.num_envs)
         chosen, rest = checked_mask(options, self.num_envs)
@@ -140,7 +141,7 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         return np.concatenate(seen), self._joined(infos)
 
     def _options_of(self, own: slice, options: dict[str, Any] | None) -> dict[str, Any] | None:
-        """Return the reset options of one part: from a list of `num_envs` motions those of its arms."""
+        """Return the reset options of one part; from a list of `num_envs` motions, the part gets those of its arms."""
         motion = (options or {}).get("motion")
         if not (isinstance(motion, list) and not is_table(motion) and len(motion) == self.num_envs > 1):
             return options
@@ -163,7 +164,10 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         return seen, reward, terminated, truncated, self._joined([one[4] for one in out])
 
     def _joined(self, infos: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-        """Concatenate the parts' infos; a key that a part lacks is zeros, or None, and False in its mask."""
+        """Concatenate the parts' infos.
+
+        If a part lacks a key, its values are zeros, or None, and its mask is False.
+        """
         joined: dict[str, Any] = {}
         masks: dict[tuple[int, ...], tuple[list[Any], NDArray[Any]]] = {}  # most keys share one mask
         for key in dict.fromkeys(key for info in infos for key in info):
@@ -185,7 +189,7 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         return joined
 
     def call(self, name: str, *args: Any, indices: Sequence[int] | None = None, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method, or return an attribute, of the single environment for each arm, or for those in `indices`."""
+        """Call a method, or return an attribute, of the single environment for each arm or the arms in `indices`."""
         chosen = chosen_of(indices, self.num_envs)
         if name == "get_state":
             return tuple(self.get_state(chosen))
@@ -198,13 +202,13 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
 
     @one_at_a_time
     def get_state(self, indices: Sequence[int] | None = None) -> list[dict[str, Any]]:
-        """Return a copy of everything that determines the future of each arm, or of those in `indices`."""
+        """Return a copy of everything that determines the future of each arm, or of the arms in `indices`."""
         places = [self._place(i) for i in chosen_of(indices, self.num_envs)]
         return [part.get_state([i])[0] for part, i in places]
 
     @one_at_a_time
     def set_state(self, states: Sequence[dict[str, Any]], indices: Sequence[int] | None = None) -> None:
-        """Continue bit for bit from states of `get_state`, of this or an equal environment."""
+        """Continue bit for bit from states that `get_state` of this or an equal environment returned."""
         chosen = chosen_of(indices, self.num_envs)
         if not check.several(states) or len(states) != len(chosen):
             given = f"{len(states)} states" if check.several(states) else states
@@ -219,14 +223,14 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
                 part.set_state([state for state, _ in some], [i for _, i in some])
 
     def _place(self, i: int) -> tuple[VectorArmEnv, int]:
-        """Return the part that arm i belongs to, and its number there."""
+        """Return the part that contains arm i, and the arm's number in this part."""
         part, own = next((part, own) for part, own in self._slices if i < own.stop)
         return part, i - own.start
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of all arms that may change, `starts`: one value, or a list of one for each arm.
+        """Set an attribute of all arms; only `starts` may change.
 
-        Arms of one length share one value.
+        values: one value, or a list of one value per arm; arms with the same length share one value.
         """
         check.choice("name", name, CHANGEABLE)
         each = list(values) if check.several(values) else [values] * self.num_envs
@@ -251,5 +255,5 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
 
 
 def _blank(known: NDArray[Any]) -> Any:
-    """Return the entry of an array for arms without a value."""
+    """Return the array entry that stands for an arm without a value."""
     return None if known.dtype == object else 0

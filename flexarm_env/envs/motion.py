@@ -1,7 +1,7 @@
-"""Episodes with prescribed motion: values of `reset(options={"motion": ...})`, and arms that follow them.
+"""Episodes with prescribed motion: the values of `reset(options={"motion": ...})`, and the arms that follow a motion.
 
-Such an arm runs outside the batch in its own `Simulation`, which ends a step at every kink. This is the code path of
-`simulate`, so that the numbers are the same.
+An arm with a prescribed motion runs outside the batch in its own `Simulation`, which ends a step at every kink.
+`simulate` uses the same code, so its numbers are the same.
 """
 
 import math
@@ -35,9 +35,9 @@ WHAT = "must be a named motion, a table (n, 2 to 4), a .csv or .toml file, a Tim
 
 @dataclass(frozen=True)
 class Prescribed:
-    """Joint motions of an episode. functions: motions of the prescribed joints. end: s, where the motion ends.
+    """Joint motions of an episode. functions: motions of the prescribed joints. end: time at which the motion ends, s.
 
-    scene: the scene to be replayed unchanged, if one was given.
+    scene: the scene that is replayed unchanged, if one was given.
     """
 
     functions: tuple[tuple[int, TimeFunction], ...]
@@ -46,7 +46,7 @@ class Prescribed:
 
 
 def prescribed(value: Any, n_links: int, interpolation: str | None = None, path: str = "options.motion") -> Prescribed:
-    """Return the joint motions of one arm from a user's value under the key `path`, which every ValueError names."""
+    """Return the joint motions of one arm from a user's value; every ValueError names the key `path`."""
     if isinstance(value, Prescribed):
         return value
     if isinstance(value, Scene):
@@ -78,7 +78,7 @@ def _joint(path: str, key: Any, n_links: int) -> int:
 
 
 def _by_joint(entries: dict[int, Any], paths: tuple[str, ...], interpolation: str | None) -> Prescribed:
-    """Return each joint's function; a scene contributes its hub's."""
+    """Return the function of time of each joint; a scene contributes the motion of its hub."""
     functions, end = dict[int, TimeFunction](), 0.0
     for joint, entry in entries.items():
         if entry is None:
@@ -94,17 +94,17 @@ def _by_joint(entries: dict[int, Any], paths: tuple[str, ...], interpolation: st
 
 
 def _is_scene(value: Any) -> bool:
-    """Return whether a value is a scene's name or TOML file."""
+    """Return whether a value is the name or the TOML file of a scene."""
     return isinstance(value, str | os.PathLike) and not os.fspath(value).endswith(".csv")
 
 
 def is_table(value: Any) -> bool:
-    """Return whether a value is rows of numbers, not one entry per joint."""
+    """Return whether a value is a table, that is rows of numbers, and not a list with one entry per joint."""
     return all(isinstance(row, list | tuple) and all(isinstance(x, int | float) for x in row) for row in value)
 
 
 def _scene(path: str, name: Any) -> Scene:
-    """Return the named scene; errors name the keyword `path` and list the scenes that have motions."""
+    """Return the named scene; an error names the keyword `path` and lists the scenes that have motions."""
     try:
         return scenes.resolve(name)
     except check.InvalidValue as error:
@@ -136,7 +136,7 @@ def function_of(path: str, entry: Any, interpolation: str | None = None) -> Time
 
 
 def _function(entry: Any, interpolation: str | None) -> TimeFunction:
-    """Make a TimeFunction without jumps of one, a table, an array (n, 2) of t (s) and value, or a .csv path."""
+    """Make a TimeFunction without jumps from a TimeFunction, a table, an array (n, 2) of t (s), value, or a .csv."""
     if isinstance(entry, TimeFunction):
         entry.check_no_jump()
         return entry
@@ -160,18 +160,18 @@ def _function(entry: Any, interpolation: str | None) -> TimeFunction:
 
 FARTHEST = 1e6
 ANGLE = {"minimum": -FARTHEST, "maximum": FARTHEST}
-"""Where angles may begin and targets lie, rad: beyond, turns cost the digits that tell angles apart."""
+"""Range of start angles and targets, rad; larger angles lose the digits that distinguish small differences."""
 
 
 class Guide:
-    """An arm that follows a prescribed motion, simulated outside of the batch.
+    """An arm that follows a prescribed motion and is simulated outside of the batch.
 
     Args:
         scene: arm, motions and loads. settings: with dt. period: control period, s. limits: torque limits, N m.
-        gauges, gauge_scales: link and place of each strain gauge, 1/m.
+        gauges: link and place of each strain gauge. gauge_scales: scale of each gauge, 1/m.
     Attributes:
-        limit: control periods to the motion's end. moved: the last period was completed. free (N,): joints that neither
-            a motion nor a load of the scene turns.
+        limit: number of control periods until the motion ends. moved: whether the last period was completed. free (N,):
+            joints that neither a motion nor a load of the scene drives.
     """
 
     def __init__(
@@ -180,8 +180,8 @@ class Guide:
     ) -> None:  # fmt: skip
         """Assemble the scene's simulation and start it.
 
-        period: s, control period; the steps of settings are made to divide it. limits (N,): N m, by which shown torques
-        are clipped. gauges, gauge_scales: places of the strain gauges, and their scales, 1/m.
+        period: control period, s; the settings' steps are adjusted to divide it. limits (N,): limits, N m, to which the
+        displayed torques are clipped. gauges, gauge_scales: places of the strain gauges and their scales, 1/m.
         """
         self.scene, self.period, self.limits = scene, period, limits
         self.settings = in_steps(scene, settings, scene.duration, period)
@@ -200,7 +200,7 @@ class Guide:
         self.start_energy = float(self.simulation.observe()[1].sum())
 
     def set_parameters(self, parameters: Array) -> None:
-        """Set the arm's own payload, stiffness and damping (see `physics.model.PAYLOAD_MASS`) before the first step."""
+        """Set this arm's payload, stiffness and damping (see `physics.model.PAYLOAD_MASS`) before the first step."""
         if not np.array_equal(parameters, self.simulation.par):
             self.simulation.par[:] = parameters
             self._start()
@@ -208,7 +208,7 @@ class Guide:
     def advance(self, torques: Array) -> int:
         """Advance one control period with torques (N,), N m, on the free joints; return the status code.
 
-        `runtime.guided.follow_motions` is the same for derivatives.
+        For derivatives, `runtime.guided.follow_motions` computes the same.
         """
         simulation = self.simulation
         if self.steps:
@@ -222,7 +222,7 @@ class Guide:
         return simulation.status
 
     def _is_unbalanced(self) -> bool:
-        """Return whether the energy exceeds that of start and work, as `runtime.energy_balance` decides."""
+        """Return whether the energy exceeds initial energy plus work (`runtime.energy_balance` has the rule)."""
         kinetic, strain, gravity = self.simulation.observe()[1].tolist()
         accounted = self.start_energy + float(self.simulation.work.books[WORK_DONE])
         exchanged = abs(self.start_energy) + self.simulation.gross
@@ -232,7 +232,7 @@ class Guide:
     def report(self) -> dict[str, Array]:
         """Return the arm's position as `Batch.take_report` stores it.
 
-        Motor angles are the joints' where gears are rigid.
+        If gears are rigid, the motor angles equal the joint angles.
         """
         simulation, work = self.simulation, self.simulation.work
         poses, energies = simulation.observe()
@@ -251,7 +251,7 @@ class Guide:
         }  # fmt: skip
 
     def _read(self) -> dict[str, Any]:
-        """Return what observations of an arm in space read from the state."""
+        """Return the quantities of the state from which observations of an arm in space are computed."""
         work = self.simulation.work
         return read(self.scene.arm, self.settings, work.q[None], work.v[None])
 
@@ -282,7 +282,7 @@ class Guide:
         return kept | {"memory": numbers}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Assemble the simulation again, which is not pickled, and copy the pickled state into it."""
+        """Assemble the simulation again, because it is not pickled, and copy the pickled state into it."""
         flat, par, t, gross, level, levels, restarted = state["memory"]
         vars(self).update({k: v for k, v in state.items() if k != "memory"})
         self.simulation = Simulation(self.scene, self.settings)

@@ -20,19 +20,20 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
     goal is to move the tip, which carries a payload, to a target point and hold it there without residual vibration.
     With N >= 3 many postures reach the target. With N = 2 the environment equals TwoLinkFlexArm-v0, bit for bit.
 
-    The default arm, `three_strips`, has the section of `de_luca_siciliano` (0.2 kg/m, EI = 1 N m^2) and links of 0.4,
-    0.35 and 0.25 m, 0.1 kg m^2 at the hub, elbow motors of 1 and 0.25 kg with 0.1 and 0.025 kg m^2 (half of the inertia
-    on each link), a payload of 0.1 kg with 5e-4 kg m^2, and tau_d = 6.63e-3 s. L, the sum of the lengths, is 1 m.
+    The default arm, `three_strips`, has links of 0.4, 0.35 and 0.25 m with the section of `de_luca_siciliano` (0.2
+    kg/m, EI = 1 N m^2, tau_d = 6.63e-3 s). The hub has 0.1 kg m^2. The elbow motors have 1 and 0.25 kg with 0.1 and
+    0.025 kg m^2; half of the inertia of a motor belongs to each link. The payload has 0.1 kg and 5e-4 kg m^2. L, the
+    sum of the lengths, is 1 m.
 
     `gymnasium.make("MultiLinkFlexArm-v0")` makes one arm, `gymnasium.make_vec("MultiLinkFlexArm-v0", num_envs=n)` makes
-    n arms that one compiled call advances. Both give the same numbers, bit for bit. Without an import of the package
-    use the id `flexarm_env:MultiLinkFlexArm-v0`.
+    n arms that one compiled call advances. A single arm and an arm among n arms give the same numbers, bit for bit.
+    Without an import of the package use the id `flexarm_env:MultiLinkFlexArm-v0`.
 
     ## Action space
 
-    `Box(-1, 1, (N,), float32)`: torques of hub and elbows as shares of their limits (1, 0.3 and 0.075 N m). They are
-    constant over one control period. An elbow's torque acts on the link beyond, and with opposite sign on the link
-    before. Actions beyond +-1 are clipped. NaN or infinity ends the episode (`action_not_finite`).
+    `Box(-1, 1, (N,), float32)`: torques of hub and elbows as shares of their limits (1, 0.3 and 0.075 N m). The torques
+    are constant over one control period. An elbow's torque acts on the link after the elbow, and with opposite sign on
+    the link before the elbow. Actions beyond +-1 are clipped. NaN or infinity ends the episode (`action_not_finite`).
 
     ## Observation space
 
@@ -48,25 +49,29 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
     | 5 N, 5 N + 1 | tip velocity, x and y | w_0 L | m/s |
     | 5 N + 2, 5 N + 3 | vector from tip to target, x and y | 0.5 L | m |
 
-    Definitions, names and further entries are those of TwoLinkFlexArm-v0; elbows are named `elbow_1`, `elbow_2`, ...
+    Definitions, names and optional entries are the same as in TwoLinkFlexArm-v0; elbows are named `elbow_1`, `elbow_2`,
+    ...
     For the default arm w_0 = 1.506, w_1 = 1.735 and w_2 = 2.410 rad/s.
 
     ## Rewards
 
-    The terms, weights and bounds of TwoLinkFlexArm-v0, with sums over all N joints and links: effort is -sum of a_k^2
-    (weighted: -0.01 N to 0), vibration -min(sum of d_k'^2, 1) with weight 0.
+    Terms, weights and bounds are those of TwoLinkFlexArm-v0, with sums over all N joints and links. Effort is -sum of
+    a_k^2 (weighted: -0.01 N to 0). Vibration is -min(sum of d_k'^2, 1), with weight 0.
 
     ## Starting state
 
-    As in TwoLinkFlexArm-v0, with elbows at -3.6/N to 3.6/N rad in the half of the episodes that begin bent.
+    The arm starts as in TwoLinkFlexArm-v0. In the half of the episodes that begin bent, the elbows are at -3.6/N to
+    3.6/N rad.
 
     ## Episode end and info
 
-    As in TwoLinkFlexArm-v0, with `duration` = 10 s. `tip_deflection` and `joint_torque` have N entries.
+    Episodes end as in TwoLinkFlexArm-v0, with `duration` = 10 s, and info has the same keys. `tip_deflection` and
+    `joint_torque` have N entries.
 
     ## Arguments
 
-    The arguments of TwoLinkFlexArm-v0 (:class:`flexarm_env.envs.two_link.TwoLinkFlexArmEnv`), with these defaults:
+    The arguments are those of TwoLinkFlexArm-v0 (:class:`flexarm_env.envs.two_link.TwoLinkFlexArmEnv`), with these
+    defaults:
 
     | name | default | meaning |
     |---|---|---|

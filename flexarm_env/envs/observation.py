@@ -1,4 +1,4 @@
-"""Entries of observations: all available entries, their sensors, the selected ones, and their history."""
+"""Entries of observations: all available entries, their sensors, the selected entries and their history."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from .task import Kind
 
 FULL, MEASURED = "full", "measured"
 ACTED = "previous_action"
-"""Name of the entry, one a joint, that holds the action of the period that has just ended; 0 at a start."""
+"""Name of the entries, one per joint, with the action of the period that has just ended; 0 at an episode's start."""
 LONGEST_HISTORY = 1000
 
 Entries = list[tuple[str, float]]
@@ -25,10 +25,10 @@ Entries = list[tuple[str, float]]
 
 @dataclass(frozen=True)
 class Sight:
-    """Entries of the observation: names and scales of all, gauges and previous actions last.
+    """Entries of the observation: the names and scales of all entries, gauges and previous actions last.
 
-    chosen (C,): indices of the observed entries, in order; None: all. instruments: sensors with a law of reading, or
-    None. read: number of entries that sensors read.
+    chosen (C,): indices of the observed entries, in order; None for all. instruments: sensors with a reading law, or
+    None. read: number of entries that are read by sensors.
     """
 
     names: tuple[str, ...]
@@ -42,7 +42,7 @@ class Sight:
         return tuple(values) if self.chosen is None else tuple(values[k] for k in self.chosen)
 
     def selection(self, history: int) -> Selection | None:
-        """Return the indices of the observed entries in `history` observations; None: all, in order."""
+        """Return the indices of the observed entries in `history` stacked observations; None: all, in order."""
         if self.chosen is None and history == 1:
             return None
         chosen = range(len(self.names)) if self.chosen is None else self.chosen
@@ -50,7 +50,7 @@ class Sight:
 
 
 def checked_observation(observation: Any, history: Any) -> tuple[str | tuple[str, ...], int]:
-    """Check `observation` and `history` as far as possible without the arm."""
+    """Check `observation` and `history` to the extent possible without the arm."""
     count = check.integer("history", history, minimum=1, maximum=LONGEST_HISTORY)
     if isinstance(observation, str):
         if observation in (FULL, MEASURED):
@@ -67,9 +67,9 @@ def checked_observation(observation: Any, history: Any) -> tuple[str | tuple[str
 
 
 def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any) -> description.Sensors:
-    """Return the environment's sensors: those given, else the arm's own unless the observation is "full".
+    """Return the environment's sensors: the given ones, otherwise the arm's own unless the observation is "full".
 
-    With "measured", an arm without sensors gets ideal ones, and an arm without encoders ideal encoders.
+    With "measured", an arm without sensors gets ideal sensors, and an arm without encoders gets ideal encoders.
     """
     own = arm.sensors
     if isinstance(given, description.Sensors):
@@ -92,7 +92,7 @@ def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any) -> desc
 
 
 def sight(frame: Frame, observation: str | tuple[str, ...], sensors: description.Sensors, further: Entries) -> Sight:
-    """Return all entries that can be observed with these sensors. further: entries of a moving target."""
+    """Return all entries that can be observed with the given sensors. further: entries of a moving target."""
     kind, arm = frame.kind, frame.arm
     task = kind.entries(arm)
     goals = goal_entries(kind, arm)
@@ -118,7 +118,7 @@ def sight(frame: Frame, observation: str | tuple[str, ...], sensors: description
 
 
 def goal_entries(kind: Kind, arm: Arm) -> Entries:
-    """Return the entries for joint angles at the goal less encoder angles, and for a target point itself."""
+    """Return two kinds of entries: joint angles at the goal less encoder angles, and the target point."""
     axes = "xyz"[: kind.target.numbers] if kind.target.numbers > 1 else ""
     point = [(f"target_{axis}", arm.total_length) for axis in axes]
     return [*((f"{joint}_error", 1.0) for joint in arm.joint_names), *point]
@@ -159,7 +159,7 @@ def _instruments(
     sizes: list[float],
     added: int,
 ) -> Instruments | None:
-    """Return the sensors that read by a law, or None; ideal gauges have no law."""
+    """Return the sensors that have a reading law, or None; ideal gauges have no law."""
     motors: list[int] = []
     laws, period, length = [], frame.period, frame.arm.total_length
     if sensors.encoders:
@@ -197,6 +197,6 @@ def _instruments(
 
 
 def _tip_of(frame: Frame) -> int:
-    """Return the tip's number among the points that may touch, the last one; -1: the tip may not touch."""
+    """Return the tip's index among the points that may touch (the last one); -1 if the tip may not touch."""
     links = {link for contact in frame.contacts for link in contact.links(frame.arm)}
     return len(links) - 1 if frame.arm.n_links - 1 in links else -1

@@ -62,16 +62,20 @@ DEFAULT_OPTIONS: dict[str, dict[str, Any]] = {
     "paper": {"segments": 5, "dt": 0.0025, "tolerance": 1e-6},
 }
 OF_MODES: dict[str, Any] = {"dt": 0.005, "tolerance": 1e-6}
-"""What the environments use where nothing is said; where links are reduced to modes, `OF_MODES`.
+"""Options that the environments use unless the user gives others; `OF_MODES` if links are reduced to modes.
 
-benchmarks/choose_default.py is the reason."""
+The values follow from `benchmarks/choose_default.py`.
+"""
 
 MOST_PERIODS, MOST_STEPS = 10**9, 10**4
-"""Control periods of an episode, and the solver's steps in one of them: a fraction of a second that Ctrl-C waits."""
+"""Largest number of control periods in an episode, and of solver steps in a period.
+
+Ctrl-C waits for one period, so the second limit bounds this wait to a fraction of a second.
+"""
 
 
 class Given:
-    """Marker of an argument that was not given, where None has a meaning."""
+    """Marker of an argument that was not given, for arguments whose value None has a meaning of its own."""
 
     def __repr__(self) -> str:
         return "<the arm's>"
@@ -82,13 +86,14 @@ OF_THE_ARM = Given()
 
 @dataclass(frozen=True)
 class Plan:
-    """A checked environment: the arguments of a Batch, and names and scales of the entries that users see.
+    """A checked environment: the arguments of a Batch, and the names and scales of the entries that users see.
 
-    names, scales: of the entries of one observation; history: number of these in an observation, oldest first. record:
-    the task's record. gauges: link and place of each strain gauge. gauge_scales: 1/m. limit: control periods of an
-    episode; max_steps: max_episode_steps. motion: for task="replay". entries: of info; full: with energies; words: with
-    texts. action_mode: meaning of an action. keep_out: shapes to avoid. contacts: obstacles that the arm may touch.
-    estimate: error of the tip due to mesh and step, over the arm's length. coarse: warning about it, or "".
+    names, scales: names and scales of the entries of one observation. history: number of observations that are stacked,
+    oldest first. record: the task's record. gauges: link and place of each strain gauge. gauge_scales: scale of each
+    gauge, 1/m. limit: control periods of an episode; max_steps: max_episode_steps. motion: motion of task="replay".
+    entries: entries of info; full: whether info has energies; words: whether info has texts. action_mode: meaning of an
+    action. keep_out: shapes to avoid. contacts: obstacles that the arm may touch. estimate: error of the tip due to
+    mesh and step, over the arm's length. coarse: warning about this error, or "".
     """
 
     kind: Kind
@@ -133,17 +138,17 @@ class Plan:
 
     @cached_property
     def farthest(self) -> float:
-        """Largest angle of a start, rad (`physics.precision`)."""
+        """Largest joint angle at a start, rad (`physics.precision`)."""
         return precision.farthest(self.arm, self.settings, precision.largest(self.starts.drawn))
 
     @property
     def deflection_bound(self) -> float:
-        """Tip deflection over length beyond which the formulation stops: finite for modes in the plane only."""
+        """Largest valid tip deflection over length; it is finite only for modes in the plane."""
         return math.inf if self.kind.space else self.settings.deflection_bound
 
     @property
     def observation_bounds(self) -> np.ndarray[Any, np.dtype[np.float32]]:
-        """Largest value of each entry of the observation: CLIP scales; 1 for sines and cosines without noise."""
+        """Largest value of each entry of the observation: CLIP scales, or 1 for sines and cosines without noise."""
         noisy = self.extras.sensors is not None and self.extras.sensors.noise.any()
         exact = [(name.endswith(("_sin", "_cos")) and not noisy) or name.startswith(ACTED) for name in self.names]
         return np.array([1.0 if one else CLIP for one in exact] * self.history, np.float32)
@@ -186,7 +191,7 @@ def plan(
     max_episode_steps: int | None = None,
     **options: Any,
 ) -> Plan:
-    """Check the arguments of an environment (see its class); a ValueError names key, value and the rule."""
+    """Check the arguments of an environment (see its class); a ValueError names the key, the value and the rule."""
     own = with_friction(with_base(_arm(kind, arm, joint_limits), base, kind.space), actuator)
     kind, contacts, sensors, reference = pressing(kind, own, task, duration, contacts, sensors, reference)
     # trials run without the user's reward terms, which move nothing and would be kept with the arm
@@ -298,9 +303,9 @@ def with_starts(plan: Plan, ranges: Mapping[str, Any] | None) -> Plan:
 
 
 def _drawn_offsets(extras: Extras, readings: Mapping[str, tuple[str, Law]]) -> dict[str, int]:
-    """Return the offsets of drawn delays, lags and gains behind the factors in info, by name.
+    """Return, by name, the offsets of drawn delays, lags and gains, counted from the end of the factors in info.
 
-    readings: of the sensors.
+    readings: readings of the sensors.
     """
     first, found, late = FURTHER.told - FURTHER.drawn, {}, extras.sensors
     if extras.actuator is not None and extras.actuator.jitter is not None:
@@ -324,18 +329,18 @@ def _replayed(kind: Kind, n_links: int, motion: Any) -> Prescribed:
 
 
 def _packaged(arm: Any) -> bool:
-    """Return whether an arm is one of the package's, or the environment's usual one."""
+    """Return whether an arm is one of the package's arms or the environment's default arm."""
     return arm is None or (isinstance(arm, str) and arm in arms.names())
 
 
 def _only_with(name: str, value: Any, task: str, wanted: str) -> None:
-    """Raise `InvalidValue` where a keyword is given with another task than the one that uses it."""
+    """Raise `InvalidValue` if a keyword is given although the task is not the one that uses it."""
     if value is not None and task != wanted:
         raise check.InvalidValue(name, value, f'must be given with task="{wanted}" only')
 
 
 def _arm(kind: Kind, value: Any, joint_limits: Any) -> Arm:
-    """Return the arm of an environment: resolved, checked against the kind, with the joint limits that are given."""
+    """Return the arm of an environment with the given joint limits, after checking it against `kind`."""
     arm = arms.resolve(kind.arm if value is None else value)
     check_arm(arm, kind) if kind.space else arm.check_planar()
     least, most = kind.links
@@ -357,7 +362,7 @@ def _settings(
     kind: Kind, formulation: str | None, period: float, options: dict[str, Any], arm: Arm, drive: Drive,
     drawn: Mapping[str, tuple[float, float]], trial: Trial | None,
 ) -> tuple[Settings, float, str]:  # fmt: skip
-    """Return settings completed by `resolution`, their error over the arm's length, and a warning or ""."""
+    """Return the settings completed by `resolution`, their error over the arm's length, and a warning or ""."""
     default = DEFAULT_FORMULATION if kind.settings is None else "geometrically_exact"
     chosen = default if formulation is None else formulation
     if kind.space and isinstance(chosen, str) and chosen in ("elastica", *PRESETS):
@@ -388,18 +393,18 @@ def _settings(
 
 
 OF_JOINTS = ("friction", "backlash", "motor_inertia", "hub_inertia")
-"""Factors on what joints have."""
+"""Factors on properties of joints."""
 OF_SPACE = ("EI_y", "GJ")
-"""Factors on what links have in space alone."""
+"""Factors on properties that links have in space only."""
 LATER = FACTOR_NAMES[FACTOR_NAMES.index("hub_inertia") :]
-"""Factors that are drawn only where one of them is given."""
+"""Factors that are drawn only if at least one of them is given."""
 
 
 def _factors(value: Any, arm: Arm) -> dict[str, events.Pair]:
-    """Return the ranges of `randomization`'s factors, in order.
+    """Return the ranges of the factors of `randomization`, in order.
 
-    They are the factors that every arm draws; those before `LATER` too if any of these is given; and all that the arm
-    supports if one of `LATER` is given.
+    Every arm draws the first `ALWAYS` factors. If the user gives one of the other factors before `LATER`, the arm draws
+    all factors before `LATER`. If the user gives one of `LATER`, the arm draws all factors that it supports.
     """
     names = [name for name in FACTOR_NAMES if arm.spatial or name not in OF_SPACE]
     if isinstance(value, Mapping) and "length" in value:

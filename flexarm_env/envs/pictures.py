@@ -22,7 +22,7 @@ SIDE = 640
 """Width and height of a picture, pixels."""
 
 MOST = 16
-"""Arms that a window shows at most."""
+"""Largest number of arms that a window shows."""
 
 
 def renderer(plan: Plan, mode: str, size: tuple[int, int] = (SIDE, SIDE)) -> Renderer:
@@ -51,7 +51,7 @@ def bending(arm: Arm) -> list[str]:
 
 
 def bent(arm: Arm, deflection: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return deflections (2 per flexible link) over the length, along y and z, from those of all links (N, 2)."""
+    """Return the deflections over the length along y and z (2 per flexible link), given those of all links (N, 2)."""
     y, z = deflection[[not link.rigid for link in arm.links]].T
     return np.asarray(np.hypot(y, z))
 
@@ -74,7 +74,7 @@ class Wall:
         self.window = renderer(plan, "human", (self.columns * self.tile, rows * self.tile))
 
     def draw(self, view_of: Callable[[int], View]) -> None:
-        """Draw the present arms; view_of: returns arm i's `View`."""
+        """Draw the present arms. view_of: function that returns arm i's `View`."""
         if not self.window.ready():
             return
         pg = pygame_module()
@@ -92,7 +92,7 @@ class Wall:
 
 
 def draw(pen: Renderer, plan: Plan, view: View) -> Any:
-    """Draw an arm's present shape; returns the picture."""
+    """Draw an arm's present shape and return the picture."""
     target = plan.kind.target.place(plan.arm, view.target)
     limits = np.array(plan.arm.torque_limits)
     pen.touches = view.touches

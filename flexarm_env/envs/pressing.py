@@ -18,19 +18,22 @@ from .targets import Pair, Point
 from .task import FAILURE, PRESS, Kind
 
 DISTANCE = 0.7
-"""Distance of the usual wall from the root, over the arm's length."""
+"""Distance of the default wall from the root, over the arm's length."""
 NEAR, TURN = 0.75, 0.1
-"""Distance of the tip at a start, over the wall's; half width of the ranges of joint angles at a start, rad."""
+"""Tip's distance from the root at a start, over the wall's distance; half width of the joint angles' ranges, rad."""
 LONGER = 3.0
-"""Length of an episode over that of the environment's own task: the arm comes to rest at the wall in a third of it."""
+"""Length of an episode, as a multiple of that of the environment's default task.
+
+The arm comes to rest at the wall in a third of an episode.
+"""
 REACH = 0.85
 """Largest distance of a path's point from the root, over the arm's length."""
 BANDS: dict[str, tuple[float, str]] = {"force": (0.1, ""), "path": (0.002, "m")}
-"""Success: root mean square of the force's relative error, and largest distance from the path."""
+"""Bounds of a success: root mean square of the force's relative error, and largest distance from the path."""
 
 
 class Wall(NamedTuple):
-    """A wall in the plane. distance: from the root, m. bearing: of its point nearest to the root, rad."""
+    """A wall in the plane. distance: from the root, m. bearing: direction of its point nearest to the root, rad."""
 
     distance: float
     bearing: float
@@ -61,14 +64,14 @@ class OnWall(Point):
 
 
 def force_scale(arm: Arm) -> float:
-    """Return the largest tip force, N, that every motor can hold at the straight arm's lever from its joint."""
+    """Return the largest tip force, N, for which every motor can balance the force at the straight arm's lever."""
     levers = np.cumsum([link.span for link in arm.links][::-1])[::-1]
     assert arm.torque_limits is not None
     return float(min(np.array(arm.torque_limits) / levers))
 
 
 class Pressing(NamedTuple):
-    """What the task needs of an environment: its kind, and values of the keywords contacts, sensors, reference."""
+    """Properties of an environment with this task: its kind, and the values of contacts, sensors and reference."""
 
     kind: Kind
     contacts: Any
@@ -77,13 +80,13 @@ class Pressing(NamedTuple):
 
 
 def pressing(kind: Kind, arm: Arm, task: Any, duration: Any, contacts: Any, sensors: Any, reference: Any) -> Pressing:
-    """Return kind and keywords of task="press"; those that are given for any other task.
+    """Return the kind and the keywords of task="press"; for any other task, those that are given.
 
-    The first contact is the wall, a half-space that the root is outside of; without contacts it is at 0.7 lengths along
-    x. A force sensor is added.
+    The first contact is the wall: a half-space with the root outside of it. Without contacts the wall is at a distance
+    of 0.7 arm lengths along x. A force sensor is added.
 
     Raises:
-        ValueError: names the key path, the value and what is allowed.
+        ValueError: the message names the key path, the value and the allowed values.
     """
     if task != PRESS:
         return Pressing(kind, contacts, sensors, reference)
@@ -108,13 +111,13 @@ def pressing(kind: Kind, arm: Arm, task: Any, duration: Any, contacts: Any, sens
 
 
 def _usual_wall(arm: Arm) -> Contact:
-    """Return the usual wall, a soft pad that the largest force of the motors indents by 3 mm, with friction 0.3."""
+    """Return the default wall: a soft pad with friction 0.3 that the motors' largest force indents by 3 mm."""
     obstacle = HalfSpace((DISTANCE * arm.total_length, 0.0), (-1.0, 0.0))
     return Contact(obstacle, force_scale(arm) / 3e-3**1.5, damping=30.0, friction=0.3)
 
 
 def _wall_of(contact: Contact, arm: Arm) -> Wall:
-    """Return the wall of a contact, less the payload's radius, after checking that the tip reaches it."""
+    """Return the wall of a contact, shifted by the payload's radius, after checking that the tip reaches the wall."""
     obstacle, path = contact.obstacle, "contacts[0].obstacle"
     if not isinstance(obstacle, HalfSpace) or "tip" not in contact.bodies:
         raise check.InvalidValue(path, obstacle.to_dict(), 'must be a half-space for the tip, the wall of task="press"')
@@ -127,7 +130,7 @@ def _wall_of(contact: Contact, arm: Arm) -> Wall:
 
 
 def _kind(kind: Kind, wall: Wall, duration: float) -> Kind:
-    """Return the kind whose task is "press" at a wall, in episodes of `duration` s."""
+    """Return the kind for task="press" at a wall, with episodes of `duration` s."""
     weights = {name: kind.rewards[name] for name in kind.rewards if name != FAILURE}
 
     def entries(arm: Arm) -> list[tuple[str, float]]:
@@ -145,7 +148,7 @@ def _kind(kind: Kind, wall: Wall, duration: float) -> Kind:
 
 
 def _ranges(arm: Arm, wall: Wall) -> list[Pair]:
-    """Return the ranges of joint angles at a start, rad: about the posture whose tip is before the wall."""
+    """Return the ranges of joint angles at a start, rad, about a posture whose tip is in front of the wall."""
     limits = [(-math.inf, math.inf) if pair is None else pair for pair in arm.joint_limits or (None,) * arm.n_links]
     place = NEAR * wall.distance * np.array([[math.cos(wall.bearing), math.sin(wall.bearing)]])
     angles = goal_angles(arm, np.zeros((1, arm.n_links)), place, np.ones((1, arm.n_links)))[0]

@@ -38,13 +38,13 @@ from .drawing import (
 
 MODES = ("human", "rgb_array")
 MARGIN = 1.14
-"""Half of the picture's shorter side, in reaches."""
+"""Length that half of the picture's shorter side shows, in multiples of the reach."""
 TRACE = 60
-"""Instants of the tip's path that stay visible."""
+"""Number of instants for which the tip's path stays visible."""
 FULL_SCALES = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
-"""Ends that bars may have: deflections in shares of the link's length, torques in shares of the limit."""
+"""Possible full scales of the bars: deflections as shares of the link's length, torques as shares of the limit."""
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER", "SDL_VIDEO_DRIVER")
-"""Variables of which one names the display, where a system has these."""
+"""Environment variables that name the display; on systems that use them, one must be set."""
 
 WHITE: Color = (255, 255, 255)
 GHOST: Color = (221, 226, 233)
@@ -61,22 +61,22 @@ KEEP_OUT: Color = (196, 66, 66)
 OBSTACLE: Color = (96, 104, 118)
 FORCE: Color = (214, 40, 90)
 ARROW = 0.5
-"""Greatest length of a force's arrow, in reaches."""
+"""Greatest length of a force's arrow, in multiples of the reach."""
 
 
 class Renderer:
-    """Draws arms, one picture a call.
+    """Draws arms, one picture per call.
 
     Args:
-        mode: "rgb_array" returns pixels, "human" shows a window in real time (without a display it warns once and draws
-            nothing).
-        reach: largest distance of the tip from the root, m; sets the scale.
-        size: width and height, pixels. fps: pictures a second of the window.
-        hub, payload: whether the root is on a motor, and whether the tip carries a payload.
+        mode: "rgb_array" returns pixels. "human" shows a window in real time; without a display it logs one warning and
+            draws nothing.
+        reach: largest distance of the tip from the root, m; it determines the scale.
+        size: width and height, pixels. fps: pictures per second in the window.
+        hub, payload: whether a motor turns the root, and whether the tip carries a payload.
         deflection, torque: full scales of the bars, as shares of the link's length and of the torque limit.
     Raises:
         ValueError: an unknown mode, or a reach that is not positive. gymnasium.error.DependencyNotInstalled: pygame is
-            missing.
+            not installed.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class Renderer:
         deflection: float = 0.2,
         torque: float = 1.0,
     ) -> None:
-        """Check the arguments, which are those of the class; the window opens with the first frame.
+        """Check the arguments, which the class describes; the window opens with the first frame.
 
         Raises:
             ValueError: an unknown mode, or a reach (m) that is not positive and finite.
@@ -103,15 +103,15 @@ class Renderer:
         self.mode, self.reach, self.size, self.fps = mode, float(reach), (int(size[0]), int(size[1])), fps
         self.hub, self.payload, self.ends = hub, payload, (float(deflection), float(torque))
         self.links: list[str] | None = None
-        """Names of the bars of deflections, where they are not those of all links."""
+        """Names of the deflection bars, if not all links have a bar."""
         self.ghost = True
-        """Whether the rigid arm is drawn, which the picture then says."""
+        """Whether the picture shows the rigid arm and says so."""
         self.keep_out: Sequence[Shape] = ()
-        """What the arm is to stay out of, drawn beside it."""
+        """Shapes that the arm must not enter; the picture shows them."""
         self.obstacles: Sequence[Shape] = ()
-        """What the arm may touch, drawn beside it."""
+        """Obstacles that the arm may touch; the picture shows them."""
         self.touches: Array = np.zeros((0, 7))
-        """`batch.View.touches` of the next picture: places (m) and forces (N) of points that may touch."""
+        """`batch.View.touches` for the next picture: positions (m) of points that may touch; forces (N)."""
         self.force = 1.0
         """Force (N) whose arrow has half of the greatest length."""
         self.closed = False
@@ -124,13 +124,13 @@ class Renderer:
         self._restart()
 
     def _restart(self) -> None:
-        """Forget the episode: trace and view."""
+        """Clear the trace and the view of the last episode."""
         self._time = -math.inf
         self._center = np.zeros(2)
         self._trace: deque[Array] = deque(maxlen=TRACE)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without the window: a copy opens its own when it draws."""
+        """Return the state without the window; a copy opens its own window when it draws."""
         return self.__dict__ | {"_window": None, "_clock": None, "_opened": False}
 
     # ------------------------------------------------------------ a picture
@@ -149,7 +149,7 @@ class Renderer:
         Args:
             shape_points: for each of the N links its points (n, 2) from root to tip, m.
             angles: (N, 2), angles of the tangents at the links' roots and tips, rad.
-            target: (2,) m, or None. time: s; an earlier time than before starts a new episode.
+            target: (2,) m, or None. time: s; a time earlier than in the previous frame starts a new episode.
             torques: (N,) in shares of the limit, or None. deflection: (N,) tip deflections over L, or None.
             attitude: attitude of a floating base, rad, or None.
         Returns:
@@ -190,7 +190,7 @@ class Renderer:
         return self._window is not None
 
     def held(self, key: str) -> bool:
-        """Return whether a key is pressed in the window; names are pygame's: "left", "left shift", "escape"."""
+        """Return whether a key is pressed in the window; `key` is a name of pygame: "left", "left shift", "escape"."""
         keys = pygame_module().key
         return self.visible and bool(keys.get_pressed()[keys.key_code(key)])
 
@@ -203,13 +203,13 @@ class Renderer:
 
     # --------------------------------------------------------------- window
     def ready(self) -> bool:
-        """Return whether a picture would be shown; opens the window on the first call in "human" mode."""
+        """Return whether a picture can be shown; the first call in "human" mode opens the window."""
         if self.mode == "human" and not self._opened:
             self._open()
         return not self.closed and (self.mode == "rgb_array" or self._window is not None)
 
     def _open(self) -> None:
-        """Open the window; without a display log one warning and draw nothing."""
+        """Open the window; without a display, log one warning and draw nothing."""
         pg = pygame_module()
         self._opened = True
         try:
@@ -237,9 +237,9 @@ class Renderer:
         self._clock.tick(self.fps)
 
     def _go_on(self, time: float, points: Array | None) -> None:
-        """Shift the view by the least distance that keeps the arm inside, and extend the trace to its tip.
+        """Shift the view by the least distance that keeps the arm inside, and extend the trace to the arm's tip.
 
-        points (n, 2), in space (n, 3): from root to tip; None where they are not finite.
+        points: (n, 2), in space (n, 3), from root to tip; None if a point is not finite.
         """
         if time < self._time:
             self._restart()
@@ -251,9 +251,9 @@ class Renderer:
         self._time = time
 
     def arrows(self) -> list[tuple[Array, Array]]:
-        """Return place and end of the arrow, m, of each force of an obstacle on the arm.
+        """Return the start and the end of the arrow, m, of each force that an obstacle exerts on the arm.
 
-        The length is `ARROW` reaches times F / (F + `force`) for a force F: impacts and gentle touches are both seen.
+        The length is `ARROW` reaches times F / (F + `force`) for a force F, so that large and small forces are visible.
         """
         found = []
         for row in self.touches[self.touches[:, 6] > 0.0]:
@@ -264,7 +264,7 @@ class Renderer:
 
     # ----------------------------------------------------------------- arm
     def _draw_links(self, sheet: Sheet, chain: list[Array]) -> None:
-        """Draw the links with their shade, the motors and the payload; chain: points (n, 2), m, of each link."""
+        """Draw the links with their shadow, the motors and the payload. chain: points (n, 2), m, of each link."""
         widths = [stroke_widths(k, len(chain)) for k in range(len(chain))]
         for line, (root, tip) in zip(chain, widths, strict=True):
             sheet.band(line, root, tip, SHADE, shift=2.5)
@@ -285,9 +285,9 @@ class Renderer:
     def _with_panels(
         self, picture: Any, time: float, torques: ArrayLike | None, deflection: ArrayLike | None, good: bool
     ) -> NDArray[np.uint8] | None:
-        """Add time, scale, deflections and torques in the picture's corners.
+        """Draw time, scale, deflections and torques in the corners of the picture.
 
-        Returns its pixels, or None where a window shows them.
+        Returns the pixels of the picture, or None if a window shows it.
         """
         pg, u = pygame_module(), max(0.75, min(self.size) / 640.0)
         width, height = self.size
@@ -328,12 +328,12 @@ class Renderer:
 
 # ----------------------------------------------------------------------- parts
 def end_of_scale(largest: float) -> float:
-    """Return the first of FULL_SCALES that is at least a value, or the last."""
+    """Return the smallest of FULL_SCALES that is at least `largest`, or the last of them."""
     return next((end for end in FULL_SCALES if end >= largest * (1.0 - 1e-9)), FULL_SCALES[-1])
 
 
 def stroke_widths(k: int, n: int) -> tuple[float, float]:
-    """Return the stroke widths of link k of n at its root and tip, points: one taper along the whole arm."""
+    """Return the stroke widths of link k of n at its root and tip, in points; the whole arm has one taper."""
     return 12.0 - 6.0 * k / n, 12.0 - 6.0 * (k + 1) / n
 
 
@@ -367,7 +367,7 @@ def _draw_trace(sheet: Sheet, trace: deque[Array]) -> None:
 
 
 def _draw_target(sheet: Sheet, at: Array, chain: list[Array]) -> None:
-    """Draw the target; for an arm of one link also its direction from the root."""
+    """Draw the target; for an arm of one link, also the direction from the root to the target."""
     if len(chain) == 1:
         root = chain[0][0]
         sheet.dashes(root, root + (at - root) * 1.07, 1.4, TARGET)
@@ -402,7 +402,7 @@ def _draw_bars(
 ) -> None:
     """Draw rows of a name, a bar (share -1 to 1) and a percentage above the lower edge.
 
-    A point marks a bar that is cut off.
+    A point marks a bar that exceeds the scale.
     """
     pg = pygame_module()
     top = picture.get_height() - (30 + 18 * len(values)) * u

@@ -1,4 +1,4 @@
-"""Replay a scene through an environment's `step`, with the same numbers as `simulate`."""
+"""Replay a scene through an environment's `step`; the numbers are the same as those of `simulate`."""
 
 import dataclasses
 import time
@@ -16,18 +16,18 @@ from .multi_link import MultiLinkFlexArmEnv
 from .two_link import TwoLinkFlexArmEnv
 
 _ENVIRONMENTS: dict[int, Any] = {1: FlexibleArmEnv, 2: TwoLinkFlexArmEnv}
-"""By the number of links; of more: MultiLinkFlexArmEnv."""
+"""Environment for each number of links; arms with more links use MultiLinkFlexArmEnv."""
 
 
 def through_env(scene: Scene, settings: Settings, sample: float | None = None, error_limit: float = 0.05) -> Trajectory:
-    """Simulate a scene through an environment, one control period a sample; return the Trajectory.
+    """Simulate a scene through an environment, one control period per sample, and return the Trajectory.
 
     Args:
-        scene: pinned, driven by joint motions or joint torques.
-        settings: formulation and options, with dt. sample: control period, s; None takes the scene's.
+        scene: a pinned scene, driven by joint motions or joint torques.
+        settings: formulation and options, with dt. sample: control period, s; None uses the scene's sampling interval.
         error_limit: as for `simulate`.
     Returns:
-        The trajectory of `simulate` with the same settings, equal to the last bit (except cpu_seconds).
+        The trajectory of `simulate` with the same settings; only cpu_seconds differs.
     Raises:
         ValueError: a scene that no environment can represent.
     """

@@ -1,4 +1,4 @@
-"""Options of `reset`, checked before anything changes."""
+"""Options of `reset`; all are checked before anything changes."""
 
 import dataclasses
 import math
@@ -22,10 +22,11 @@ KEYS = ("start", "target", "vibration", "motion", "interpolation")
 
 @dataclass(frozen=True)
 class Request:
-    """Options of one reset; NaN: drawn at random.
+    """Options of one reset; NaN stands for a number that is drawn at random.
 
-    angles (N,): at the start, rad. target (2,): as in the record; in space (N,): joint angles that reach it.
-    vibration (1,): over L; in space (3,): of each mode. motion: prescribed.
+    angles (N,): joint angles at the start, rad. target (2,): the target as the task's record stores it; in space (N,):
+    joint angles at which the arm reaches the target. vibration (1,): tip deflection over L; in space (3,): that of each
+    mode. motion: prescribed motion.
     """
 
     angles: NDArray[np.float64]
@@ -39,7 +40,7 @@ class Request:
 
 
 def request_of(plan: Plan, options: Any) -> Request:
-    """Check the options of one reset. ValueError names key, value and rule."""
+    """Check the options of one reset; a ValueError names the key, the value and the rule."""
     n = plan.arm.n_links
     numbers = n if plan.kind.space else 2
     modes = 3 if plan.kind.space else 1
@@ -76,7 +77,7 @@ def request_of(plan: Plan, options: Any) -> Request:
 
 
 def _vibration(value: Any, modes: int) -> Any:
-    """Read options['vibration']: amplitude of each mode, as tip deflection over the arm's length, -0.5 to 0.5."""
+    """Read options['vibration']: each mode's amplitude, as tip deflection over the arm's length, from -0.5 to 0.5."""
     unit, bound = "tip deflection over L", {"minimum": -0.5, "maximum": 0.5}
     if modes == 1:
         return check.number("options.vibration", value, unit, **bound)
@@ -86,7 +87,7 @@ def _vibration(value: Any, modes: int) -> Any:
 
 
 def _start(plan: Plan, value: Any) -> list[float]:
-    """Read options['start']: joint angles, rad, within the joint limits and the angles that the solver can resolve."""
+    """Read options['start']: joint angles, rad, within the joint limits and the range that the solver can resolve."""
     n = plan.arm.n_links
     if n == 1 and not check.several(value):
         value = [value]
@@ -125,7 +126,7 @@ def guide_of(plan: Plan, request: Request) -> Guide | None:
 
 
 def _end_of(plan: Plan, guided: Guide) -> Sequence[float]:
-    """Return the target that the rigid arm reaches at the motion's end; in space its joint angles, rad."""
+    """Return the target that the rigid arm reaches at the end of the motion; in space, the joint angles there, rad."""
     angles = []
     for name in (f"joint{k}" for k in range(plan.arm.n_links)):
         motion = guided.scene.motion_of(name)
@@ -136,7 +137,7 @@ def _end_of(plan: Plan, guided: Guide) -> Sequence[float]:
 def start_episode(
     batch: Batch, i: int, key: int, plan: Plan, request: Request, guided: Guide | None, mode: int
 ) -> None:
-    """Start an episode of arm i, in the batch or under its guide."""
+    """Start an episode of arm i; with a prescribed motion its guide simulates the arm, otherwise the batch."""
     batch.ask(request.angles, request.target, request.vibration)
     if guided is None:
         batch.start((i,), (key,), limit=plan.limit, mode=mode)

@@ -1,38 +1,41 @@
-"""The default mesh, step and Newton tolerance of an environment, and the error of its tip with them.
+"""Default mesh, step and Newton tolerance of an environment, and the error of its tip with these settings.
 
-The usual settings (`options.DEFAULT_OPTIONS`) are kept where they are good enough for an arm. Otherwise the step
-becomes a whole fraction of the usual one and the mesh finer until the rule calls them good enough. A user's own options
-are never changed. With T the control period, h the step, L the arm's length and I the inertia about a joint:
+The usual settings (`options.DEFAULT_OPTIONS`) are used if the rule below accepts them for an arm. Otherwise the step
+becomes a whole fraction of the usual step, and the mesh finer, until the rule accepts them. A user's own options are
+never changed. Symbols: control period T, step h, arm's length L, inertia I about a joint.
 
 e_1, small motions. Largest distance, over L, between the tip of small motions (`small_motions`) on the mesh in steps of
-    h and that on a fine mesh without steps, over 100 periods of bang-bang torques that are held for 1 and for 8
-    periods. It covers the first frequencies of the links, payload, hub, rotors on elastic gears, jumps and tapers of
-    sections, and viscous friction. The inner PD loop and the amplifier with its back-emf are part of these motions, and
-    act at control instants. Linear elements count with their stiffness, Newmark's scheme with its damping. Source:
-    linear theory.
+    h and the tip on a fine mesh without steps. The motions last 100 periods with bang-bang torques, which are held for
+    1 and for 8 periods. The small motions include the first frequencies of the links, payload, hub, rotors on elastic
+    gears, jumps and tapers of sections, and viscous friction. The inner PD loop, and the amplifier with its back-emf,
+    act on these motions at control instants. Linear elements have their stiffness, and Newmark's scheme its damping.
+    Source: linear theory.
 G = 1 + (theta / 0.55 rad)^3, large bends. theta is the largest angle between the ends of a link in these motions; it
     depends on torque over EI/L and on resonance. Measured over random arms: the error is up to 4 e_1 for theta below
-    0.4 rad, and half of the arms with theta of 0.8, 1.2 and 2 rad have 2, 6 and 20 e_1. Above theta = 1.6 and 3 rad the
+    0.4 rad; for theta of 0.8, 1.2 and 2 rad, the median error is 2, 6 and 20 e_1. Above theta = 1.6 and 3 rad the
     search begins with the second and the third of `MESHES` (measured).
-e_2 = sum of T_C h t / I, Coulomb friction T_C. A reversal within a step leaves a rate that is off by up to T_C h / I
-    (docs: theory, section 6), which acts on the position for t = 1 s.
-e_3 = kappa h^2 int Omega^3 dt, spin Omega of links of the exact beam in the plane, whose coordinates are positions: a
-    turn in steps of h is late by the fraction kappa (Omega h)^2 (`Settings.period_error`). For the other formulations,
-    whose coordinates are angles, e_3 is a tenth of this, with the rate of elbows without limits for Omega.
-omega_c h <= 0.3, backlash: contact of a rotor J with the arm I through a gear k is resolved, with
-    omega_c = sqrt(k (1/J + 1/I)). Measured. A PD loop that chatters begins with such steps, and trials shorten them.
-trials (`trials`), arms of several links: nonlinear episodes measure by how much the amplification of errors exceeds G;
-    the step and then the mesh are made finer until the error of a trial is small, and the estimate covers it.
-omega_3 h <= 0.45, chains of elasticas whose third vibration has less than a tenth of critical damping: with longer
-    steps the energy of vibrations that are not resolved may grow. Measured.
-tau L / (E EI) <= 2 rad, elements E of a link in space: an element that turns by pi has no rotation vector. Measured.
+e_2 = sum of T_C h t / I, Coulomb friction T_C. If a joint reverses within a step, its rate afterwards has an error of
+    up to T_C h / I (docs: theory, section 6). The error of the rate acts on the position for t = 1 s.
+e_3 = kappa h^2 int Omega^3 dt, spin Omega of the links. The coordinates of the exact beam in the plane are positions:
+    in steps of h, a turn lags by the fraction kappa (Omega h)^2 (`Settings.period_error`). The coordinates of the other
+    formulations are angles: e_3 is a tenth of this value, with Omega the rate of elbows without limits.
+omega_c h <= 0.3, backlash: steps resolve the contact of a rotor J with the arm I through a gear k, with omega_c =
+    sqrt(k (1/J + 1/I)). Measured. A PD loop that chatters begins with such steps, and trials shorten them.
+trials (`trials`), arms of several links: nonlinear episodes measure by which factor the amplification of errors exceeds
+    G. The step and then the mesh are refined until the error of a trial is small. The estimate includes this error.
+omega_3 h <= 0.45: for chains of elasticas whose third vibration has less than a tenth of critical damping. With longer
+    steps the energy of unresolved vibrations may grow. Measured.
+tau L / (E EI) <= 2 rad, with E elements per link in space: an element that turns by pi has no rotation vector.
+    Measured.
 tolerance: the usual tolerance times (h / usual h)^2 for steps of at most half the usual step, because increments
-decrease in this proportion; in space also times 100 I_min / I_max if that is below 1, for light wrists.
+    decrease in this proportion. In space it is also multiplied by 100 I_min / I_max if this is below 1, for light
+    wrists.
 
-The bound is e = G e_1 + e_2. The usual settings are kept where e <= `KEPT` and e_3 <= `SPUN`; otherwise settings with
-e <= `AIM` are taken. The estimate is `MARGIN` G e_1 + `MARGIN_OF_FRICTION` e_2 + e_3, to which `Batch.estimate` adds
-the error due to neglected stretch and shear. With randomized factors, the softest arm and the stiffest arm with the
-smallest payload are also checked. Gravity and controllers other than the inner PD loop are not considered.
+The bound is e = G e_1 + e_2. The usual settings are kept if e <= `KEPT` and e_3 <= `SPUN`; otherwise the search looks
+for settings with e <= `AIM`. The estimate is `MARGIN` G e_1 + `MARGIN_OF_FRICTION` e_2 + e_3, to which `Batch.estimate`
+adds the error due to neglected stretch and shear. With randomized factors, the rule also applies to the softest arm and
+to the stiffest arm with the smallest payload. The rule does not consider gravity, nor controllers other than the inner
+PD loop.
 """
 
 from __future__ import annotations
@@ -53,11 +56,11 @@ from .trials import TRIALS, TRIALS_IN_SPACE, Trial, refined, settled
 
 # Errors and bounds on errors are distances of the tip over the arm's length L.
 KEPT, KEPT_IN_SPACE, AIM = 5e-3, 6e-3, 1e-3
-"""Bounds up to which the usual settings are kept, and to which step and mesh are refined where they are not."""
+"""Bounds up to which the usual settings are kept, and the bound to which step and mesh are refined otherwise."""
 
 SPUN = 0.02  # largest e_3 accepted
 UNEQUAL, FINEST_TOLERANCE = 100.0, 1e-10
-"""Ratio of inertias about two joints up to which the usual tolerance in space suits both; the smallest tolerance."""
+"""Largest ratio of two joints' inertias for which the usual tolerance in space is used; the smallest tolerance."""
 FINE_IF_GIVEN = 0.125  # given step over the usual one up to which no trial is made
 FRACTIONS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # divisors of the usual step that are tried
 BENDS, BENDS_IN_SPACE = (1.6, 3.0), (3.2, 6.0)
@@ -65,7 +68,7 @@ BENDS, BENDS_IN_SPACE = (1.6, 3.0), (3.2, 6.0)
 
 @dataclass(frozen=True)
 class Resolution:
-    """Settings of an environment, with the tip's error that step and mesh leave and a warning for the user, or ""."""
+    """Settings of an environment, the tip's error due to step and mesh, and a warning for the user, or ""."""
 
     settings: Settings
     estimate: float  # error of the tip over the arm's length
@@ -77,10 +80,10 @@ def resolve(
     arm: Arm, drive: Drive, period: float, formulation: str, usual: Mapping[str, Any], given: Mapping[str, Any],
     drawn: Mapping[str, tuple[float, float]] | None = None, trial: Trial | None = None,
 ) -> Resolution:  # fmt: skip
-    """Return the settings of an environment: the user's options, and a mesh, step and tolerance where these are open.
+    """Return the settings of an environment: the user's options, and a mesh, step and tolerance that the rule chooses.
 
-    usual: default options of the formulation. given: the user's options. drawn: ranges of factors. period: s. trial:
-        trials of nonlinear motions (`trials`), None for none.
+    usual: default options of the formulation. given: the user's options. drawn: ranges of factors. period: control
+    period, s. trial: trials of nonlinear motions (`trials`); None for no trials.
     """
     given = {name: value for name, value in given.items() if value is not None}
     first = Settings.make(formulation, **merged(dict(usual), given)).dividing(period)
@@ -125,12 +128,12 @@ def _of_loop(
     rule: Worst, first: Settings, meshes: list[Settings], at: Callable[[Settings, float], Settings], least: float,
     trial: Trial | None,
 ) -> Resolution:  # fmt: skip
-    """Return the resolution for a PD loop that chatters in small motions, where no linear theory tells the error.
+    """Return the resolution for a PD loop that chatters in small motions, for which linear theory gives no error.
 
-    Trials tell it: limits of torques, friction and large bends may end the chatter, or bound it. first: settings to
-    begin with; meshes: settings with finer meshes; at: function of (settings, step, s) that returns the settings with
-    this step and a suitable Newton tolerance; least: shortest step, s; trial: None for no trials, which leave the error
-    infinite.
+    Trials measure the error: limits of torques, friction and large bends may stop or limit the chatter. first: settings
+    at which the search begins. meshes: settings with finer meshes. at: function of (settings, step, s) that returns the
+    settings with this step and a suitable Newton tolerance. least: shortest step, s. trial: the trials; with None the
+    error is infinite.
     """
     error, settings = math.inf, first
     if trial is not None and first.modes is None:
@@ -150,10 +153,11 @@ def _of_loop(
 def _meshes(
     first: Settings, name: str, sizes: tuple[int, ...], rule: Worst, usual: Mapping[str, Any]
 ) -> list[Settings]:
-    """Return settings with the meshes to try, the coarsest first.
+    """Return settings with the meshes to try, from the coarsest to the finest.
 
-    first: settings that are completed. name: of the field with the number of elements or nodes; sizes: values of it to
-    try; usual: default options of the formulation. Large bends (rule.theta) begin with a finer mesh.
+    first: settings to complete. name: name of the field with the number of elements or nodes. sizes: values of this
+    field to try. usual: default options of the formulation. For large bends (rule.theta) the list begins with a finer
+    mesh.
     """
     begin = usual[name]
     pieces = max(len(link.jumps) for link in rule.arm.links) + 1
@@ -166,7 +170,7 @@ def _meshes(
 
 
 def _tolerance(rule: Worst, settings: Settings, usual: float) -> float:
-    """Return the Newton tolerance: the usual one, reduced for short steps and, in space, for unequal joint inertias.
+    """Return the Newton tolerance: the usual one, smaller for short steps and, in space, for unequal joint inertias.
 
     usual: the formulation's default step, s.
     """
@@ -179,7 +183,7 @@ def _tolerance(rule: Worst, settings: Settings, usual: float) -> float:
 
 
 def _search(rule: Worst, meshes: list[Settings], fractions: tuple[int, ...]) -> Settings:
-    """Return the settings with the first mesh and the longest step that are good enough, or the best ones tried.
+    """Return the settings with the first mesh and the longest step that the rule accepts, or the best ones tried.
 
     fractions: divisors of the usual step to try.
     """

@@ -10,13 +10,13 @@ from ..parameters import Arm
 from ..settings import Settings
 
 COARSE, COARSE_IF_GIVEN = 0.05, 0.2
-"""Estimates above which `make` warns: of its own settings, and of a step or mesh that a user gives."""
+"""Estimates above which `make` warns: for its own settings, and for a step or mesh that the user gives."""
 
 FINEST = 1e-3
-"""Step over control period below which none is advised."""
+"""Smallest ratio of step to control period that a warning advises."""
 
 LEAST_TURNS = 1.5
-"""Shortest default duration of an episode over the time of the arm's fastest quarter turn."""
+"""Smallest default duration of an episode that gets no warning, over the time of the arm's fastest quarter turn."""
 
 
 class ResolutionWarning(UserWarning):
@@ -33,10 +33,10 @@ class Rule(Protocol):
 
 
 def too_coarse(rule: Rule, settings: Settings, estimate: float, name: str, most: float) -> str:
-    """Return a sentence about settings whose estimate is above `most`: the tip's error and advice; "" for others.
+    """Return a sentence about settings whose estimate exceeds `most`, with the tip's error and advice; otherwise "".
 
-    estimate: error of the tip over the arm's length. name: name of the settings' field with the mesh. A shorter step is
-    advised if it brings the rule's estimate to COARSE, otherwise a finer mesh.
+    estimate: error of the tip over the arm's length. name: name of the settings' field with the mesh. The sentence
+    advises a shorter step if this reduces the rule's estimate to COARSE, otherwise a finer mesh.
     """
     if estimate <= most:
         return ""
@@ -51,7 +51,7 @@ def too_coarse(rule: Rule, settings: Settings, estimate: float, name: str, most:
 
 
 def amplified(estimate: float, formulation: str) -> str:
-    """Return a sentence about an arm that amplifies errors more than any settings can compensate.
+    """Return a sentence about an arm that amplifies errors so much that no settings make them small.
 
     estimate: error of the tip over the arm's length.
     """
@@ -61,7 +61,7 @@ def amplified(estimate: float, formulation: str) -> str:
 
 
 def unsettled(period: float, estimate: float) -> str:
-    """Return a sentence about a PD loop that chatters with an arm: its effect on the tip, and the settings to change.
+    """Return a sentence about an arm with a chattering PD loop: the tip's error, and the settings to change.
 
     period: control period, s. estimate: error of the tip over the arm's length.
     """
@@ -73,7 +73,7 @@ def unsettled(period: float, estimate: float) -> str:
 
 
 def warn(sentence: str) -> None:
-    """Issue the sentence as a `ResolutionWarning`; no-op for ""."""
+    """Issue the sentence as a `ResolutionWarning`; do nothing if it is ""."""
     if sentence:
         warnings.warn(sentence, ResolutionWarning, stacklevel=4)
 

@@ -1,4 +1,4 @@
-"""One arm as a `gymnasium.Env`: a batch of one."""
+"""The environment with one arm as a `gymnasium.Env`; its batch contains one arm."""
 
 from typing import Any, Unpack
 
@@ -18,15 +18,18 @@ from .states import LinearModel, check_state, linear_model, put_state, state_of
 
 F32 = np.dtype(np.float32)
 IN_USE = "in use"
-"""`_over` while a thread is inside `step` or `reset`: one check says both that an episode goes on and that nobody else
-is inside. Between the check and the mark Python does not change threads."""
+"""Value of `_over` while a thread is inside `step` or `reset`.
+
+One check therefore confirms that an episode runs and that no other thread is inside. Python does not switch threads
+between the check and the assignment of this value.
+"""
 
 
 class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
     """Common base of the single environments.
 
-    The environments also name gymnasium.Env (the vector forms VectorEnv) as a direct base: some libraries, such as
-    skrl, recognize an environment by its class's direct bases.
+    The single environments also name gymnasium.Env as a direct base, and the vector environments VectorEnv. Some
+    libraries, such as skrl, recognize an environment by the direct bases of its class.
     """
 
     def __init__(self, **arguments: Unpack[Keywords]) -> None:
@@ -42,7 +45,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         self._bind()
 
     def _bind(self) -> None:
-        """Store the objects that `step` reads as attributes, which saves look-ups."""
+        """Store the objects that `step` reads as attributes, to save look-ups."""
         batch = self.batch
         self._step, self._address = batch.compiled_step, batch.address
         self._action, self._shape = batch.action[0], batch.action[0].shape
@@ -59,7 +62,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
 
         Args:
             seed: seed of the environment's generator; None: the generator continues.
-            options: see the class. An unknown key or a wrong value is a ValueError, before anything changes.
+            options: see the class. An unknown key or a wrong value raises ValueError before anything changes.
         """
         asked = request_of(self.plan, options)
         own = guide_of(self.plan, asked)
@@ -80,14 +83,14 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         return seen, info
 
     def _free(self) -> bool | str:
-        """Return whether the episode is over; RuntimeError while another thread uses the environment."""
+        """Return whether the episode is over; raise RuntimeError while another thread uses the environment."""
         over = self._over
         if over is IN_USE:
             raise RuntimeError(CROWDED)
         return over
 
     def step(self, action: Array32) -> tuple[Array32, float, bool, bool, dict[str, Any]]:
-        """Advance one control period. An action of wrong shape or kind raises ValueError before anything moves."""
+        """Advance one control period; an action of wrong shape or type raises ValueError before the arm moves."""
         if type(action) is not np.ndarray or action.dtype is not F32 or action.shape != self._shape:
             action = checked_action(action, self._shape)
         if self._over:
@@ -157,16 +160,16 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
 
     # --- states --------------------------------------------------------------------------------------
     def get_state(self) -> dict[str, Any]:
-        """Return a copy of everything that determines the future.
+        """Return a copy of everything that determines the environment's future.
 
-        It holds the arm with its integrator's history, sensors, motors and target, the generator, and the prescribed
-        motion. It can be pickled.
+        The copy contains the arm with its integrator's history, sensors, motors and target, the generator, and the
+        prescribed motion. The copy can be pickled.
         """
         self._free()
         return state_of(self.batch, 0, self.np_random, self.np_random_seed, self.guide)
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Continue bit for bit from a state of `get_state`, of this or an equal environment."""
+        """Continue bit for bit from a state that `get_state` of this or an equal environment returned."""
         self._free()
         check_state(self.batch, state)
         self.np_random, self._np_random_seed, self.guide = put_state(self.batch, 0, state)
@@ -175,7 +178,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
     def linearize(self, discrete: float | None = None) -> LinearModel:
         """Return the arm's linear model at its present state and torques (see `flexarm_env.linear.linearize`).
 
-        discrete: period, s, over which torques are held; None for the continuous model.
+        discrete: period, s, for which the torques are constant; None for the continuous model.
         """
         return linear_model(self.plan, self.batch, 0, self.guide, discrete)
 
@@ -194,7 +197,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
 
 
 def checked_action(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return the action as float32 of the given shape, clipped far beyond +-1, or raise ValueError."""
+    """Return the action as float32 of the given shape, clipped far outside +-1; raise ValueError if it is invalid."""
     try:
         values = np.asarray(action)
     except (TypeError, ValueError):

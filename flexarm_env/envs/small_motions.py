@@ -1,14 +1,15 @@
-"""Small motions of an arm in the plane: how a mesh and a step answer torques that change at control instants.
+"""Small motions of an arm in the plane: the response on a mesh, in steps, to torques that change at control instants.
 
 The links are elasticas about straight lines. The coordinates x are the tangent angles phi at the nodes of
-`physics.elastica.chain` (rad), the angles psi of motors behind elastic gears, and, where the base floats, its position
-(m) and attitude (rad):
+`physics.elastica.chain` (rad) and the angles psi of motors behind elastic gears. If the base floats, its position (m)
+and attitude (rad) are coordinates, too:
 
     M x'' + C x' + K x = B u,    tip = c x,    motor and joint angles = B^T x
 
-`Motion.of` assembles these matrices from polynomials of a whole link (the elastica's own) or of elements (the other
-formulations: quadratic angles are the cubic displacements of a beam element). `exact` and `stepped` advance them by
-a control period, by the matrix exponential and by the integrator's steps.
+`Motion.of` assembles these matrices from polynomials. For the elastica a polynomial covers a whole link; for the other
+formulations a polynomial covers an element, whose angle is quadratic because the displacements of a beam element are
+cubic. `exact` advances the motions by a control period with the matrix exponential, `stepped` with the integrator's
+steps.
 """
 
 from __future__ import annotations
@@ -32,21 +33,21 @@ from ..settings import Settings
 from ..validation import Array
 
 CARRIED = 1e13
-"""Largest squared frequency, rad^2/s^2; beyond it round-off (1e-16 of it) gives rigid turns a frequency as well."""
+"""Largest squared frequency, rad^2/s^2; above it, round-off (1e-16 of it) gives rigid turns a frequency, too."""
 
 FINE = 12
-"""Nodes of a reference link: FINE less 2 for each link of the arm, at least 6."""
+"""Number of nodes of a reference link: FINE minus 2 for each link of the arm, at least 6."""
 
 PERIODS = 100
 """Number of control periods simulated."""
 
 HELD = (1, 8, 8, 25)
-"""Periods for which each run holds its actions; the last run is used for its spin alone."""
+"""Numbers of periods for which each run holds its actions; only the spin of the last run is used."""
 
 
 @lru_cache(8)
 def actions(count: int) -> Array:
-    """Return bang-bang actions of +-1, (PERIODS, N, runs): run r holds each random sign for HELD[r] periods."""
+    """Return bang-bang actions of +-1, (PERIODS, N, runs); run r holds each random sign for HELD[r] periods."""
     draw, found = np.random.default_rng(5), []
     for held in HELD:
         signs = np.where(draw.random((-(-PERIODS // held), count)) < 0.5, -1.0, 1.0)
@@ -65,7 +66,7 @@ class Elements(Line):
         return cls(link, 2 * len(pieces) + 1, pieces)
 
     def quadrature(self) -> tuple[Array, Array]:
-        """Return five Gauss points (m from the root) and weights (m) of each element, one after the other."""
+        """Return five Gauss points (m from the root) and weights (m) per element, element by element."""
         x, weights = gauss(5)
         spans = [(a, 0.5 * (b - a)) for a, b, *_ in self.pieces]
         points = [a + half * (x + 1.0) for a, half in spans]
@@ -74,7 +75,7 @@ class Elements(Line):
 
 @lru_cache(64)
 def fine(arm: Arm) -> Chain:
-    """Return the reference's matrices: polynomials of high order on each smooth piece of a link."""
+    """Return the reference's matrices, which use polynomials of high order on each smooth piece of a link."""
     nodes = max(FINE - 2 * arm.n_links, 6)
     pieces = max(len(link.jumps) for link in arm.links) + 1
     return chain(arm, nodes if pieces == 1 else 5 * pieces + 1)
@@ -82,8 +83,10 @@ def fine(arm: Arm) -> Chain:
 
 @lru_cache(64)
 def cut(arm: Arm, elements: int) -> Chain:
-    """Return the matrices of an arm with this number of beam elements per link; all links get the number of the finest
-    link."""
+    """Return the matrices of an arm with this number of beam elements per link.
+
+    All links get the element number of the link that needs the finest mesh.
+    """
     lines = [Elements.cut(link, elements) for link in arm.links]
     most = max(line.n for line in lines)
     return chain_of(arm, [Elements.cut(line.link, (most - 1) // 2) for line in lines])
@@ -105,7 +108,8 @@ class Motion:
     def of(cls, arm: Arm, parts: Chain, pose: Array, settings: Settings | None = None, h: float = 0.0) -> Motion:
         """Return the small motions of a planar arm about absolute link angles `pose` (N,), rad.
 
-        parts: matrices of its links. settings, h: integrator's settings and step; None for the continuous equations.
+        parts: matrices of the links. settings, h: the integrator's settings and step; h = None: the continuous
+        equations.
         """
         n, count, m = parts.n, arm.n_links, parts.w.size
         # M_ij = P_ij cos(alpha_i - alpha_j), payload and rotary inertia (theory, eq. 5.2), about straight links
@@ -141,7 +145,7 @@ class Motion:
         return made.jointed(arm)
 
     def grown(self, more: int) -> Motion:
-        """Return the motions with `more` further coordinates, whose rows and columns are 0."""
+        """Return the motions with `more` additional coordinates, whose rows and columns are 0."""
         M, C, K, S = (np.pad(x, ((0, more), (0, more))) for x in (self.M, self.C, self.K, self.S))
         tip, bend = (np.pad(x, ((0, 0), (0, more))) for x in (self.tip, self.bend))
         return Motion(M, C, K, S, np.pad(self.B, ((0, more), (0, 0))), tip, bend)
@@ -167,7 +171,7 @@ class Motion:
     def jointed(self, arm: Arm) -> Motion:
         """Return the motions with rotors, elastic gears and viscous friction of the joints.
 
-        Backlash and Coulomb friction are left out.
+        Backlash and Coulomb friction are not included.
         """
         made = self
         for k in range(arm.n_links):
@@ -194,8 +198,8 @@ class Motion:
     def softened(self, most: float) -> Motion:
         """Return the motions with all vibration frequencies limited to `most` rad/s.
 
-        Stiffer vibrations lose double precision and hardly move anything. In M-normalized shapes V, K = M V diag(w^2)
-        V^T M. Rows and columns of the shapes with w > most are scaled by most / w, in K, in C and in M - S.
+        Stiffer vibrations lose double precision and hardly move the arm. With M-normalized shapes V, K = M V diag(w^2)
+        V^T M. Rows and columns of the shapes with w > most are multiplied by most / w, in K, in C and in M - S.
         """
         squares, V = vibrations(self.M, self.K)
         if not squares[-1] < CARRIED:
@@ -212,13 +216,13 @@ class Motion:
         return replace(self, C=soft(self.C), K=soft(self.K), S=self.M - soft(self.M - self.S))
 
     def _rates(self, M: Array) -> Array:
-        """Return the state-space matrices (A, B) side by side: (x, x')' = A (x, x') + B u, with inertia M."""
+        """Return the matrices A and B side by side: (x, x')' = A (x, x') + B u, with inertia M."""
         n = len(M)
         solved = np.linalg.solve(M, np.hstack([-self.K, -self.C, self.B]))
         return np.vstack([np.hstack([np.zeros((n, n)), np.eye(n), np.zeros_like(self.B)]), solved])
 
     def exact(self, period: float) -> Array:
-        """Return the exact transition (2 n, 2 n + N), by state (x, x') and torques, over a period (s)."""
+        """Return the exact transition (2 n, 2 n + N) over a period (s); columns: state (x, x') and torques."""
         return self._whole(exponential, self._rates(self.M) * period)
 
     def stepped(self, h: float, steps: int) -> Array:
@@ -232,10 +236,10 @@ class Motion:
         return self._whole(lambda whole: np.asarray(np.linalg.matrix_power(whole, steps), np.float64), one, below)
 
     def _whole(self, power: Callable[[Array], Array], rows: Array, below: Array | None = None) -> Array:
-        """Return the upper rows of a matrix function of the square matrix (rows; below) in state and torques.
+        """Return the upper rows of a function of the square matrix (rows; below) whose columns are state and torques.
 
-        power: matrix function, exponential or power. below: (N, N) block for the torques, None for 0 (of an
-        exponential).
+        power: matrix function, exponential or power. below: (N, N) block for the torques; None: 0, as for an
+        exponential.
         """
         size, count = rows.shape[1], rows.shape[1] - len(rows)
         whole = np.zeros((size, size))
@@ -247,7 +251,7 @@ class Motion:
     def respond(self, advance: Array, torques: Callable[[int, Array, Array], Array], periods: int, runs: int) -> Array:
         """Return the response to torques over control periods, (periods, 2 + 2 N, runs).
 
-        Rows: tip displacement (m; in space three rows), motor or joint angles (rad), bends of the links (rad). advance:
+        Rows: tip displacement (m; three rows in space), motor or joint angles (rad), bends of the links (rad). advance:
         transition from `exact` or `stepped`. torques: function of (period, angles (N, runs), rates (N, runs)) that
         returns torques (N, runs), N m.
         """
@@ -272,7 +276,7 @@ class Drive:
 
     @classmethod
     def of(cls, arm: Arm, mode: str, share: float | None, amplifier: Amplifier | None) -> Drive:
-        """Return the drive for an environment's arguments: action mode, share of the residual, amplifier or None."""
+        """Return the drive for an environment's action mode, share of the residual action, and amplifier or None."""
         limits = arm.torque_limits
         assert limits is not None
         if amplifier is not None:
@@ -284,7 +288,7 @@ class Drive:
 
 
 def exponential(A: Array) -> Array:
-    """Return exp(A) by scaling and squaring of a Taylor polynomial of degree 8."""
+    """Return exp(A), computed by scaling and squaring of a Taylor polynomial of degree 8."""
     halvings = max(0, math.ceil(math.log2(max(float(np.abs(A).sum(axis=1).max()), 1e-300))) + 4)
     small, one = A * 0.5**halvings, np.eye(len(A))
     found: Array = np.eye(len(A))
@@ -305,7 +309,7 @@ def vibrations(M: Array, K: Array) -> tuple[Array, Array]:
 
 
 def frequency_unless_damped(motion: Motion, number: int, most: float) -> float:
-    """Return the frequency (rad/s) of vibration `number`, from 0; 0.0 where its damping ratio exceeds `most`."""
+    """Return the frequency (rad/s) of vibration `number`, from 0; 0.0 if its damping ratio exceeds `most`."""
     squares, shapes = vibrations(motion.M, motion.K)
     rates = np.sqrt(squares)
     # rigid turns, with frequency 0, do not count
@@ -315,6 +319,6 @@ def frequency_unless_damped(motion: Motion, number: int, most: float) -> float:
 
 
 def poses(n_links: int) -> Sequence[Array]:
-    """Return absolute link angles (N,), rad, about which small motions are evaluated: straight, and square elbows."""
+    """Return the postures of the small motions, straight and with square elbows, as absolute link angles (N,), rad."""
     square: Array = 0.5 * np.pi * (np.arange(n_links, dtype=np.float64) % 2.0)
     return [np.zeros(1)] if n_links == 1 else [np.zeros(n_links), square]

@@ -1,9 +1,9 @@
 """Small motions of an arm in space about a posture: matrices for `small_motions.Motion`.
 
 Links are beam elements with cubic displacements in both planes, linear stretch and linear twist. The coordinates are
-joint angles (rad), then displacement (m) and rotation (rad) of each element's far section in inertial axes. A section
-has a map (6, n) from the coordinates to its displacement and rotation; a joint adds its angle to the rotation, a rigid
-part adds its lever. The lowest KEPT modes are kept.
+joint angles (rad), then displacement (m) and rotation (rad) of each element's far section in inertial axes. Each
+section has a map (6, n) from the coordinates to its displacement and rotation. A joint adds its angle to the rotation;
+a rigid part adds the displacement of its lever. Only the lowest KEPT modes are used.
 """
 
 from __future__ import annotations
@@ -21,11 +21,14 @@ from ..validation import Array
 from .small_motions import Motion, vibrations
 
 KEPT = 30
-"""Number of vibration modes kept."""
+"""Number of vibration modes that are used."""
 
 X = np.array([1.0, 0.0, 0.0])
 BENDING_Y, BENDING_Z = [1, 5, 7, 11], [2, 4, 8, 10]
-"""Rows of an element's 12 that bend it along y and z; the slope along y is rotation z, along z minus rotation y."""
+"""Indices among an element's 12 rows for bending along y and z.
+
+The slope along y is rotation z; the slope along z is minus rotation y.
+"""
 
 POINTS = legendre.leggauss(4)
 
@@ -33,13 +36,14 @@ POINTS = legendre.leggauss(4)
 class _Assembly:
     """Matrices M, C, K (n, n) of an arm about joint angles `pose`, assembled from root to tip; SI units, inertial axes.
 
-    bend: per flexible link (3, n), rotation of its tip against its root in its own axes. tip: (3, n), displacement.
+    bend: per flexible link (3, n), rotation of its tip relative to its root, in the link's axes. tip: (3, n),
+    displacement.
     """
 
     def __init__(self, arm: Arm, elements: int, pose: Array) -> None:
         """Assemble the arm: joints, rigid bodies and beams from the root to the payload.
 
-        elements: of each link, at least one between two jumps. pose: joint angles (N,), rad.
+        elements: number per link, at least one between two jumps of the section. pose: joint angles (N,), rad.
         """
         self.arm, self.joints = arm, arm.n_links
         counts = [0 if link.rigid else max(elements, len(link.jumps) + 1) for link in arm.links]
@@ -72,15 +76,15 @@ class _Assembly:
     def add_body(self, at: Array, axes: Array, mass: float, inertia: Inertia) -> None:
         """Add a rigid body centered at a section to M.
 
-        at: the section's map (6, n). axes: its axes. mass: kg. inertia: kg m^2, in these axes.
+        at: the section's map (6, n). axes: axes of the section. mass: kg. inertia: kg m^2, in these axes.
         """
         self.M += mass * at[:3].T @ at[:3] + at[3:].T @ (axes @ tensor(inertia) @ axes.T) @ at[3:]
 
     def add_link(self, link: Link, at: Array, axes: Array, count: int, first: int) -> Array:
-        """Add a beam and its rigid ends to M, C and K; return the map (6, n) of the joint at its far end.
+        """Add a beam and its rigid ends to M, C and K; return the map (6, n) of the joint at the beam's far end.
 
-        count: number of elements. at: map of the joint at its root. axes: of the link, in inertial axes. first: its
-        first own coordinate.
+        count: number of elements. at: map of the joint at the link's root. axes: the link's axes, in inertial axes.
+        first: index of the link's first coordinate.
         """
         root = moved(at, link.root_offset * axes @ X)
         self.add_body(moved(at, 0.5 * link.root_offset * axes @ X), axes, link.root_mass, link.root_inertia)
@@ -115,8 +119,8 @@ def moved(at: Array, way: Array) -> Array:
 def element(link: Link, start: float, end: float) -> tuple[Array, Array]:
     """Return mass and stiffness (12, 12) of a straight beam element from `start` to `end` (m), in the link's axes.
 
-    Rows: displacement (m) and rotation (rad) of the left section, then of the right one; x along the link. Cubic
-    Hermite functions bend it in both planes, linear ones stretch and twist it; four Gauss points.
+    Rows: displacement (m) and rotation (rad) of the left section, then of the right section; x is along the link. Cubic
+    Hermite functions describe bending in both planes, linear functions stretch and twist. Four Gauss points are used.
     """
     length, (x, weights) = end - start, POINTS
     z, share = 0.5 * (x + 1.0), 0.5 * length * weights
@@ -146,9 +150,9 @@ def element(link: Link, start: float, end: float) -> tuple[Array, Array]:
 def of_space(
     arm: Arm, elements: int, pose: Array, settings: Settings | None = None, h: float = 0.0, stiffness: float = 1.0
 ) -> Motion:
-    """Return the small motions of an arm in space about joint angles `pose` (N,), in its lowest modes.
+    """Return the small motions of an arm in space about joint angles `pose` (N,), rad, in the arm's lowest modes.
 
-    elements: number per link. settings, h: integrator's settings and step, None for the continuous equations.
+    elements: number per link. settings, h: the integrator's settings and step; h = None: the continuous equations.
     stiffness: factor on EI, EI_y and GJ of all links.
     """
     made = _Assembly(arm, elements, pose)
@@ -167,5 +171,5 @@ def of_space(
 
 
 def poses_in_space(n_links: int) -> list[Array]:
-    """Return joint angles (N,), rad, about which small motions are evaluated: straight, and elbows bent by 1.2 rad."""
+    """Return the postures of the small motions, straight and with elbows at 1.2 rad, as joint angles (N,), rad."""
     return [np.zeros(n_links)] if n_links == 1 else [np.zeros(n_links), np.array([0.0, *[1.2] * (n_links - 1)])]

@@ -20,7 +20,7 @@ from .targets import POINT, Pair, Target, coordinates
 from .task import REACH, Kind, at_zero, within
 
 SHARES = (1.0, 0.75, 0.5, 0.25)
-"""Shares of the usual ranges' widths that are tried for paths of an arm with joint limits."""
+"""Shares of the default ranges' widths that are tried for paths of an arm with joint limits."""
 
 
 def check_arm(arm: Arm, kind: Kind) -> None:
@@ -31,13 +31,13 @@ def check_arm(arm: Arm, kind: Kind) -> None:
 
 
 class Place(Target):
-    """A position of the tip in space, (x, y, z) in m, requested by joint angles of the rigid arm there."""
+    """A target position of the tip in space, (x, y, z) in m; records store the rigid arm's joint angles there."""
 
     numbers = 3
     paths: ClassVar = {name: (*entries, ("elevation", "rad")) for name, entries in POINT.paths.items()}
 
     def read(self, arm: Arm, value: Any, gravity: Sequence[float] | None = None) -> Any:
-        """Return joint angles (N,), rad, with the rigid tip at a point, held against gravity where possible."""
+        """Return joint angles (N,), rad, with the rigid tip at a point, if possible held against gravity."""
         point = check.numbers("options.target", value, "three numbers (m), (x, y, z)", 3, "m")
         angles = angles_at(arm, np.array(point), gravity)
         if angles is None:
@@ -54,7 +54,7 @@ class Place(Target):
         return POINT.entries(arm, "xyz")
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges for a path of this shape: distances as shares of the arm's length, times by its rates."""
+        """Return ranges for a path of this shape: distances scaled by the arm's length, times by the arm's rates."""
         _, *others, bearing = POINT.ranges(arm, path)
         far = arm.total_length
         if path == "circle":
@@ -62,9 +62,9 @@ class Place(Target):
         return [(0.45 * far, 0.65 * far), *others, bearing, (math.pi / 6, math.pi / 3)]
 
     def narrowed(self, ranges: list[Pair], options: Mapping[str, Any], arm: Arm, path: str) -> list[Pair]:
-        """Narrow the usual ranges about their middles, with a warning, where joint limits exclude some of their paths.
+        """Narrow the default ranges about their middles, with a warning, if joint limits exclude some of their paths.
 
-        Ranges given by the user are not changed. Raises `InvalidValue` if no share in `SHARES` of the other ranges'
+        Ranges given by the user are not changed. Raises `InvalidValue` if no share in `SHARES` of the default ranges'
         widths fits.
         """
         names = [name for name, _ in self.paths[path]]
@@ -86,7 +86,7 @@ class Place(Target):
         raise AssertionError
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Check that circles, and a line's point nearest to the root, stay within reach and joint limits.
+        """Check that circles, and the point of a line nearest to the root, are within reach and joint limits.
 
         The check samples points around the middles and ends of the ranges.
         """
@@ -105,7 +105,7 @@ class Place(Target):
             raise check.InvalidValue("reference.distance", distance, f"{what}: {_as_text(places[wrong])} is not")
 
     def path(self, reference: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        """Return x, y and z, m, as functions of time; ValueError names the first instant that is out of reach."""
+        """Return x, y and z, m, as functions of time; a ValueError names the first instant out of reach."""
         all_three = coordinates(reference, "three functions of time, x, y and z (m), or a table (n, 4): t, x, y, z", 3)
         places = np.stack([f(t) for f in all_three], axis=1)
         wrong = beyond_reach(arm, places)
@@ -116,7 +116,7 @@ class Place(Target):
 
 
 def _about_middle(pair: Pair, share: float) -> Pair:
-    """Return a range with the same middle and a share of the width."""
+    """Return a range with the same middle and with a share of the width."""
     middle, half = 0.5 * (pair[0] + pair[1]), 0.5 * share * (pair[1] - pair[0])
     return middle - half, middle + half
 
@@ -126,7 +126,7 @@ def _as_text(place: Array) -> str:
 
 
 def _entries(arm: Arm) -> list[tuple[str, float]]:
-    """Return name and scale of each entry of the observation, as `tasks.space.space_observe` writes them."""
+    """Return the name and scale of each entry of the observation, in the order of `tasks.space.space_observe`."""
     hub, length, joints = rate_scale(arm, 0), arm.total_length, arm.joint_names
     bending = [("tip_deflection_y", 0.1), ("tip_deflection_z", 0.1), ("tip_deflection_rate_y", 0.3 * hub)]
     bending += [("tip_deflection_rate_z", 0.3 * hub), ("twist", 0.1), ("twist_rate", 0.3 * hub)]

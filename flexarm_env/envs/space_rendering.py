@@ -1,5 +1,7 @@
-"""Pictures of arms in space, drawn with pygame: a perspective view over a ground, with links as lit ribbons that show
-bending and twist, and with shadows and plumb lines that show positions."""
+"""Pictures of arms in space, drawn with pygame: a perspective view over a ground.
+
+Links are lit ribbons that show bending and twist. Shadows and plumb lines show positions.
+"""
 
 import math
 from collections.abc import Sequence
@@ -29,23 +31,23 @@ from .rendering import (
 )
 
 AZIMUTH, ELEVATION = math.radians(-58.0), math.radians(20.0)
-"""From where it is looked at: about z from the x axis, and above the ground."""
+"""Direction from which the camera looks: angle about z from the x axis, and angle above the ground."""
 FAR = 5.0
-"""How far away, in reaches."""
+"""Distance of the camera, in multiples of the reach."""
 LIGHT = np.array([-0.25, -0.55, 0.8]) / np.linalg.norm([-0.25, -0.55, 0.8])
 GROUND: Color = (243, 245, 248)
 SHADOW: Color = (214, 219, 227)
 ROUND = 10
-"""Corners of what stands for a round bar."""
+"""Number of corners of the polygon that represents a round bar."""
 
 
 class Camera:
-    """Perspective view; center (3,), m, appears in the middle. Lengths in points: see `Sheet`."""
+    """Perspective view with center (3,), m, in the middle; `Sheet` defines lengths in points."""
 
     def __init__(self, size: tuple[int, int], reach: float, center: Array) -> None:
-        """Place a camera that looks at center (3,), m, from `FAR` times reach (m) away.
+        """Place a camera at a distance of `FAR` times reach (m) that looks at center (3,), m.
 
-        size: of the picture, pixels.
+        size: width and height of the picture, pixels.
         """
         c, s, up = math.cos(AZIMUTH), math.sin(AZIMUTH), math.sin(ELEVATION)
         flat = math.cos(ELEVATION)
@@ -59,7 +61,7 @@ class Camera:
     def see(self, points: ArrayLike) -> tuple[Array, Array]:
         """Project points (..., 3), m, to canvas coordinates (..., 2).
 
-        Returns the distances (...) along the viewing direction, m, too.
+        The second result is the points' distances (...) along the viewing direction, m.
         """
         x, y, z = np.moveaxis((np.asarray(points, np.float64) - self.center) @ self.axes.T, -1, 0)
         away = np.maximum(self.far - z, 0.05 * self.far)
@@ -69,7 +71,7 @@ class Camera:
 
 
 class SpaceRenderer(Renderer):
-    """Draws arms in space, one picture a call; arguments as those of `rendering.Renderer`, and
+    """Draws arms in space, one picture per call; the arguments of `rendering.Renderer` are accepted, too.
 
     Args:
         sides: (N, 2), width and thickness of each link, m (`view.ribbons.Ribbons`). ground: height of the ground, m.
@@ -80,10 +82,10 @@ class SpaceRenderer(Renderer):
         self, mode: str, reach: float, size: tuple[int, int] = (640, 640), fps: float = 50.0, *,
         sides: Array, ground: float = 0.0, links: Sequence[str] = (), payload: bool = True, **more: Any,
     ) -> None:  # fmt: skip
-        """Check the arguments (`Renderer`, too).
+        """Check the arguments, including those of `Renderer`.
 
-        sides (N, 2): m, width and thickness of each link, 0 for a rigid one. ground: m, height of the shadows. links:
-        names of the links whose deflections have bars.
+        sides (N, 2): m, width and thickness of each link, 0 for a rigid link. ground: m, height of the ground with the
+        shadows. links: names of the links that have deflection bars.
         """
         super().__init__(mode, reach, size, fps, payload=payload, **more)
         least = np.array([0.03, 0.007]) * self.reach
@@ -106,8 +108,8 @@ class SpaceRenderer(Renderer):
         """Draw one instant.
 
         Args:
-            chain: for each of the N links points (P, 3), m, and directions of its width there. rigid: (N + 1, 3), m:
-                joints and tip of the rigid arm, or None. Other arguments: as in `Renderer.frame`; target (3,).
+            chain: for each of the N links, points (P, 3), m, and the directions of its width there. rigid: (N + 1, 3),
+                m, joints and tip of the rigid arm, or None. Other arguments: as in `Renderer.frame`; target (3,).
         Returns:
             (height, width, 3) uint8, or None in a window.
         """
@@ -167,7 +169,7 @@ class SpaceRenderer(Renderer):
             draw_arrow(canvas, start, end, FORCE, camera.point)
 
     def _draw_faces(self, canvas: Any, camera: Camera, faces: Sequence[Array], color: Color = KEEP_OUT) -> None:
-        """Draw transparent faces of the shapes that the arm must not enter, or may touch."""
+        """Draw transparent faces of the shapes that the arm must not enter and of the obstacles that it may touch."""
         pygame_module()
         from pygame import gfxdraw
 
@@ -226,7 +228,7 @@ class SpaceRenderer(Renderer):
         return pieces
 
     def _ball(self, canvas: Any, camera: Camera, at: Array, share: float, color: Color) -> tuple[float, Any]:
-        """Draw a sphere; share: its radius over the reach."""
+        """Draw a sphere. share: radius over the arm's reach."""
         pg, (seen, away) = pygame_module(), camera.see(at)
         radius = share * self.reach * camera.scale / float(away)
         color = color if at[2] >= self.ground else blend(color, GROUND, 0.6)
@@ -240,7 +242,7 @@ class SpaceRenderer(Renderer):
 
 
 def _facing(face: Array, eye: Array) -> bool:
-    """Return whether a face is seen from outside; a single square of a wall: from behind."""
+    """Return whether the camera sees a face from outside; for the single square of a wall, from behind."""
     return bool(np.cross(face[1] - face[0], face[2] - face[1]) @ (eye - face[0]) > 0.0)
 
 
@@ -249,13 +251,13 @@ def _polygon(canvas: Any, color: Color, corners: Array) -> Any:
 
 
 def _lit(color: Color, light: float) -> Color:
-    """Return a color under a share of light, 0 to 1."""
+    """Return the color that a share of light, 0 to 1, gives to a surface."""
     over = (light - 0.6) / 0.4 if light > 0.6 else (0.6 - light) / 0.6
     return blend(color, WHITE, 0.45 * over) if light > 0.6 else blend(color, INK, 0.75 * over)
 
 
 def _ring(points: Array, across: Array, half: Array, corners: int = 4) -> Array:
-    """Return section outlines (P, corners, 3) along a line; with four corners the first side is that of +y."""
+    """Return section outlines (P, corners, 3) along a line; with four corners, the first side is the +y side."""
     along = np.gradient(points, axis=0) if len(points) > 2 else np.repeat(points[1:] - points[:1], len(points), axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
     up = np.cross(across, along)
@@ -270,14 +272,14 @@ def _ring(points: Array, across: Array, half: Array, corners: int = 4) -> Array:
 
 
 def _quads(ring: Array) -> Array:
-    """Return the faces (F, 4, 3) between consecutive outlines, one part after the other."""
+    """Return the faces (F, 4, 3) between consecutive outlines, one segment after the other."""
     after = np.roll(ring, -1, axis=1)
     return np.stack([ring[:-1], ring[1:], after[1:], after[:-1]], axis=2).reshape(-1, 4, 3)
 
 
 @lru_cache(maxsize=4)
 def _empty(size: tuple[int, int], reach: float, center: tuple[float, ...], ground: float, cell: float) -> Any:
-    """Return the picture without an arm: a round piece of ground with a grid, and its axes."""
+    """Return the picture without an arm: a round piece of ground with a grid and the axes."""
     pg, camera = pygame_module(), Camera(size, reach, np.array(center))
     canvas = pg.Surface((size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING), 0, 32)
     canvas.fill(PAPER)

@@ -22,17 +22,17 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     The default arm, `three_dof` (after shamilmamedov/flexible_arm), has a rigid pillar of 0.15 m that yaws about the
     vertical z axis, and two steel strips of 0.5 m, 50 mm wide and 2 mm thick, that pitch at shoulder and elbow. At
-    joint angles 0 the arm is upright. It has no payload; `three_dof_loaded` carries 0.1 kg. L, the sum of the lengths,
-    is 1.15 m.
+    joint angles 0 the arm is upright. `three_dof` has no payload; `three_dof_loaded` carries 0.1 kg. L, the sum of the
+    lengths, is 1.15 m.
 
     `gymnasium.make("SpatialFlexArm-v0")` makes one arm, `gymnasium.make_vec("SpatialFlexArm-v0", num_envs=n)` makes n
-    arms that one compiled call advances. Both give the same numbers, bit for bit. Without an import of the package use
-    the id `flexarm_env:SpatialFlexArm-v0`.
+    arms that one compiled call advances. A single arm and an arm among n arms give the same numbers, bit for bit.
+    Without an import of the package use the id `flexarm_env:SpatialFlexArm-v0`.
 
     ## Action space
 
-    `Box(-1, 1, (N,), float32)`: joint torques as shares of their limits (20, 10 and 10 N m). They are constant over one
-    control period. Actions beyond +-1 are clipped. NaN or infinity ends the episode (`action_not_finite`).
+    `Box(-1, 1, (N,), float32)`: joint torques as shares of their limits (20, 10 and 10 N m). The torques are constant
+    over one control period. Actions beyond +-1 are clipped. NaN or infinity ends the episode (`action_not_finite`).
 
     ## Observation space
 
@@ -50,22 +50,22 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | the last six | tip velocity, x, y, z | w_0 L | m/s |
     | | vector from tip to target, x, y, z | 0.5 L | m |
 
-    - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k, I_k the inertia about joint k of everything
-      beyond it, laid out straight at a right angle to the joint's axis. For the default arm w_0 = 8.518, w_1 = 7.738
-      and w_2 = 21.887 rad/s.
+    - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k. I_k is the inertia about joint k of the arm
+      from this joint to the tip, laid out straight at a right angle to the joint's axis. For the default arm w_0 =
+      8.518, w_1 = 7.738 and w_2 = 21.887 rad/s.
     - The last six entries are components along the axes of the root of link 0, which turn with the first joint.
-    - The deflections of a link are the components of (tip - root) along y and z of its root's axes. Its twist is the x
-      component of the rotation vector from its root's axes to its tip's axes.
+    - The deflections of a link are the components of (tip - root) along y and z of its root's axes. The twist of a link
+      is the x component of the rotation vector from its root's axes to its tip's axes.
 
     Names of all entries, sensors, and the entries of `task="track"`:
     [Entries in space](options.md#entries-in-space).
 
     ## Rewards
 
-    The terms, weights and bounds of TwoLinkFlexArm-v0: e is the distance of the tip from the target over L, v its speed
-    over L (1/s; with "track" relative to the target), d' are the rates of the deflections in both planes. Effort is
-    -sum of a_k^2 over all N joints (weighted: -0.01 N to 0), vibration -min(sum of d'^2, 1) over all links, with weight
-    0.
+    Terms, weights and bounds are those of TwoLinkFlexArm-v0. e is the distance of the tip from the target over L, v its
+    speed over L (1/s; with "track" relative to the target), and d' are the rates of the deflections in both planes.
+    Effort is -sum of a_k^2 over all N joints (weighted: -0.01 N to 0), and vibration is -min(sum of d'^2, 1) over all
+    links, with weight 0.
 
     ## Starting state
 
@@ -84,13 +84,14 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Info
 
-    The keys of TwoLinkFlexArm-v0, with `tip_position` (3,) and `target` (3,) m, `joint_torque` (N,) N m,
+    The keys are those of TwoLinkFlexArm-v0, with `tip_position` (3,) and `target` (3,) m, `joint_torque` (N,) N m,
     `tip_deflection` (2 N,) over link length (all links along y, then along z), and `twist` (N,) rad. Deflections and
     twists of rigid links are 0.
 
     ## Arguments
 
-    The arguments of FlexibleArm-v0 (:class:`flexarm_env.envs.flexible_arm.FlexibleArmEnv`), with these defaults:
+    The arguments are those of FlexibleArm-v0 (:class:`flexarm_env.envs.flexible_arm.FlexibleArmEnv`), with these
+    defaults:
 
     | name | default | meaning |
     |---|---|---|
@@ -101,8 +102,8 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | `formulation` | "geometrically_exact" | or "floating_frame", with `segments` or `modes` (at least 2) |
     | `task` | "reach" | or "track": the target moves; "replay": the joints follow a motion |
 
-    What differs in space: [Options in space](options.md#options-in-space). What is not available in space raises an
-    error that names it: [list](spatial_limits.md).
+    For the differences in space see [Options in space](options.md#options-in-space). Features that are not available in
+    space raise an error that names the feature: [list](spatial_limits.md).
 
     ## Version history
 

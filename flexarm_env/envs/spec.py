@@ -1,4 +1,4 @@
-"""Specs of created environments, which include the length of episodes."""
+"""Specs of environments that have been made; they include the length of episodes."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from .task import Kind
 
 MAKERS = (gym.make.__code__, gym.make_vec.__code__)
 FROZEN = "flexarm"
-"""Namespace of ids that name a frozen task."""
+"""Namespace of the ids of frozen tasks."""
 FREE = (
     "duration", "max_episode_steps", "reward", "reward_terms", "info_level", "render_mode", "threads", "autoreset_mode",
     "num_envs", "vectorization_mode", "vector_kwargs", "wrappers",
 )  # fmt: skip
-"""Keywords of a frozen task that need no warning: what training is free to choose, and how it is made and shown."""
+"""Keywords of a frozen task that may change without a warning: training options, and how it is made and shown."""
 
 CHANGEABLE = ("starts",)
-"""Keywords that are attributes, too, which may be set while an environment is used."""
+"""Keywords that are also attributes, which the user may set while the environment is in use."""
 
 
 class ArmSpec(EnvSpec):
     """An EnvSpec whose `max_episode_steps` is the number of control periods in the environment's `duration`.
 
-    Wrappers can read the length of an episode from it. `gymnasium.make` and `make_vec`, when they make the
-    environment again, get the limit that was given, or None: the environment ends its episodes itself, and a TimeLimit
-    around another one made with a longer `duration` would cut them short.
+    Wrappers read the length of an episode from this field. When `gymnasium.make` or `make_vec` makes the environment
+    again, it passes the limit that the user gave, or None. The environment ends its episodes itself: a TimeLimit would
+    end the episodes of an environment with a longer `duration` too early.
     """
 
     given: int | None = None
@@ -43,7 +43,7 @@ class ArmSpec(EnvSpec):
 
     @classmethod
     def of(cls, spec: EnvSpec | None, limit: int) -> ArmSpec | None:
-        """Return the spec of `gymnasium.make` for episodes of at most `limit` control periods."""
+        """Return the spec of `gymnasium.make` with episodes of at most `limit` control periods."""
         if spec is None:
             return None
         made = cls(**{field.name: getattr(spec, field.name) for field in dataclasses.fields(spec) if field.init})
@@ -52,7 +52,7 @@ class ArmSpec(EnvSpec):
 
     @property
     def max_episode_steps(self) -> int | None:
-        """Control periods of an episode."""
+        """Number of control periods of an episode."""
         if sys._getframe(1).f_code in MAKERS:
             return self.given
         return self.own if self.given is None or self.own is None else min(self.given, self.own)
@@ -63,7 +63,7 @@ class ArmSpec(EnvSpec):
 
 
 def changed(spec: EnvSpec) -> list[str]:
-    """Return the keywords by which a made suite task differs from the frozen one."""
+    """Return the keywords by which an environment differs from the frozen task of the suite that it was made from."""
     if spec.namespace != FROZEN or spec.id not in registry:
         return []
     own = registry[spec.id].kwargs
@@ -71,7 +71,7 @@ def changed(spec: EnvSpec) -> list[str]:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Return whether two values are equal; arrays inside count as different."""
+    """Return whether two values are equal; values that contain arrays count as different."""
     try:
         return bool(one == other)
     except ValueError:
@@ -106,15 +106,15 @@ class Specified:
 
     @property
     def starts(self) -> Any:
-        """Ranges of fresh starts, as the keyword of the environment; {} for the usual ones.
+        """Ranges of fresh starts, as for the keyword `starts`; {} for the default ranges.
 
-        They may be set at any time, as in a curriculum: the next reset draws from them.
+        The attribute may be set at any time, for example by a curriculum; the next reset uses it.
         """
         return self._starts or {}
 
     @starts.setter
     def starts(self, ranges: Any) -> None:
-        """Draw fresh starts from other ranges, from the next reset on."""
+        """Set the ranges of fresh starts; the next reset uses them."""
         self.plan = with_starts(self.plan, ranges)
         self._starts = ranges
         self.batch.set_starts(self.plan.starts)
@@ -123,16 +123,16 @@ class Specified:
         self._rebind()
 
     def _rebind(self) -> None:
-        """Renew references to the batch's arrays after they were replaced."""
+        """Renew the references to the batch's arrays after the arrays were replaced."""
 
     @property
     def spec(self) -> Any:
-        """The spec set by `gymnasium.make`, with the episodes' length; None without it."""
+        """The spec set by `gymnasium.make`, with the length of episodes; None if `make` was not used."""
         return self._spec
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        """Store a registered spec; warn once where a suite task was made with other keywords than its own."""
+        """Store a registered spec; warn once if the keywords of a suite task differ from those of the frozen task."""
         if spec is not None and (own := changed(spec)) and (spec.id, *own) not in warned:
             warned.add((spec.id, *own))
             text = f"{spec.id} with {', '.join(own)} of one's own is another task: its scores are not the suite's"

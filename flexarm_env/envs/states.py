@@ -31,7 +31,7 @@ KEYS = ("arm", "generator", "seed", "guide")
 def state_of(
     batch: Batch, i: int, generator: np.random.Generator, seed: int | None, guide: Guide | None
 ) -> dict[str, Any]:
-    """Return a copy of everything that determines arm i's future."""
+    """Return a copy of everything that determines the future of arm i."""
     return {
         "arm": batch.get_state(i),
         "generator": copy.deepcopy(generator),
@@ -41,7 +41,7 @@ def state_of(
 
 
 def check_state(batch: Batch, state: Any) -> None:
-    """Raise ValueError for a state of another kind of arm."""
+    """Raise ValueError if a state belongs to another kind of arm."""
     table = check.table_of("state", state)
     check.known_keys("state", table, KEYS)
     for key in KEYS:
@@ -68,10 +68,10 @@ def check_state(batch: Batch, state: Any) -> None:
 
 
 def _check_block(batch: Batch, block: Array) -> None:
-    """Raise ValueError for an arm's `block` that is inconsistent.
+    """Raise ValueError if an arm's `block` is inconsistent.
 
-    Its mode or reason is unknown, its record (memory of sensors and motors) is not finite, or its parameters are too
-    stiff for double precision.
+    The causes are: an unknown mode or reason; a record (memory of sensors and motors) that is not finite; parameters
+    that are too stiff for double precision.
     """
     at, lanes = batch.layout, len(batch.lane)
     par = len(block) - (at.end - at.par) // lanes
@@ -88,13 +88,16 @@ def _check_block(batch: Batch, block: Array) -> None:
 
 
 def put_state(batch: Batch, i: int, state: dict[str, Any]) -> tuple[np.random.Generator, Any, Guide | None]:
-    """Set arm i to a state; return its generator, seed and guide."""
+    """Set arm i to a state; return the state's generator, seed and guide."""
     batch.set_state(i, state["arm"])
     return copy.deepcopy(state["generator"]), state["seed"], copy.deepcopy(state["guide"])
 
 
 def _check_linear(batch: Batch, arms: Sequence[int]) -> None:
-    """Raise ValueError if joint parameters are drawn, which linear models have not, or if one of the arms touches."""
+    """Raise ValueError if an arm touches an obstacle or if joint parameters are drawn.
+
+    Linear models do not include drawn joint parameters.
+    """
     for i in arms if batch.contacts else ():
         if batch.view(i).touches[:, 6].any():
             what = "must not be touched by an arm whose linear model is computed: it has no contacts"
@@ -122,7 +125,7 @@ def linear_model(plan: Plan, batch: Batch, i: int, guide: Guide | None, discrete
 def linear_models(
     plan: Plan, batch: Batch, guides: dict[int, Guide], discrete: float | None, kept: dict[float | None, Linearizer]
 ) -> LinearModels:
-    """Return the linear models of all arms. kept: compiled linearizations of elasticas, by period."""
+    """Return the linear models of all arms. kept: cache of compiled linearizations of elasticas, by period."""
     from ..linear.many import Linearizer, compiled, stacked
 
     _check_linear(batch, range(batch.n))

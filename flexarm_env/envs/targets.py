@@ -1,4 +1,4 @@
-"""Targets of tasks, an angle or a point: reset options, moving and resting targets, and their picture."""
+"""Targets of tasks, an angle or a point: options of `reset`, targets at rest or in motion, and their pictures."""
 
 import math
 from abc import ABC, abstractmethod
@@ -17,14 +17,15 @@ from .motion import ANGLE, function_of
 Pair = tuple[float, float]
 
 AHEAD = (0.1, 0.3)
-"""Times, s, by which the observation of task="track" looks ahead."""
+"""Times from the present, s, for which task="track" observes the future displacement of the target."""
 
 
 class Target(ABC):
-    """Kind of a task's target: an angle or a point.
+    """Type of a task's target: an angle or a point.
 
-    numbers: length of a target; records have at least two entries, the second of an angle is 0. paths: shapes of drawn
-    paths, the usual one first, with the names and units of the numbers that define each (four at most, in space five).
+    numbers: length of a target. Records have at least two entries; the second entry of an angle is 0. paths: shapes of
+    drawn paths, the default shape first. Each shape has the names and units of the numbers that define a path: at most
+    four, in space five.
     """
 
     numbers: int
@@ -34,7 +35,7 @@ class Target(ABC):
     def read(self, arm: Arm, value: Any, gravity: Sequence[float] | None = None) -> Pair:
         """Check options["target"] of reset and return it.
 
-        gravity: m/s^2, against which the motors must hold the arm.
+        gravity: m/s^2; the motors must hold the arm at the target against it.
         """
 
     @abstractmethod
@@ -43,21 +44,21 @@ class Target(ABC):
 
     @abstractmethod
     def place(self, arm: Arm, target: Array) -> Array:
-        """Return where a picture shows the target, (2,) m."""
+        """Return the position, (2,) m, at which a picture shows the target."""
 
     @abstractmethod
     def entries(self, arm: Arm) -> list[tuple[str, float]]:
-        """Return names and scales of the entries for a moving target: its rate and its displacements ahead."""
+        """Return names and scales of the entries for a moving target: its rate and its future displacements."""
 
     @abstractmethod
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
         """Return the ranges of the numbers that define a drawn path of this shape (`draw_path`, `draw_line`)."""
 
     def drawn(self, options: Mapping[str, Any], arm: Arm) -> tuple[str, list[Pair]]:
-        """Return shape and ranges of drawn paths: the usual ranges, replaced by those that are given by name.
+        """Return shape and ranges of drawn paths: the default ranges, except for those that the user gives by name.
 
         Raises:
-            ValueError: an unknown name, a range that is none, a path that may lead out of reach.
+            ValueError: a name is unknown, a range is invalid, or a path may leave the reach of the arm.
         """
         shape = check.choice("reference.path", options.get("path", next(iter(self.paths))), tuple(self.paths))
         check.known_keys("reference", options, ("path", *(name for name, _ in self.paths[shape])))
@@ -71,21 +72,23 @@ class Target(ABC):
         return shape, self.narrowed(ranges, options, arm, shape)
 
     def narrowed(self, ranges: list[Pair], options: Mapping[str, Any], arm: Arm, path: str) -> list[Pair]:
-        """Check the ranges of drawn paths; return them, or narrower ranges that fit. options: the ranges given by the
-        user."""
+        """Check the ranges of drawn paths; return these ranges or narrower ones that fit.
+
+        options: the ranges given by the user.
+        """
         self.check_ranges(ranges, arm, path)
         return ranges
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:  # noqa: B027
-        """Raise ValueError if paths within these ranges lead out of reach."""
+        """Raise ValueError if a path within these ranges leaves the arm's reach."""
 
     @abstractmethod
     def path(self, reference: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        """Return a given reference as one function of time for each number; t: instants that are read, s."""
+        """Return a given reference as one function of time per number. t: instants, s, at which it is read."""
 
 
 class Angle(Target):
-    """The polar angle of the tip, rad."""
+    """Target of one number: the polar angle of the tip, rad."""
 
     numbers = 1
     paths: ClassVar = {"swing": (("width", "rad"), ("period", "s")), "line": (("behind", "rad"), ("rate", "rad/s"))}
@@ -118,7 +121,7 @@ class Angle(Target):
 
 
 class Point(Target):
-    """A position of the tip, (x, y) in m."""
+    """Target of two numbers: the position of the tip, (x, y) in m."""
 
     numbers = 2
     paths: ClassVar = {
@@ -127,7 +130,7 @@ class Point(Target):
     }
 
     def read(self, arm: Arm, value: Any, gravity: Sequence[float] | None = None) -> Pair:
-        """Return the target (x, y), m; `InvalidValue` where it is out of reach."""
+        """Return the target (x, y), m; raise `InvalidValue` if it is out of reach."""
         x, y = check.sequence("options.target", value, "two numbers (m), (x, y)", 2)
         x, y = check.number("options.target[0]", x, "m"), check.number("options.target[1]", y, "m")
         near, far = reach(arm)
@@ -153,7 +156,7 @@ class Point(Target):
         return [(f"{name}_{axis}", scale) for name, scale in named for axis in axes]
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges for a path of this shape: distances as shares of the arm's length, times by its rates."""
+        """Return ranges for a path of this shape: distances scaled by the arm's length, times by the arm's rates."""
         rate, far = rate_scale(arm, 0), arm.total_length
         turns = (-math.pi / 3, math.pi / 3)
         if path == "line":
@@ -161,7 +164,7 @@ class Point(Target):
         return [(0.5 * far, 0.75 * far), (12.0 / rate, 24.0 / rate), (0.05 * far, 0.2 * far), turns]
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Check that circles, and a line's point nearest to the root, stay within reach."""
+        """Check that circles, and the point of a line nearest to the root, are within reach."""
         (nearest, farthest), _, (_, radius), _ = ranges
         near, far = reach(arm)
         wide = radius if path == "circle" else 0.0
@@ -170,7 +173,7 @@ class Point(Target):
             raise check.InvalidValue("reference.distance", ranges[0], what)
 
     def path(self, reference: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        """Return x and y, m, as functions of time; ValueError names the first instant that is out of reach."""
+        """Return x and y, m, as functions of time; a ValueError names the first instant out of reach."""
         both = coordinates(reference, "two functions of time, x and y (m), or a table (n, 3): t, x, y", 2)
         x, y = (f(t) for f in both)
         near, far = reach(arm)
@@ -183,7 +186,7 @@ class Point(Target):
 
 
 def coordinates(value: Any, what: str, numbers: int) -> list[TimeFunction]:
-    """Return a point's path as one function of time per number; a table's first column is t, s."""
+    """Return a point's path as one function of time per number; the first column of a table is t, s."""
     try:
         rows = np.asarray(value)
     except ValueError:

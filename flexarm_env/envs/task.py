@@ -1,4 +1,4 @@
-"""Tasks as data, shared by single and vector environments: arm, spaces, scales, rewards and starts."""
+"""Definitions of tasks for single and vector environments: arm, spaces, scales, rewards and starts."""
 
 import inspect
 import math
@@ -19,35 +19,35 @@ from ..validation import Array
 from .targets import ANGLE_OF_TIP, POINT, Pair, Target
 
 HOLD_TIME = 0.5
-"""Success: in the band throughout the trailing so many seconds."""
+"""Time, s: an episode is a success if the arm is within the bounds throughout this last part of it."""
 
 REWARDS = ("accuracy", "settle", "distance", "effort", "vibration", "failure")
 """Names of the reward terms of slew and reach, in order."""
 
 FAILURE = "failure"
-"""Name of the term that is paid once, in the period that ends an episode by failure."""
+"""Name of the term that is paid once, in the control period that ends an episode by failure."""
 
 CHANGE, COST = "change", "cost"
-"""Names of the terms for what actions change by and for `cost`, which stand before failure where they are asked for."""
+"""Names of the terms for changes of the action and for `cost`; if used, they precede the failure term."""
 
 PRESS = "press"
-"""Name of the task of a tip that slides along a wall under a commanded normal force."""
+"""Name of the task in which the tip slides along a wall under a commanded normal force."""
 
 ATTITUDE = "attitude"
-"""Name of the term for the attitude of a base that floats, and of its bound in a success."""
+"""Name of the reward term for a floating base's attitude, and of the attitude's bound in a success."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A task as data, for arms of `links` (at least, at most; None: any number) links.
+    """Definition of a task for arms of `links` links (minimum, maximum; None: any number).
 
-    id: id of the registry. task: default task's name. arm: default arm's name. duration: s. target: kind of target.
-    rewards: names and default weights of the reward's terms, in the order in which the task's `judge` computes them;
-    the last is for failure. entries: names and scales of an arm's observation, in the order of `observe`. record: class
-    of the task's record for an arm, by which kernels are chosen. starts: ranges of fresh starts. bands: usual bounds
-    of success with their units, by name. replays: default motions of task="replay"; further joints follow the last
-    one. space: whether arms leave the plane. period: control period, s. gravity: default gravity, m/s^2. settings:
-    default settings in space.
+    id: id of the registry. task: name of the default task. arm: name of the default arm. duration: s. target: type of
+    target. rewards: names and default weights of the reward's terms, in the order in which the task's `judge` computes
+    them; the last term is failure. entries: names and scales of an arm's observation, in the order of `observe`.
+    record: class of the task's record for an arm; it determines the kernels. starts: ranges of fresh starts. bands:
+    default bounds of success with their units, by name. replays: default motions of task="replay"; additional joints
+    use the last motion. space: whether arms leave the plane. period: control period, s. gravity: default gravity,
+    m/s^2. settings: default settings in space.
     """
 
     id: str
@@ -98,7 +98,7 @@ class Kind:
 
 
 def _slew_entries(arm: Arm) -> list[tuple[str, float]]:
-    """Return name and scale of each entry of a one-link observation, as `tasks.slew` writes them."""
+    """Return the name and scale of each entry of a one-link observation, in the order of `tasks.slew`."""
     rate = rate_scale(arm, 0)
     return [
         ("hub_sin", 1.0), ("hub_cos", 1.0), ("hub_rate", rate), ("tip_deflection", 0.1),
@@ -107,7 +107,7 @@ def _slew_entries(arm: Arm) -> list[tuple[str, float]]:
 
 
 def _reach_entries(arm: Arm) -> list[tuple[str, float]]:
-    """Return name and scale of each entry of the observation, as `tasks.reach` writes them."""
+    """Return the name and scale of each entry of the observation, in the order of `tasks.reach`."""
     hub, length, joints = rate_scale(arm, 0), arm.total_length, arm.joint_names
     return [
         *((f"{joint}_{of}", 1.0) for joint in joints for of in ("sin", "cos")),
@@ -123,8 +123,8 @@ def _reach_entries(arm: Arm) -> list[tuple[str, float]]:
 def _base_entries(arm: Arm) -> list[tuple[str, float]]:
     """Return the entries of a floating base.
 
-    Its rate's scale is that of a quarter turn by the hub's full torque (`rate_scale`); the hub's velocity scale
-    contains the arm's share of the total mass.
+    The scale of the base's rate is the rate of a quarter turn by the hub's full torque (`rate_scale`). The scale of the
+    hub's velocity contains the arm's share of the total mass.
     """
     if arm.base is None:
         return []
@@ -147,7 +147,7 @@ def _reach_record(arm: Arm) -> type[Task]:
 
 
 def within(arm: Arm, ranges: Sequence[Pair]) -> list[Pair]:
-    """Intersect ranges of joint angles with the joint limits; where they are disjoint, return the limits."""
+    """Intersect ranges of joint angles with the joint limits; if the intersection is empty, return the limits."""
     found = []
     for (low, high), own in zip(ranges, arm.joint_limits or (None,) * arm.n_links, strict=True):
         least, most = own or (low, high)
@@ -166,7 +166,7 @@ def _slew_starts(arm: Arm) -> Starts:
 
 
 def _reach_starts(arm: Arm) -> Starts:
-    """Return the ranges of starts (joint angles, rad) and targets (distance, m, and bearing, rad)."""
+    """Return the ranges of starts (joint angles, rad) and of targets (distance, m, and bearing, rad)."""
     length, elbow = arm.total_length, 3.6 / arm.n_links
     far = 0.95 * (length - 2.0 * centre_shift(arm))  # wherever the arm starts: the centre of mass of all stays there
     return Starts(
@@ -211,7 +211,7 @@ CHAIN = replace(REACH, id="MultiLinkFlexArm-v0", links=(2, None), arm="three_str
 
 @dataclass(frozen=True)
 class Entry:
-    """An entry of info: name, first row in the info section, count (None: one number, a float)."""
+    """An entry of info: name, first row in the info section, and number of values (None: a single float)."""
 
     name: str
     first: int
@@ -224,9 +224,10 @@ def info_entries(
 ) -> tuple[Entry, ...]:
     """Return the numeric entries of info, in order.
 
-    The texts in info (success, range, status, reason) are translated from codes. full: energies. motors: motor angles
-    and rates, for joints that are not ideal. extras: options with their own entries. fitted: steps follow a tolerance.
-    drawn: index of each drawn factor, by name. touches: the arm may touch obstacles.
+    The texts in info (success, range, status, reason) are translated from codes. full: whether info has energies.
+    motors: whether it has motor angles and rates, for joints that are not ideal. extras: options that add entries.
+    fitted: whether the steps follow a tolerance. drawn: index of each drawn factor, by name. touches: whether the arm
+    may touch obstacles.
     """
     n, targets, at = len(task.links), len(task.targets), info_places(task)
     entries = [
@@ -267,7 +268,7 @@ def info_entries(
 
 
 def afloat(kind: Kind, arm: Arm) -> Kind:
-    """Return the kind for an arm on a floating base: its attitude costs, and success may bound it."""
+    """Return the kind for an arm on a floating base; its attitude has a reward term, and success may bound it."""
     if arm.base is None:
         return kind
     terms = list(kind.rewards.items())
@@ -278,7 +279,7 @@ def afloat(kind: Kind, arm: Arm) -> Kind:
 
 
 def priced(kind: Kind, reward: Any) -> Kind:
-    """Return the kind with the terms `cost` and `change` if `reward` gives them weights."""
+    """Return the kind with the terms `cost` and `change` if `reward` gives weights to them."""
     more = [(name, 0.0) for name in (COST, CHANGE) if isinstance(reward, Mapping) and name in reward]
     terms = list(kind.rewards.items())
     return replace(kind, rewards=dict([*terms[:-1], *more, terms[-1]])) if more else kind
@@ -287,7 +288,7 @@ def priced(kind: Kind, reward: Any) -> Kind:
 def with_own_terms(kind: Kind, value: Any) -> Kind:
     """Return the kind with the user's reward terms (keyword `reward_terms`), of weight 1.
 
-    value: kernels, or their names "module:name", by the term's name.
+    value: for each term's name, a kernel or the kernel's name "module:name".
     """
     if value is None:
         return kind
@@ -312,23 +313,23 @@ def _record_with(record: Callable[[Arm], type[Task]], terms: tuple[Any, ...], ar
 
 
 PAYING = ("accuracy", "settle", "distance", ATTITUDE)
-"""Terms that never cost anything, under rules 2."""
+"""Terms that are never negative under rules 2."""
 
 RULES = (1, 2)
-"""Versions of the rules of rewards and drawn targets (keyword `rules`), the present one last: see `reward_weights`."""
+"""Versions of the rules of rewards and drawn targets (keyword `rules`), the current one last: `reward_weights`."""
 
 
 def reward_weights(
     kind: Kind, chosen: Mapping[str, float] | None, joints: int, period: float, limit: int, rules: int
 ) -> Array:
-    """Return the weights of the reward's terms for one control period: the kind's, replaced by given ones.
+    """Return the weights of the reward's terms for one control period: the user's weights, or else the kind's.
 
-    Rules 2: distance and attitude pay their bound minus the loss (`tasks.task.left_of`). The default cost of a failure
-    is the largest loss that the other terms can cause in an episode, so that ending an episode early never pays, plus
-    their largest reward in `HOLD_TIME`, so that policies learn to stay clear of joint limits. Weights refer to the
-    kind's control period. For another period all weights except that of failure scale in proportion, so that an
-    episode's return does not depend on the period. Rules 1: distance and attitude cost up to 1, weights do not depend
-    on the period, and the weight of failure is the kind's.
+    Rules 2: distance and attitude pay their bound minus the loss (`tasks.task.left_of`). The default weight of failure
+    is the sum of two parts. The first part is the largest loss that the other terms can cause in an episode, so that
+    ending an episode early never pays. The second part is the largest reward of the other terms in `HOLD_TIME`, so that
+    policies learn to avoid the joint limits. Weights refer to the kind's control period. For another period all weights
+    except that of failure scale in proportion, so that an episode's return does not depend on the period. Rules 1:
+    distance and attitude cost up to 1, weights do not depend on the period, and the weight of failure is the kind's.
 
     joints: number of joints. period: control period, s. limit: control periods of an episode.
     """
@@ -346,9 +347,9 @@ def reward_weights(
 
 
 def most_lost(weights: Mapping[str, float], joints: int) -> float:
-    """Return the most that the terms other than failure can subtract in a period.
+    """Return the largest sum that all terms except failure can subtract in a period.
 
-    Bounds: effort 1 a joint, change 4 a joint, rewarding terms 0, all others 1.
+    Bounds of the terms: effort 1 per joint, change 4 per joint, rewarding terms 0, all others 1.
     """
     largest = {**dict.fromkeys(PAYING, 0.0), "effort": joints, CHANGE: 4.0 * joints}
     return float(sum(largest.get(name, 1.0) * weight for name, weight in weights.items()))

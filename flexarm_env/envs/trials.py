@@ -1,18 +1,19 @@
-"""Trial episodes with a user's arm: they measure how much its motions amplify the errors of small motions.
+"""Trial episodes with a user's arm, which measure how much its motions amplify the errors of small motions.
 
-Links can buckle under the forces of other links, and chains can whip; linear theory includes neither. Episodes of
-bang-bang torques, held for 1 and for 8 of 100 control periods, are therefore run in steps of h and of h/2. With
+Links can buckle under the forces of other links, and chains can whip; linear theory includes neither effect. Trials
+therefore run episodes in steps of h and of h/2. The episodes have bang-bang torques, which are held for 1 and for 8 of
+100 control periods. With
 
-    d    the largest distance of the tip between both, over L, infinite where one of them fails,
-    d_1  that of small motions, and the tolerance,
-    e_1  the error of small motions (`resolution`), of step and mesh,
+    d    the largest distance, over L, between the tips of the two runs; infinite if a run fails,
+    d_1  the same distance in small motions, plus the tolerance,
+    e_1  the error of small motions due to step and mesh (`resolution`),
 
-errors are amplified d / d_1 times, and the trial's error is max(d, e_1 d / d_1). Above `GROWN` times, an error that is
-small enough also needs the distance from episodes on the next mesh in steps of h/2 to be small. If a PD loop chatters,
-small motions give no information, and that distance is the error.
+errors are amplified by the factor d / d_1, and the trial's error is max(d, e_1 d / d_1). If the factor exceeds `GROWN`,
+a second condition applies to a small error: the distance to episodes on the next mesh in steps of h/2 must be small,
+too. If a PD loop chatters, small motions give no information, and this distance is the error.
 
-Of drawn factors (`randomization`) the softest arm with the heaviest payload under the strongest torques, and the
-stiffest with the lightest payload, run the same episodes beside the nominal arm.
+With drawn factors (`randomization`), two more arms run the same episodes as the nominal arm: the softest arm with the
+heaviest payload under the strongest torques, and the stiffest arm with the lightest payload.
 """
 
 from __future__ import annotations
@@ -36,42 +37,42 @@ from .small_motions import PERIODS
 from .task import Kind, reward_weights
 
 LANES, LANES_IN_SPACE, LANES_AT_CORNERS, HELD = 16, 8, 8, (1, 8)
-"""Episodes of a trial, half of which begin straight; periods that their actions are held for."""
+"""Number of episodes in a trial, half of which begin straight; numbers of periods for which actions are held."""
 
 TRIED = 2e-3
-"""Error of a trial, over L, down to which steps and meshes are made finer."""
+"""Largest error of a trial, over L; steps and meshes are refined until the error is below it."""
 
 TRIALS, TRIALS_IN_SPACE = 6, 4
-"""Settings that are tried at most."""
+"""Largest number of settings that are tried."""
 
 NOISE = 2.0
-"""A finer setting replaces the best one unless its error is larger by this factor: chaotic errors scatter."""
+"""A finer setting replaces the best one unless its error is larger by this factor, because chaotic errors scatter."""
 
 TAIL, SCATTER = 3.0, 1e-3
-"""Deviations of log d from its mean that 99.9 % of episodes keep to, if normal; least d of a lane over the largest."""
+"""Standard deviations of log d within which 99.9 % of normal episodes lie; least d of a lane over the largest."""
 
 GROWN = 10.0
-"""Amplification above which a trial that is good enough is checked on the next mesh."""
+"""Amplification above which the next mesh checks a trial that is good enough."""
 
 IDLE = 4
-"""One of so many episodes has no action where a PD loop moves the arm, so that it has to settle."""
+"""If a PD loop moves the arm, one of `IDLE` episodes has no action, so that the arm must settle."""
 
 Trial = Callable[[Settings], Array]
-"""Tips (PERIODS, lanes, 2 or 3), m, of settings; nan after an end, inf at a failure."""
+"""Tip positions (PERIODS, lanes, 2 or 3), m, for given settings; nan after an episode's end, inf at a failure."""
 
 
 class Rule(Protocol):
     """Interface of `resolution.Judge` for small motions."""
 
     def small(self, settings: Settings, h: float) -> float:
-        """e_1."""
+        """Return e_1."""
 
     def halved(self, settings: Settings, h: float) -> float:
-        """Largest distance, over L, between the tips of small motions in steps of h and of h/2."""
+        """Return the largest distance, over L, between the tips of small motions in steps of h and of h/2."""
 
 
 KEPT = 16
-"""Arms whose trials are kept: environments of one arm are often made one after the other."""
+"""Number of arms whose trials are cached, because environments of one arm are often made one after the other."""
 
 _kept: dict[Any, Trial] = {}
 
@@ -88,12 +89,13 @@ def trials_of(
 ) -> Trial:  # fmt: skip
     """Return a function of settings that runs the trial episodes of an environment's arm and drive.
 
-    It returns the tips, a `Trial`; it is kept for the latest arms, keyed by everything that moves them.
+    The function returns the tip positions (a `Trial`). The function is cached for the latest arms, keyed by everything
+    that affects their motion.
 
     Args:
         kind: without the user's reward terms, since the episodes ignore rewards. period: control period, s. mode,
-            share: action mode and share of the residual action under a PD loop. amplifier: or None. drawn: ranges (low,
-            high) of factors by name (`starts.FACTORS`), whose softest and stiffest arm run too.
+            share: action mode and share of the residual action under a PD loop. amplifier: the amplifier, or None.
+            drawn: ranges (low, high) of factors by name (`starts.FACTORS`); the softest and the stiffest arm run, too.
     """
     drive = None if amplifier is None else tuple(None if x is None else tuple(x.tolist()) for x in amplifier)
     ends = corners(drawn or {})
@@ -109,9 +111,10 @@ def trials_of(
         return np.concatenate(parts, axis=1)
 
     def episodes(settings: Settings, lanes: int, factors: Mapping[str, float]) -> Array:
-        """Run `lanes` episodes of bang-bang torques with these settings and factors on nominal values, by name.
+        """Run `lanes` episodes of bang-bang torques with given settings and factors on nominal values, by name.
 
-        Returns the tips (PERIODS, lanes, 2 or 3), m; nan after an episode's end, inf in the period of a failure.
+        Returns the tip positions (PERIODS, lanes, 2 or 3), m; nan after an episode's end, inf in the period of a
+        failure.
         """
         starts = kind.starts(arm)
         starts = replace(starts, drawn=dict(starts.drawn) | {name: (x, x) for name, x in factors.items()})
@@ -146,7 +149,7 @@ def trials_of(
 
 
 def corners(drawn: Mapping[str, tuple[float, float]]) -> list[dict[str, float]]:
-    """Return the factors of the arms drawn farthest from the nominal one: the softest and the stiffest, if they differ.
+    """Return the factors of the extreme drawn arms, the softest and the stiffest, if these differ from the nominal arm.
 
     drawn: ranges (low, high) by name (`starts.FACTORS`).
     """
@@ -161,7 +164,7 @@ def corners(drawn: Mapping[str, tuple[float, float]]) -> list[dict[str, float]]:
 
 @lru_cache(8)
 def _actions(count: int, lanes: int) -> Array:
-    """Return bang-bang actions (PERIODS, lanes, N), each +-1 and held for a number of periods from `HELD`."""
+    """Return bang-bang actions (PERIODS, lanes, N): each is +-1 and held for a number of periods from `HELD`."""
     draw, found = np.random.default_rng(11), np.zeros((PERIODS, lanes, count))
     for i in range(lanes):
         held = HELD[i % len(HELD)]
@@ -171,11 +174,12 @@ def _actions(count: int, lanes: int) -> Array:
 
 
 def _apart(one: Array, two: Array, length: float) -> float:
-    """Return d: the largest distance of the tips of two trials over `length`, up to the end of either episode.
+    """Return d: the largest distance over `length` between the tips of two trials, until either episode ends.
 
-    It is the largest of the lanes or, if larger, that of many more episodes over MARGIN: errors that grow exponentially
-    have logarithms that scatter about normally; `TAIL` of their deviations above the mean is the distance of almost all
-    episodes. one, two: results of a `Trial`. length: of the arm, m. inf where an episode failed.
+    The logarithms of errors that grow exponentially scatter about normally. d is therefore the larger of two numbers.
+    One number is the largest distance in the lanes. The second number is the distance `TAIL` standard deviations above
+    the mean of the logarithms, divided by MARGIN; almost all episodes have smaller distances. one, two: results of a
+    `Trial`. length: length of the arm, m. d is inf if an episode failed.
     """
     if np.isinf(one).any() or np.isinf(two).any():
         return math.inf
@@ -189,10 +193,10 @@ def _apart(one: Array, two: Array, length: float) -> float:
 
 
 def error(trial: Trial, rule: Rule, settings: Settings, finer: Settings, length: float) -> tuple[float, float]:
-    """Return (error of a trial over the arm's length, factor by which its motions amplify errors of small motions).
+    """Return a trial's error over the arm's length, and how much its motions amplify the errors of small motions.
 
     The error is max(d, e_1 d / d_1), the factor d / d_1 (module docstring). finer: the settings with half the step, for
-    d. length: of the arm, m.
+    d. length: length of the arm, m.
     """
     assert settings.dt is not None
     apart = _apart(trial(settings), trial(finer), length)
@@ -204,11 +208,11 @@ def refined(
     trial: Trial, rule: Rule, first: Settings, meshes: Sequence[Settings], at: Callable[[Settings, float], Settings],
     least: float, length: float, most: int,
 ) -> tuple[Settings, float]:  # fmt: skip
-    """Return the settings from `first` on whose trial is good enough, or the best ones, and the trial's error over L.
+    """Return the settings whose trial is good enough, or the best ones tried, and the trial's error over L.
 
-    Good enough: an error of at most `TRIED`. meshes: settings with finer meshes, the coarsest first. at: function of
-    (settings, step, s) that returns the settings with this step and a suitable Newton tolerance. least: shortest step,
-    s. length: L of the arm, m. most: number of settings that are tried.
+    The search starts from `first`. A trial is good enough if its error is at most `TRIED`. meshes: settings with finer
+    meshes, from the coarsest. at: function of (settings, step, s) that returns the settings with this step and a
+    suitable Newton tolerance. least: shortest step, s. length: L of the arm, m. most: largest number of settings tried.
     """
     # meshes that small motions find worse, as many nodes on short pieces of a link are, do not help
     worst = NOISE * rule.small(first, least)
@@ -252,9 +256,9 @@ def settled(
 ) -> tuple[Settings, float]:  # fmt: skip
     """Return the settings with the longest step whose episodes agree with those of a finer mesh in half the step.
 
-    Also returns their distance from these, over L. The step is halved from that of `settings` until the distance is at
-    most `TRIED`, or down to `least` (s). finer: settings with the finer mesh. at: as in `refined`. length: L of the
-    arm, m.
+    The second result is the distance between these episodes, over L. The step is halved from that of `settings` until
+    the distance is at most `TRIED` or the step reaches `least` (s). finer: settings with the finer mesh. at: as in
+    `refined`. length: L of the arm, m.
     """
     best, chosen = settings, math.inf
     while True:

@@ -21,19 +21,19 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     geometry.
 
     The default arm, `de_luca_siciliano` (De Luca & Siciliano 1991), has two links of 0.5 m with 0.2 kg/m and EI = 1 N
-    m^2. The hub has 0.1 kg m^2. The elbow motor has 1 kg and 0.1 kg m^2, half of the inertia on each link. The payload
-    has 0.1 kg and 5e-4 kg m^2. tau_d = 6.63e-3 s gives one per cent of damping at 0.48 Hz, the first frequency
-    of link 1. L, the sum of the lengths, is 1 m.
+    m^2. The hub has an inertia of 0.1 kg m^2. The elbow motor has 1 kg and 0.1 kg m^2; half of its inertia belongs to
+    each link. The payload has 0.1 kg and 5e-4 kg m^2. The damping time constant tau_d = 6.63e-3 s gives a damping ratio
+    of one per cent at 0.48 Hz, the first frequency of link 1. L, the sum of the lengths, is 1 m.
 
     `gymnasium.make("TwoLinkFlexArm-v0")` makes one arm, `gymnasium.make_vec("TwoLinkFlexArm-v0", num_envs=n)` makes n
-    arms that one compiled call advances. Both give the same numbers, bit for bit. Without an import of the package use
-    the id `flexarm_env:TwoLinkFlexArm-v0`.
+    arms that one compiled call advances. A single arm and an arm among n arms give the same numbers, bit for bit.
+    Without an import of the package use the id `flexarm_env:TwoLinkFlexArm-v0`.
 
     ## Action space
 
-    `Box(-1, 1, (2,), float32)`: torques of hub and elbow as shares of their limits (1 and 0.3 N m). They are constant
-    over one control period. The elbow's torque acts on link 2, and with opposite sign on link 1. Actions beyond +-1 are
-    clipped. NaN or infinity ends the episode (`action_not_finite`).
+    `Box(-1, 1, (2,), float32)`: torques of hub and elbow as shares of their limits (1 and 0.3 N m). The torques are
+    constant over one control period. The elbow's torque acts on link 2, and with opposite sign on link 1. Actions
+    beyond +-1 are clipped. NaN or infinity ends the episode (`action_not_finite`).
 
     ## Observation space
 
@@ -50,8 +50,8 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | 10, 11 | `tip_velocity_x`, `tip_velocity_y` | tip velocity | w_0 L | m/s |
     | 12, 13 | `to_target_x`, `to_target_y` | vector from tip to target | 0.5 L | m |
 
-    - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k, I_k the inertia about joint k of the straight
-      arm beyond it. For the default arm w_0 = 1.595 and w_1 = 2.371 rad/s.
+    - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k, I_k is the inertia about joint k of the
+      straight arm from joint k to the tip. For the default arm w_0 = 1.595 and w_1 = 2.371 rad/s.
     - Entries 10 to 13 are components in the frame that turns with the hub.
     - The elbow angle is the angle of link 2's root relative to link 1's tip.
     - The tip deflection of a link is the component of (tip - root) normal to its tangent at the root, over its length.
@@ -60,9 +60,9 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     `target_velocity_y` (scale w_0 L), and the displacements of the target in the next 0.1 s, `target_ahead_1_x`,
     `target_ahead_1_y`, and 0.3 s, `target_ahead_2_x`, `target_ahead_2_y` (scale 0.5 L).
 
-    These entries are selected by name only: `hub_error` and `elbow_error`, the joint angles at which the rigid arm
-    reaches the target less the joint angles (scale 1 rad); `target_x` and `target_y`, the target in fixed axes (scale
-    L); `previous_action`, `previous_action_1`; entries of sensors (`strain_gauge_1`, `tip_acceleration_x`,
+    The following entries are selected by name only: `hub_error` and `elbow_error`, the joint angles at which the rigid
+    arm reaches the target minus the present joint angles (scale 1 rad); `target_x` and `target_y`, the target in fixed
+    axes (scale L); `previous_action`, `previous_action_1`; entries of sensors (`strain_gauge_1`, `tip_acceleration_x`,
     `tip_acceleration_y`, `camera_x`, `camera_y`). See [Entries of the observation](options.md#observation).
 
     ## Rewards
@@ -100,11 +100,12 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Info
 
-    The keys of FlexibleArm-v0, with `tip_deflection` (2,), `target` (2,) m and `joint_torque` (2,) N m.
+    The keys are those of FlexibleArm-v0, with `tip_deflection` (2,), `target` (2,) m and `joint_torque` (2,) N m.
 
     ## Arguments
 
-    The arguments of FlexibleArm-v0 (:class:`flexarm_env.envs.flexible_arm.FlexibleArmEnv`), with these defaults:
+    The arguments are those of FlexibleArm-v0 (:class:`flexarm_env.envs.flexible_arm.FlexibleArmEnv`), with these
+    defaults:
 
     | name | default | meaning |
     |---|---|---|
@@ -112,7 +113,7 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | `duration` | 8.0 | length of an episode, s |
     | `task` | "reach" | or "track": the target moves; "replay": the joints follow a motion; "press": see options |
 
-    The [options page](options.md#all-arguments) has all arguments, with what differs for two links and more.
+    The [options page](options.md#all-arguments) has all arguments, and the differences for two links and more.
 
     ## Version history
 

@@ -1,4 +1,4 @@
-"""Many arms as a `gymnasium.vector.VectorEnv`, each equal to the single environment bit for bit."""
+"""Many arms as a `gymnasium.vector.VectorEnv`; each arm is equal to the single environment bit for bit."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Unpack, overload
@@ -24,16 +24,16 @@ from .states import LinearModel, LinearModels, check_state, linear_model, linear
 Flags = NDArray[np.bool_]
 
 HALF = np.array(0.5)
-"""An array, which NumPy compares sooner with than a number of Python's."""
+"""The number 0.5 as an array, because NumPy compares an array faster with an array than with a Python number."""
 
 SINGLE_NAMES = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
-"""Attributes of a single environment under the names that they have here."""
+"""Attributes of the single environment, with their names in the vector environment."""
 
 
 class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     """Common base of the vector environments.
 
-    One thread at a time may reset it, step it, or read and set its states; another gets a RuntimeError.
+    Only one thread at a time may reset or step it, or read or set its states; any other thread gets a RuntimeError.
     """
 
     def __init__(
@@ -46,8 +46,8 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         """Check the keywords (`options.plan`) and compile or load the batch.
 
         Args:
-            num_envs: number of arms. autoreset_mode: when arms that ended start again. threads: None chooses by the
-                clock.
+            num_envs: number of arms. autoreset_mode: when arms restart after their episodes end. threads: number of
+                threads; None chooses it from measured times.
         """
         self._door = OneAtATime()
         self.closed = True  # there is nothing to close where an argument is wrong
@@ -82,7 +82,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
 
     @property
     def guides(self) -> Mapping[int, Guide]:
-        """The arms whose motion is prescribed, by number."""
+        """The guides of the arms with prescribed motion, by the arm's number."""
         return self._guides
 
     # --- gymnasium ---------------------------------------------------------------------------------
@@ -90,11 +90,11 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array32, dict[str, Any]]:
-        """Start episodes: of all arms, or of those in options["reset_mask"], an array of num_envs bools.
+        """Start episodes of all arms, or of the arms in options["reset_mask"], an array of num_envs bools.
 
         Args:
             seed: arm i is seeded with seed + i, or with seed[i]; None: its generator continues.
-            options: those of the single environment, for every arm.
+            options: the options of the single environment, for every arm.
         """
         seeds = checked_seeds(seed, self.num_envs)
         chosen, rest = checked_mask(options, self.num_envs)
@@ -113,7 +113,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         return self.batch.observation.copy(), self._infos(self._mask(chosen))
 
     def step(self, actions: Array32) -> tuple[Array32, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """Advance all arms by one control period; arms that had ended restart as the autoreset mode requires."""
+        """Advance all arms by one control period; the autoreset mode determines when ended episodes restart."""
         batch = self.batch
         if type(actions) is not np.ndarray or actions.dtype is not F32 or actions.shape != batch.action.shape:
             actions = checked_action(actions, batch.action.shape)
@@ -123,7 +123,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     def _stepped(
         self, batch: Batch, actions: Array32
     ) -> tuple[Array32, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """Advance all arms by one control period, for the one thread that has entered the environment (see `step`)."""
+        """Advance all arms by one control period, in the only thread that is inside the environment (see `step`)."""
         if not self._started:
             raise ResetNeeded("No episodes have begun: call reset() first")
         guided: list[tuple[int, Guide]] = []
@@ -150,7 +150,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         )  # fmt: skip
 
     def _same_step(self) -> tuple[Array32, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """Restart the arms that ended in this step; their last observation and info are kept under final_*."""
+        """Restart the arms whose episodes ended in this step; final_* contains their last observation and info."""
         batch, ended = self.batch, self._ended
         mask = self._mask(ended)
         reward, terminated, truncated = batch.reward.copy(), batch.terminated.copy(), batch.truncated.copy()
@@ -166,7 +166,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     def render(self) -> tuple[Any, ...] | None:
         """Return a picture (height, width, 3) uint8 of each arm in "rgb_array" mode.
 
-        In "human" mode show all in a window.
+        In "human" mode, show all arms in a window.
         """
         if self.render_mode is None:
             gym.logger.warn('render() draws nothing: make the environment with render_mode="rgb_array" or "human"')
@@ -195,7 +195,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     # --- seeds and starts ----------------------------------------------------------------------------
     @property  # type: ignore[override]
     def np_random(self) -> tuple[np.random.Generator, ...]:
-        """The arms' random generators; may be replaced by the same number of generators."""
+        """The arms' random generators; the user may replace them by the same number of generators."""
         return tuple(self._generator(i) for i in range(self.num_envs))
 
     @np_random.setter
@@ -212,7 +212,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         self._generators[i], self._seeds[i] = seeding.np_random(seed)
 
     def _generator(self, i: int) -> np.random.Generator:
-        """Return arm i's random generator; it is seeded by the system where no seed was given."""
+        """Return arm i's random generator; the operating system seeds it if no seed was given."""
         if self._generators[i] is None:
             self._seed(i, None)
         generator = self._generators[i]
@@ -222,7 +222,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     def _start(
         self, arms: Sequence[int], mode: int, requests: dict[int, Request] | None, guides: dict[int, Guide]
     ) -> None:
-        """Start episodes of these arms as `_requests` returned them."""
+        """Start episodes of these arms with the results of `_requests`."""
         made = self._generators
         keys = [(made[i] or self._generator(i)).bit_generator.random_raw() for i in arms]
         if self._guides:
@@ -245,9 +245,10 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     def _requests(
         self, arms: Sequence[int], options: dict[str, Any] | None = None
     ) -> tuple[dict[int, Request] | None, dict[int, Guide]]:
-        """Return the checked options of each arm, or None, and the guides of arms whose motion is prescribed.
+        """Return the checked options of each arm, or None, and the guides of arms with prescribed motion.
 
-        A list of num_envs motions (not rows of a table) has one per arm; other options are for all.
+        A list of num_envs motions (not the rows of a table) gives one motion to each arm; other options apply to all
+        arms.
         """
         if options is None and self.plan.motion is None:
             return None, {}
@@ -274,21 +275,21 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
 
     @property
     def ended(self) -> Sequence[int]:
-        """The arms whose episodes have ended and not started again, by number."""
+        """Numbers of the arms whose episodes have ended and have not started again."""
         return tuple(self._ended)
 
     # --- states --------------------------------------------------------------------------------------
     @one_at_a_time
     def get_state(self, indices: Sequence[int] | None = None) -> list[dict[str, Any]]:
-        """Return a copy of all that determines the future of each arm, or of those in `indices`."""
+        """Return a copy of everything that determines the future of each arm, or of the arms in `indices`."""
         chosen, guides = chosen_of(indices, self.num_envs), self._guides
         return [state_of(self.batch, i, self._generator(i), self._seeds[i], guides.get(i)) for i in chosen]
 
     @one_at_a_time
     def set_state(self, states: Sequence[dict[str, Any]], indices: Sequence[int] | None = None) -> None:
-        """Continue bit for bit from states of `get_state`, of this or a single environment.
+        """Continue bit for bit from states that `get_state` of this or a single environment returned.
 
-        Arms whose episodes had ended restart with the next step, unless autoreset is disabled.
+        Arms whose episodes have ended restart with the next step, unless autoreset is disabled.
         """
         chosen = chosen_of(indices, self.num_envs)
         if len(states) != len(chosen):
@@ -309,9 +310,9 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     @overload
     def linearize(self, index: None = None, discrete: float | None = None) -> LinearModels: ...
     def linearize(self, index: int | None = None, discrete: float | None = None) -> LinearModel | LinearModels:
-        """Return the linear model of arm `index` at its present state; None: of all arms.
+        """Return the linear model of arm `index` at its present state; if it is None, of all arms.
 
-        Elasticas with ideal joints are then linearized by one compiled call.
+        With None, one compiled call linearizes elasticas with ideal joints.
         """
         if index is None:
             return linear_models(self.plan, self.batch, self._guides, discrete, self._linear)
@@ -319,10 +320,10 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         return linear_model(self.plan, self.batch, index, self._guides.get(index), discrete)
 
     def call(self, name: str, *args: Any, indices: Sequence[int] | None = None, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method, or return an attribute, of the single environment for each arm, or for those in `indices`.
+        """Call a method, or return an attribute, of the single environment for each arm or the arms in `indices`.
 
-        Supported are "get_state", "linearize", "render", "set_state" (with one state for all arms or a list of states),
-        and attributes, which all arms share.
+        Supported methods are "get_state", "linearize", "render" and "set_state" (with one state for all arms or a list
+        of states). Attributes are the same for all arms.
         """
         chosen = chosen_of(indices, self.num_envs)
         if name == "get_state":
@@ -353,10 +354,10 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         return mask
 
     def _infos(self, only: Flags | None = None) -> dict[str, Any]:
-        """Return the info of all arms, or of those in `only` (zeros elsewhere), each key with its mask.
+        """Return the info of all arms, or of the arms in `only` (zeros elsewhere), with a mask for each key.
 
-        The values are views of the batch's table, which is a new one at every step; the masks of all keys are one
-        array. Where no arm has ended, status and reason are the same read-only arrays at every step.
+        The values are views of the batch's table, which is a new array at every step. The masks of all keys are one
+        array. While no episode has ended, status and reason are the same read-only arrays at every step.
         """
         sheet = self.batch.sheet
         if not sheet.others:
@@ -372,7 +373,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         return {key: mask if key in self._masks else _blanked(values, only) for key, values in infos.items()}
 
     def _show(self, sheet: Sheet) -> None:
-        """Make the views of a table that `info` shows."""
+        """Make the views of a table for `info`."""
         at, table = self.batch.info_at, sheet.array[:, : self.num_envs]
         rows = {k: table[first] if last is None else table[first:last].T for k, first, last in self._rows}
         words = dict(zip(("solver_status", "termination_reason"), self._fine, strict=True)) if self.plan.words else {}
@@ -380,7 +381,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         sheet.show({**usual, **rows, **self._masks}, (table[SUCCESS], table[at.in_range], table[at.reason]))
 
     def _words(self, codes: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return solver status and termination reason of each arm, as words."""
+        """Return each arm's solver status and termination reason as words."""
         some = np.flatnonzero(codes).tolist()
         if not some:
             return self._fine
@@ -405,7 +406,7 @@ def _constant(value: Any, dtype: Any, n: int) -> NDArray[Any]:
 
 
 def checked_seeds(seed: Any, n: int) -> Sequence[int | None]:
-    """Return a seed for each of n arms, or None: a number seeds arm i with seed + i."""
+    """Return a seed for each of n arms, or None; if seed is a number, arm i gets seed + i."""
     if seed is None:
         return [None] * n
     if not check.several(seed):
@@ -417,7 +418,7 @@ def checked_seeds(seed: Any, n: int) -> Sequence[int | None]:
 
 
 def checked_mask(options: dict[str, Any] | None, n: int) -> tuple[list[int], dict[str, Any] | None]:
-    """Return the arms, of n, that options['reset_mask'] selects, and the other options."""
+    """Return which of n arms options['reset_mask'] selects, and the other options."""
     if options is None or "reset_mask" not in check.table_of("options", options):
         return list(range(n)), options
     mask = options["reset_mask"]
@@ -430,7 +431,7 @@ def checked_mask(options: dict[str, Any] | None, n: int) -> tuple[list[int], dic
 
 
 def chosen_of(indices: Sequence[int] | int | None, n: int) -> list[int]:
-    """Return the arms, of n, that `indices` names: all, one, or several."""
+    """Return which of n arms `indices` selects: all, one, or several."""
     if indices is None:
         return list(range(n))
     if isinstance(indices, int | np.integer):

@@ -1,6 +1,9 @@
-"""Initial vibration of an episode: initial rates in the arm's first mode with free joints; in space in the first modes
-of bending along y, of bending along z and of torsion. With backlash, they are the modes of the arm with engaged gears,
-because within the gap a link turns freely."""
+"""Initial vibration of an episode: initial rates in the vibration modes of the arm.
+
+In the plane the arm vibrates in its first mode with free joints. In space it vibrates in the first mode of bending
+along y, of bending along z and of torsion. With backlash, the modes are those of the arm with engaged gears, because
+within the gap a link turns freely.
+"""
 
 import math
 
@@ -22,11 +25,11 @@ from ..validation import Array
 
 
 def shake(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Array:
-    """Return the matrix S (n, 1 + 3 N) of initial rates v = S (1, alpha_k, cos alpha_k, sin alpha_k), first mode.
+    """Return the matrix S (n, 1 + 3 N) of initial rates v = S (1, alpha_k, cos alpha_k, sin alpha_k) in the first mode.
 
-    Links are straight at absolute angles alpha_k. The first link's tip then deflects by its length, undamped and to
-    first order. Angles have the mode's rates of the straight arm; so have tips, and points within a link against its
-    root, along axes that turn with it.
+    The links are straight at absolute angles alpha_k. The first link's tip then deflects by the link's length, without
+    damping and to first order. Angles, and tips and points within a link relative to the link's root, have the rates of
+    the straight arm's mode, along axes that turn with the link.
     """
     assert settings.dt is not None
     arm, count = arm.taut, arm.n_links
@@ -52,9 +55,9 @@ def shake(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Ar
 
 
 def _rates(simulation: Simulation) -> tuple[Array, Array]:
-    """Return the first mode's rates (n,) of the straight arm, and its links' poses.
+    """Return the rates (n,) of the straight arm's first mode, and the poses of its links.
 
-    The sign is such that the first link deflects to the left.
+    With the chosen sign the first link deflects to the left.
     """
     from scipy.linalg import eigh
 
@@ -85,14 +88,13 @@ def _rates(simulation: Simulation) -> tuple[Array, Array]:
 
 
 def swing(arm: Arm, settings: Settings) -> Array:
-    """Return initial rates (n + 2, 3) of an arm in space: its lowest modes of bending along y, along z, of torsion.
+    """Return initial rates (n + 2, 3) of an arm in space in its lowest modes of y bending, z bending and torsion.
 
-    Rows: n rates for `protocol.set_joint_configuration`; the energy, J, for an amplitude of 1; (c, 0, 0) with c in s^2
-    large against the squared reciprocal of every frequency. The modes are those about straight links at joint angles 0,
-    without gravity, in which most of the strain energy is of the named kind; rates are 0 if there is no such mode. All
-    three modes have
-    the same energy: to first order, the energy at which a tip deflects by its link's length in the softer bending
-    direction.
+    The first n rows are rates for `protocol.set_joint_configuration`. The next row is the energy, J, for an amplitude
+    of 1. The last row is (c, 0, 0); c, in s^2, is large compared with the squared reciprocal of every frequency. The
+    modes are those about straight links at joint angles 0, without gravity. A mode is of the named kind if most of its
+    strain energy is; the rates are 0 if there is no such mode. All three modes have the same energy: to first order,
+    the energy at which a tip deflects by its link's length in the softer bending direction.
     """
     from ..linear.equilibrium import at_rest_of
     from ..linear.stability import undamped
@@ -131,9 +133,9 @@ def _slip(root: Frame, section: Frame) -> Array:
 
 
 def _within(moving: list[LinkMotion], v: Array) -> tuple[Array, Array]:
-    """Return rates v (n,) with vertices relative to their link's root (`_slip`).
+    """Return rates v (n,) with the vertices relative to their link's root (`_slip`).
 
-    Also each element's relative rotation of its ends, (elements, 3).
+    The second result is the rotation of each element's far end relative to its near end, (elements, 3).
     """
     own, strained, i = v.copy(), [], AXES
     for motion in moving:

@@ -1,4 +1,4 @@
-"""Films: the pictures of a recorded run, and their files."""
+"""Films of a recorded run: its pictures, and the film's file."""
 
 import errno
 import importlib
@@ -23,17 +23,17 @@ from .rendering import Renderer, end_of_scale
 from .space_rendering import SpaceRenderer
 
 FILMS = (".mp4", ".webm", ".mkv", ".mov")
-"""Endings of film files, which imageio-ffmpeg writes; .gif is written by Pillow."""
+"""Endings of the film files that imageio-ffmpeg writes; Pillow writes .gif."""
 
 Draw = Callable[[int, Any], Any]
 
 FEWEST = 1e-3
-"""Pictures a second of a film, at least."""
+"""Smallest number of pictures per second in a film."""
 LONGEST = 655.0
-"""Seconds of a .gif at most: it cannot show one picture, or several that are alike, for longer."""
+"""Longest .gif, s: a .gif cannot show one picture, or several equal ones, for longer."""
 
 ROOM = 1 << 20
-"""A disk with less than this free is full, bytes."""
+"""Free space, bytes, below which a disk counts as full."""
 
 
 def pictures(
@@ -43,14 +43,14 @@ def pictures(
     size: tuple[int, int] = (640, 640),
     mode: str = "rgb_array",
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield the pictures of a run, one every speed / fps seconds of its time, each of the nearest recorded instant.
+    """Yield the pictures of a run at intervals of speed / fps seconds, each from the nearest recorded instant.
 
     Args:
         trajectory: a run; record it with sample = speed / fps to see every instant once.
-        fps: pictures a second. speed: seconds of the run a second of the film. size: width and height, pixels.
+        fps: pictures per second. speed: seconds of the run per second of the film. size: width and height, pixels.
         mode: "rgb_array" yields (height, width, 3) uint8; "human" shows them in a window and yields nothing.
     Raises:
-        ValueError: fps or speed that is not positive.
+        ValueError: fps or speed is not positive.
     """
     fps, speed = check.number("fps", fps, "1/s", above=0.0), check.number("speed", speed, above=0.0)
     scene, t = trajectory.scene, trajectory.t
@@ -107,7 +107,7 @@ def _in_space(trajectory: Trajectory, mode: str, usual: dict[str, Any]) -> tuple
 
 
 def film_path(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a film. Raises ValueError for an ending without an encoder."""
+    """Return the path of a film; raise ValueError if no encoder writes files with this ending."""
     target = Path(path)
     if target.suffix.lower() not in (*FILMS, ".gif"):
         raise ValueError(f"video = {os.fspath(path)!r}: must end with one of {', '.join((*FILMS, '.gif'))}")
@@ -118,11 +118,12 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]]
     """Write pictures to a film file, completely or not at all.
 
     Args:
-        path: ends with .mp4, .webm, .mkv, .mov or .gif. frames: (height, width, 3) uint8 each. fps: pictures a second.
+        path: ends with .mp4, .webm, .mkv, .mov or .gif. frames: (height, width, 3) uint8 each. fps: pictures per
+            second.
     Raises:
-        ValueError: another ending, fps below FEWEST, a .gif of more than LONGEST s, or no picture.
-            DependencyNotInstalled: no installed package writes this format. OSError: writing failed, for example on a
-            full disk.
+        ValueError: the ending is not supported, fps is below FEWEST, a .gif is longer than LONGEST s, or there is no
+            picture. DependencyNotInstalled: no installed package writes this format. OSError: writing failed, for
+            example on a full disk.
     """
     target, fps = film_path(path), check.number("fps", fps, "1/s", minimum=FEWEST)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -141,7 +142,7 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]]
 
 
 def _write_ffmpeg(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
-    """Encode frames as H.264, or VP9 for .webm; OSError where the file holds fewer than were written."""
+    """Encode frames as H.264, or VP9 for .webm; raise OSError if the file contains fewer frames than were written."""
     ffmpeg = _import("imageio_ffmpeg", "imageio-ffmpeg")
     first = _first(frames)
     how: dict[str, Any] = {"quality": 8}
@@ -169,7 +170,7 @@ def _write_ffmpeg(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -
 
 
 def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
-    """Write frames as a GIF with one palette; `InvalidValue` where fps makes it longer than `LONGEST` s."""
+    """Write frames as a GIF with one palette; raise `InvalidValue` if fps makes it longer than `LONGEST` s."""
     image = _import("PIL.Image", "Pillow")
     every = [_first(frames), *frames]
     if not len(every) / fps <= LONGEST:

@@ -13,7 +13,7 @@ from ..validation import Array
 from .vibration import modes
 
 ROUND = 1e-3
-"""How far a whirl may be from 1 or -1 to be taken for it."""
+"""Largest difference of a whirl from 1 or -1 for which its motion counts as a circle."""
 
 
 @dataclass(frozen=True)
@@ -23,11 +23,11 @@ class Campbell:
     Attributes:
         spins (m,): rad/s.
         frequencies (m, n): rad/s, in the frame that rotates with the arm (`Modes.frequencies`).
-        at_rest (m, n): rad/s, in the fixed frame: frequency + spin for circles in the direction of the spin
-            (`Modes.whirl` 1), spin - frequency for circles against it, the frequency itself if no point moves across
-            the axis; positive: forward whirl (for a positive spin), negative: backward. NaN where points move on
-            ellipses or linearly
-            across the axis: seen from rest, such a motion has several frequencies.
+        at_rest (m, n): rad/s, in the fixed frame. With the frequency f in the rotating frame the values are f + spin
+            for circles in the direction of the spin (`Modes.whirl` 1), spin - f for circles against it, and f if no
+            point moves across the axis. For a positive spin, positive values are forward whirl and negative values are
+            backward whirl. The value is NaN if points move on ellipses or linearly across the axis, because such a
+            motion has several frequencies in the fixed frame.
         growing (m,): number of unstable modes, among all modes (`Modes.growing`).
     """
 
@@ -49,14 +49,14 @@ def campbell(
     """Compute natural frequencies of an arm in steady rotation about its first joint's axis, for several spins.
 
     Args:
-        scene: pinned, without gravity; its loads are left out. spins: rad/s, one or more.
-        n: number of frequencies at each spin: the lowest in the fixed frame if defined there, otherwise in the frame
-            that turns with the arm. Planar arms use the rotating frame.
+        scene: a pinned scene without gravity; its loads are not used. spins: rad/s, one or more.
+        n: number of frequencies at each spin: the lowest ones in the fixed frame if they are defined there, otherwise
+            in the frame that turns with the arm. Planar arms use the rotating frame.
         formulation, options, clamped: as for `modes`; by default the hub is held at its spin.
     Returns:
-        The Campbell; `plotting.plot_campbell` draws it.
+        The Campbell; `plotting.plot_campbell` plots it.
     Raises:
-        ValueError: a value that is not allowed. NoEquilibrium: the arm has no steady state at a spin.
+        ValueError: an argument is not allowed. NoEquilibrium: the arm has no steady state at a spin.
     """
     n = check.integer("n", n, minimum=1)
     given = check.sequence("spins", spins, "one or more numbers (rad/s)")

@@ -1,6 +1,6 @@
-"""Central differences of sixth order, for values that no dual lanes compute.
+"""Central differences of sixth order, for values that have no derivatives in dual lanes.
 
-These are the points along the chain, which only one lane draws, and all values where nothing is compiled.
+Examples are the points along the chain, which only one lane computes, and all values of code that is not compiled.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ STEP = 1e-3
 """Step, as a fraction of a coordinate's characteristic size (1 rad, the arm's length)."""
 
 WEIGHTS = (1, 3 / 4), (2, -3 / 20), (3, 1 / 60)
-"""(number of steps to both sides, weight)."""
+"""Pairs: number of steps to both sides, and weight."""
 
 
 def derivative(f: Callable[[float], Array], step: float) -> Array:
@@ -25,6 +25,6 @@ def derivative(f: Callable[[float], Array], step: float) -> Array:
 
 
 def step_along(d: Array, weight: Array) -> float:
-    """Return the step along an increment d (n,) of coordinates with reciprocal sizes weight; 1.0 where d vanishes."""
+    """Return the step along an increment d (n,) of coordinates whose reciprocal sizes are `weight`; 1.0 if d is 0."""
     size = float(np.abs(d * weight).max(initial=0.0))
     return STEP / size if size > 0.0 else 1.0

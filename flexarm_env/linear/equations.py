@@ -1,10 +1,11 @@
-"""Equations of motion of one arm as functions, with exact derivatives, in the plane and in space.
+"""Equations of motion of one arm, in the plane and in space, as functions with exact derivatives.
 
     r(q, v, a, lambda, u) = M(q) a + h(q, v) + Phi_q^T lambda - B u = 0,   Phi(q) = 0
 
-Derivatives are tangents of the residual in dual lanes (`physics.equations`), along directions of the tangent space: of
-rotations, increments d in the section's own axes. Rotations do not add up: A exp(d^) turns at w + d' + w x d, so that
-the rates that belong to increments d and their time derivatives d', d'' are (`Frame`)
+Derivatives are tangents of the residual in dual lanes (`physics.equations`), along directions of the tangent space. The
+directions of a rotation are increments d in the section's own axes. Rotations do not add up: A exp(d^) turns at w + d'
++ w x d. The changes of rates and accelerations due to increments d with time derivatives d', d'' are therefore
+(`Frame`)
 
     dv = d' + V d,        da = d'' + U d' + W d
 """
@@ -41,19 +42,22 @@ class Equations:
 
     Attributes:
         free: rows of q that can move (no multiplier, not fixed, not prescribed). algebraic: rows of multipliers.
-        independent, dependent: positions in `free`; the frame behind a joint of the floating frame depends on the one
-            before it. joints: turnable joints, each with its position among the independent coordinates.
-        turned: joints that a torque can turn, each with the position of the angle on which the torque acts: the motor's
-            angle with an elastic gear, otherwise the joint's angle. rows_turned: row of that angle, for every joint.
-        motors: rows of the motors' angles behind elastic gears. turning (k, 3): rows of rotation vectors.
-        names: names of the independent coordinates, "joint0", ... for the joints that can turn, "motor0", ... for
-            motors.
+        independent, dependent: positions in `free`; the floating frame after a joint depends on the one before the
+            joint. joints: joints that can turn, each with its position among the independent coordinates.
+        turned: joints that a torque can turn, each with the position of the angle on which the torque acts. With an
+            elastic gear the torque acts on the motor's angle, otherwise on the joint's angle. rows_turned: row of the
+            angle on which the torque acts, for every joint.
+        motors: rows of the motors' angles at elastic gears. turning (k, 3): rows of rotation vectors.
+        names: names of the independent coordinates: "joint0", ... for joints that can turn, "motor0", ... for motors.
         driven: the prescribed coordinates, in the order of the scene's motions.
     """
 
     def __init__(self, simulation: Simulation, stepping: bool = False, driven: bool = False) -> None:
-        """stepping: with the inertia that the solver steps with, which may hold a correction of its period. driven:
-        prescribed coordinates are rows that can move."""
+        """Set up the equations of a simulation.
+
+        stepping: with the solver's inertia, which may contain a correction of its period. driven: prescribed
+        coordinates are rows that can move.
+        """
         system, scene = simulation.system, simulation.scene
         self.simulation, self.par, self.n_links = simulation, simulation.par, scene.arm.n_links
         self.spatial, self.names_of_rows = scene.spatial, system.names
@@ -111,7 +115,10 @@ class Equations:
     # --- residual and its derivatives ------------------------------------------------------------------------------
 
     def residual(self, point: Point, level: int = 0) -> Array:
-        """Return r (n,); rows of multipliers: constraints (level 0), their first or second time derivative (1, 2)."""
+        """Return r (n,).
+
+        level: rows of multipliers contain the constraints (0), or their first or second time derivative (1, 2).
+        """
         return self._evaluate(point, _none(self.n, len(point.u)), level)[0]
 
     def status(self, q: Array) -> int:
@@ -129,7 +136,7 @@ class Equations:
         return r, slopes, int(status)
 
     def along(self, point: Point, q: Any = 0.0, v: Any = 0.0, a: Any = 0.0, u: Any = 0.0, level: int = 0) -> Array:
-        """Return derivatives (n, m) of the residual along m directions: of q, v, a (n, m) and of u (inputs, m)."""
+        """Return derivatives (n, m) of the residual along m directions: of q, v, a (n, m each) and of u (inputs, m)."""
         m = max(np.shape(x)[1] for x in (q, v, a, u) if np.ndim(x) == 2)
         ways = Directions(*(
             np.array(np.broadcast_to(np.transpose(x), (m, rows)), np.float64, order="C")
@@ -146,11 +153,11 @@ class Equations:
         return np.array(columns).reshape(m, self.n).T
 
     def unit(self, rows: Rows) -> Array:
-        """Return unit directions (n, rows) of some rows."""
+        """Return the unit directions (n, number of rows) of the given rows."""
         return np.eye(self.n)[:, rows]
 
     def constraint_slopes(self, point: Point) -> Array:
-        """Return the derivatives (m, f) of the constraints by the rows that can move."""
+        """Return the derivatives (m, f) of the constraints with respect to the rows that can move."""
         if not self.algebraic.size:
             return np.zeros((0, self.free.size))
         still = replace(point, v=np.zeros(self.n))
@@ -163,7 +170,7 @@ class Equations:
         return -self.along(point, u=np.eye(len(point.u))[:, inputs])[self.free]
 
     def moved(self, q: Array, d: Array) -> Array:
-        """Return the coordinates q (+) d, moved by an increment d (n,)."""
+        """Return q (+) d, the coordinates moved by an increment d (n,)."""
         found = q.copy()
         uncompiled(retract)(SINGLE, self.model, found, 1.0, d, None)
         return found
@@ -175,7 +182,7 @@ class Equations:
     ) -> tuple[Array, Array, Array, Array]:
         """Return poses (n_links, ...), gauge readings (G,), and derivatives (m, ...) of both along directions dq, dv.
 
-        dq, dv (n, m): increments of coordinates, changes of rates. gauges: rows of `gauges.curvature_rows`.
+        dq, dv (n, m): increments of coordinates and changes of rates. gauges: rows of `gauges.curvature_rows`.
         """
         rows = self._no_gauges if gauges is None else gauges
         own = SPACE_POSE.end if self.spatial else POSE.end
@@ -222,14 +229,14 @@ class Equations:
         return points[: int(centerline(self.model, q, points))].copy()
 
     def joint_angles(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return joint angles and rates (n_links,), of links' roots relative to the tip before or a floating base."""
+        """Return joint angles and rates (n_links,) of a link's root relative to the previous tip or a floating base."""
         angles, rates = joint_angles(self.poses(q, v))
         if self.base is not None:
             angles[0], rates[0] = angles[0] - q[self.base], rates[0] - v[self.base]
         return angles, rates
 
     def joint_slopes(self, q: Array) -> Array:
-        """Return the constant derivatives (n_links, f) of the joint angles by the rows that can move."""
+        """Return the constant derivatives (n_links, f) of the joint angles with respect to the rows that can move."""
         ways = self.unit(self.free)
         slopes = joint_angles(self.poses_along(q, np.zeros(self.n), ways, 0.0 * ways)[2])[0].T
         if self.base is not None:
@@ -237,14 +244,14 @@ class Equations:
         return slopes
 
     def motor_angles(self, q: Array) -> Array:
-        """Angles (n_links,) that the joints' torques act on: the motors', relative to the link before."""
+        """Return the angles (n_links,) on which joint torques act: the motors', relative to the previous link."""
         angles = self.joint_angles(q, np.zeros(self.n))[0]
         for k, row in self.motors.items():
             angles[k] = q[row]
         return angles
 
     def motor_slopes(self, q: Array) -> Array:
-        """These angles by the rows that can move (n_links, f): constant."""
+        """Return the constant derivatives (n_links, f) of `motor_angles` with respect to the rows that can move."""
         slope = self.joint_slopes(q)
         for k, row in self.motors.items():
             slope[k] = self.free == row
@@ -261,7 +268,7 @@ class Equations:
         return x, rate
 
     def changes(self, q: Array, dq: Array) -> Array:
-        """Return changes (n, m) of the independent coordinates from changes dq (f, m) of the rows that can move."""
+        """Return the changes (n, m) of independent coordinates due to changes dq (f, m) of rows that can move."""
         result = dq[self.independent]
         if self.dependent.size:
             turns = self.joint_slopes(q) @ dq
@@ -291,7 +298,7 @@ class Equations:
         return v, a
 
     def frame(self, point: Point, spin: float = 0.0) -> Frame:
-        """Return the `Frame` (n, n) at a point, for an observer who turns with the arm at spin (rad/s)."""
+        """Return the `Frame` (n, n) at a point, for an observer who turns with the arm at `spin` (rad/s)."""
         V, U, W = np.zeros((3, self.n, self.n))
         for x, y in self.pairs:  # x = T(w t) xi: x' = T (xi' + w S xi), x'' = T (xi'' + 2 w S xi' + w^2 S^2 xi)
             V[x, y], V[y, x], W[x, x], W[y, y] = -spin, spin, -(spin**2), -(spin**2)
@@ -308,12 +315,12 @@ class Equations:
         return Frame(V, U, W)
 
     def _omega(self, spin: float) -> Array:
-        """Return the angular velocity (3,) of a spin (rad/s) about the first joint's axis, inertial axes."""
+        """Return the angular velocity (3,), in inertial axes, of a spin (rad/s) about the first joint's axis."""
         arm = self.simulation.scene.arm
         return spin * (mount_of(arm, 0) @ axis_of(arm, 0))
 
     def _vertices(self) -> list[int]:
-        """Return the first rows of the vertices of an arm in space."""
+        """Return the first row of each vertex of an arm in space."""
         return [i for i, name in enumerate(self.names_of_rows) if name.startswith("link") and ".x" in name]
 
     # --- linear equations --------------------------------------------------------------------------------------------
@@ -325,8 +332,8 @@ class Equations:
     def reduced(self, point: Point, spin: float = 0.0) -> Reduced:
         """Return the equations in independent coordinates.
 
-        With a spin (rad/s) the point is one of steady rotation; for an observer who turns with the arm the matrices are
-        constant in time.
+        With a spin (rad/s), the point must be a steady rotation. For an observer who turns with the arm, the matrices
+        are constant in time.
         """
         free, lam, here, there = self.free, self.algebraic, self.independent, self.dependent
         f, n = free.size, here.size
@@ -368,7 +375,7 @@ def _none(rows: int, inputs: int) -> Directions:
 
 
 def _dependent(model: object) -> list[int]:
-    """Rows that the constraints determine: the frame behind each joint, its angle where the joint does not hinge."""
+    """Return the rows that the constraints determine: each joint's next frame, and its angle if the joint is rigid."""
     if not isinstance(model, FloatingFrame):
         return []
     rows = []
@@ -379,7 +386,7 @@ def _dependent(model: object) -> list[int]:
 
 
 def _joint_rows(simulation: Simulation) -> dict[int, int]:
-    """Row of each joint that has one: of its angle, or of the frame that turns with it."""
+    """Return, for each joint that has one, the row of its angle or of the frame that turns with the joint."""
     system, model = simulation.system, simulation.model
     rows = {}
     for k in range(simulation.scene.arm.n_links):
@@ -391,6 +398,6 @@ def _joint_rows(simulation: Simulation) -> dict[int, int]:
 
 
 def motor_rows(simulation: Simulation) -> dict[int, int]:
-    """Row of each motor behind an elastic gear."""
+    """Return the row of each motor that drives an elastic gear."""
     found = {k: simulation.system.coordinates.get(f"motor{k}") for k in range(simulation.scene.arm.n_links)}
     return {k: row for k, row in found.items() if row is not None}

@@ -1,12 +1,12 @@
 """Static equilibrium under gravity and constant loads, and steady rotation, by continuation from the unloaded arm.
 
 If no joint can turn, the loads (and the square of the spin) are increased in steps. The tangent of the path predicts
-the next equilibrium, and Newton's iteration corrects it. If the result is unstable or far from the prediction, the load
-step is halved, so that the path stays on its branch. A perfectly symmetric unstable equilibrium, such as a straight
-column beyond its critical load, is followed along the unstable branch. If the path ends, or if joints can turn,
-implicit steps reduce the potential energy: each step minimizes the potential plus s/2 |q - q_before|^2, in the norm of
-the mass matrix, by Newton's method. s is reduced after successful steps, so that the last steps are pure Newton steps.
-They end in a stable equilibrium, except that an unstable equilibrium at the start is kept.
+the next equilibrium, and Newton's iteration corrects the prediction. If the result is unstable or far from the
+prediction, the load step is halved, so that the path stays on its branch. A perfectly symmetric unstable equilibrium,
+such as a straight column above its critical load, is followed along the unstable branch. If the path ends, or if joints
+can turn, implicit steps reduce the potential energy: each step minimizes the potential plus s/2 |q - q_before|^2, in
+the norm of the mass matrix, by Newton's method. s decreases after successful steps, so that the last steps are pure
+Newton steps. The steps end in a stable equilibrium, unless the arm starts in an unstable one.
 """
 
 import warnings
@@ -32,24 +32,28 @@ AT_REST = 1e-6
 """Acceleration (rad/s^2, or lengths of the arm / s^2) below which an arm counts as at rest."""
 
 _LARGEST_MOVE = 0.3
-"""Of one Newton iteration and of the first step of the loads, rad or lengths of the arm."""
+"""Largest move in one Newton iteration and in the first load step, rad or arm lengths."""
 
 _ASTRAY, _AIM = 0.3, 0.15
-"""Distance of a rest from what was foretold, as a share of the step: above the first the step is halved; the second is
-what the next step aims at."""
+"""Largest and desired distance of an equilibrium from its prediction, as shares of the step.
+
+Above the largest distance the load step is halved.
+"""
 
 _SHORTEST = 1e-6
-"""Step of the loads, as a share of those reached, below which the path has ended."""
+"""Load step, as a share of the loads reached, below which the path has ended."""
 
 _LEAN = 1e-7
-"""Lean (rad or lengths of the arm) of an unstable rest up to which its loads count as pushing to neither side:
-cos(pi/2) is 6e-17, and how an arm stands in the plane must not decide what becomes of it."""
+"""Largest lean (rad or arm lengths) of an unstable equilibrium that counts as symmetric: loads push it to no side.
+
+Round-off, such as cos(pi/2) = 6e-17, must not select the side.
+"""
 
 _TURNS = 16
-"""An arm wound up further than this many turns counts as one without equilibrium."""
+"""An arm that is wound up by more than this number of turns counts as an arm without equilibrium."""
 
 _MOST = 400
-"""Newton iterations of a search."""
+"""Largest number of Newton iterations in a search."""
 
 
 class UnstableEquilibrium(UserWarning):
@@ -60,9 +64,9 @@ class Equilibrium(Simulation):
     """A Simulation at rest at t = 0, returned by `static_equilibrium`.
 
     Attributes:
-        stability: of the equilibrium, with the joints held or free according to `hold_joints`.
-        followed: share of the loads up to which the continuation from the unloaded arm succeeded: 1.0 for all of the
-            loads; less if the arm snaps through at a partial load; 0.0 if joints turn freely.
+        stability: stability of the equilibrium, with the joints held or free according to `hold_joints`.
+        followed: share of the loads up to which the continuation from the unloaded arm succeeded. 1.0: all of the
+            loads; less: the arm snaps through at this share; 0.0: joints turn freely.
     """
 
     stability: Stability
@@ -80,26 +84,23 @@ def static_equilibrium(
     """Compute the static equilibrium of an arm under gravity and constant loads; time-dependent loads are ignored.
 
     With held joints the equilibrium is followed from the unloaded arm while all loads grow together. With free joints
-    it is a minimum of the potential energy; an initial state in equilibrium is kept, even if it is unstable (an upright
-    arm).
-    In space the equilibrium is found from the unloaded arm under the whole load. Beyond the buckling load this may
-    differ from the equilibrium that grows with the load, and may be unstable. Scenes with `start="held"` give no
-    warning in this case.
+    the equilibrium is a minimum of the potential energy; an initial state in equilibrium is kept, even if it is
+    unstable (an upright arm). In space the search starts from the unloaded arm under the whole load. Above the buckling
+    load its result may differ from the equilibrium that grows with the load, and may be unstable. Scenes with
+    `start="held"` give no warning in this case.
 
     Args:
         scene: the scene; motions keep their values at t = 0.
         formulation, options: as for `simulate`.
-        hold_joints: True: joints stay at their initial angles, and torques hold them, in place of the scene's joint
-            torques; behind an elastic gear it is the motor that stays. False: joints turn freely, without Coulomb
-            friction.
-        require_stable: what to do if the equilibrium is unstable (a straight column beyond its critical load). None:
-            warn; True: raise NoEquilibrium;
-            False: return it without a warning.
+        hold_joints: True: joints stay at their initial angles; holding torques replace the scene's joint torques, and
+            an elastic gear is held at its motor. False: joints turn freely, without Coulomb friction.
+        require_stable: what to do if the equilibrium is unstable (a straight column above its critical load). None:
+            warn; True: raise NoEquilibrium; False: return the equilibrium without a warning.
     Returns:
         A Simulation of the same arm at rest, at t = 0, with its `stability`; `joint_torques()` returns the holding
         torques, N m, which continue to act.
     Raises:
-        ValueError: an option that is not allowed. NoEquilibrium: none was found, or (with require_stable) it is
+        ValueError: an option is not allowed. NoEquilibrium: no equilibrium was found, or (with require_stable) it is
             unstable; the message gives the reason.
     Warns:
         UnstableEquilibrium: see require_stable.
@@ -116,7 +117,7 @@ def static_equilibrium(
 
 
 def _in_plane(scene: Scene, settings: Settings, hold_joints: bool) -> Equilibrium:
-    """`static_equilibrium` of an arm in the plane."""
+    """Compute the `static_equilibrium` of an arm in the plane."""
     found = Equilibrium(still(scene, hold_joints), settings)
     equations, start = at_rest_of(found)
     work, held = found.work, equations.inputs.tolist() if hold_joints else []
@@ -128,10 +129,10 @@ def _in_plane(scene: Scene, settings: Settings, hold_joints: bool) -> Equilibriu
 
 
 def _in_space(scene: Scene, settings: Settings, hold_joints: bool) -> Equilibrium:
-    """`static_equilibrium` of an arm in space: where it comes to rest from its start, by `rest.relax`.
+    """Compute the `static_equilibrium` of an arm in space: the state in which `rest.relax` brings it to rest.
 
     Raises:
-        NoEquilibrium: there is none.
+        NoEquilibrium: the arm has no equilibrium.
     """
     scene = still(scene, hold_joints)
     if scene.root == "free":
@@ -153,14 +154,14 @@ def _in_space(scene: Scene, settings: Settings, hold_joints: bool) -> Equilibriu
 
 
 def at_rest_of(simulation: Simulation) -> tuple[Equations, Point]:
-    """Return a simulation's equations and the point of rest at its coordinates, under its inputs."""
+    """Return a simulation's equations, and the equilibrium at its coordinates under its inputs."""
     equations, w = Equations(simulation), simulation.work
     zero = np.zeros(equations.n)
     return equations, Point(w.q.copy(), zero, zero, w.u.copy(), w.psi.copy())
 
 
 def warn_unstable(stability: Stability, refuse: bool) -> None:
-    """Warn about an unstable equilibrium at the caller's caller, or raise NoEquilibrium."""
+    """Warn about an unstable equilibrium, at the line that called the caller, or raise NoEquilibrium."""
     if not stability.stable:
         text = (
             f"the equilibrium found is unstable: a small disturbance of it grows by exp({stability.growth:.3g} t / s), "
@@ -191,11 +192,12 @@ def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
 
 
 def find_rest(equations: Equations, start: Point, held: Sequence[int], spin: float = 0.0) -> tuple[Point, float]:
-    """Find the point of rest, or of steady rotation about the origin (spin, rad/s), from a start; return it and the
-    share of the loads that the path to it was followed for.
+    """Return the equilibrium near a start, and the share of the loads up to which the path to it was followed.
 
-    start: unloaded, at its initial angles; its u holds the loads. held: joints that stay at their angle; the point's u
-    holds the torques that keep them there.
+    With a spin (rad/s), it is a steady rotation about the origin.
+
+    start: the unloaded arm at its initial angles; its u contains the loads. held: joints that stay at their angles; the
+    point's u contains the torques that hold them.
     """
     search = _Search(equations, start, held, spin)
     point, followed = start, 0.0
@@ -209,7 +211,7 @@ def find_rest(equations: Equations, start: Point, held: Sequence[int], spin: flo
 
 @dataclass(frozen=True)
 class _Found:
-    """Where Newton's iteration ended, A, G and B of its last one, and whether it is a minimum of the potential."""
+    """Result of Newton's iteration: the point, its last A, G and B, and whether it is a minimum of the potential."""
 
     point: Point
     A: Array
@@ -231,18 +233,18 @@ class _Search:
         self.spent = 0
 
     def take(self, share: float) -> None:
-        """From now on under this share of the loads."""
+        """Set the present share of the loads."""
         self.share, self.e = share, self.full.under(share)
 
     def at(self, point: Point, q: Array) -> Point:
-        """The point moved to q, with the loads and the rotation of the present share."""
+        """Return the point moved to q, with the loads and the rotation of the present share."""
         v, a = self.e.rotating(q, self.spin * np.sqrt(self.share))
         u = self.share * self.loads
         u[self.held] = point.u[self.held]
         return replace(point, q=q, v=v, a=a, u=u)
 
     def follow(self, start: Point) -> tuple[Point, float]:
-        """The rest that grows from the unloaded start, and the share of the loads up to which there is one."""
+        """Follow the equilibrium from the unloaded start; return the last one and its share of the loads."""
         self.take(0.0)
         q = start.q.copy()
         q[self.e.algebraic] = 0.0
@@ -278,7 +280,7 @@ class _Search:
         return found.point, 1.0
 
     def check(self, point: Point, start: Point, share: float) -> None:
-        """NoEquilibrium where the path leaves the formulation's range, winds up, or takes too long."""
+        """Raise NoEquilibrium if the path leaves the formulation's range, winds up, or takes too long."""
         if self.e.status(point.q) != OK:
             raise NoEquilibrium(out_of_range(self.e.model, f", from {share:.3g} of the loads on"))
         if self.size((point.q - start.q)[self.e.free]) > _TURNS * 2.0 * np.pi:
@@ -289,7 +291,7 @@ class _Search:
             )
 
     def sink(self, start: Point, followed: float) -> Point:
-        """The rest that steps downhill lead to from the start, under all loads."""
+        """Return the equilibrium that descending steps reach from the start under all loads."""
         self.take(1.0)
         point, acceleration = self.accelerations(start)
         if acceleration < AT_REST:
@@ -324,7 +326,7 @@ class _Search:
         )
 
     def size(self, x: Array) -> float:
-        """Largest entry of a move of the rows that can, rad or lengths of the arm."""
+        """Return the largest weighted entry of a move of the rows that can move, rad or arm lengths."""
         return float(np.abs(x[: self.e.free.size] * self.weight).max(initial=0.0))
 
     def residual(self, point: Point) -> Array:
@@ -332,23 +334,25 @@ class _Search:
         return self.e.residual(self.at(point, point.q))
 
     def inertia(self, point: Point) -> Array:
-        """M (f, f)."""
+        """Return the mass matrix M (f, f)."""
         return self.e.inertia(self.at(point, point.q))
 
     def stiffness(self, point: Point) -> Array:
-        """K (f, f) with what the rotation adds."""
+        """Return the stiffness K (f, f), including the terms of the rotation."""
         e, here = self.e, self.at(point, point.q)
         frame, ways = e.frame(here, self.spin * np.sqrt(self.share)), e.unit(e.free)
         return e.along(here, q=ways, v=frame.V @ ways, a=frame.W @ ways)[e.free]
 
     def borders(self, point: Point) -> tuple[Array, Array]:
-        """Constraints by the rows that can move, G, and what the held joints' torques do there, B."""
+        """Return the derivatives G of the constraints and B of the held joints' torques for the rows that can move."""
         e, here = self.e, self.at(point, point.q)
         return e.constraint_slopes(here), e.input_slopes(here, e.inputs[self.columns])
 
     def solve(self, A: Array, G: Array, B: Array, left: Array) -> Array:
-        """Move of coordinates, multipliers and holding torques that takes away what is left, of the bordered system
-        (scaled to the stiffness); left: of the first rows, the others' 0."""
+        """Solve the bordered system, scaled to the stiffness; return the move of coordinates, multipliers and torques.
+
+        left: residual of the first rows; that of the other rows is 0.
+        """
         f, g, h = A.shape[0], G.shape[0], B.shape[1]
         scale = float(np.abs(A).max(initial=0.0))
         matrix = np.zeros((f + g + h, f + g + h))
@@ -366,7 +370,7 @@ class _Search:
         return np.asarray(x, np.float64)
 
     def moved(self, point: Point, x: Array, share: float = 1.0) -> Point:
-        """The point after a move x of coordinates (a share of it), multipliers and holding torques."""
+        """Return the point after a move x; its coordinates move by the fraction `share` of their part of x."""
         e, f, g = self.e, self.e.free.size, self.e.algebraic.size
         q, u = point.q.copy(), point.u.copy()
         q[e.free] += share * x[:f]
@@ -375,11 +379,11 @@ class _Search:
         return self.at(replace(point, u=u), q)
 
     def tangent(self, found: _Found) -> Array:
-        """Move of coordinates, multipliers and holding torques by the share of the loads; r is linear in the share."""
+        """Return the change of coordinates, multipliers and torques per change of the share (r is linear)."""
         return self.solve(found.A, found.G, found.B, self.change(found.point, 1.0))
 
     def change(self, point: Point, other: float) -> Array:
-        """Of the residual of rows that can move by the share of the loads (f,): from the present share to another."""
+        """Return the derivative (f,) of the residual by the share of the loads, from the present to another share."""
         share, before = self.share, self.residual(point)
         self.take(other)
         change = (self.residual(point) - before) / (other - share)
@@ -387,7 +391,7 @@ class _Search:
         return np.asarray(change[self.e.free], np.float64)
 
     def on_a_ridge(self, found: _Found) -> bool:
-        """Whether loads push an unstable rest to neither side of it: by `_LEAN` at most in its unstable directions."""
+        """Return whether the loads push an unstable equilibrium to no side: its lean is at most `_LEAN`."""
         within = self.within(found.G)
         inner = within.T @ found.A @ within
         squares, shapes = np.linalg.eigh(0.5 * (inner + inner.T))
@@ -396,7 +400,7 @@ class _Search:
         return self.size(lean) <= _LEAN
 
     def newton(self, start: Point, s: float, reach: float) -> _Found | None:
-        """Rest at s = 0, otherwise a step downhill from the start; None where none is found within reach of it."""
+        """Return the equilibrium (s = 0) or the end of a descending step; None if neither is within `reach`."""
         e, point, last = self.e, start, np.inf
         for _ in range(15):
             self.spent += 1
@@ -419,12 +423,12 @@ class _Search:
         return None
 
     def within(self, G: Array) -> Array:
-        """What constraints and held joints leave: an orthonormal basis, (f, .)."""
+        """Return an orthonormal basis (f, .) of the moves that constraints and held joints permit."""
         walls = np.vstack([G, self.angles])
         return np.asarray(np.linalg.qr(walls.T, mode="complete")[0][:, len(walls) :], np.float64)
 
     def convex(self, A: Array, G: Array) -> bool:
-        """Whether A is positive definite on what constraints and held joints leave."""
+        """Return whether A is positive definite for the moves that constraints and held joints permit."""
         within = self.within(G)
         inner = within.T @ A @ within
         scale = np.sqrt(np.abs(inner.diagonal())) + 1e-300
@@ -435,7 +439,7 @@ class _Search:
         return True
 
     def accelerations(self, point: Point) -> tuple[Point, float]:
-        """The point with its multipliers and holding torques, and the largest weighted acceleration there."""
+        """Return the point with its multipliers and holding torques, and its largest weighted acceleration."""
         r, (G, B) = self.residual(point), self.borders(point)
         x = self.solve(self.inertia(point), G, B, r[self.e.free])
         return self.moved(point, x, 0.0), self.size(x)

@@ -22,14 +22,14 @@ from ..validation import Array
 from .state_space import LinearModel
 
 AT_ONCE = 3
-"""Columns that go side by side."""
+"""Number of columns that are computed side by side."""
 
 
 @dataclass(frozen=True)
 class LinearModels:
-    """Linear models of k arms: attributes of `LinearModel` with the arms as first axis, without `growing`.
+    """Linear models of k arms: the attributes of `LinearModel`, with the arms as first axis and without `growing`.
 
-    An arm whose solver fails within the period has NaN.
+    If an arm's solver fails within the period, its numbers are NaN.
     """
 
     A: Array
@@ -50,7 +50,7 @@ class LinearModels:
 
 
 def stacked(models: Sequence[LinearModel]) -> LinearModels:
-    """Combine models of arms of one kind in one `LinearModels`."""
+    """Combine models of arms of one kind into one `LinearModels`."""
     first = models[0]
     arrays = {k: np.stack([getattr(model, k) for model in models]) for k in ("A", "B", "C", "D", "x", "u", "y", "rate")}
     return LinearModels(**arrays, states=first.states, inputs=first.inputs, outputs=first.outputs, dt=first.dt)
@@ -66,7 +66,7 @@ def compiled(system: System) -> bool:
 class Linearizer:
     """Computes linear models of n arms of one kind.
 
-    Its arguments are a system, its settings (with dt) and the period (None: continuous)."""
+    The arguments are a system, its settings (with dt) and the period (None: continuous)."""
 
     def __init__(self, system: System, settings: Settings, n: int, links: int, discrete: float | None) -> None:
         assert settings.dt is not None
@@ -97,7 +97,7 @@ class Linearizer:
         self._made = entry(linearized.linearize, self._placed, 0, 0)
 
     def __call__(self, q: Array, v: Array, u: Array, par: Array) -> LinearModels:
-        """At coordinates and rates (n, rows), torques (n, N), parameters (n, 4)."""
+        """Return the models at coordinates and rates (n, rows), torques (n, N) and parameters (n, 4)."""
         d, n = self._rows, self.n
         d.given.reshape(n, -1)[:] = np.concatenate([q, v, u, par], axis=1)
         self._made(self._placed.address, 0, -(-n // len(d.lane)))
@@ -122,7 +122,10 @@ class Linearizer:
 
 
 def _places(model: Any, work: int, stride: int, names: str, count: int, skip: int = 0) -> NDArray[np.int64]:
-    """Where rows of a work array, and `count` numbers that lie `skip` behind it, are in a block of so many lanes."""
+    """Return the places of rows of a work array in a block with `stride` lanes.
+
+    The places of `count` numbers that follow the array at a distance `skip` are also returned.
+    """
     w = uncompiled(unpack)((0,) * stride, model, np.arange(work * stride, dtype=np.float64), 0)
     rows = [getattr(w, name)[::stride].astype(np.int64) for name in names]
     return np.concatenate([*rows, (work + skip + np.arange(count)) * stride])

@@ -1,7 +1,7 @@
 """Derivative of the solver's steps in a period, with tangents in dual lanes.
 
-The steps are differentiated exactly as computed, including multipliers and the period correction, and including
-rotations, which depend on the Newton iterates in second order of the rotation in a step.
+The steps are differentiated exactly as computed, including multipliers and the period correction. Rotations are
+included, too: they depend on the Newton iterates in second order of the rotation in a step.
 """
 
 from typing import Any
@@ -20,12 +20,11 @@ from ..validation import Array
 from .reduced import Point, Rows
 
 SHARP = 1e-12
-"""Newton's tolerance where the period is corrected: a correction that comes an iteration sooner is another within the
-tolerance."""
+"""Newton tolerance if the period is corrected; the correction differs by less if it begins an iteration earlier."""
 
 
 def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
-    """Return a copy of the simulation's state with consistent accelerations at t+: the work array and its views."""
+    """Return a copy of the simulation's state with consistent accelerations at t+, as work array and its views."""
     work, n_motions = simulation.work, simulation.n_motions
     flat: Array = np.zeros(sum(view.size for view in work))
     w: Work = uncompiled(unpack)(SINGLE, model, flat, n_motions)
@@ -40,7 +39,7 @@ def point_of(w: Work) -> Point:
 
 
 def steps_of(simulation: Simulation, dt: float) -> tuple[int, float]:
-    """Return number and length of the solver's steps in a period, s; ValueError if the period contains a kink."""
+    """Return the number and length of the solver's steps in a period, s; ValueError if the period contains a kink."""
     end = simulation.t + dt
     kinks = [t for t in simulation.scene.kinks if simulation.t + 1e-12 < t < end - 1e-12]
     if kinks:
@@ -52,11 +51,11 @@ def steps_of(simulation: Simulation, dt: float) -> tuple[int, float]:
 def period_tangents(
     simulation: Simulation, flat: Array, w: Work, starts: tuple[Array, Array, Array], rows: Rows, inputs: Any, dt: float
 ) -> tuple[Array, Array]:
-    """Return tangents of q and v of some rows after a period of dt (s): two arrays (rows, columns).
+    """Return the tangents of q and v of some rows after a period of dt (s): two arrays (rows, columns).
 
-    starts: tangents of q, v, a of these rows at the start, (rows, columns) each. The last len(inputs) columns also
-    have a tangent of 1 in one entry of u each: inputs, their indices. flat, w: the work array and its views; they end
-    at the period's end.
+    starts: tangents of q, v, a of these rows at the start, (rows, columns) each. inputs: indices of entries of u; each
+    of the last len(inputs) columns has a tangent of 1 in one of them. flat, w: the work array and its views; the
+    function advances them to the end of the period.
     """
     steps, h = steps_of(simulation, dt)
     n, links = starts[0].shape[1], simulation.scene.arm.n_links
@@ -78,14 +77,14 @@ def period_tangents(
 
 
 def _scheme_of(simulation: Simulation) -> Scheme:
-    """The solver's own, but for its tolerance where the period is corrected."""
+    """Return the solver's scheme, with a smaller tolerance if the period is corrected."""
     scheme = simulation.scheme
     sharp = simulation.model.newton.period_correction is not None
     return scheme._replace(tolerance=min(SHARP, scheme.tolerance)) if sharp else scheme
 
 
 def _advance(of: Simulation, flat: Array, w: Work, at: float, h: float) -> None:
-    """A step of h from t = at; RuntimeError where it fails or has to be halved."""
+    """Advance by a step of h from t = at; raise RuntimeError if the step fails or the solver halves it."""
     scheme = _scheme_of(of)
     advance(SINGLE, of.model, of.drive, of.par, flat, of.n_motions, at, h, 1, scheme, (0,))
     if w.flag[0] != OK:
@@ -97,10 +96,10 @@ def _advance(of: Simulation, flat: Array, w: Work, at: float, h: float) -> None:
 
 
 class _Dual:
-    """The arm in a work array in each lane, with a tangent of each of its numbers: one direction a lane."""
+    """Copies of an arm's work array, one per lane; each lane has the tangents of all numbers in one direction."""
 
     def __init__(self, simulation: Simulation, w: Work, tangents: dict[str, Array]) -> None:
-        """tangents: of fields of the work array, (rows, columns) each, at most as many columns as there are lanes."""
+        """Copy the work array. tangents: (rows, columns) by field of the array, at most one column per lane."""
         self.simulation, self.lane = simulation, dual(WIDEST)
         model, motions = simulation.model, simulation.n_motions
         self.flat = np.zeros(int(uncompiled(work_size)(len(self.lane), model, motions)))
@@ -126,7 +125,7 @@ class _Dual:
         return self._numbers(name)[:, 1]
 
     def step(self, torques: Array, t: float, h: float) -> None:
-        """A step of h from t under joint torques (N,)."""
+        """Advance by a step of h from t under joint torques (N,)."""
         own = self.simulation
         self._numbers("u")[: len(torques), 0] = torques[:, None]
         advance(self.lane, own.model, self.drive, self.par, self.flat, own.n_motions, t, h, 1, _scheme_of(own), None)

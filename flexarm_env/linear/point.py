@@ -1,11 +1,12 @@
-"""An arm about a point of its motion: continuous and discrete state space, outputs; in the plane and in space.
+"""Linear equations of an arm at a point of its motion: continuous and discrete state space, and outputs.
 
-The state is (d, e): changes of the independent coordinates, of rotations increments in the section's own axes, and
-changes of their rates. With the section's angular velocity w these move on by d' = e - w x d, so that
+The state is (d, e), in the plane and in space: changes of the independent coordinates and changes of their rates. The
+changes of a rotation are increments in the section's own axes. With the section's angular velocity w, d' = e - w x d,
+so that
 
     d' = e - V d,        M e' + C e + K d = B u
 
-with the matrices of `equations.Reduced`. A period is the derivative of the solver's own steps, in dual lanes.
+with the matrices of `equations.Reduced`. The discrete model is the derivative of the solver's own steps, in dual lanes.
 """
 
 from collections.abc import Sequence
@@ -29,31 +30,31 @@ SHOWN = {
     "deflection_y_rate": "deflection_rate", "deflection_z_rate": "deflection_rate", "twist": "twist",
     "twist_rate": "twist_rate",
 }  # fmt: skip
-"""Outputs of a link in space, "joint0" and "joint0_rate" first, and their fields of `SPACE_POSES`."""
+"""Outputs of a link in space, with "joint0" and "joint0_rate" first, and their fields of `SPACE_POSES`."""
 
 COMPLEX_STEP = 1e-100
-"""Step along the imaginary axis by which outputs are differentiated by poses: exact, for nothing is subtracted."""
+"""Imaginary step for derivatives of outputs by poses; they are exact, because nothing is subtracted."""
 
 
 def gauge_name(link: int, place: float, measures: str = "xy") -> str:
-    """Name of a gauge's output, such as "curvature0@0.5": its link, and place from 0 (root) to 1 (tip).
+    """Return the name of a gauge's output, such as "curvature0@0.5", from link and place, 0 (root) to 1 (tip).
 
-    measures: one of `sensors.MEASURES`: bending in the plane "xy" or "xz", or "torsion".
+    measures: one of `sensors.MEASURES`: "xy" or "xz" for bending in this plane, or "torsion".
     """
     what = {"xy": "curvature", "xz": "curvature_z", "torsion": "torsion"}[measures]
     return f"{what}{link}@{place:g}"
 
 
 class ArmAtPoint:
-    """Parts of the `LinearModel` of a simulation about the state that it has.
+    """Parts of the `LinearModel` of a simulation about its present state.
 
     Attributes:
-        names: of the coordinates. inputs, x, u, rate: see `LinearModel`. A, B: continuous. still: M, C, K of the
-            coordinates that are not prescribed.
+        names: names of the coordinates. inputs, x, u, rate: see `LinearModel`. A, B: matrices of the continuous model.
+            still: M, C, K of the coordinates that are not prescribed.
     """
 
     def __init__(self, simulation: Simulation, stepping: bool, motions: bool) -> None:
-        """stepping, motions: see `Equations` (stepping, driven)."""
+        """Compute the continuous model. stepping, motions: see `Equations` (stepping, driven)."""
         self._simulation = simulation
         self._equations = e = Equations(simulation, stepping, driven=motions)
         self._flat, self._w = at_start(simulation, e.model)
@@ -78,7 +79,7 @@ class ArmAtPoint:
     def period(self, dt: float) -> tuple[Array, Array, Array]:
         """Return A, B and the next state of the solver's steps over a period, s, without prescribed coordinates.
 
-        Once: the solver is moved on.
+        Call this method only once, because it advances the solver.
         """
         e, w, reduced, start = self._equations, self._w, self._reduced, self._start
         n, m, f = e.independent.size, e.inputs.size, e.free.size
@@ -96,14 +97,14 @@ class ArmAtPoint:
         return change[:, : 2 * n], change[:, 2 * n :], after
 
     def _increments(self, q: Array) -> Array:
-        """Return (f, f), increments by changes of coordinates at q: of rotation vectors they differ."""
+        """Return the matrix (f, f) from changes of coordinates to increments at q; they differ for rotations."""
         free, found = self._equations.free, np.eye(self._equations.n)
         for i in self._equations.turning:
             found[np.ix_(i, i)] = rotations.slope(q[i])
         return found[np.ix_(free, free)]
 
     def outputs(self, gauges: Sequence[Spot]) -> tuple[tuple[str, ...], Array, Array]:
-        """Return names and values of the outputs and their derivatives by the state."""
+        """Return names and values of the outputs, and their derivatives with respect to the state."""
         e, reduced, simulation = self._equations, self._reduced, self._simulation
         q, v, n = self._start.q, self._start.v, e.independent.size
         # directions of the state, in all rows
@@ -151,6 +152,6 @@ class ArmAtPoint:
 
 
 def _numbered(name: str, k: int) -> str:
-    """Return the name with the link's number: deflection_y of link 1 is deflection1_y."""
+    """Return the name with the link's number, for example deflection1_y for deflection_y of link 1."""
     head, _, tail = name.partition("_")
     return f"{head or 'joint'}{k}" + (f"_{tail}" if tail else "")

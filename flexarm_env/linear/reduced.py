@@ -15,7 +15,7 @@ Rows = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Point:
-    """Coordinates (multipliers included), rates and accelerations (n,), inputs and prescribed values at an instant."""
+    """Coordinates (with multipliers), rates and accelerations (n,), inputs and prescribed values at an instant."""
 
     q: Array
     v: Array
@@ -26,9 +26,9 @@ class Point:
 
 @dataclass(frozen=True)
 class Frame:
-    """Rates and accelerations that belong to increments d: dv = d' + V d, da = d'' + U d' + W d; (n, n) each.
+    """Matrices V, U, W (n, n) of the changes dv = d' + V d and da = d'' + U d' + W d that increments d cause.
 
-    V and W come from rotations in body axes, and from the observer, who turns with the arm in steady rotation.
+    V and W come from rotations in body axes, and from an observer who turns with the arm in steady rotation.
     """
 
     V: Array
@@ -36,21 +36,23 @@ class Frame:
     W: Array
 
     def among(self, rows: Rows) -> Frame:
-        """Return the matrices of some rows and columns."""
+        """Return the matrices' entries in some rows and columns."""
         pick = np.ix_(rows, rows)
         return Frame(self.V[pick], self.U[pick], self.W[pick])
 
     def in_coordinates(self, change: Array, back: Array) -> Frame:
-        """Return the matrices for coordinates `change` d; back: the inverse of `change`."""
+        """Return the matrices in the coordinates `change` d; back: the inverse of `change`."""
         return Frame(change @ self.V @ back, change @ self.U @ back, change @ self.W @ back)
 
 
 @dataclass(frozen=True)
 class Reduced:
-    """M e' + C e + K d = B u about a point: d (n,) changes of the independent coordinates, e (n,) of their rates.
+    """Matrices of M e' + C e + K d = B u about a point.
 
-    The rows that can move follow by dq = lift d, dv = lift e + drift d, da = lift e' + bend_v dv + bend_q dq. frame: of
-    the independent coordinates, by which e and e' follow from d and its time derivatives.
+    d (n,): changes of the independent coordinates. e (n,): changes of their rates.
+
+    The rows that can move follow from dq = lift d, dv = lift e + drift d, da = lift e' + bend_v dv + bend_q dq. frame:
+    `Frame` of the independent coordinates, from which e and e' follow from d and its time derivatives.
     """
 
     M: Array
@@ -64,13 +66,13 @@ class Reduced:
     frame: Frame
 
     def among(self, keep: Sequence[int]) -> tuple[Array, Array, Array]:
-        """Return M, C and K of M d'' + C d' + K d = B u for some coordinates, with the other coordinates fixed."""
+        """Return M, C and K of M d'' + C d' + K d = B u for some coordinates while the other coordinates are fixed."""
         pick, frame = np.ix_(keep, keep), self.frame
         C, K = self.C + self.M @ frame.U, self.K + self.C @ frame.V + self.M @ frame.W
         return self.M[pick], C[pick], K[pick]
 
     def accelerations(self, driven: Rows) -> tuple[Array, Array]:
-        """Return e' by (d, e, u), (n, 2 n + inputs), and by prescribed coordinates' accelerations, (n, driven)."""
+        """Return the derivatives of e' by (d, e, u), (n, 2 n + inputs), and prescribed accelerations (n, driven)."""
         rest = np.setdiff1d(np.arange(len(self.M)), driven)
         right = np.hstack([-self.K, -self.C, self.B, -self.M[:, driven]])[rest]
         found = np.zeros((len(self.M), right.shape[1]))
@@ -80,7 +82,7 @@ class Reduced:
 
 
 def check_mass(M: Array) -> None:
-    """Raise ValueError where some coordinate has no inertia."""
+    """Raise ValueError if a coordinate has no inertia."""
     size = np.sqrt(np.maximum(M.diagonal(), 0.0))
     if not (size > 0.0).all() or np.linalg.eigvalsh(M / np.outer(size, size)).min() < 1e-14:
         raise ValueError(

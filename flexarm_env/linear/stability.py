@@ -1,7 +1,7 @@
-"""Stability of an arm near a point of its motion, by the eigenvalues of its linearized equations.
+"""Stability of an arm near a point of its motion, from the eigenvalues of its linearized equations.
 
 At rest, loads, gravity and held joints have a potential. An equilibrium is stable if the stiffness of the coordinates
-that can move has no negative eigenvalue (Lagrange and Dirichlet); a mode with mu < 0 grows as exp(sqrt(-mu) t).
+that can move has no negative eigenvalue (Lagrange and Dirichlet). A mode with mu < 0 grows as exp(sqrt(-mu) t).
 """
 
 from collections.abc import Sequence
@@ -17,10 +17,10 @@ from .reduced import Point
 Complex = NDArray[np.complex128]
 
 ROUND_OFF = 1e-14
-"""Relative error of the stiffness K: a squared frequency below this times |x|'|K||x| is that of a rigid motion."""
+"""Relative error of the stiffness K: squared frequencies below this times |x|'|K||x| are those of rigid motions."""
 
 GROWS = 1e-6
-"""An eigenvalue counts as one that grows where its real part exceeds this times its size (round-off is 1e-9)."""
+"""An eigenvalue counts as growing if its real part exceeds this times its magnitude (round-off is 1e-9)."""
 
 
 @dataclass(frozen=True)
@@ -28,9 +28,9 @@ class Stability:
     """Stability of an arm at rest, with its present joint conditions.
 
     Attributes:
-        smallest: lowest squared frequency mu of the arm, rad^2/s^2, of K x = mu M x with the held joints left out;
-            infinite where nothing can move.
-        negative: number of negative mu. neutral: number of mu that are zero to round-off (a joint that turns freely).
+        smallest: lowest squared frequency mu of the arm, rad^2/s^2, of K x = mu M x without the held joints; infinite
+            if nothing can move.
+        negative: number of negative mu. neutral: number of mu that are zero to round-off (freely turning joints).
     """
 
     smallest: float
@@ -44,19 +44,21 @@ class Stability:
 
     @property
     def growth(self) -> float:
-        """Fastest rate of growth, 1/s, without damping; 0.0 where stable."""
+        """Fastest rate of growth, 1/s, without damping; 0.0 if the arm is stable."""
         return float(np.sqrt(max(0.0, -self.smallest)))
 
 
 def at_rest(equations: Equations, point: Point, held: Sequence[int] = ()) -> Stability:
-    """Return the stability of a point of rest with the joints `held` fixed; ValueError: a coordinate without
-    inertia."""
+    """Return the stability of a point of rest with the joints `held` fixed.
+
+    Raises ValueError if a coordinate has no inertia.
+    """
     M, _, K = equations.reduced(point).among(moving(equations, held))
     return stability(M, K)
 
 
 def stability(M: Array, K: Array) -> Stability:
-    """Return the stability for the symmetric parts of inertia and stiffness."""
+    """Return the stability, computed from the symmetric parts of inertia and stiffness."""
     if not M.size:
         return Stability(np.inf, 0, 0)
     squares, _ = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
@@ -70,15 +72,15 @@ def moving(equations: Equations, held: Sequence[int]) -> list[int]:
 
 
 def growing(eigenvalues: Complex) -> int:
-    """Return the number of growing eigenvalues; a complex pair, of which one member is given, counts once."""
+    """Return the number of growing eigenvalues; each complex pair, given by one member, counts once."""
     return int((eigenvalues.real > GROWS * np.abs(eigenvalues)).sum())
 
 
 def eigenpairs(M: Array, C: Array, K: Array) -> tuple[Complex, Complex]:
-    """Return eigenvalues with non-negative imaginary part, one of each rigid pair, and their vectors.
+    """Return the eigenvalues with non-negative imaginary part, one of each rigid pair, and their vectors.
 
-    They are computed in the basis of the undamped modes, in which the inertia is 1 and the symmetric part of the
-    stiffness is diagonal.
+    The eigenvalues are computed in the basis of the undamped modes. In this basis the inertia is 1 and the symmetric
+    part of the stiffness is diagonal.
     """
     squares, basis = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
     symmetric = np.abs(K - K.T).max() < 1e-8 * np.abs(K).max()
@@ -96,10 +98,11 @@ def eigenpairs(M: Array, C: Array, K: Array) -> tuple[Complex, Complex]:
 
 
 def _damped(squares: Array, K: Array, C: Array) -> tuple[Complex, Complex]:
-    """All 2n eigenvalues of x'' + C x' + K x = 0, by size, and their vectors x, where K is all but diag(squares).
+    """Return the 2n eigenvalues of x'' + C x' + K x = 0, by magnitude, and their vectors x; K is about diag(squares).
 
-    The fast poles of a damped stiff beam are up to 1e14 times the slow ones, which would drown in their round-off. The
-    slow ones are therefore the inverse problem's, (A - shift)^-1, in coordinates whose squares are energies.
+    The fast poles of a damped stiff beam are up to 1e14 times as large as the slow poles, and the round-off of the fast
+    poles would hide the slow ones. The slow poles are therefore computed from the inverse problem, (A - shift)^-1, in
+    coordinates whose squares are energies.
     """
     from scipy.linalg import eig
 
@@ -122,11 +125,10 @@ def _damped(squares: Array, K: Array, C: Array) -> tuple[Complex, Complex]:
 
 
 def undamped(M: Array, K: Array) -> tuple[Array, Array]:
-    """Return squared frequencies and M-normalized shapes of M x'' + K x = 0; frequencies of rigid motions are exactly
-    0.
+    """Return squared frequencies and M-normalized shapes of M x'' + K x = 0; those of rigid motions are exactly 0.
 
-    Stretching frequencies may be 1e8 times the bending frequencies, with a correspondingly large round-off. The low
-    frequencies therefore come from the inverse problem, whose largest eigenvalues they are.
+    Stretching frequencies may be 1e8 times the bending frequencies, and their round-off is as large. The low
+    frequencies are therefore computed as the largest eigenvalues of the inverse problem.
     """
     from scipy.linalg import eigh
 

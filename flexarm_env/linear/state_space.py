@@ -26,25 +26,25 @@ METHODS = ("solver", "zoh")
 
 @dataclass(frozen=True)
 class LinearModel:
-    """x' = rate + A (x - x0) + B (u - u0), y = y0 + C (x - x0) + D (u - u0); with dt, x(t + dt) stands for x'.
+    """Linear model x' = rate + A (x - x0) + B (u - u0), y = y0 + C (x - x0) + D (u - u0); with dt, x' is x(t + dt).
 
     `A, B, C, D = model` unpacks the matrices.
 
     Attributes:
         A (2n, 2n), B (2n, m), C (p, 2n), D (p, m).
         states: n independent coordinates, then their rates: "joint0", ..., "joint0_rate", ...; SI. In space they are
-            those of the tangent space: of a rotation ("link0.rx1", ...) increments in the section's own axes, from 0 at
-            the point, and its angular velocity there.
-        inputs: torques of the joints that can turn and are not prescribed, "torque0", ..., N m; with `motions` followed
-            by the accelerations of prescribed coordinates, "joint0_acceleration", ..., rad/s^2 or m/s^2.
+            coordinates of the tangent space. For a rotation ("link0.rx1", ...) they are increments in the section's own
+            axes, from 0 at the point, and its angular velocity there.
+        inputs: torques of the joints that can turn and are not prescribed, "torque0", ..., N m. With `motions`, the
+            accelerations of prescribed coordinates follow, "joint0_acceleration", ..., rad/s^2 or m/s^2.
         outputs: "joint0" ... (rad), their rates, "deflection0" ... (each link's tip normal to its root's tangent, m),
-            their rates, "tip_x", "tip_y" (m); behind elastic gears "motor0", "motor0_rate", ...; and what `gauges` asks
-            for, "curvature0@0", ... (1/m). In space "deflection0_y", "deflection0_z", "twist0" (rad), "tip_z";
+            their rates, "tip_x", "tip_y" (m). Elastic gears add "motor0", "motor0_rate", ...; `gauges` add
+            "curvature0@0", ... (1/m). In space there are "deflection0_y", "deflection0_z", "twist0" (rad), "tip_z";
             "curvature_z0@0" in x-z, "torsion0@0".
         x, u, y: operating point. rate: x' at this point; with dt, the state one period later.
-        t: its time, s. dt: period, s, or None (continuous).
-        growing: number of unstable motions of the continuous model, with free joints; 0 if it is stable. The
-            round-off of A's eigenvalues (a stiff beam's zero ones) does not count here.
+        t: time of the operating point, s. dt: period, s; None for the continuous model.
+        growing: number of unstable motions of the continuous model, with free joints; 0 if the model is stable.
+            Eigenvalues of A that are 0 except for round-off (as in a stiff beam) do not count.
     """
 
     A: Array
@@ -67,7 +67,7 @@ class LinearModel:
 
     @property
     def eigenvalues(self) -> NDArray[np.complex128]:
-        """Of A: rad/s (continuous) or multipliers of one period."""
+        """Eigenvalues of A: rad/s (continuous model) or multipliers of one period."""
         return np.asarray(np.linalg.eigvals(self.A), np.complex128)
 
 
@@ -85,19 +85,19 @@ def linearize(
 
     Args:
         target: a Simulation, linearized at its present state, torques and parameters (and not changed); or a Scene,
-            linearized at its start (`static_equilibrium` gives a Simulation at rest under gravity).
-        formulation, options: of a Scene, as for `simulate`.
-        discrete: period, s, over which the torques are held; None for the continuous model.
-        method: "solver": the derivative of the solver's steps in a period (new accelerations, then steps of at most the
-            settings' dt), along the motion; "zoh": the exponential of the continuous model.
-        motions: True: prescribed coordinates and their rates are states, and their accelerations inputs (continuous, or
-            method "zoh"); False: they are left out.
-        gauges: (link, place from 0 at its root to 1 at its tip) of curvatures among the outputs; times half the
-            thickness they are strains. In space a third entry is one of `sensors.MEASURES`.
+            linearized at its start. For a Simulation at rest under gravity use `static_equilibrium`.
+        formulation, options: as for `simulate`; for a Scene only.
+        discrete: period, s, during which the torques are constant; None for the continuous model.
+        method: "solver": the derivative of the solver's steps in a period along the motion; the period begins with new
+            accelerations, and steps last at most the settings' dt. "zoh": the exponential of the continuous model.
+        motions: True: prescribed coordinates and their rates are states, and their accelerations are inputs (continuous
+            model, or method "zoh"). False: the model does not contain prescribed coordinates.
+        gauges: (link, place from 0 at its root to 1 at its tip) of each curvature among the outputs; a curvature times
+            half the thickness is a strain. In space a third entry is one of `sensors.MEASURES`.
     Returns:
-        The LinearModel. Coulomb friction is left out.
+        The LinearModel. The model does not include Coulomb friction.
     Raises:
-        ValueError: a value that is not allowed, or a kink of the scene within the period.
+        ValueError: an argument is not allowed, or the scene has a kink within the period.
         RuntimeError: the solver fails within the period.
     """
     check.choice("method", method, METHODS)
@@ -132,7 +132,7 @@ def linearize(
 
 
 def _places(gauges: object, links: Sequence[Link], space: bool) -> list[Any]:
-    """Checked places of gauges."""
+    """Return the checked places of gauges."""
     found: list[Any] = []
     for i, entry in enumerate(check.sequence("gauges", gauges, "pairs (link, place)")):
         count = 3 if space and isinstance(entry, list | tuple) and len(entry) == 3 else 2
@@ -148,7 +148,7 @@ def _places(gauges: object, links: Sequence[Link], space: bool) -> list[Any]:
 def simulation_of(
     target: Simulation | Scene, formulation: str | None, options: dict[str, Any], period: float | None = None
 ) -> Simulation:
-    """Return the target, or a Simulation of the scene at its start with steps that divide a period, s."""
+    """Return the target, or a Simulation of the scene at its start whose steps divide a period, s."""
     if isinstance(target, Simulation):
         given = options if formulation is None else {"formulation": formulation, **options}
         for name, value in given.items():
@@ -159,7 +159,7 @@ def simulation_of(
 
 
 def without_friction(simulation: Simulation) -> Simulation:
-    """Return the simulation, or a view of it without Coulomb friction, which has no derivative."""
+    """Return the simulation; if it has Coulomb friction, which has no derivative, return a view without it."""
     model = smooth(simulation.model)
     if model is simulation.model:
         return simulation
@@ -180,7 +180,7 @@ def held(A: Array, B: Array, dt: float) -> tuple[Array, Array]:
 
 
 def _over(dt: float, A: Array, B: Array, rate: Array, x0: Array) -> tuple[Array, Array, Array]:
-    """The continuous model over a period with the input held, and the state after it."""
+    """Return the continuous model over a period with constant input, and the state after the period."""
     A, moved = held(A, np.column_stack([B, rate]), dt)
     return A, moved[:, :-1], x0 + moved[:, -1]
 
@@ -201,7 +201,7 @@ def _in_plane(simulation: Simulation) -> Equations:
 
 
 def set_state(simulation: Simulation, x: Array) -> None:
-    """Give a Simulation the state x (2n,), in the order of `LinearModel.states`; dependent coordinates follow.
+    """Set the state of a Simulation to x (2n,), in the order of `LinearModel.states`; dependent coordinates follow.
 
     Raises ValueError if x has the wrong size or is not finite, and RuntimeError if no configuration of the arm has this
     state.

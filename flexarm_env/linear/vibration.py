@@ -30,15 +30,15 @@ class Modes:
             pole that decays or grows without oscillation. The modes are sorted by this magnitude, ascending.
         damping (n,): ratios -Re lambda / |lambda|; 1 for each pole of an overdamped mode, -1 for a pole that grows
             without oscillation, 0 for a rigid motion.
-        eigenvalues (n,): lambda, rad/s, the one of a pair with positive imaginary part.
-        shapes (n, points, 2), in space (n, points, 3): displacements of the points along the chain at the phase of
-            their largest one, which has unit length, m. In rotation points move on ellipses; this is the real part.
-        points (points, 2) or (points, 3): the chain itself, root to tip, m.
-        spin: rad/s.
+        eigenvalues (n,): lambda, rad/s; of each pair the member with positive imaginary part.
+        shapes (n, points, 2), in space (n, points, 3): displacements of the points along the chain, scaled and shifted
+            in phase so that the largest one is 1 m. In rotation points move on ellipses; the shape is the real part.
+        points (points, 2) or (points, 3): the points along the chain, root to tip, m.
+        spin: the given spin, rad/s.
         growing: number of unstable modes among all modes, not only the n lowest; 0 if the point is stable.
-        whirl (n,): in space, direction in which points circle the first joint's axis, in the frame that turns
-            with the arm: 1 for circles in the direction of a positive spin, -1 against it, 0 for linear motion; NaN if
-            points rest or move only along the axis. Empty in the plane.
+        whirl (n,): in space, the direction in which points circle the first joint's axis, in the frame that turns with
+            the arm: 1 for circles in the direction of a positive spin, -1 against it, 0 for linear motion. NaN if
+            points are at rest or move only along the axis. Empty in the plane.
     """
 
     frequencies: Array
@@ -64,20 +64,20 @@ def modes(
 
     Args:
         target: a Scene: modes about its equilibrium with the joints held at their initial angles
-            (`static_equilibrium`); or a Simulation: modes about its present state.
+            (`static_equilibrium`). A Simulation: modes about its present state.
         n: largest number of modes.
-        formulation, options: of a Scene, as for `simulate`.
-        spin: rad/s, about the root of a pinned Scene without gravity and without its loads: modes of the arm in steady
-            rotation, stretched and bent by the rotation, in the rotating frame.
-        clamped: False: joints that are not prescribed or rigid can turn, with constant torques; True: the
-            hub is held ("clamped modes"); or the indices of the joints that are held. With an elastic gear the motor's
-            side is held. Coulomb friction is left out.
+        formulation, options: as for `simulate`; for a Scene only.
+        spin: rad/s, about the root of a pinned Scene without gravity; its loads are not used. The modes are those of
+            the arm in steady rotation, which stretches and bends it, in the rotating frame.
+        clamped: False: joints that are not prescribed or rigid can turn, with constant torques. True: the hub is held
+            ("clamped modes"). A list: indices of the joints that are held. With an elastic gear, the motor's side is
+            held. Coulomb friction is not included.
     Returns:
         The Modes.
     Raises:
-        ValueError: a value that is not allowed. NoEquilibrium: a Scene without an equilibrium.
+        ValueError: an argument is not allowed. NoEquilibrium: the Scene has no equilibrium.
     Warns:
-        UnstableEquilibrium: a Scene whose equilibrium is unstable although the joints are held.
+        UnstableEquilibrium: the Scene's equilibrium is unstable although the joints are held.
     """
     n = check.integer("n", n, minimum=1)
     spin = check.number("spin", spin, "rad/s")
@@ -104,13 +104,13 @@ def modes(
 
 
 Found = tuple[Equations, Point, Stability | None]
-"""An arm's equations, the point of its motion, and the stability of a Scene's rest with all joints held."""
+"""An arm's equations, the point of its motion, and for a Scene the stability of its rest with all joints held."""
 
 
 def _point_in_space(
     target: Simulation | Scene, formulation: str | None, options: dict[str, Any], spin: float, held: list[int]
 ) -> Found:
-    """Return where the modes of an arm in space are taken."""
+    """Return equations, point and stability for the modes of an arm in space."""
     if isinstance(target, Simulation):
         simulation = simulation_of(target, formulation, options)
         if spin != 0.0 or simulation.work.v.any():
@@ -128,7 +128,7 @@ def _point_in_space(
 def _point_in_plane(
     target: Simulation | Scene, formulation: str | None, options: dict[str, Any], spin: float, held: list[int]
 ) -> Found:
-    """Return where the modes of an arm in the plane are taken."""
+    """Return equations, point and stability for the modes of an arm in the plane."""
     if isinstance(target, Simulation):
         if spin != 0.0:
             raise check.InvalidValue("spin", spin, "must be given with a Scene; a Simulation brings its own motion")
@@ -145,7 +145,7 @@ def _point_in_plane(
 
 
 def _steady_rotation(equations: Equations, start: Point, held: list[int], spin: float) -> Point:
-    """Return the steady rotation (spin, rad/s) of an arm in space near the start, by Newton's iteration.
+    """Return the steady rotation (spin, rad/s) of an arm in space near the start, found by Newton's iteration.
 
     Raises:
         NoEquilibrium: Newton's iteration does not converge.
@@ -169,7 +169,7 @@ def _steady_rotation(equations: Equations, start: Point, held: list[int], spin: 
 
 
 def _held(clamped: bool | Sequence[int], links: int) -> list[int]:
-    """The held joints."""
+    """Return the indices of the held joints."""
     if isinstance(clamped, bool):
         return [0] if clamped else []
     joints = check.sequence("clamped", clamped, "joint indices")
@@ -179,7 +179,7 @@ def _held(clamped: bool | Sequence[int], links: int) -> list[int]:
 
 
 def _check_rotors(scene: Scene, held: list[int]) -> None:
-    """A motor behind an elastic gear has inertia, or is held, or prescribed."""
+    """Raise ValueError if the motor of an elastic gear has no inertia and is neither held nor prescribed."""
     for k, joint in enumerate(scene.arm.joints):
         if joint.elastic and joint.rotor == 0.0 and k not in held and scene.motion_of(f"motor{k}") is None:
             what = "must be positive (kg m^2): its motor is neither held nor prescribed"
@@ -187,10 +187,10 @@ def _check_rotors(scene: Scene, held: list[int]) -> None:
 
 
 def _shape(equations: Equations, q: Array, vector: Complex) -> tuple[Array, float]:
-    """Return displacements of the chain's points along a complex change of the rows that can move, and the whirl.
+    """Return displacements of the chain's points due to a complex change of the rows that can move, and the whirl.
 
-    Displacements are those at the phase of the largest one; their largest length is 1. Whirl: see `Modes`; NaN in the
-    plane and where the points do not move across the first joint's axis.
+    The displacements are those at the phase of the largest one; their largest length is 1. Whirl: see `Modes`; it is
+    NaN in the plane and if the points do not move across the first joint's axis.
     """
     weight, free = equations.model.weight, equations.free
     whole = np.zeros(equations.n, np.complex128)

@@ -1,4 +1,4 @@
-"""Mechanics of an arm: each formulation's assembly (NumPy) beside its compiled equations, and the time integration."""
+"""Mechanics of an arm: for each formulation an assembly (NumPy) and compiled equations, and the time integration."""
 
 from .elastica import equations as _elastica
 from .exact import equations as _exact

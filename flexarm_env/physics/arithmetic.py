@@ -1,4 +1,4 @@
-"""Functions of lanes for physics and tasks: they give the same bits for a batch and a single arm."""
+"""Functions on lanes for physics and tasks. A batch and a single arm get the same bits from them."""
 
 import math
 

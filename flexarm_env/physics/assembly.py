@@ -1,4 +1,4 @@
-"""Assemble a scene and its settings to a System (in the formulation's own `build`) and a Drive (functions of time)."""
+"""Assemble the System of a scene and its settings (by the formulation's `build`) and the Drive (functions of time)."""
 
 import dataclasses
 import importlib
@@ -32,7 +32,7 @@ def assemble(scene: Scene, settings: Settings) -> System:
     """Return the scene's System in the formulation that the settings name.
 
     Raises:
-        ValueError: a property of the arm that the formulation, or this variant of it, does not take into account.
+        ValueError: the arm has a property that the formulation, or this variant of it, does not take into account.
     """
     if scene.spatial:
         return _in_space(scene, settings)
@@ -104,14 +104,15 @@ _NOT_MECHANICS: dict[type, tuple[str, ...]] = {
     Section: tuple(ACROSS),
     Payload: ("radius",),
 }
-"""Fields that enter no equation of motion; of sections, in the plane, those of motion out of the plane."""
+"""Fields that enter no equation of motion. For a section in the plane, these are the properties of motion out of the
+plane."""
 
 
 def _check_honoured(part: Any, path: str, formulation: str, honours: Honours) -> None:
-    """Raise ValueError for a field of `part`, or of its parts, that is not at its default and not in `honours`.
+    """Raise ValueError for a field of `part`, or of its parts, that is set but is not in `honours`.
 
-    part: an Arm or a description within it, at key path `path`; honours: fields that the formulation uses, by class. A
-    subclass that `honours` does not name is rejected as well.
+    A field is set if it differs from its default. part: an Arm or a description within it, at key path `path`; honours:
+    fields that the formulation uses, by class. A subclass that `honours` does not name is rejected as well.
     """
     if isinstance(part, tuple | list):
         for i, entry in enumerate(part):
@@ -136,7 +137,7 @@ def _check_honoured(part: Any, path: str, formulation: str, honours: Honours) ->
 def _built(scene: Scene, settings: Settings) -> System:
     """Return the System of a scene in the plane with its joints, and with the floating base if it has one.
 
-    Its v0 is not set from the scene's rates and velocity (`_rates`). The scene's properties are not checked.
+    The System's v0 is not set from the scene's rates and velocity: `_rates` computes it. The scene is not checked.
     """
     build = _builder(settings.formulation).build
     if not scene.floats:
@@ -154,10 +155,10 @@ _WEIGHTS = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
 
 
 def _rates(scene: Scene, settings: Settings) -> Array:
-    """Return the rates v0 (n,) of all coordinates for straight links that move and turn as the scene says before t = 0.
+    """Return the rates v0 (n,) of all coordinates for straight links that move and turn at the scene's initial rates.
 
-    Coordinates depend on place and angles through lines, sines and cosines: central differences of sixth order are
-    exact to round-off.
+    Coordinates are linear in the scene's position and in the sines and cosines of its angles. Central differences of
+    sixth order are therefore exact to round-off.
     """
     # t (s): in it the fastest link turns by 0.01 rad or the root moves by 0.01 L, where the differences are exact to
     # 1e-12
@@ -165,7 +166,10 @@ def _rates(scene: Scene, settings: Settings) -> Array:
     t = 0.01 / longest
 
     def moved(s: float) -> Array:
-        """Return q0 (n,) of the scene at time s (s), its place and angles moved at their rates, motions held."""
+        """Return q0 (n,) of the scene at time s (s).
+
+        Position and angles have moved at their rates; prescribed motions are constant.
+        """
         place = [x + s * rate for x, rate in zip(scene.position, scene.velocity, strict=True)]
         angles = tuple(angle + s * rate for angle, rate in zip(scene.angles, scene.rates, strict=True))
         still = dataclasses.replace(scene, motions=(), position=(place[0], place[1]), angles=angles)
@@ -247,7 +251,9 @@ def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) 
 
 
 def drive(scene: Scene, system: System) -> Drive:
-    """Return the scene's loads and motions as a `Drive`, empty where there are none: one compiled kernel fits both.
+    """Return the scene's loads and motions as a `Drive`.
+
+    A scene without loads and motions has an empty `Drive`, so that the same compiled kernel serves it.
 
     system: the assembled scene, for the rows of prescribed coordinates.
     """

@@ -1,17 +1,17 @@
-"""The contract of a contribution: what acts on an arm beside its links, in every formulation without multipliers.
+"""The contract of a contribution: terms in addition to the links' terms, in every formulation without multipliers.
 
-A contribution is a NamedTuple class with kernels registered for it (`register`), each of which adds its terms to what
-the arm's formulation has computed. `joints.equations` composes arm and contributions to one Model, `model.Jointed`:
-each function of `physics.protocol` calls the arm's, then those of the contributions in their order. A contribution
-registers only what it has; the defaults do nothing.
+A contribution is a NamedTuple class with kernels registered for it (`register`). Each kernel adds the contribution's
+terms to the result of the arm's formulation. `joints.equations` composes arm and contributions to one Model,
+`model.Jointed`: each function of `physics.protocol` calls the arm's function, then the same function of each
+contribution in order. A contribution registers only the functions that it needs; the defaults do nothing.
 
 Arguments that recur (others as in `protocol`)
-    part        the contribution's own record
-    model       the `Jointed` Model; `model.arm` is that of the arm alone, whose rows come first
+    part        the record of the contribution
+    model       the `Jointed` Model; `model.arm` is the Model of the arm alone, whose rows come first
     S           the arm's matrix array, then entries that the assembly gave to contributions (`joints.build`)
 
 Residual
-    prepare(lane, part, model, par, state, weights, S)      Before the arm's residual: store in S what it depends on.
+    prepare(lane, part, model, par, state, weights, S)      Before the arm's residual: store in S values that it uses.
     point_forces(lane, part, model, par, state, S, inputs)
         Add forces on points of the arm (N, N m) to its inputs. They depend on q and v, not on accelerations.
     assemble(lane, part, model, par, state, u, weights, r, S)
@@ -36,13 +36,14 @@ Work and energy
 
 Configuration and output
     set_joint_configuration(lane, part, model, live, rates, q, v)           Own rows after the arm's joints were set.
-    poses(lane, part, model, q, v, out)                     Add what tasks read, at the end of out.
+    poses(lane, part, model, q, v, out)                     Write the poses for tasks at the end of out.
 
 Reverse derivatives, where `Jointed.derived` does not leave them to the compiler
     vjp_residual(lane, part, model, par, state, bar, u_bar, r_bar)          That of `assemble`; own rows of r_bar <- 0.
     multiply(lane, part, model, S, x, y)                    Add S x of own entries to y, before `factor`.
 
-Coulomb friction is no force of the state: the integrator solves for it, with its own functions (`joints.friction`).
+Coulomb friction is not a function of the state. The integrator solves for it with functions of its own
+(`joints.friction`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Kernels that Python calls for one arm: equations of motion and poses with their derivatives (`linear`), gauges.
 
-The lanes of `WITH_SLOPES` hold one and the same arm; each lane has the tangent of one direction of change, so that one
-pass computes as many columns of a derivative as there are lanes.
+All lanes of `WITH_SLOPES` hold the same arm. Each lane has the tangent of one direction of change. One pass therefore
+computes as many columns of a derivative as there are lanes.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from .protocol import (
 )
 
 WITH_SLOPES = SINGLE if WIDEST is SINGLE else dual(WIDEST)
-"""Lane tag of one arm with as many directions as there are lanes; without compiler: no directions, values alone."""
+"""Lane tag of one arm with as many directions as there are lanes; without compiler it has values but no directions."""
 
 
 class Directions(NamedTuple):
-    """Changes of an arm along m directions, one row each; changes of rotations are increments in body axes."""
+    """Changes of an arm along m directions, one row per direction. Changes of rotations are increments in body axes."""
 
     q: Array  # (m, n): of coordinates
     v: Array  # (m, n): of their rates
@@ -47,7 +47,7 @@ class Directions(NamedTuple):
 
 @kernel
 def slopes_room(lane, model, n_par, n_motions):
-    """Return the length of the scratch that `residual_slopes` and `pose_slopes` need; n_par: number of parameters."""
+    """Return the length of the scratch array of `residual_slopes` and `pose_slopes`; n_par: number of parameters."""
     return work_size(len(lane), model, n_motions) + n_par * len(lane)
 
 
@@ -115,14 +115,14 @@ def pose_slopes(lane, model, par, state, u, psi, directions, rows, room, poses, 
 
 @kernel
 def _placed(lane, model, par, psi, room):
-    """Return the work record in `room` and, behind it, the section for the arm's own parameters."""
+    """Return two parts of `room`: the work record and, behind it, the section for the arm's own parameters."""
     end = work_size(len(lane), model, psi.shape[0] // OF_MOTION.end)
     return unpack(lane, model, room, psi.shape[0] // OF_MOTION.end), room[end : end + par.shape[0] * len(lane)]
 
 
 @kernel
 def _set(lane, model, par, state, u, psi, w, own):
-    """Set all lanes to one arm, without tangents; w.b, the increment of q, to 0."""
+    """Set all lanes to one arm, without tangents, and w.b, the increment of q, to 0."""
     for k in range(size(model.n)):
         store(w.q, k, splat(lane, state.q[k]))
         store(w.v, k, splat(lane, state.v[k]))

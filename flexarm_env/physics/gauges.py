@@ -1,7 +1,7 @@
 """Strain gauges: curvature of a link at a point, in the plane a linear function of the coordinates.
 
-Bodies with floating frames give the mean curvature between two drawing stations, the other formulations that at the
-point.
+For bodies with floating frames the reading is the mean curvature between two drawing stations. For the other
+formulations it is the curvature at the point.
 """
 
 from collections.abc import Sequence
@@ -25,13 +25,14 @@ from .space.layout import GAUGE
 
 Array = NDArray[np.float64]
 Spot = tuple[int, float] | tuple[int, float, str]
-"""(link, position from 0 at its root to 1 at its tip), and the quantity, one of `sensors.MEASURES` (plane: "xy")."""
+"""Place of a gauge: link, and position from 0 at the link's root to 1 at its tip; then the quantity, one of
+`sensors.MEASURES` (plane: "xy")."""
 
 
 def curvatures(
     scene: Scene, settings: Settings, names: Sequence[str], places: Sequence[Spot], q: Array
 ) -> Array:
-    """Return curvatures (n, G), 1/m, at G spots for n configurations q (n, rows), less those of the stress-free arm."""
+    """Return curvatures (n, G), 1/m, at G spots for n configurations q (n, rows), less the stress-free curvatures."""
     # `curvature_rows` reads only q0 and names, so that a stand-in spares the assembly of a System
     like: Any = SimpleNamespace(q0=q[0], names=names)
     rows = curvature_rows(scene, settings, like, places)
@@ -60,7 +61,7 @@ def over(rows: Array, sizes: Array, space: bool) -> Array:
 def curvature_rows(scene: Scene, settings: Settings, system: System, places: Sequence[Spot]) -> Array:
     """Return (G, n) rows for `protocol.strain_gauge`, one per spot: in the plane, curvature (1/m) = row . q.
 
-    In space the first entries of a row are a `GAUGE` record (the elastica in space: row . q again).
+    In space the first entries of a row are a `GAUGE` record. The elastica in space is an exception: reading = row . q.
     """
     if scene.spatial and settings.formulation == "elastica":
         return strained_rows(scene, settings, system, places)
@@ -122,7 +123,7 @@ def _exact(scene: Scene, settings: Settings, system: System, link: int, s: float
 def _floating(scene: Scene, settings: Settings, system: System, link: int, s: float) -> Array:
     """Return the row of the mean curvature (1/m) between the drawing stations around s (m), for floating frames.
 
-    The section's angle is interpolated from the bodies' shapes; the last body takes any s beyond its start.
+    The bodies' shape functions give the section's angle. The last body covers every s beyond its start.
     """
     segments, row, start = settings.segments or 1, np.zeros(len(system.q0)), 0.0
     own = bodies_of(scene.arm, settings)[link * segments : (link + 1) * segments]

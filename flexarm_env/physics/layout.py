@@ -76,7 +76,7 @@ LEVER = Layout(
     Field("inertia", (), "kg m^2", "inertia about the middle"),
     Field("far", (), "kg", "mass at the far point, that of an elbow"),
 )  # fmt: skip
-"""A rigid end of a link; each link has two of these, root and tip, where links have rigid ends."""
+"""A rigid end of a link. If links have rigid ends, each link has two of these records, root and tip."""
 
 ROTOR = Layout(
     "Rotor", "",
@@ -85,7 +85,7 @@ ROTOR = Layout(
           "matrix; 0 where the three rows before the joint's own do not belong to that section"),
     Field("factor", (), "N m s", "set before `factor`, which adds factor (w x e) to the joint's column"),
 ).places  # fmt: skip
-"""What a joint with a rotor has in the matrix array S of an arm in space."""
+"""Entries of a joint with a rotor in the matrix array S of an arm in space."""
 
 BOOKS = Layout(
     "Books", "",

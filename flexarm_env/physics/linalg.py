@@ -1,7 +1,7 @@
 """Linear algebra: small dense systems at assembly and, for kernels, band LU with partial pivoting.
 
-Models are assembled by `product` and `solve`, which sum in a fixed order. NumPy's own functions call a library (BLAS)
-whose order of sums depends on the processor, and an arm that stands upright falls the other way by the last bit.
+Assembly uses `product` and `solve`, which sum in a fixed order. NumPy's own functions call a library (BLAS) whose order
+of sums depends on the processor. A difference in the last bit lets an upright arm fall to the other side.
 
 Band storage of an n x n matrix with half widths `below` and `above`, rows contiguous: entry (i, j) lies at `A[i*width +
 j - i + below]`, `width = 2*below + above + 1`. The extra `below` columns take the fill-in of row exchanges.
@@ -25,7 +25,7 @@ def product(a: ArrayLike, b: ArrayLike) -> NDArray[Any]:
 def solve(a: ArrayLike, b: ArrayLike) -> NDArray[Any]:
     """Return x of a x = b, a (n, n), b (n,) or (n, p), by Gauss-Jordan elimination with row exchanges.
 
-    Same bits on every processor. Raises LinAlgError where a column has no pivot.
+    The result has the same bits on every processor. Raises LinAlgError if a column has no pivot.
     """
     a, x = np.array(a, np.float64), np.array(b, np.float64)
     for k in range(len(a)):
@@ -57,9 +57,9 @@ def band_lu(lane, A: Lanes, pivot, n, below, above):
     """Factor a band matrix in place, A = P^-1 L U with partial pivoting; n rows, half widths `below` and `above`.
 
     Entry (i, j) lies at A[i * width + j - i + below], width = 2 below + above + 1; the extra `below` columns take the
-    fill-in of row exchanges. U replaces the upper part, the factors of L the eliminated entries. pivot[i] (a float64):
-    the row exchanged with row i. A zero pivot leaves inf or NaN. lane: of one arm, with or without tangents
-    (derivatives along directions); its values alone select the rows.
+    fill-in of row exchanges. U replaces the upper part of A; the factors of L replace the eliminated entries. pivot[i]
+    (a float64): the row exchanged with row i. A zero pivot leaves inf or NaN. lane: tag of one arm, with or without
+    tangents (derivatives along directions). Only values, not tangents, select the rows.
     """
     width = 2 * below + above + 1
     for k in range(n):

@@ -1,9 +1,9 @@
 """Data records shared by the assembly of a model and by its kernels: Models, Scheme, Drive, System, status codes.
 
 A Model is a NamedTuple of arrays and numbers, never written after assembly; each formulation has its own
-(`FloatingFrame`, `ExactBeam`, `Elastica`). `physics/protocol.py` specifies the fields from n to newton that all
-Models have. The state is q, v, a (accelerations) and b (the integrator's auxiliary acceleration), float64, one entry
-per row of the system. A field that is None, or a tag (0,), selects at compile time what a kernel contains.
+(`FloatingFrame`, `ExactBeam`, `Elastica`). `physics/protocol.py` specifies the fields from n to newton that all Models
+have. The state is q, v, a (accelerations) and b (the integrator's auxiliary acceleration), float64, one entry per row
+of the system. A field that is None, or a tag (0,), selects terms of a kernel at compile time.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .protocol import NewtonPolicy
 
 OK, NEWTON_FAILED, DIVERGED, OUT_OF_RANGE, NOT_FINITE, TIMED_OUT = range(6)
 STATUS = ("ok", "newton_failed", "diverged", "out_of_range", "not_finite", "timed_out")
-"""Status codes of an arm, and their words in the same order."""
+"""Status codes of an arm, and one word per code in the same order."""
 
 MESSAGE = (
     "finished",
@@ -52,15 +52,15 @@ STIFFNESSES = {"EI": STIFFNESS_FACTOR, "EI_y": EI_Y_FACTOR, "GJ": GJ_FACTOR}
 
 
 def damped(arm: Arm) -> tuple[int, ...] | NDArray[np.float64] | None:
-    """Return a Model's field `damped`: None without tau_d, (0,) if all links have the same, or each link's share."""
+    """Return a Model's field `damped`: None without tau_d, (0,) if all links have equal tau_d, or each link's share."""
     largest, shares = arm.damping
     return None if largest == 0.0 else (0,) if shares is None else np.array(shares)
 
 
 def complete(model: Any) -> Any:
-    """Return the model with the terms of all entries of `par` compiled in, also those that are 0 in it.
+    """Return the model with the terms of all entries of `par` compiled in, also those that are 0 in this model.
 
-    A batch or a derivative may then set payload, its inertia and tau_d although the arm itself has none.
+    A batch or a derivative may then set payload mass, payload inertia and tau_d, although the arm itself has none.
     """
     if isinstance(model, Jointed):
         return model._replace(arm=complete(model.arm))
@@ -188,10 +188,10 @@ class FloatingFrame(NamedTuple):
 
 
 class FloatingChain(NamedTuple):
-    """N links of equal numbers of bodies with floating frames, without multipliers (theory, section 3).
+    """N links with the same number of bodies each, with floating frames, without multipliers (theory, section 3).
 
     Rows: x, y of the root and the angle of its section, the elastic coordinates of each body from root to tip, and the
-    angles at the elbows, each relative to the tip section before it. n to newton: see `protocol`.
+    angle of each elbow relative to the tip section before. n to newton: see `protocol`.
 
     data      float64: one `physics.floating.layout.BODY` per body
     gravity   float64 (2,) m/s^2 along inertial x, y, or None
@@ -222,9 +222,9 @@ class FloatingChain(NamedTuple):
 
 
 class ExactBeam(NamedTuple):
-    """N links of equal numbers of geometrically exact elements (5.1), whose vertices are shared with their neighbors.
+    """N links with the same number of geometrically exact elements each (5.1). Neighboring elements share a vertex.
 
-    n to newton: see `protocol`. What is None is compiled out.
+    n to newton: see `protocol`. The terms of a field that is None are compiled out.
 
     order     tuple of p zeros: polynomial order, a compile-time constant
     varying   (0,) where sections vary along links, otherwise None
@@ -266,10 +266,10 @@ class ExactBeam(NamedTuple):
 class Elastica(NamedTuple):
     """Chain of N links without stretch and shear (5.2), k nodes each: m = N k tangent angles from root to tip. SI.
 
-    Rows: angles of the nodes (the first of each link: the joint's angle, relative), then x, y where the root can move:
-    of the root where it is prescribed, of the center of mass in free flight. n to newton: see `protocol`. Sizes are
-    numbers, or tuples of as many zeros where the kernel is compiled for that size. One array holds all constants,
-    because each array passed to a kernel costs time to compile and to call:
+    Rows: angles of the nodes (the first row of each link is the joint's angle, relative to the link before). If the
+    root can move, x, y follow: of the root if it is prescribed, of the center of mass in free flight. n to newton: see
+    `protocol`. Sizes are numbers, or tuples of as many zeros where the kernel is compiled for that size. One array
+    holds all constants, because each array passed to a kernel costs time to compile and to call:
 
     data       float64: `physics.elastica.layout.DATA`
     loads      float64: for each point load `physics.elastica.layout.LOAD`, or None
@@ -323,7 +323,7 @@ class Floating(NamedTuple):
 
 
 class Gears(NamedTuple):
-    """Rotors, elastic gears and viscous friction of an arm's joints, whose laws the `Jointed` Model holds. SI.
+    """Rotors, elastic gears and viscous friction of an arm's joints; the `Jointed` Model holds their laws. SI units.
 
     play   (0,) where a gear has backlash, otherwise None
     spin   in space, where there are rotors: 1 / gear ratio of each joint; otherwise None
@@ -343,10 +343,10 @@ class Jointed(NamedTuple):
 
     arm    the Model of the arm with ideal joints; bound: its largest tip deflection over length
     table  int64: `physics.joints.layout.PLACE` of each joint that is not ideal; data  float64: `LAW` of each
-    own    where each arm has its own laws, in `par` and not in `data`: as many zeros as `par` has entries before them
+    own    if each arm has its own laws, in `par` and not in `data`: one zero per entry of `par` before the laws
     hub    (0,) where the laws have a hub inertia at the first of the joints, otherwise None
-    contributions  records of what acts on the arm (`physics.contributions`), such as `Gears` and `Floating`
-    points     as many zeros as the arm has inputs, where a contribution acts on a point of it; otherwise None
+    contributions  records of the contributions (`physics.contributions`), such as `Gears` and `Floating`
+    points     one zero per input of the arm, if a contribution acts on a point of the arm; otherwise None
     derived    (0,) where the compiler derives `vjp_residual` of the whole, otherwise None
     """
 
@@ -374,7 +374,7 @@ def has_play(model: Any) -> bool:
 
 
 Honours = dict[type, tuple[str, ...]]
-"""Fields of each description class that a formulation takes into account, by class (its `HONOURS`)."""
+"""Type of a formulation's `HONOURS`: for each description class the fields that the formulation takes into account."""
 
 BEAM: Honours = {
     Arm: ("links", "hub_inertia", "elbows", "payload", "tau_d", "joints", "base"),
@@ -409,8 +409,8 @@ class System:
     par (4,), in space (6,): see PAYLOAD_MASS. q0, v0 (n,): state at t = 0 (m, rad; m/s, rad/s). coordinates: row of
     "joint0" ..., "root_x", "root_y"; a negative entry -1 - j: prescribed by multiplier j. names (n,): names of the
     rows. vectors (k, 2): rows of x and y of vectors in inertial axes that turn with the arm; absolute (k,): rows of
-    angles from the inertial x axis; no other row changes when the whole arm turns. notes: figures that a formulation
-    reports about its own limits, as fractions of the arm's length.
+    angles from the inertial x axis; no other row changes when the whole arm turns. notes: error estimates that a
+    formulation reports about itself, as fractions of the arm's length.
     """
 
     model: Any

@@ -56,8 +56,8 @@ def packed(shapes: Sequence[Shape]) -> Array:
 def _corner(a, b, c):
     """Return the signed distance (m) of a point from a box, negative inside.
 
-    a, b, c (m): the point's distance beyond each pair of opposite faces, |coordinate| - half side, negative between
-    them; of a cylinder a is the distance beyond its mantle.
+    a, b, c (m): the point's distance beyond each pair of opposite faces, |coordinate| - half side, negative between the
+    faces. For a cylinder a is the distance beyond its mantle.
     """
     # inside all of a, b, c <= 0: minus the distance from the nearest face; outside: from the nearest face, edge or
     # corner

@@ -1,4 +1,4 @@
-"""How stiff an arm may be, relative to the torque that moves it, for double precision (theory, section 6).
+"""Largest stiffness of an arm for double precision, relative to the torque that moves the arm (theory, section 6).
 
 An arm's forces are differences of coordinates of size 1 (rad, lengths over L), which have 16 digits, times a stiffness
 S (N m). With the torque T (N m) that moves the arm and the ratio sigma = S / T,
@@ -6,9 +6,10 @@ S (N m). With the torque T (N m) that moves the arm and the ratio sigma = S / T,
     rounding leaves forces of            eps sigma T          eps = 1.1e-16
     Newton's iteration leaves forces of  tolerance sigma T    where strains depend nonlinearly on coordinates
 
-The first must stay small; the second is kept small by a smaller tolerance where necessary. Damping adds the stiffness
-2 tau_d S / h for increments of a step of h. The matrix M + gamma h C + beta h^2 K has the condition sigma (1 + 2 tau_d
-/ h) times the angle that a step turns: no more than sigma where a step resolves the motion.
+The rounding forces must stay small, which limits sigma. A smaller tolerance keeps Newton's forces small if necessary.
+Damping adds the stiffness 2 tau_d S / h for increments of a step of h. The condition number of the matrix M + gamma h C
++ beta h^2 K is sigma (1 + 2 tau_d / h) times the angle that a step turns. It is at most sigma if a step resolves the
+motion.
 """
 
 import math
@@ -30,28 +31,28 @@ MOST = 1e14
 """Largest sigma: eps sigma is then a hundredth of the torques. Measurements: docs/results/stability.md."""
 
 SHARE = 100.0
-"""Largest forces, over the torques, that Newton's iteration may leave where its error is as large as the tolerance,
-which is rare. Where they are larger (not in metal arms) the tolerance is `LEFT` over sigma."""
+"""Largest forces, over the torques, that Newton's iteration may leave if its error equals the tolerance, which is rare.
+If the forces would be larger (not in metal arms), the tolerance is `LEFT` over sigma."""
 
 TURNED = 10.0
-"""rad: angle up to which an elastica may turn; its angles are absolute and lose digits as they grow."""
+"""rad: angle up to which an elastica may turn. Its angles are absolute and lose digits as they grow."""
 
 LEFT, FINEST = 1e-2, 1e-13
-"""Forces that the smaller tolerance leaves, over the torques; smallest tolerance, which increments still reach after a
-dozen turns of a joint."""
+"""Forces that the smaller tolerance leaves, over the torques, and the smallest tolerance. Increments still reach that
+tolerance after a dozen turns of a joint."""
 
 STILL = 1e-12
 """rad: an arm that turns by less in a scene counts as standing still."""
 
 ALIKE: Mapping[str, float] = {}
-"""No factors on stiffnesses: the arm as it is."""
+"""Factors of 1 on all stiffnesses: the unmodified arm."""
 
 FASTEST = 2000
 """Number of instants at which a scene's motions and loads are sampled for their maxima."""
 
 
 class Stiffness(NamedTuple):
-    """One stiffness of an arm: key path, value and unit, and `torque`, S (N m) including damping."""
+    """One stiffness of an arm: key path, value, unit, and `torque`: the same as a torque S (N m), with damping."""
 
     path: str
     value: float
@@ -74,7 +75,8 @@ def stiffnesses(
 ) -> list[Stiffness]:
     """Return every stiffness that enters the forces of the formulation, as a `Stiffness`.
 
-    factors: on EI, in space on EI_y and GJ; damping: factor on tau_d; space: whether the scene is in space.
+    factors: factors on EI, in space also on EI_y and GJ; damping: factor on tau_d; space: whether the scene is in
+    space.
     """
     found, bending = [], factors.get("EI", 1.0)
     assert settings.dt is not None
@@ -110,7 +112,7 @@ def stiffnesses(
 def largest(drawn: Mapping[str, tuple[float, float]]) -> dict[str, float]:
     """Return the largest factors on EI, EI_y and GJ from ranges (low, high) by name, `drawn` (`batch.Starts`).
 
-    The factor on EI multiplies that on EI_y.
+    The factor on EI also multiplies EI_y.
     """
     EI, EI_y, GJ = (drawn.get(name, (1.0, 1.0))[1] for name in ("EI", "EI_y", "GJ"))
     return {"EI": EI, "EI_y": EI * EI_y, "GJ": GJ}
@@ -159,7 +161,8 @@ def refusal(most: float, unit: str, settings: Settings, torque: float) -> str:
 def tolerance(given: float, sigma: float, turn: float = math.inf) -> float:
     """Return the Newton tolerance (weighted increment) for an arm of stiffness ratio sigma, at most `given`.
 
-    turn: angle (rad) by which the torques turn a joint in one step; the first increment leaves ten times its square.
+    turn: angle (rad) by which the torques turn a joint in one step. The first increment leaves an error of ten times
+    turn^2.
     """
     return given if min(given, 10.0 * turn**2) * sigma <= SHARE else min(given, max(FINEST, LEFT / sigma))
 
@@ -198,7 +201,7 @@ def check_parameters(
 
 
 def of_torques(arm: Arm, settings: Settings, factors: Mapping[str, float] = ALIKE, damping: float = 1.0) -> float:
-    """Return the Newton tolerance of an arm under its full torques and factors up to these; raises as `ratio`."""
+    """Return the Newton tolerance of an arm under its full torques and factors up to `factors`; raises as `ratio`."""
     torques, h = arm.torque_limits or (math.inf,), settings.dt
     assert h is not None
     # angle that the torque turns each joint in a step, tau h^2 / I of the straight arm beyond it
@@ -214,7 +217,7 @@ def of_scene(scene: Scene, settings: Settings) -> float:
 def moving(scene: Scene) -> float:
     """Return the torque (N m) that moves a scene's arm: the largest of its loads, its weight, and its motions' inertia.
 
-    Infinite if no torque turns the arm by `STILL` in the scene's time.
+    The torque is infinite if no torque turns the arm by `STILL` in the scene's time.
     """
     arm, reach = scene.arm, scene.arm.total_length
     inertia = float(rigid_inertia(arm, np.zeros((1, arm.n_links - 1)))[0, 0, 0])

@@ -10,7 +10,7 @@ Fields of every Model
     fixed       int64 (n_fixed,): coordinates that never move, such as those of a pinned root; may be empty
     algebraic   int64 (n_multipliers,) or None: rows of q that hold Lagrange multipliers
     weight      float64 (n,): reciprocal of each coordinate's characteristic size (1/L for lengths, 1 for angles)
-    newton      `NewtonPolicy`: the rules by which the integrator solves a step, and what it must know for that
+    newton      `NewtonPolicy`: the rules by which the integrator solves a step, and the data that they need
 
 Arguments that recur
     lane        lane tag (see `compiler.lanes`); every array below holds lanes unless it says otherwise
@@ -76,7 +76,7 @@ Output
     centerline(model, q, points)                  points (n_points, 2 or 3) <- positions along the chain, m;
                                                   returns their number. One lane only.
 
-Reverse derivatives, which the compiler derives from the above (`compiler.vjp_of`) unless a formulation has a faster way
+Reverse derivatives; `compiler.vjp_of` derives them from the functions above unless a formulation has a faster way
     solve_transposed(lane, model, S, x)           x <- S^-T x.
     vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar)
         Add the cotangents that r_bar causes to par_bar, bar (a `State`) and u_bar; r_bar <- 0. S is scratch.
@@ -85,7 +85,7 @@ Reverse derivatives, which the compiler derives from the above (`compiler.vjp_of
         `vjp_residual` of the product S x with a constant x.
     vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar)   The same of `task_poses`.
     note_inverse(lane, model, d, share), noted_inverse(lane, model, d, share, x)
-        Store in `share` what T^-T of d needs; x <- T^-T x with it.
+        Store the coefficients of T^-T of d in `share`; x <- T^-T x with them.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ from ..compiler import Family, Lanes, inlined, kernel, returns_none, size, vjp_o
 
 
 class State(NamedTuple):
-    """Configuration and its rates, (n,) lanes each."""
+    """Configuration with rates and accelerations, (n,) lanes each."""
 
     q: Lanes  # coordinates (m, rad); rows of multipliers: constraint forces (N, N m)
     v: Lanes  # velocities (m/s, rad/s)
@@ -106,7 +106,7 @@ class State(NamedTuple):
 class NewtonPolicy(NamedTuple):
     """Rules by which the integrator solves the steps of a Model, a record of data; the defaults suit any Model.
 
-    A tag is (0,) or None. None leaves out of the compiled code what a field controls.
+    A tag is (0,) or None. With None the code that the field controls is not compiled.
     """
 
     # s of the predicted acceleration a+ = s a. 1: motion is smooth over a step; 0: also where coordinates vibrate
@@ -144,8 +144,8 @@ class NewtonPolicy(NamedTuple):
 def reuses_matrix(policy, iteration):
     """Return whether Newton iteration number `iteration` (from 0) uses the factors of the iteration before.
 
-    policy: `NewtonPolicy`. Its `reuse` is None (each iteration has its own matrix) or a pair of tuples, whose lengths
-    are the numbers of the first and the last iteration that reuse factors.
+    policy: `NewtonPolicy`. If its `reuse` is None, each iteration has its own matrix. Otherwise `reuse` is a pair of
+    tuples; their lengths are the numbers of the first and of the last iteration that reuse factors.
     """
     if policy.reuse is None:
         return False
@@ -173,7 +173,7 @@ MASS_ALONE = Weights(1.0, 0.0, 0.0)
 
 @kernel
 def added(lane, q: Lanes, share, d: Lanes, more: Lanes | None, k):
-    """Return row k of q + share d + more: coordinate k (m or rad) after an increment, where coordinates are added.
+    """Return row k of q + share d + more: coordinate k (m or rad) after an increment, without rotations.
 
     q, d, more: arrays of n rows; share: number; more None: left out.
     """
@@ -347,8 +347,8 @@ FORMULATIONS.defaults.update(
 def task_poses(lane, model, par, q, v, out):
     """Write the poses that tasks read to out: one `layout.POSES` per link, in space one `layout.SPACE_POSES`.
 
-    After them follows what contributions add, such as the `layout.BASE_POSE` of a floating base. q: coordinates (m,
-    rad); v: their rates.
+    The poses of contributions follow, such as the `layout.BASE_POSE` of a floating base. q: coordinates (m, rad); v:
+    their rates.
     """
     link_poses(lane, model, par, q, v, out, (0,))
 

@@ -1,1 +1,1 @@
-"""What an environment's arms go through in a control period, and what is recorded of a scene's."""
+"""Control periods of an environment's arms, their derivatives, and recorded runs of a scene's arm."""

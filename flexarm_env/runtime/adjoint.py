@@ -1,9 +1,10 @@
-"""Reverse derivative of a control period: cotangents from its outcome back to its state and action.
+"""Reverse derivative of a control period: transform cotangents of its outcome into those of its state and action.
 
-The period is run once more, the end of each step is stored on a tape, and the steps are passed in reverse order. All
-derivatives of one scalar come at once, for a few times the cost of the period. A block like that of the arms holds
-cotangents in place of numbers. x_bar is the cotangent of x, the change of the scalar with x. Accelerations start anew
-with each period (elasticas) or jump with the torques (stiff arms); where motors turn within a period, with each step.
+The period is run once more with the end of each step stored on a tape. Then the steps are processed in reverse order.
+One reverse pass computes all derivatives of one scalar, for a few times the cost of the period. A block with the layout
+of the arms' block holds cotangents. x_bar is the cotangent of x, the derivative of the scalar by x. Accelerations start
+anew with each period (elasticas) or jump with the torques (stiff arms). If torques change within a period, they do so
+at each step.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ def _ask(lane, model, task, controller, amplifier, par, q, v, record, action, u)
 
     # in        q (m, rad), v, record, action (joints, lanes) in [-1, 1]
     # out       u (joints, lanes)
-    Poses and displacements are scratch of its own, so that `vjp_of` can differentiate the function in reverse.
+    Poses and displacements are scratch arrays of this function, so that `vjp_of` can differentiate it in reverse.
     """
     poses, y = stack(lane, (0,) * (POSE.end * size(task.links))), stack(lane, (0,) * size(task.links))
     command(lane, task, controller, amplifier, model, par, action, poses, record, Asked(q, v, u, y))
@@ -96,11 +97,11 @@ _vjp_motors = vjp_of(update_motor_torques, ("record", "w"))
 
 @entry_point
 def adjoint(address, first, last):
-    """Compute the cotangents of states and actions of groups first ... last - 1 from those of their periods' outcomes.
+    """Compute the cotangents of states and actions of groups first ... last - 1 from the cotangents of their outcomes.
 
-    address: of a `Derivative` d. In: d.state_bar (of the state a period later), d.observation_bar, d.reward_bar. Out:
-    d.state_bar (of the state), d.action_bar, d.failed. The blocks and tape of group `first` are used for all; returns
-    0.
+    address: address of a `Derivative` d. In: d.state_bar (of the state a period later), d.observation_bar,
+    d.reward_bar. Out: d.state_bar (of the state), d.action_bar, d.failed. The blocks and tape of group `first` are used
+    for all; returns 0.
     """
     d = dereference(address)
     row = d.plain.row
@@ -194,7 +195,7 @@ def _vjp_torques_jump(lane, p, par, par_bar, s, record, saved, block, w, bar):
 
 @kernel
 def _vjp_switch(lane, p, par, par_bar, s, record, saved, block, w, bar):
-    """Apply the reverse derivative of the jump of a stiff model's accelerations, and of its start in lanes that begin.
+    """Apply the reverse derivative of the jump of a stiff model's accelerations; in lanes that begin, of their start.
 
     Arguments as in `_vjp_torques_jump`.
     """
@@ -217,7 +218,7 @@ def _vjp_switch(lane, p, par, par_bar, s, record, saved, block, w, bar):
 
 @kernel
 def _length(model, task):
-    """Return how many numbers are stored per step: q, v, a, increment of q, torques, motor torques before it."""
+    """Return how many numbers are stored per step: q, v, a, increment of q, torques, motor torques before the step."""
     return _last(model, task) + size(task.links)
 
 
@@ -229,13 +230,13 @@ def _last(model, task):
 
 @kernel
 def _more(model):
-    """Return how many further numbers are stored per jump of torques: factors, accelerations and inputs before it."""
+    """Return how many numbers are stored per jump of torques: factors, accelerations and inputs before the jump."""
     return size(model.n_factor) + size(model.n) + size(model.n_inputs)
 
 
 @kernel
 def room_of(model, task, actuator, n_steps):
-    """Return the length of the tape of one arm's period: the ends of all steps, and the jumps of torques."""
+    """Return the length of one arm's tape for a period, which stores the ends of all steps and the jumps of torques."""
     times = n_steps if may_jump_before_step(actuator, 1) else 1
     return n_steps * _length(model, task) + times * (_length(model, task) + _more(model))
 
@@ -255,10 +256,10 @@ def _of_jump(w):
 
 @kernel
 def _turn(lane, model, task, actuator, s, record, w, tape):
-    """Update the motors' torques for step s, after storing those before it in the step's part of the tape.
+    """Store the motors' torques in the tape's part for step s, then update them for the step.
 
     # in, out   record.torque (joints, lanes), N m, from the start to the end of the step
-    # out       w.u, mean torques over the step; w.u0, those before;  tape
+    # out       w.u, mean torques over the step; w.u0, torques before the step;  tape
     Ideal motors (actuator None) hold their torque.
     """
     if actuator is not None:
@@ -288,7 +289,7 @@ def _vjp_turn(lane, model, task, actuator, s, record, record_bar, w, bar, tape):
 
 @kernel
 def _seed(lane, d, g, bars):
-    """Set the cotangent block of group g: 0, and the cotangents of final state, observation and reward.
+    """Clear the cotangent block of group g and set the cotangents of final state, observation and reward.
 
     # in        d.state_bar, d.observation_bar, d.reward_bar, arm by arm
     # out       bars, a block of cotangents in lanes; row 0 of its info holds the reward's

@@ -1,13 +1,14 @@
-"""One control period and its derivative by state and action, for rows of numbers in place of a batch's blocks.
+"""One control period and its derivative by state and action, on rows of numbers instead of a batch's blocks.
 
-A row of `Derivative.state` holds all numbers that an arm's period depends on: first the X numbers that move, by which
-and of which derivatives are taken, then given ones. The period is that of `episode`, without info: from the action to
-torques, steps, observation and reward. Its derivative, `jacobian`, has D = X + A columns and X + O + 1 rows per arm:
-changes of the moving numbers at the end, of the observation's entries and of the reward.
+A row of `Derivative.state` holds all numbers that an arm's period depends on. The first X numbers are the moving ones:
+derivatives are taken of them and by them. Constants follow. The period is that of `episode`, without info: it computes
+torques, steps, observation and reward from the action. Its derivative, `jacobian`, has D = X + A columns, one per
+moving number and action, and X + O + 1 rows per arm: the moving numbers at the end, the observation's entries and the
+reward.
 
-`tangents` runs the period in dual lanes, some columns at a time. Every operation is differentiated as it is computed,
-and Newton's solution by the implicit function theorem (`physics.integrator.newton`). `implicit` is faster where nothing
-but the equations of a step determines its result.
+`tangents` runs the period in dual lanes, some columns at a time. Every operation is differentiated when it is computed.
+Newton's solution is differentiated by the implicit function theorem (`physics.integrator.newton`). `implicit` is faster
+if only the equations of a step determine its result.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from .sensors import measure
 
 
 class Derivative(NamedTuple):
-    """A batch's program with rows to work on: S numbers in a state, X of them moving, A joints, O entries observed."""
+    """A batch's program with its rows: S numbers in a state, X of them moving; A joints; O observed entries."""
 
     lane: tuple[int, ...]  # tag of plain lanes
     dual: tuple[int, ...]  # tag of the same lanes with tangents
@@ -72,8 +73,8 @@ class Derivative(NamedTuple):
 def step(address, first, last):
     """Advance groups first ... last - 1 by one control period, from d.state and d.action; no derivatives. Returns 0.
 
-    address: of a `Derivative` d; written are d.after, observation, reward, failed, past (1: joint limit passed) and,
-    where steps are fitted, level.
+    address: address of a `Derivative` d; it writes d.after, observation, reward, failed, past (1: joint limit passed)
+    and, with fitted steps, level.
     """
     return _values(dereference(address), first, last, (0,))
 
@@ -82,7 +83,7 @@ def step(address, first, last):
 def observe(address, first, last):
     """Observe groups first ... last - 1 in the states d.state, without a step: d.observation and d.reward.
 
-    address: of a `Derivative` d. Returns 0.
+    address: address of a `Derivative` d. Returns 0.
     """
     return _values(dereference(address), first, last, None)
 
@@ -91,7 +92,7 @@ def observe(address, first, last):
 def tangents(address, first, last):
     """Compute d.jacobian of one control period for groups first ... last - 1, in dual lanes.
 
-    address: of a `Derivative` d. Returns 0.
+    address: address of a `Derivative` d. Returns 0.
     """
     return _columns(dereference(address), first, last, (0,))
 
@@ -100,14 +101,14 @@ def tangents(address, first, last):
 def observation_tangents(address, first, last):
     """Compute d.jacobian of the observation in the states d.state, without a step, for groups first ... last - 1.
 
-    address: of a `Derivative` d.
+    address: address of a `Derivative` d.
     """
     return _columns(dereference(address), first, last, None)
 
 
 @kernel
 def _values(d, first, last, moves):
-    """Advance and observe groups first ... last - 1, or only observe them where moves is None; return 0.
+    """Advance and observe groups first ... last - 1, or only observe them if moves is None; return 0.
 
     moves: a tag for a step, or None. d: a `Derivative`.
     """
@@ -118,7 +119,7 @@ def _values(d, first, last, moves):
 
 @kernel
 def _values_of(d, first, g, moves):
-    """Advance and observe group g, or only observe it where moves is None, in the memory of group `first`.
+    """Advance and observe group g, or only observe it if moves is None, in the memory of group `first`.
 
     Rows of d.state and d.action in; rows of d.after, d.observation, d.reward, d.failed, d.past and d.level out.
     """
@@ -134,10 +135,10 @@ def _values_of(d, first, g, moves):
 
 @kernel
 def _columns(d, first, last, moves):
-    """Compute the Jacobians of groups first ... last - 1: of a period, or of the observation where moves is None.
+    """Compute Jacobians for groups first ... last - 1: of a period, or of the observation if moves is None.
 
-    With fitted steps a plain run finds each arm's number of halvings k; the columns of these arms then come from model
-    k.
+    With fitted steps a run without derivatives finds each arm's number of halvings k. Model k then computes the columns
+    of these arms.
     """
     p, block = d.program, d.scratch[first * d.both.row : (first + 1) * d.both.row]
     for g in range(first, last):
@@ -180,10 +181,9 @@ def _all_columns(d, model, parts, level, g, block, moves):
 
 @kernel
 def _some_columns(d, model, parts, level, g, begin, end, block, moves, anew):
-    """Compute columns begin ... end - 1 of group g's Jacobians, as many at once as dual lanes carry.
+    """Compute columns begin ... end - 1 of group g's Jacobians in one pass (at most as many as dual lanes carry).
 
-    block: dual block, scratch. anew: start consistently at the beginning of the period whatever the torques are
-    (`guided`).
+    block: dual block, scratch. anew: make the start of the period consistent even if no torque changes (`guided`).
     """
     for j in range(begin, end, at_once(d)):
         last, w = min(j + at_once(d), end), unpack(d.dual, model, block, 0)

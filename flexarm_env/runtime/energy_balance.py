@@ -1,7 +1,7 @@
 """The balance of energy of an episode: only work raises an arm's energy (docs: theory, section 6).
 
-With the energy E_0 at the start, the work W of torques and pushes up to now and the exchanged energy
-X = |E_0| + sum |W of a period|, an arm has diverged where
+Let E_0 be the energy at the start, W the work of torques and pushes up to now, and X = |E_0| + sum |W of a period| the
+exchanged energy. An arm has diverged if
 
     E > E_0 + W + SHARE (X + |gravity's energy|) + FLOOR (sum of torque limits).
 
@@ -19,8 +19,8 @@ from ..tasks.program import ACCOUNTED, CHANGE, EXCHANGED, PERIODS
 from .events import change_payloads
 
 SHARE = 0.5
-"""Tolerated unaccounted energy, as a fraction of the exchanged energy. Sound runs stay below 0.02, and steps of the
-elastica are accepted up to 0.05 (`physics.integrator.balance`): a run beyond this fraction is wrong."""
+"""Tolerated unaccounted energy, as a fraction of the exchanged energy. Correct runs stay below 0.02, and steps of the
+elastica are accepted up to 0.05 (`physics.integrator.balance`). A run beyond this fraction is wrong."""
 
 FLOOR = 1e-3
 """Negligible unaccounted energy, J per N m of the torque limits: their work over a milliradian."""
@@ -35,7 +35,7 @@ def _energies(lane, model, par, q, v):
 
 @kernel
 def is_unbalanced(lane, held, gravity, accounted, exchanged, floor):
-    """Return 1.0 in lanes whose energy exceeds what is accounted for, or is not finite; otherwise 0.0.
+    """Return 1.0 in lanes whose energy exceeds the accounted energy, or is not finite; otherwise 0.0.
 
         held + gravity > accounted + SHARE (exchanged + |gravity|) + floor        (all J)
 
@@ -57,8 +57,8 @@ def open_account(lane, p, par, record: Lanes, w):
     """Store the energy of arms that start an episode; apply payload changes that are due, with their energy as work.
 
     record.accounted (J): energy at the start of the episode plus work since then; record.exchanged (J): sum of their
-    absolute values. In an arm's first period both are set from its present energy; the change of energy by a payload
-    that is gripped or dropped is added to both.
+    absolute values. In an arm's first period both are set from its present energy. The energy change by a gripped or
+    dropped payload is added to both.
     # in        par, the arms' own parameters;  w.q, w.v;  w.flag, status codes;  record.periods
     # in, out   record.accounted, record.exchanged;  w and par where a payload changes
     """
@@ -118,7 +118,7 @@ def open_step(lane, p, model, par, w, start):
 def close_step(lane, p, model, par, record, w: Work, start: Lanes):
     """Add the motors' work (J) in a step to the record: sum of torque w.u (N m) times change of motor angle (rad).
 
-    start (joints, lanes): these angles at the start of the step, from `open_step`. w.y is scratch. The work is added to
+    start (joints, lanes): motor angles at the start of the step, from `open_step`. w.y is scratch. The work is added to
     record.accounted, its absolute value to record.exchanged. No-op if the balance of energy is not checked (p.watched).
     """
     if p.watched is not None:
@@ -136,9 +136,9 @@ def _may_be_unbalanced(lane, p, w: Work, allowed):
 
     allowed: J, the energy that is accounted for. The estimate is p.watched |v|^2 / 2, where p.watched (kg m^2) is the
     straight arm's inertia per rate (`inertia_per_rate`); it is one to three times the kinetic energy (measured). The
-    energy is evaluated where the estimate is at least 2 allowed, hence wherever the kinetic energy is. Formulations
-    other than the elastica have no estimate: True. (A period of the elastica costs no more than twelve evaluations of
-    its energy.)
+    energy is evaluated if the estimate is at least 2 allowed, and therefore always if the kinetic energy is.
+    Formulations other than the elastica have no estimate: True. (A period of the elastica costs no more than twelve
+    evaluations of its energy.)
     """
     # the elastica alone has an estimate of T, from sum v^2 of its angles; all others evaluate E
     if p.model.newton.resolved is None:
@@ -154,8 +154,8 @@ def _may_be_unbalanced(lane, p, w: Work, allowed):
 def close_account(lane, p, par, record: Lanes, saved: Lanes, w: Work):
     """Add the period's work of constant inputs to the record; flag arms with unaccounted energy DIVERGED.
 
-    Work is input times displacement: torques (N m) and pushes (N) with ideal motors; pushes alone with other motors
-    (p.actuator), whose work `close_step` has added step by step.
+    Work is input times displacement. With ideal motors the inputs are torques (N m) and pushes (N). With other motors
+    (p.actuator) they are only pushes, because `close_step` has added the motors' work step by step.
     # in        saved, coordinates at the start of the period;  par, the arms' own parameters;  w.q, w.v, w.u
     # scratch   w.y, w.y0
     # out       record.accounted, start energy plus work (J);  record.exchanged, sum of absolute values (J);  w.flag

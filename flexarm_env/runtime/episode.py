@@ -9,14 +9,14 @@ Arguments that recur in this package
     p         the `Program`;  g: number of the group;  w: the integrator's `Work`, views of the group's block
     par       (PARAMETERS + ..., lanes) each arm's own parameters (`physics.model.OWN`)
     poses     (links, POSES, lanes) m, rad and rates, inertial axes
-    record    (RECORD, lanes) what the episode remembers beside the state
+    record    (RECORD, lanes) memory of the episode besides the state
     action    (joints, lanes) actions clipped to [-1, 1]
     seen      (entries, lanes) observation, divided by the scales
     info      (INFO, lanes);  live: 1 in lanes whose info is written
     saved     (SAVED, lanes) state at the start of the period
 
 `_period` is the algorithm. A lane whose Newton iteration fails is restored to the start of the period and reported. The
-caller repeats that arm alone, where steps can be halved; the other lanes keep their results.
+caller repeats that arm alone, because a single arm can halve its steps. The other lanes keep their results.
 """
 
 from __future__ import annotations
@@ -76,9 +76,9 @@ OUTCOME = (0, 0)
 def step(address, first, last):
     """Advance groups first ... last - 1 by one control period; return the number of arms that the caller must handle.
 
-    A group is the arms in the lanes of one block of memory. address: of a `tasks.program.Program`. The caller must
-    handle an arm whose episode has ended, one that follows prescribed motions (mode GUIDED), and one whose Newton
-    iteration failed in a group of several lanes, which must be repeated alone.
+    A group is the arms in the lanes of one block of memory. address: address of a `tasks.program.Program`. The caller
+    must handle three cases: an arm whose episode has ended; an arm that follows prescribed motions (mode GUIDED); and
+    an arm whose Newton iteration failed in a group of several lanes, which must be repeated alone.
     """
     p = dereference(address)
     count = 0
@@ -163,7 +163,7 @@ def observe_state(lane, p, first, poses, record, seen):
 
 @kernel
 def observe_material(lane, p, par, record, w, seen):
-    """Write scaled curvatures at strain gauges into `seen`, and what other sensors read of the arm into `record`.
+    """Write scaled curvatures at strain gauges into `seen`, and the true values for other sensors into `record`.
 
     # in        w.q, coordinates (m, rad)
     # out       seen, last entries (curvature over its scale);  record, motor angles (rad) and contact forces in
@@ -178,8 +178,8 @@ def observe_material(lane, p, par, record, w, seen):
 def find_sound(lane, entries, flag: Lanes, seen: Lanes):
     """Return 1.0 in lanes that were moved and whose observation is finite, otherwise 0.0.
 
-    flag (lanes,): status code, 0 (OK) where the arm was moved without error; NOT_FINITE is written where an entry of
-    seen is not finite, and a code other than OK is kept. entries: how many rows of `seen` are checked.
+    flag (lanes,): status code, 0 (OK) where the arm was moved without error; NOT_FINITE is written if an entry of seen
+    is not finite. A code other than OK is kept. entries: how many rows of `seen` are checked.
     """
     code = flag[0]
     for k in range(entries):
@@ -191,7 +191,7 @@ def find_sound(lane, entries, flag: Lanes, seen: Lanes):
 
 @kernel
 def reward(lane, p, live, poses, action, record, info, outcome: Lanes):
-    """Judge the period: reward terms into info where live > 1/2, outcome <- (reward, joint limit passed).
+    """Evaluate the period: write reward terms into info where live > 1/2; outcome <- (reward, joint limit passed).
 
     # in        poses of the links (inertial axes, m, rad and rates);  action (joints, lanes), clipped to [-1, 1]
     # in, out   record: instants within the success bands, last action
@@ -228,9 +228,9 @@ def record_period(lane, p, par, record, scratch, w, live, info, outcome):
 def record_torques(lane, p, par, record: Lanes, w: Work, live, info):
     """Write the joint torques (N m) of the period into info.torque, where live > 1/2.
 
-    With ideal motors the torque is w.u, with motors that lag (p.actuator) the one at the end of the period. Motors
-    under voltage give less by emf (N m s/rad) times the joint's rate: w.u is the torque before back-emf, which acts as
-    viscous friction. w.y is scratch.
+    With ideal motors the torque is w.u. With lagging motors (p.actuator) it is the torque at the end of the period.
+    With motors driven by voltage, emf (N m s/rad) times the joint's rate is subtracted: w.u is the torque before
+    back-emf, which acts as viscous friction. w.y is scratch.
     """
     n, at = size(p.task.links), info_of(p.task).torque
     emf = None
@@ -252,7 +252,7 @@ def record_torques(lane, p, par, record: Lanes, w: Work, live, info):
 def record_energies(lane, p, par, w: Work, live, info):
     """Write energies (J), motor angles and rates (over the gear ratio; rad, rad/s) into info, if they are recorded.
 
-    They are recorded if p.books is a tag; written where live > 1/2.
+    They are recorded if p.books is a tag, in lanes where live > 1/2.
     # in        w.q (m, rad), w.v;  w.books, energy account, J;  par, the arms' own parameters
     # scratch   w.y
     # out       info.energies: kinetic, strain, gravity, dissipated, work;  info.motors (2, joints): angles, then rates
@@ -288,10 +288,11 @@ def copy_info(lane, p, g, info: Lanes):
 def finish(lane, p, g, w, poses, record, seen, info, saved, outcome):
     """Write the results of group g that the caller reads; return how many of its arms need the caller.
 
-    These arms have ended, follow prescribed motions (GUIDED), or must be repeated alone: their Newton iteration failed
-    in a group of several lanes, where steps cannot be halved. Arms to be repeated and arms that were not moved are
-    restored from `saved`, the state at the start of the period; an arm that was just reset (FRESH) becomes RUNNING.
-    outcome (2, lanes): reward; 1 where a joint limit is passed. seen (entries, lanes): true observation.
+    An arm needs the caller if its episode has ended, if it follows prescribed motions (GUIDED), or if it must be
+    repeated alone. The last case is a failed Newton iteration in a group of several lanes, where steps cannot be
+    halved. Arms to be repeated and arms that were not moved are restored from `saved`, the state at the start of the
+    period. An arm that was just reset (FRESH) becomes RUNNING. outcome (2, lanes): reward; 1 where a joint limit is
+    passed. seen (entries, lanes): true observation.
     """
     lanes, reason_at, count = len(lane), info_of(p.task).reason * len(lane), 0
     for i in range(lanes):

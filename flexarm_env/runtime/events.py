@@ -1,8 +1,8 @@
 """Events of an episode: pushes at the tip, a change of the payload, and the cost of exceeding limits.
 
 Pushes and payload changes begin at the start of a control period. They are drawn and applied before the state is saved
-for a repetition (`keeping`), and not again where a period is repeated: the record says which push acts and whether the
-change is still to come.
+for a repetition (`keeping`). They are not drawn or applied again if a period is repeated: the record stores which push
+acts and whether the payload change is still due.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ def _axes(task):
 def draw_events(lanes, p, arm, par, record, info):
     """Draw the payload change and the first push of an arm's episode into its record; info.payload <- its mass, kg.
 
-    record.change <- (control period at whose start the payload changes, factor on the nominal payload). lanes: lanes of
-    a group; arm: number in the batch, whose lane is arm % lanes. par: parameters in lanes, with the present payload
-    mass.
+    record.change <- (control period at whose start the payload changes, factor on the nominal payload). lanes: number
+    of lanes of a group; arm: number in the batch, whose lane is arm % lanes. par: parameters in lanes, with the present
+    payload mass.
     """
     i = arm % lanes
     if p.payload_change is not None:
@@ -63,8 +63,8 @@ def _draw_push(pushes, stream, arm, record, lanes, axes):
     """Draw the next push of an arm into record.push: first period, first period after it, force (N, inertial axes).
 
     pushes: ranges of waiting time and force, `lasting` and `until`; times in control periods. The direction is uniform
-    on the circle in the plane (axes = 2), on the sphere in space (axes = 3): height uniform in [-1, 1], angle uniform.
-    A push that would begin after pushes.until never comes (first = inf). lanes: lanes of a group.
+    on the circle in the plane (axes = 2) or on the sphere in space (axes = 3; height uniform in [-1, 1], angle
+    uniform). A push that would begin after pushes.until is omitted (first = inf). lanes: number of lanes of a group.
     """
     i = arm % lanes
     # period of the push; it is drawn in every case, so that the stream does not depend on the settings
@@ -83,7 +83,7 @@ def _draw_push(pushes, stream, arm, record, lanes, axes):
 
 @kernel
 def draw_pushes(lane, p, g, record, w):
-    """Draw the next push of each arm of group g that is to be moved and whose last push is over; no-op without pushes.
+    """Draw the next push for each arm of group g that moves and whose last push is over; no-op without pushes.
 
     # in        w.flag, OK where an arm is to be moved;  record.periods, control periods done
     # in, out   record.push: first period, first period after it, force (N, inertial axes)
@@ -141,7 +141,7 @@ def set_pushes(lane, p, record, w):
 def record_events(lane, p, par: Lanes, record: Lanes, w: Work, live, info: Lanes, outcome: Lanes):
     """Write the period's cost, payload mass (kg) and push (N) into info where live > 1/2, and price the cost.
 
-    The cost is 1 in a period in which a limit is exceeded or a shape to keep out of is nearer than its margin,
+    The cost of a period is 1 if a limit is exceeded or if the arm is nearer to a keep-out shape than its margin,
     otherwise 0.
     # in, out   record.cost, the episode's sum;  outcome row 0, the reward, which falls by the priced cost
     """
@@ -172,8 +172,9 @@ def record_events(lane, p, par: Lanes, record: Lanes, w: Work, live, info: Lanes
 def _cost(lane, p, q, info: Lanes):
     """Return 1.0 in lanes where a tip deflection or a strain exceeds its limit, otherwise 0.0.
 
-    Deflections are those of info, tip over link length; strains come from rows of `gauges.curvature_rows` over the
-    limit, in space two rows a station, whose absolute values add up (bending in both planes).
+    Deflections are read from info (tip deflection over link length). Strains come from rows of `gauges.curvature_rows`,
+    divided by the limit. In space each station has two rows, for bending in both planes, whose absolute values are
+    added.
     # in        q (n, lanes) coordinates; info.deflection
     """
     most, task, cost = 0.0, p.task, p.cost

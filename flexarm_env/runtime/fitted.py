@@ -1,15 +1,16 @@
-"""Steps fitted to a tolerance: each arm's control period is divided into as many steps as its motion needs.
+"""Steps fitted to a tolerance: each arm's motion determines the number of steps in its control period.
 
 A period is computed in steps of h and of h/2 from the same start. The distance between the tips of both runs, now and
 extrapolated by another period, is the error of the finer run (theory, eq. 6.4). The finer run is kept if its error is
-allowed. Otherwise h/4 is compared with h/2, and so on up to h/32, which is kept in any case, with its error reported.
-The next period begins with the same pair, or with the coarser one if the error was below an eighth of what is allowed.
-In lanes all arms of a group run through each step size that one of them needs, and keep their own results: an arm
-depends on itself alone.
+allowed. Otherwise h/4 is compared with h/2, and so on up to h/32. The run with h/32 is kept in any case, and its error
+is reported. The next period begins with the same pair of step sizes, or with the next coarser pair if the error was
+below an eighth of the allowed error. In lanes, a step size that one arm needs is computed for all arms of the group.
+Each arm keeps its own result, which does not depend on other arms.
 
-An environment does so with its control periods (`move`), a scene with its stretches between samples and kinks
-(`simulation.Simulation`), by the same functions: `open_fit`, `start_run` and `end_run` for each step size, `close_fit`.
-A run of k halvings has steps of h / 2^k. Each k has a model of its own, because inertia corrections depend on the step.
+An environment fits the steps of its control periods (`move`). A scene fits the steps of its stretches between samples
+and kinks (`simulation.Simulation`). Both call `open_fit`, then `start_run` and `end_run` for each step size, then
+`close_fit`. A run of k halvings has steps of h / 2^k. Each k has a model of its own, because inertia corrections depend
+on the step.
 """
 
 from __future__ import annotations
@@ -81,8 +82,8 @@ def _fit(lane, p, models, par, poses, record: Lanes, action, saved, scratch, blo
 def record_step_error(lane, p, scratch: Lanes, live, info: Lanes):
     """Write the error of a period in fitted steps, over the arm's length, into info.step_error, where live > 1/2.
 
-    The error is scratch.apart (m): distance of the tips between the run that was kept and the run with steps twice as
-    long. It is above the tolerance where steps of h/32 were still too long. No-op with fixed steps.
+    The error is scratch.apart (m): distance of the tips between the kept run and the run with steps twice as long. It
+    exceeds the tolerance if steps of h/32 were still too long. No-op with fixed steps.
     """
     if p.models is not None:
         at = info_of(p.task).further + FURTHER.step_error
@@ -101,7 +102,7 @@ def _result(lane, links, saved, scratch):
 
 @kernel
 def open_fit(lane, links, level, record, saved, scratch, w):
-    """Begin the fit of a period or stretch: each arm starts with the halvings of its last one; status flags are saved.
+    """Begin the fit of a period or stretch: each arm starts with its last number of halvings; status flags are saved.
 
     # in        saved, the start;  level (lanes,) halvings of each arm's last period;  w.flag;  links, their number
     # out       scratch.flag, status;  scratch.fine, halvings of the finer run of the first pair, at least 1 (-1: takes
@@ -119,8 +120,9 @@ def open_fit(lane, links, level, record, saved, scratch, w):
 def start_run(lane, k, saved, scratch, record, w):
     """Return whether an arm needs a run of k halvings; if so, restore all lanes to the start of the period.
 
-    Runs are compared in pairs of fine - 1 and fine halvings: an arm needs k as the coarser (scratch.fine = k + 1) or as
-    the finer run (scratch.fine = k). w.flag becomes OK in its lane and RETRY (not moved) in others.
+    Runs are compared in pairs of fine - 1 and fine halvings. An arm needs a run of k halvings as the coarser run
+    (scratch.fine = k + 1) or as the finer run (scratch.fine = k) of its pair. w.flag becomes OK in its lane and RETRY
+    (not moved) in others.
     """
     lanes, asked = len(lane), False
     for i in range(lanes):
@@ -167,10 +169,11 @@ def close_fit(lane, links, record, saved, scratch: Lanes, w: Work):
 
 @kernel
 def _compare(lanes, i, k, links, allowed, period, poses, record, scratch, result, level, w):
-    """Compare arm i's run of k halvings with its coarser run: keep it as the result, or store its tips.
+    """Compare arm i's run of k halvings with its coarser run: keep the run as the result, or store its tips.
 
     The finer run of a pair (scratch.fine = k) is kept if the distance of the tips is at most allowed (m), or if there
-    are no shorter steps; so is a run that failed in a group of several lanes. After any other run fine becomes k + 1.
+    are no shorter steps. A run that failed in a group of several lanes is kept as well. After any other run fine
+    becomes k + 1.
     # in        poses, tips of this run (m, m/s, inertial axes);  w.flag, status;  scratch.fine
     # out       scratch.flag, taken (k), apart (error, m), result, where kept;  scratch.tips, where not
     #           level, where kept without failure: halvings of the next period

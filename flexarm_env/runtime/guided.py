@@ -1,7 +1,7 @@
 """A control period of an arm that follows prescribed motions, in plain or dual lanes, for its derivatives.
 
-The period is the same as that of `envs.motion.Guide.advance`, by the same kernel, `sampling.sample_rows`: from kink to
-kink, with a consistent start at each.
+The period is the same as in `envs.motion.Guide.advance` and uses the same kernel, `sampling.sample_rows`. It leads from
+kink to kink, with a consistent start at each kink.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class Guided(NamedTuple):
 def follow_motions(lane, guide, p, model, par, record: Lanes, action, w: Work, anew):
     """Advance an arm that follows prescribed motions by one control period, under torques on its free joints.
 
-    A torque that differs from the last one is a kink, where velocities and accelerations are made consistent. anew: do
-    so whatever the torques are, as derivatives by the action need it.
+    A torque that differs from the last torque is a kink, at which velocities and accelerations are made consistent.
+    anew: make them consistent even if no torque changes, as derivatives by the action require.
     # guide     `Guided`: drive, kinks, longest step;  p: `Program`
     # in        record.periods, which gives the time; par, the arm's own parameters
     # in, out   action (joints, lanes), entries that do not count <- 0;  w: q, v, a, b, u and flag
@@ -96,7 +96,7 @@ def _copy_state(lane, model, w, x):
 
 @kernel
 def _drop_known_tangents(lane, drive, x):
-    """Remove the tangents of prescribed coordinates, which follow from their motions and not from the given state.
+    """Remove the tangents of prescribed coordinates, whose values follow from motions and not from the given state.
 
     drive.known: row of each prescribed coordinate; negative where a Lagrange multiplier prescribes it (skipped).
     # in, out   x.q, x.v, x.a, x.b
@@ -129,7 +129,7 @@ def _set_torques(lane, guide, task, action: Lanes, x, anew):
 
 @kernel
 def _landed(kinks, t):
-    """Return (the kink at time t (s), True), or (t, False) where there is none within round-off.
+    """Return (the kink at time t (s), True), or (t, False) if there is no kink within round-off.
 
     kinks (K,): s, instants where motions or loads may jump. Round-off: NEAR (1e-12) times t, or times 1 s for smaller
     t.

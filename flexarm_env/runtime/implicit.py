@@ -1,8 +1,8 @@
 """Derivative of a control period step by step: values in plain lanes, tangents by the implicit function theorem.
 
-The caller passes groups that nobody else uses; the memory of the first serves all of them. All columns advance
-together: each step is computed once, its matrix is factored once more at its end, and each dual block carries a chunk
-of the columns (`physics.integrator.tangents`).
+The caller passes groups that no other thread uses. The memory of the first group serves all of them. All columns
+advance together: each step is computed once, its matrix is factored once more at its end, and each dual block holds a
+chunk of the columns (`physics.integrator.tangents`).
 """
 
 from __future__ import annotations
@@ -34,9 +34,10 @@ from .motors import command_motors, is_starting, may_jump_before_step, start_sti
 def implicit(address, first, last):
     """Compute d.jacobian of one control period for groups first ... last - 1 by implicit differentiation of the steps.
 
-    Of each arm: (moving numbers of the state after, observed entries, reward) by (moving numbers at the start,
-    actions), shape (X + O + 1, X + A), SI units, observations over their scales. address: of a `derivative.Derivative`
-    d, whose outcome rows are written as well. The scratch memory of group `first` serves all groups. Returns 0.
+    Rows of an arm's Jacobian: moving numbers of the state after, observed entries, reward. Columns: moving numbers at
+    the start, actions. Shape (X + O + 1, X + A), SI units, observations over their scales. address: address of a
+    `derivative.Derivative` d, whose outcome rows are written as well. The scratch memory of group `first` serves all
+    groups. Returns 0.
     """
     d = dereference(address)
     for g in range(first, last):
@@ -157,7 +158,8 @@ def _jump(lane, d, chunks, par, s, record, saved, block, scratch, w):
 
     # in        u0, u: inputs before and after, N m and N
     # in, out   a, b (m/s^2, rad/s^2) of w, and their tangents in the dual work arrays
-    The elastica is solved anew; models with light joints and stiff models jump by the change of torques.
+    The elastica's accelerations are solved for anew. Those of models with light joints and of stiff models jump by the
+    effect of the torques' change.
     """
     if d.program.model.newton.resolved is not None:
         _afresh(lane, d, chunks, par, block, scratch, w)
@@ -188,7 +190,7 @@ def _light(lane, d, chunks, par, s, record, block, scratch, w):
     """Let accelerations of a model with light joints jump with the torques, with their tangents.
 
     # in, out   a, b (m/s^2, rad/s^2): values in w, tangents in the dual work arrays of all chunks
-    # scratch   q0 of these
+    # scratch   q0 of the dual work arrays
     """
     p, model = d.program, d.program.model
     for c in range(chunks):
@@ -208,7 +210,7 @@ def _light(lane, d, chunks, par, s, record, block, scratch, w):
 def _stiff(lane, d, chunks, par, s, record, saved, block, scratch, w):
     """Let accelerations of a stiff model jump with the torques, with their tangents.
 
-    Where an episode begins they are solved for instead.
+    In lanes where an episode begins, accelerations are solved for instead.
     """
     p, model = d.program, d.program.model
     first = start_stiff(lane, p, model, par, s, record, saved, block, w)

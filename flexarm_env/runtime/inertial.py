@@ -1,4 +1,4 @@
-"""Reading of an accelerometer on the tip of an arm in space: the mean of its specific force over a period."""
+"""Reading of an accelerometer on the tip of an arm in space: the tip's mean specific force over a period."""
 
 from __future__ import annotations
 
@@ -43,12 +43,13 @@ def _on_the_way(s, turn, start, end):
 def specific_force(lane, memory, base, room, c, i, r, psi, v, w, period, gravity, first):
     """Return the tip's specific force (acceleration less gravity) in tip axes, mean over the last period, (3,) m/s^2.
 
-    In the tip's own axes R(s), s from -1 to 1 over the period, f = f0 + f1 s is such that it carries the tip from its
-    position and velocity a period ago to those of now (`laws.tip_acceleration` in space):
+    Let the specific force in the tip's own axes R(s), s from -1 to 1 over the period, be f = f0 + f1 s. f0 and f1 are
+    determined so that f moves the tip from position and velocity a period ago to the present ones
+    (`laws.tip_acceleration` in space):
 
         M0 = mean R f = A0 f0 + A1 f1,     M1 = mean s R f = A1 f0 + A2 f1,     A_j = mean s^j R at three Gauss points,
 
-    where M0 and M1 follow from the changes of velocity and position; f0 is returned. first: True without a period
+    where M0 and M1 follow from the changes of velocity and position; f0 is returned. first: True if there is no period
     before; then f = w x R^T v - R^T g, for a constant velocity in the tip's axes.
 
     # in        r (m), psi (rotation vector, rad), v (m/s), gravity (m/s^2), (3,) each, inertial axes;  w (3,): angular

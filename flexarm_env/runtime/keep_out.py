@@ -1,4 +1,4 @@
-"""Clearance of an arm from shapes that it must stay out of: distance of the nearest of its points."""
+"""Clearance of an arm from shapes that it must not enter: smallest distance of its points from the shapes."""
 
 from __future__ import annotations
 
@@ -23,10 +23,11 @@ SPACING = 1.0 / 16.0
 
 
 def with_room(given: KeepOut | None, model: Any, q: Array, room: Array, groups: int, length: float) -> KeepOut | None:
-    """Return the `KeepOut` with memory for centerline points, and the subdivision of the intervals between them.
+    """Return the `KeepOut` with memory for centerline points, and with the subdivision of the intervals between points.
 
-    given: or None, which is returned. q: a state of the model. room (many, 2 or 3): scratch that holds its points, m.
-    groups: of the batch. length: of the arm, m; intervals are subdivided to at most SPACING of it.
+    given: a `KeepOut`, or None, for which None is returned. q: a state of the model. room (many, 2 or 3): scratch that
+    holds its points, m. groups: number of groups of the batch. length: length of the arm, m; intervals are subdivided
+    to at most SPACING of it.
     """
     if given is None:
         return None
@@ -43,8 +44,8 @@ def with_room(given: KeepOut | None, model: Any, q: Array, room: Array, groups: 
 def clearance(keep_out, model, g, lanes, i, q):
     """Return the signed distance (m) of arm i of group g from the nearest shape; negative within a shape.
 
-    Points along the centerline (inertial axes) are checked, or the tip alone where keep_out.tip is a tag. The root,
-    which is held, is not. q (n, lanes): coordinates (m, rad) of the group's arms. keep_out.parts: subdivision of the
+    Points along the centerline (inertial axes) are checked, or only the tip if keep_out.tip is a tag. The root, which
+    is held, is not checked. q (n, lanes): coordinates (m, rad) of the group's arms. keep_out.parts: subdivision of the
     intervals between centerline points; keep_out.rows, points: tag of n numbers, and scratch for the points.
     """
     mine, points = stack(_ONE, keep_out.rows), keep_out.points[g]

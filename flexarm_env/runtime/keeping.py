@@ -1,6 +1,6 @@
 """Save and restore the state of arms, for periods that are repeated: a `tasks.program.SAVED` in lanes.
 
-`saved` holds q, v, a, b, books, u, psi, reactions, and as much of the record as its length leaves room for.
+`saved` holds q, v, a, b, books, u, psi, reactions, and as many first numbers of the record as fit.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def _copy_lane(lanes, i, parts, saved, back):
 def _copy(source, target, count, step):
     """Copy every `step`-th number of `source` to the same places of `target`, up to `count`.
 
-    Not inlined: it is seldom called, and LLVM would spend much code on a loop for each array.
+    It is not inlined, because it is seldom called and LLVM would generate much code for a loop per array.
     """
     for k in range(0, count, step):
         target[k] = source[k]

@@ -2,8 +2,8 @@
 
     reading = round(gain F u(t - delay) + bias + noise),        F: low-pass filter
 
-Between instants u is a straight line, for which filter and delay are exact. Bias, noise and resolution are in units of
-the entry's scale. A channel (`program.CHANNEL`) holds what a sensor remembers.
+Between instants u is taken as a straight line, for which filter and delay are exact. Bias, noise and resolution are in
+units of the entry's scale. A channel (`program.CHANNEL`) is the memory of a sensor for one quantity.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ LAW_SIZE = _LAW.end
 def law_of(law: Any, scale: float, period: float, path: str = "sensors") -> np.ndarray:
     """Return the `LAW` array of a sensor (`flexarm_env.sensors.Law`) that is read every `period` s.
 
-    scale: unit of the entry in SI; bias, noise and resolution are divided by it. path: of the sensor, for messages.
-    Raises ValueError for a delay of more than MOST_LATE periods, or a reading interval that is no whole number of
-    periods.
+    scale: unit of the entry in SI; bias, noise and resolution are divided by it. path: key path of the sensor, for
+    messages. Raises ValueError for a delay of more than MOST_LATE periods, or a reading interval that is no whole
+    number of periods.
     """
     # delay and interval in periods; delay = whole periods + share of one
     late, every = law.delay / period, law.interval / period
@@ -48,7 +48,7 @@ def law_of(law: Any, scale: float, period: float, path: str = "sensors") -> np.n
 
 
 MOST_LATE = 1000
-"""Largest delay of a sensor in periods, each of which is stored."""
+"""Largest delay of a sensor, in periods. The output of each period is stored."""
 
 
 @lru_cache(64)
@@ -75,7 +75,7 @@ def _held_filter(low_pass: Any, period: float) -> tuple[Any, Any, Any]:
 
 
 def _bow(low_pass: Any, period: float, share: float) -> np.ndarray:
-    """Return `LAW.bow` (4,), by which a delayed filter output exceeds the line between two outputs.
+    """Return `LAW.bow` (4,): coefficients of a delayed filter output's deviation from the line between two outputs.
 
     The filter's output `share` of a period before the second instant is (1 - share) y+ + share y + bow . (y, s, u, u+),
     where the input runs straight from u to u+. Zeros without a filter or a fractional delay.
@@ -122,10 +122,9 @@ def read(lane, laws, room, c, memory, base, stream, arm, value, first):
 
     value: true quantity now, in the unit of its law. laws: a `LAW` a channel. memory: array in lanes that holds a
     `CHANNEL` a channel from offset `base` on, with `room` past outputs each. arm: number in the batch; its lane is arm
-    % lanes.
-    first: True at the start of an episode; the quantity is taken to have had this value for ever. stream: random
-    numbers, or None for readings without noise (a first reading needs them). Under a dual tag the number of one arm
-    carries its tangents; rounding passes them unchanged.
+    % lanes. first: True at the start of an episode; the quantity counts as constant before. stream: random numbers, or
+    None for readings without noise (a first reading needs random numbers). Under a dual tag the number of one arm
+    carries its tangents. Rounding does not change tangents.
     """
     i, o, at = arm % lane_count(lane), c * _LAW.end, channel_of(base, room, c)
     since, late, share, bow = laws[o + _LAW.every], int(laws[o + _LAW.late]), laws[o + _LAW.share], o + _LAW.bow
@@ -176,7 +175,7 @@ def _remember(lane, laws, room, o, at, memory, stream, arm, value):
     """Draw a channel's gain and bias and fill its memory with `value`, at the start of an episode.
 
     o: offset of its law in `laws`. at: offsets of its numbers in `memory`. room: past outputs in a channel. value: the
-    true quantity, which is taken to have had this value for ever. Nothing happens without a stream.
+    true quantity, which counts as constant before the start. No-op without a stream.
     """
     if stream is not None:
         i = arm % lane_count(lane)
@@ -208,16 +207,17 @@ def read_encoder(lane, laws, room, c, memory, base, stream, arm, angle, first):
 
 
 GAUSS = math.sqrt(0.6)
-"""Outer Gauss points of three on [-1, 1], +-GAUSS; weights for a mean are 5/18 each, and 8/18 in the middle."""
+"""The outer two of three Gauss points on [-1, 1] are +-GAUSS. Their weights for a mean are 5/18 each, and 8/18 in the
+middle."""
 
 
 @kernel
 def tip_acceleration(lane, memory, base, room, c, i, x, y, angle, vx, vy, rate, period, gravity_x, gravity_y, first):
     """Return the tip's specific force f in the plane (acceleration less gravity), mean over the last period, m/s^2.
 
-    In the tip's own axes, along its tangent and across, f = f0 + f1 s with s from -1 to 1 over the period is such that,
-    turned into inertial axes, it carries the tip from its position and velocity a period ago to those of now. As
-    complex numbers,
+    In the tip's own axes, along its tangent and across, let f = f0 + f1 s with s from -1 to 1 over the period. f0 and
+    f1 are determined so that f, rotated into inertial axes, moves the tip from position and velocity a period ago to
+    the present ones. In complex numbers,
 
         M0 = mean f e^(i psi) = a_0 f0 + a_1 f1,     M1 = mean s f e^(i psi) = a_1 f0 + a_2 f1,
         a_j = mean s^j e^(i psi),
@@ -225,7 +225,8 @@ def tip_acceleration(lane, memory, base, room, c, i, x, y, angle, vx, vy, rate, 
     where M0 and M1 follow from the changes of velocity and position; f0 is returned. The angle psi(s) is the cubic
     through angles and rates at both ends; means are those of three Gauss points.
 
-    first: True without a period before; the velocity in the tip's axes is then taken as constant, f = rate x v - g.
+    first: True if there is no period before. The velocity in the tip's axes is then taken as constant: f = rate x v -
+    g.
 
     # in        x, y (m), vx, vy (m/s), gravity_x, gravity_y (m/s^2), inertial axes;  angle (rad), rate (rad/s) of the
     #           tip's tangent;  period, s

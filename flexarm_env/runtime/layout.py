@@ -17,8 +17,9 @@ from ..tasks.program import CHANNEL, INFO, LAW, RECORD, SAVED, SCRATCH, Block
 def record_sizes(task: Any, entries: int, extras: Any) -> tuple[int, ...]:
     """Return the sizes of a `RECORD`, in the order of its layout.
 
-    They are: joints, actions, rows of motors, rows of commands, drawn delays, past observations, readings of sensors.
-    task: a `tasks.task.Task`. entries: of the observation. extras: a `tasks.program.Extras`.
+    The sizes are numbers of joints, actions, rows of motors, rows of commands, drawn delays, past observations and
+    sensor readings. task: a `tasks.task.Task`. entries: number of entries of the observation. extras: a
+    `tasks.program.Extras`.
     """
     motors, sensors, instruments = extras.actuator, extras.sensors, extras.instruments
     return (
@@ -36,7 +37,7 @@ def readings_size(instruments: Any) -> int:
 
 
 def parameters_of(model: Any, space: bool) -> int:
-    """Return how many parameters an arm has of its own, including the laws of its joints where each arm has its own.
+    """Return how many parameters an arm has of its own, including its joints' laws if each arm has its own laws.
 
     space: whether the arm moves in space.
     """
@@ -47,8 +48,8 @@ def parameters_of(model: Any, space: bool) -> int:
 def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitted: bool) -> Block:
     """Return the offsets of a block's sections for groups of `lanes` arms, each on whole lanes and cache lines.
 
-    task: a `tasks.task.Task`. entries: of the observation. extras: a `tasks.program.Extras`. fitted: whether steps are
-    fitted to a tolerance, which needs a `SCRATCH` behind the other sections.
+    task: a `tasks.task.Task`. entries: number of entries of the observation. extras: a `tasks.program.Extras`. fitted:
+    whether steps are fitted to a tolerance, which needs a `SCRATCH` behind the other sections.
     """
     links, record = len(task.links), RECORD.offsets(0, *record_sizes(task, entries, extras)).end
     info = INFO.offsets(0, links, len(task.targets), len(task.terms), len(task.further)).end
@@ -79,8 +80,8 @@ def fit_rooms(rows: int, inputs: int, motions: int, links: int) -> tuple[np.ndar
 def aligned(rows: int, columns: int) -> np.ndarray:
     """Return zeros (rows, columns) that begin on a cache line, so that eight lanes fill exactly one.
 
-    Raises ValueError for more than this machine's memory: a system that overcommits memory would kill the process that
-    fills it.
+    Raises ValueError for more than this machine's memory, because a system that overcommits memory would kill the
+    process when it fills the array.
     """
     have = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 2**46
     if 8 * rows * columns > have:

@@ -1,7 +1,9 @@
-"""Linear models of many arms at once: accelerations or the state a period later, and outputs, with their derivatives.
+"""Linear models of many arms at once.
 
-For elasticas with ideal joints, whose coordinates are independent and determine the accelerations. A state is q, then
-v. Torques are constant over the period.
+The models give accelerations, or the state a period later, and outputs, with their derivatives.
+
+The arms are elasticas with ideal joints, whose coordinates are independent and determine the accelerations. A state is
+q, then v. Torques are constant over the period.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from .derivative import fill_rows
 
 
 class Linearization(NamedTuple):
-    """Rows of n arms of N links: z = (q, v, torques), m numbers of which the state has s; p outputs."""
+    """Rows of n arms of N links: z = (q, v, torques) with m numbers, s of them the state; p outputs."""
 
     lane: tuple[int, ...]  # tag of plain lanes
     dual: tuple[int, ...]  # tag of the same lanes with tangents
@@ -53,9 +55,9 @@ def outputs_of(n):
 
 @kernel
 def linearize(address, first, last):
-    """Compute values and derivatives of groups first ... last - 1; address: of a `Linearization`. Returns 0.
+    """Compute values and derivatives of groups first ... last - 1; address: address of a `Linearization`. Returns 0.
 
-    Written are d.values (rates, or state a period later, then outputs) and d.slopes (their derivatives by q, v,
+    It writes d.values (rates, or state a period later, then outputs) and d.slopes (derivatives of d.values by q, v,
     torques).
     """
     d = dereference(address)

@@ -41,9 +41,9 @@ def _joint(lane, task, poses: Lanes, k, rates):
 def _control(lane, task, controller, model, par, poses, record: Lanes, w: Work):
     """Apply the PD joint controllers: w.u <- clip(share w.u + stiffness (goal - angle) - damping rate), N m.
 
-    Angles (rad) and rates (rad/s) are those of the joints, from encoders on the link side of the gears, or those of the
-    motors where controller.motors is a tag. goal: record.goal, rad. controller: share of the action's torque, stiffness
-    (N m/rad) and damping (N m s/rad) of each joint. Torques are clipped to task.torque_limits.
+    Angles (rad) and rates (rad/s) are those of the joints, from encoders on the link side of the gears. If
+    controller.motors is a tag, they are those of the motors. goal: record.goal, rad. controller: share of the action's
+    torque, stiffness (N m/rad) and damping (N m s/rad) of each joint. Torques are clipped to task.torque_limits.
     # in        w.u, torques of the action;  w.q, w.v;  record.goal
     # scratch   poses, or w.y
     # out       w.u (joints, lanes)
@@ -74,8 +74,8 @@ def _amplify(lane, task, amplifier, model, par, action: Lanes, factor, w: Work):
 
     a: action, -1 to 1. gain: N m, torque of the largest current, or of the largest voltage at rest. limits: N m. emf:
     back EMF, N m s/rad; w: joint rate, rad/s. factor: drawn factor on the torque constant or voltage. With voltages the
-    equations of motion contain emf w as viscous friction, so that back-emf acts throughout the period and for steps of
-    any length. Adding it back here leaves the motor's torque within its limits at the start of the period. w.y is
+    equations of motion contain emf w as viscous friction. Back-emf therefore acts throughout the period, for steps of
+    any length. The term emf w added here keeps the motor's torque within its limits at the start of the period. w.y is
     scratch.
     """
     if amplifier.emf is None:
@@ -94,8 +94,9 @@ def _amplify(lane, task, amplifier, model, par, action: Lanes, factor, w: Work):
 def command(lane, task, controller, amplifier, model, par, action: Lanes, poses, record: Lanes, w: Work):
     """Write the commanded joint torques of a control period into w.u, N m.
 
-    The torque is the amplifier's, or the action times the torque limit, or that plus the PD controllers' torque; a
-    drawn factor on the torque constant multiplies it. amplifier, controller: None where absent.
+    With an amplifier the torque is the amplifier's. Otherwise it is the action times the torque limit, plus the PD
+    controllers' torque if there are any. A drawn factor on the torque constant multiplies the torque. amplifier,
+    controller: None if absent.
     # in        action (joints, lanes) in [-1, 1];  w.q, w.v;  record.goal, record.torque_factor
     # scratch   poses, w.y
     # out       w.u (joints, lanes)
@@ -144,7 +145,7 @@ def take_steps(lane, p, model, parts, par, poses, record, action, saved, block, 
 
 @kernel
 def command_motors(lane, p, model, par, poses, record, action, w):
-    """Write the inputs of a period into w.u (torques, N m; pushes, N), and save those of the period before in w.u0.
+    """Write the inputs of a period into w.u (torques, N m; pushes, N), and save the previous period's inputs in w.u0.
 
     Commands to motors that are not ideal are also stored in the record, from which `update_motor_torques` delays them.
     # in        action (joints, lanes) in [-1, 1];  w.q, w.v;  record: goal, torque factor, push
@@ -202,10 +203,11 @@ def start_stiff(lane, p, model, par, s, record, saved: Lanes, block, w: Work):
 def jump_with_torques(lane, p, model, par, s, record, saved, block, w, kept=None):
     """Let accelerations w.a, w.b jump with the inputs, from w.u0 to w.u (N m, N), ahead of step s of a period.
 
-    The elastica (`NewtonPolicy.resolved`) solves for its accelerations anew. Stiff models do so only where an episode
-    begins: accelerations solved from round-off in stiff strains would be large (`switching.jump_accelerations`). Models
-    with light joints include the joints' damping and stiffness in the matrix of the jump. saved: state at the start of
-    the period. kept: a tag where w.a0 is to keep the accelerations before the jump, or None.
+    The elastica (`NewtonPolicy.resolved`) solves for its accelerations anew. Stiff models solve anew only when an
+    episode begins, because accelerations solved from round-off in stiff strains would be large
+    (`switching.jump_accelerations`). Models with light joints include the joints' damping and stiffness in the matrix
+    of the jump. saved: state at the start of the period. kept: a tag to store the accelerations before the jump in
+    w.a0, or None.
     """
     if model.newton.resolved is not None:
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
@@ -226,7 +228,7 @@ def motors_at(task, actuator):
 def record_commands(lane, task, actuator, record: Lanes, w: Work):
     """Push the commanded torques w.u (N m) onto record.commands, newest first; the oldest row is dropped.
 
-    record.commands: (actuator.rows, joints), the commands of as many control periods, in lanes.
+    record.commands: (actuator.rows, joints), the commands of `rows` control periods, in lanes.
     """
     n, at = size(task.links), motors_at(task, actuator)
     for k in range(n):
@@ -274,8 +276,8 @@ def update_motor_torques(lane, task, actuator, s, record: Lanes, w: Work):
 def _lag(lane, task, actuator, record: Lanes):
     """Return (share, mean): the fraction of the way to its command that a motor covers in a step, and its mean.
 
-    share = 1 - exp(-h / lag) after the step of h (s); mean: of that fraction over the step. They are those of the
-    record where a lag is drawn for each episode, otherwise constants of the actuator.
+    share = 1 - exp(-h / lag) after the step of h (s); mean: of that fraction over the step. If a lag is drawn for each
+    episode, both are read from the record; otherwise they are constants of the actuator.
     """
     if actuator.lag is None:
         return actuator.share, actuator.mean
@@ -301,9 +303,9 @@ def _lateness(lane, task, actuator, record: Lanes):
 
 @kernel
 def draw_delay(actuator, task, stream, arm, record, lanes):
-    """Draw the command delay of an arm's episode (whole steps) into record.delays, where the delay is drawn.
+    """Draw the command delay of an arm's episode (whole steps) into record.delays; no-op if no delay is drawn.
 
-    actuator.drawn: least and largest delay, or None. arm: number in the batch; lanes: of a group.
+    actuator.drawn: least and largest delay, or None. arm: number in the batch; lanes: number of lanes of a group.
     """
     if actuator is not None and actuator.drawn is not None:
         record[motors_at(task, actuator).delays * lanes + arm % lanes] = draw_whole(stream, arm, actuator.drawn)
@@ -311,10 +313,10 @@ def draw_delay(actuator, task, stream, arm, record, lanes):
 
 @kernel
 def draw_lag(p, arm, record, info, lanes):
-    """Draw the motors' lag in an arm's episode, where it is drawn: its share and mean into the record, s into info.
+    """Draw the motors' lag for an arm's episode: share and mean into the record, s into info; no-op if none is drawn.
 
     share = 1 - exp(-h / lag): fraction of the way to the command in a step; mean: of that fraction over the step.
-    lanes: lanes of a group; arm: number in the batch.
+    lanes: number of lanes of a group; arm: number in the batch.
     """
     if p.actuator is not None and p.actuator.lag is not None:
         least, most = p.actuator.lag
@@ -335,9 +337,10 @@ def record_delay(lane, p, record, live, info):
 
 @kernel
 def draw_lateness(actuator, stream, arm, record, lanes):
-    """Draw the extra delay of the next period's commands into record.late, where commands jitter.
+    """Draw the extra delay of the next period's commands into record.late; no-op without jitter.
 
-    It is a whole number of steps from 0 to actuator.jitter[0]. lanes: lanes of a group; arm: number in the batch.
+    It is a whole number of steps from 0 to actuator.jitter[0]. lanes: number of lanes of a group; arm: number in the
+    batch.
     """
     if actuator is not None and actuator.jitter is not None:
         drawn = math.floor(uniform(stream, arm) * (actuator.jitter[0] + 1.0))

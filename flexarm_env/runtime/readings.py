@@ -14,8 +14,8 @@ def read_rows(laws, room, memory, stream, period, gravity, encoders, shaken, inp
 
     Columns of inputs: an angle (rad) for each of `encoders` encoders; for an accelerometer the tip's x, y, angle and
     their rates in the plane, or position, rotation vector, velocity (inertial axes) and angular velocity (tip axes) in
-    space; then quantities that are read as they are. Columns of out: angle and rate for each encoder, then one for each
-    channel.
+    space; then quantities that are read directly. Columns of out: angle and rate for each encoder, then one column for
+    each further channel.
 
     # model     laws: a `LAW` a channel, with `room` past outputs;  shaken: tag of the accelerometer's 2 or 3 axes, None
     #           without one;  gravity (3,): m/s^2, inertial axes

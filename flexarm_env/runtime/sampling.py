@@ -44,10 +44,10 @@ STRETCH = Layout(
 """State of a run between two calls of `sample_rows`."""
 
 GOES_ON, AT_KINK, ANEW = 0.0, 1.0, 2.0
-"""Starts of an interval: state as it is; consistent start at a kink; fresh consistent start (`start.restart`)."""
+"""Starts of an interval: unchanged state; consistent start at a kink; fresh consistent start (`start.restart`)."""
 
 NEAR = 1e-12
-"""Tolerance, relative to the time (at least 1 s), within which two instants are taken as one."""
+"""Two instants that differ by at most this share of the time (at least 1 s) count as the same instant."""
 
 sample_at = kernel(SAMPLE.offsets)
 _AT = STRETCH.places
@@ -73,7 +73,7 @@ def has_gained_energy(kinetic, strain, gravity, start, gross, dissipated, gain):
     """Return whether the energy exceeds `gain` times |start| + gross + |dissipated| + |gravity| (all J).
 
     kinetic + strain + gravity: present energy. start: energy at the start. gross: gross work of the drives. Energies
-    below 1e-9 J never count.
+    below 1e-9 J are ignored.
     """
     total = abs(kinetic + strain + gravity)
     known = abs(start) + gross + abs(dissipated) + abs(gravity)
@@ -84,12 +84,12 @@ def has_gained_energy(kinetic, strain, gravity, start, gross, dissipated, gain):
 def _go(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, books):
     """Advance an arm to the instant `stop` (s) in equal steps of at most stretch.longest (s).
 
-    Returns how many of `most` steps remain, or -1 where the arm failed (w.flag) or `most` steps were not enough. The
-    interval is then interrupted: stretch.begun and stretch.done store its start and the completed steps, and the next
-    call continues with the same steps. arm: the model; p: the arm's own parameters; drive: loads and motions as
-    functions of time, or None. stretch: a `STRETCH`, in and out. scheme: coefficients and Newton tolerance of the
-    integrator. chunk: number of steps after which the absolute value of their work is added to the gross work. books: a
-    tag where energies are kept, or None.
+    Returns how many of `most` steps remain, or -1 if the arm failed (w.flag) or `most` steps were not enough. After -1
+    the interval is interrupted: stretch.begun and stretch.done store its start and the number of completed steps, and
+    the next call continues with steps of the same length. arm: the model; p: the arm's own parameters; drive: loads and
+    motions as functions of time, or None. stretch: a `STRETCH`, in and out. scheme: coefficients and Newton tolerance
+    of the integrator. chunk: number of steps after which the absolute value of their work is added to the gross work.
+    books: a tag where energies are kept, or None.
     """
     start, done = stretch[_AT.time], int(stretch[_AT.done])
     if done > 0:
@@ -144,7 +144,7 @@ def _write(lane, model, par, w, t, links, row):
 
 @kernel
 def start_consistently(lane, model, drive, par, w, stretch):
-    """Make velocities and accelerations consistent just after the present time, where stretch.starts asks for it.
+    """Make velocities and accelerations consistent just after the present time, unless stretch.starts is GOES_ON.
 
     Loads or prescribed velocities may jump there (`physics.integrator.start.restart`). The work of the impulses is
     added to w.books, its absolute value to stretch.gross. stretch: a `STRETCH`; its `starts` (GOES_ON: nothing to do;
@@ -164,9 +164,10 @@ def sample_rows(
     """Advance one arm through sample instants and write a `SAMPLE` row and centerline points at each.
 
     Returns the number of rows written. Steps between two instants are equal and at most stretch.longest. Fewer rows
-    than instants are returned where the arm has failed (w.flag; the row of a diverged arm is written), or after `most`
-    steps: called again with the remaining instants, the run continues with the same steps. A step ends at a kink, a
-    sample there is the state before it, and the run continues AT_KINK. Without kinks every interval GOES_ON.
+    than instants are written if the arm has failed (w.flag; the row of a diverged arm is written), or after `most`
+    steps. A call with the remaining instants continues the run with steps of the same length. A step ends at each kink.
+    A sample at a kink is the state before the kink, and the run continues AT_KINK. Without kinks every interval
+    GOES_ON.
 
     # model     model, drive: loads and motions as functions of time, or None;  par;  links: their number;  scheme:
     #           coefficients and Newton tolerance of the integrator

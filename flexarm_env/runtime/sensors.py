@@ -27,7 +27,7 @@ from .touch import contact_channels
 
 @kernel
 def read_gauges(lane, sensors, entries, model, q, seen: Lanes):
-    """Write the curvatures at the strain gauges, over their scales, into the last entries of `seen`, clipped to +-CLIP.
+    """Write the curvatures at the strain gauges, over their scales, into the last entries of `seen`; clip to +-CLIP.
 
     entries: length of the observation. sensors.gauges (G, n): rows with curvature / scale = row . q. q (n, lanes):
     coordinates. sensors: None without gauges.
@@ -42,7 +42,7 @@ def read_gauges(lane, sensors, entries, model, q, seen: Lanes):
 
 @kernel
 def record_motor_angles(lane, instruments, model, par, record: Lanes, w: Work):
-    """Store the motors' angles (rad, after the ratio) in the record's channels, where encoders on motors read them.
+    """Store the motors' angles (rad, after the ratio) in the record's channels, for encoders on motors.
 
     The encoder of joint k reads channel k. w.q: coordinates (m, rad); w.y is scratch.
     """
@@ -67,7 +67,7 @@ def write_observation(lane, p, arm, poses, record, seen, first):
 
 @kernel
 def measure(lane, p, stream, arm, poses, record, seen, first):
-    """Replace the true entries of one arm in `seen` by what its sensors read.
+    """Replace the true entries of one arm in `seen` by its sensors' readings.
 
     A channel is the memory of a sensor for one number. Channels are in the order encoders, accelerometer, gyroscope,
     camera, force, switch, gauges; each sensor replaces or adds its entries in `seen`. arm: number in the batch. stream:
@@ -180,7 +180,7 @@ def _encoders(lane, p, instruments, who, poses, record, seen):
 
 @kernel
 def _turned(lane, p, instruments, who, poses, record, seen):
-    """Turn the entries of a moving target from the frame of the true hub angle into that of the encoder's hub angle.
+    """Rotate the entries of a moving target from the frame of the true hub angle to that of the measured hub angle.
 
     Entries are vectors (target rate and displacements ahead, over their scales) in axes that turn with the hub. They
     were written for the true angle; the observer knows only the measured one. Angular targets of one number do not
@@ -212,7 +212,7 @@ def _turned(lane, p, instruments, who, poses, record, seen):
 
 @kernel
 def _goals(lane, p, instruments, who, at, poses, record, seen):
-    """Write goal angles less encoder angles (rad) into `seen`, and a target point over the arm's length.
+    """Write goal angles less encoder angles (rad) into `seen`, then the target point over the arm's length.
 
     at: first entry. Returns the next entry; `at` itself without instruments.goals. who: the arm, a `Who`. Goal angles
     are record.goal, rad; the target is record.target, m, inertial axes. All entries are clipped to +-CLIP.
@@ -257,10 +257,10 @@ def _of_tip(lane, p, who, poses, field):
 def _acceleration(lane, p, instruments, who, c, poses, record):
     """Return the tip's specific force (acceleration less gravity) in its own axes, mean over a period, over its scale.
 
-    In the plane along the tangent and across it, in space along x, y, z of the tip's axes; () without an accelerometer.
-    instruments.accelerometer: gravity (m/s^2, inertial axes), then the scale (m/s^2). c: first of its channels in the
-    record, one for each axis, whose place, speed and angle of the period before are used and replaced. poses: of the
-    links.
+    Components in the plane are along the tangent and across it, in space along x, y, z of the tip's axes; () without an
+    accelerometer. instruments.accelerometer: gravity (m/s^2, inertial axes), then the scale (m/s^2). c: first of its
+    channels in the record, one for each axis, whose place, speed and angle of the period before are used and replaced.
+    poses: of the links.
     """
     accelerometer = instruments.accelerometer
     if accelerometer is None:
@@ -349,7 +349,7 @@ def _gauges(lane, p, instruments, who, c, record, seen):
 # the observation is written arm by arm, because histories and noise belong to arms
 @kernel
 def _select(lanes, p, arm, record, seen, first):
-    """Write one arm's row of p.observation, float32: all entries, or the chosen ones behind earlier observations.
+    """Write one arm's row of p.observation, float32: all entries, or the chosen entries behind earlier observations.
 
     seen: measured entries, in lanes. A row with history holds `frames` observations, the oldest first. Chosen indices
     from p.entries on are actions of the period that ends here. At the start of an episode (first) the history is filled
@@ -393,7 +393,7 @@ def _past_at(lanes, p, record):
 
 @kernel
 def draw_age(p, arm, record, lanes):
-    """Draw the observation delay of an arm's episode, in whole control periods, into its record, where it is drawn.
+    """Draw the observation delay of an arm's episode (whole control periods) into its record; no-op if none is drawn.
 
     arm: number in the batch. lanes: of a group. p.sensors.drawn: least and largest delay, or None.
     """
@@ -424,8 +424,8 @@ def _entry(lanes, p, arm, k, record, seen, first):
     """Return entry k of one arm's observation as float32, with noise and delay.
 
     seen: measured entries, in lanes; arm: number in the batch. The record holds the last `age` values of the entry.
-    Each call shifts them by one period and returns the oldest, or the one as old as the delay drawn for the episode. At
-    the start of an episode (first) the past is filled with the value.
+    Each call shifts these values by one period and returns the oldest value, or the value at the drawn delay. At the
+    start of an episode (first) the past is filled with the present value.
     """
     value, sensors = seen[k * lanes + arm % lanes], p.sensors
     if sensors is not None:

@@ -47,10 +47,10 @@ _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
 
 @kernel
 def start_episodes(address, mode, count):
-    """Start new episodes of the arms p.queue[0 ... count - 1], each drawn from its random stream.
+    """Start new episodes of the arms p.queue[0 ... count - 1], each drawn from the arm's own random stream.
 
-    address: of a `Program`. mode: for their records, RUNNING (moved by the next step), FRESH (skipped by the next step)
-    or GUIDED (follows prescribed motions).
+    address: address of a `Program`. mode: mode for the arms' records, RUNNING (moved by the next step), FRESH (skipped
+    by the next step) or GUIDED (follows prescribed motions).
     """
     p = dereference(address)
     for k in range(count):
@@ -143,8 +143,8 @@ def _only(lane, i):
 def _draw(task, ranges, stream, request, arm, own):
     """Draw an arm's `START` (joint angles, target, vibration, factors, parameters) into own, unless requested.
 
-    request: a `REQUEST`, NaN where a number is to be drawn. Every request consumes equally many numbers of the stream,
-    so that later draws are the same.
+    request: a `REQUEST`, NaN where a number is to be drawn. Every request consumes the same number of random numbers,
+    so that later draws do not depend on it.
     # in        task, ranges (`Ranges`), request
     # in, out   stream[arm]
     # out       own: angles, rad; target (2,), m or rad; vibration, over L; factors; parameters (kg, kg m^2, -, s)
@@ -284,7 +284,7 @@ def _place_in_space(lane, p, arm, own, par, poses, record, action, w):
 def _draw_held(p, arm, lanes, record):
     """Draw goal angles (rad) anew until the motors can hold the rigid arm there, at most MOST_DRAWS times.
 
-    record.goal of the arm's lane: in and out. arm: number in the batch; lanes: of a group.
+    record.goal of the arm's lane: in and out. arm: number in the batch; lanes: number of lanes of a group.
     """
     n, i = size(p.task.links), arm % lanes
     mine = stack(_ONE, p.task.links)
@@ -301,16 +301,16 @@ def _draw_held(p, arm, lanes, record):
 
 @kernel
 def _swing(lane, p, i, live, own, par, angles, w):
-    """Set the velocities of an arm in space to a vibration in its modes, with the energy that the amplitudes ask for.
+    """Set the velocities of an arm in space to a vibration in its modes, with the energy of the drawn amplitudes.
 
     p.ranges.shake (`envs.vibration.swing`) holds modes about joint angles 0. At other angles their rates would swing
     the joints as well. Therefore
 
         v <- v - (M + c K)^-1 M v,      c long beside the square of every period over 2 pi,
 
-    which removes the momentum of the joints (turning a joint does not strain the arm) and almost nothing of a
-    vibration. v is then scaled to the kinetic energy sum_m E_m amplitude_m^2. M, K: mass and stiffness matrix.
-    i, live: lane of the arm and its mask. own: a `START` with amplitudes (over L). angles: joint angles, rad.
+    which removes the momentum of the joints, because turning a joint does not strain the arm, and almost nothing of a
+    vibration. v is then scaled to the kinetic energy sum_m E_m amplitude_m^2. M, K: mass and stiffness matrix. i, live:
+    lane of the arm and its mask. own: a `START` with amplitudes (over L). angles: joint angles, rad.
     # in        w.q;  shake: rates (n, 3), energies E (3,) J, c (s^2)
     # scratch   w.a0, w.v0, w.b0, w.r, w.S
     # out       w.v, and w.b = 0, in lane i
@@ -348,11 +348,11 @@ def _swing(lane, p, i, live, own, par, angles, w):
 
 @kernel
 def _start_info(lanes, p, arm, record, info):
-    """Write the info of an arm before its first period: zeros, in_range 1, error estimate; aim at the target.
+    """Write the info of an arm before its first period (zeros, in_range 1, error estimate), and its goal angles.
 
-    arm: number in the batch; lanes: of a group. info: all fields before `further`. error: p.estimate of the
-    formulation's own error, over the arm's length. record.target is in; record.goal (rad), the joint angles that reach
-    it, and hold = 0 (instants within the success bands) are out.
+    arm: number in the batch; lanes: number of lanes of a group. info: all fields before `further`. error: p.estimate of
+    the formulation's own error, over the arm's length. record.target is in; record.goal (rad), the joint angles that
+    reach it, and hold = 0 (instants within the success bands) are out.
     """
     task, i, at = p.task, arm % lanes, info_of(p.task)
     for k in range(i, at.further * lanes, lanes):
@@ -393,7 +393,7 @@ def finish_guided(address, arm, code):
     """Write the results of a period of a guided arm, from the poses, action and gauges in its block.
 
     code: status code of the period, or -1 at the start of an episode. A guided arm follows prescribed motions and is
-    advanced by a `Simulation`, not by the batch; this replaces the end of `episode.step`.
+    advanced by a `Simulation`, not by the batch. For it this function replaces the end of `episode.step`.
     # in        poses (inertial axes, m, rad and rates), action, gauges in `seen`, record
     # out       p.reward, p.terminated, p.truncated, p.observation of the arm;  its info
     """

@@ -1,4 +1,4 @@
-"""Contact in a control period: info of all points that may touch, and the forces that sensors at the tip read."""
+"""Contact in a control period: info of all points that may touch, and the forces for sensors at the tip."""
 
 from __future__ import annotations
 
@@ -69,10 +69,10 @@ def contact_channels(instruments):
 
 @kernel
 def record_contact_forces(lane, instruments, model, record: Lanes, w: Work):
-    """Store what force sensor (N over its scale) and contact switch (1 or 0) read in their channels of the record.
+    """Store the true values of force sensor (N over its scale) and contact switch (1 or 0) in their record channels.
 
-    Normal force and magnitude of the friction force on the tip, at the end of the last step, by the readings in w.S.
-    0 where the tip may not touch.
+    The force sensor measures normal force and magnitude of the friction force on the tip, at the end of the last step,
+    from the readings in w.S. The values are 0 if the tip may not touch.
     """
     if model.newton.contact is not None:
         if instruments is not None:

@@ -1,4 +1,4 @@
-"""Contact of an arm with an obstacle: the law of the forces, and the points of the arm that may touch."""
+"""Contact of an arm with an obstacle: the force law, and the points of the arm that may touch."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from flexarm_env.parameters import Arm
 from flexarm_env.shapes import Shape, shape_of
 
 EXPONENTS = (1.0, 1.5, 2.0, 2.5, 3.0)
-"""Exponents of the normal force: powers that need only products and square roots."""
+"""Exponents of the normal force; their powers require only products and square roots."""
 
 
 @dataclass(frozen=True)
 class Contact:
-    """An obstacle that pushes points of the arm out and resists sliding.
+    """An obstacle that pushes points of the arm out and resists their sliding.
 
-    Normal force F_n = max(0, k d^n (1 + 3/2 alpha dd/dt)) at penetration d (Hunt & Crossley 1975); friction mu F_n
-    against the sliding velocity w, regularized: F_t = -mu F_n w / sqrt(|w|^2 + v_s^2). A point that is held by friction
-    therefore creeps, at most at v_s / sqrt((mu F_n / F)^2 - 1) under a tangential force F < mu F_n.
+    Normal force F_n = max(0, k d^n (1 + 3/2 alpha dd/dt)) at penetration d (Hunt & Crossley 1975). The friction mu F_n
+    against the sliding velocity w is regularized: F_t = -mu F_n w / sqrt(|w|^2 + v_s^2). A point that sticks therefore
+    creeps. The velocity of creep is at most v_s / sqrt((mu F_n / F)^2 - 1) under a tangential force F < mu F_n.
 
     Args:
-        obstacle: `HalfSpace`, `Sphere`, `Box` or, in space, `Cylinder` (`flexarm_env.shapes`); in the plane shapes of
-            two coordinates, in space of three.
-        stiffness: k, N/m^n, positive. Time steps must resolve it, see `speed`.
+        obstacle: `HalfSpace`, `Sphere`, `Box` or, in space, `Cylinder` (`flexarm_env.shapes`). In the plane shapes have
+            two coordinates, in space three.
+        stiffness: k, N/m^n, positive. Time steps must resolve the contact (see `speed`).
         exponent: n, one of 1, 1.5 (Hertz), 2, 2.5, 3.
         damping: alpha, s/m, zero or positive. The coefficient of restitution at low impact speed v is about
             1 - alpha v.
@@ -34,8 +34,8 @@ class Contact:
         creep: v_s, m/s, positive.
         speed: impact speed, m/s, positive, at which time steps must resolve the contact: an impact on the effective
             mass at the point must last 8 steps.
-        bodies: points of the arm that may touch: "tip", the center of a sphere of `Payload.radius` there, and "joint1",
-            "joint2", ..., points at the elbows.
+        bodies: points of the arm that may touch. "tip" is the center of a sphere of radius `Payload.radius`; "joint1",
+            "joint2", ... are points at the elbows.
     """
 
     obstacle: Shape
@@ -48,7 +48,7 @@ class Contact:
     bodies: tuple[str, ...] = ("tip",)
 
     def __post_init__(self) -> None:
-        """Validate the fields; `InvalidValue` names the field."""
+        """Validate the fields; an `InvalidValue` names the field."""
         check.instance("obstacle", self.obstacle, Shape)
         exponent = check.number("exponent", self.exponent)
         if exponent not in EXPONENTS:
@@ -78,10 +78,10 @@ class Contact:
         return self.obstacle.dimension == 3
 
     def links(self, arm: Arm) -> tuple[int, ...]:
-        """Return the links of the arm at whose tips the points are.
+        """Return the links of the arm whose tips are the points in `bodies`.
 
         Raises:
-            ValueError: a joint that the arm does not have.
+            ValueError: the arm does not have one of the joints.
         """
         found = []
         for i, name in enumerate(self.bodies):
@@ -93,18 +93,18 @@ class Contact:
         return tuple(found)
 
     def to_table(self) -> dict[str, Any]:
-        """Return the TOML table that `contact_of` reads back to an equal contact, without fields at their defaults."""
+        """Return a TOML table, without defaults, from which `contact_of` makes an equal contact."""
         table: dict[str, Any] = {"obstacle": self.obstacle.to_dict(), "stiffness": self.stiffness}
         return table | {name: value for name, value in check.changed(self).items() if name not in table}
 
 
 def contact_of(path: str, value: object, dimension: int | None = None) -> Contact:
-    """Return a contact, or make it of a table: `obstacle`, a table of a shape, and the fields of `Contact`.
+    """Return a contact, or make one from a table with `obstacle` (a table of a shape) and the fields of `Contact`.
 
-    dimension: of the obstacle, 2 in the plane, 3 in space; None: as its points say.
+    dimension: dimension of the obstacle, 2 in the plane, 3 in space; None: the number of coordinates of its points.
 
     Raises:
-        ValueError: names the key path, the value and what is allowed.
+        ValueError: the message names the key path, the value and the allowed values.
     """
     if not isinstance(value, Contact):
         table = check.table_of(path, value)
@@ -118,7 +118,7 @@ def contact_of(path: str, value: object, dimension: int | None = None) -> Contac
 
 
 def _shape(path: str, value: object, dimension: int | None) -> Shape:
-    """Return the shape of a table in the plane or in space; dimension None: as many as one of its points has."""
+    """Return the shape of a table; if dimension is None, one of its points gives the dimension."""
     if dimension is None and isinstance(value, Mapping):
         points = [value[key] for key in ("point", "center", "start") if isinstance(value.get(key), Sequence)]
         dimension = len(points[0]) if points and len(points[0]) in (2, 3) else 2
@@ -128,12 +128,12 @@ def _shape(path: str, value: object, dimension: int | None) -> Shape:
 
 
 def contacts_of(path: str, value: object, arm: Arm, spatial: bool | None = None) -> tuple[Contact, ...]:
-    """Return validated contacts of an arm from one or several contacts or tables; None: ().
+    """Return validated contacts of an arm from one or several contacts or tables; () for None.
 
-    spatial: whether the arm is computed in space; None: not known yet.
+    spatial: whether the arm is computed in space; None if this is not known yet.
 
     Raises:
-        ValueError: names the key path, the value and what is allowed.
+        ValueError: the message names the key path, the value and the allowed values.
     """
     if value is None:
         return ()

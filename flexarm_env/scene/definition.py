@@ -24,7 +24,7 @@ from flexarm_env.settings import Settings, default_options, expand_preset, merge
 from flexarm_env.time_functions import TimeFunction, constant
 
 _SAME_TIME = 1e-9
-"""Instants of different functions that differ by less than this (s, or relative to the duration) count as one."""
+"""Instants of different functions whose difference is smaller (s, or relative to the duration) count as one."""
 
 
 @dataclass(frozen=True)
@@ -35,25 +35,25 @@ class Scene:
         name: a short word.
         arm: the arm, N links.
         duration: s. dt: default step, s. sample: default sampling interval, s (None: ``dt``).
-        root: "pinned" (position fixed or prescribed, hub angle free unless prescribed) or "free" (a free body; for an
-            arm with a base, the base and the arm on it).
+        root: "pinned" (position fixed or prescribed, hub angle free unless prescribed) or "free" (a free body; an arm
+            with a base floats together with the base).
         position: position of the root at t = 0, m: (x, y), in space (x, y, z).
-        angles: absolute angles of the links at t = 0, N numbers (rad), or () for all along +x; for curved links those
-            of their tangents at their roots. If the links turn out of the plane (`Arm.spatial`), the joint angles
-            instead.
+        angles: absolute angles of the links at t = 0, N numbers (rad), or () if all links point along +x. The angle of
+            a curved link is that of its tangent at the root. If the links turn out of the plane (`Arm.spatial`),
+            `angles` are joint angles.
         velocity: velocity of the root before t = 0, m/s: (x, y), in space (x, y, z). rates: absolute rates of the links
-            before t = 0, N numbers (rad/s), or () for none; in space the joint rates. Links turn as rigid bodies, and a
-            motion that begins with another rate jumps.
-        start: "unloaded": without stress. "held": at rest under gravity and the loads at t = 0, with the joints at
-            `angles` (the motor's side of an elastic gear), released at t = 0 unless a motion prescribes them.
-            "equilibrium": at rest under these loads with free joints.
-        rigid_joints: joints k >= 1 at which link k is fixed to link k-1 at its initial angle.
+            before t = 0, N numbers (rad/s), or () for none; in space joint rates. Links turn as rigid bodies. If a
+            motion begins with another rate, the rate jumps at t = 0.
+        start: "unloaded": without stress. "held": at rest under gravity and the loads at t = 0, with joints (with
+            elastic gears, motors) held at `angles` and released at t = 0 unless a motion prescribes them.
+            "equilibrium": at rest under gravity and the loads at t = 0, with free joints.
+        rigid_joints: joints k >= 1 at which link k is fixed to link k-1 with its initial angle.
         motions: prescribed coordinates; each starts at the value given by ``position`` and ``angles``.
         loads: joint torques and point loads.
         contacts: obstacles that points of the arm may touch, with the law of the forces (`Contact`).
         gravity: acceleration (gx, gy), in space (gx, gy, gz), m/s^2, or None.
-        space: True: compute in space an arm that could be computed in the plane. A scene is always in space if an arm,
-            gravity, position, velocity, force, moment or motion of the root leaves the x-y plane; if it stays in
+        space: True: compute an arm in space that could be computed in the plane. A scene is always in space if an arm,
+            gravity, position, velocity, force, moment or motion of the root leaves the x-y plane. If the scene stays in
             another plane, `simulate` finds that plane (`scene.plane.in_plane`).
         solver: formulation and flat options that suit the scene, as pairs (name, value) or a dict.
         description, source, note: content, origin and assumptions.
@@ -83,7 +83,7 @@ class Scene:
     contacts: tuple[Contact, ...] = ()
 
     def __post_init__(self) -> None:
-        """Validate each field, then their combinations; `InvalidValue` names the field."""
+        """Validate each field, then combinations of fields; an `InvalidValue` names the field."""
         check.text("name", self.name, empty=False)
         n = check.instance("arm", self.arm, Arm).n_links
         check.choice("root", self.root, ("pinned", "free"))
@@ -131,7 +131,7 @@ class Scene:
         return check.numbers(name, given, what, n, unit) if given else (0.0,) * n
 
     def _check_rates(self) -> None:
-        """Check the initial rates: zero for a start at rest, equal across rigid joints, zero where the root is held."""
+        """Check the initial rates: zero for a start at rest or a held root, and equal across rigid joints."""
         # start at rest: a held root and no rates
         if self.start != "unloaded":
             if self.root == "free":
@@ -187,7 +187,7 @@ class Scene:
                 raise check.InvalidValue(f"motions[{i}].function(0)", motion.function.start, what)
 
     def _check_joints(self) -> None:
-        """Reject motors, gears and friction at joints that cannot turn: rigid ones, and the root of a free arm."""
+        """Reject motors, gears and friction at joints that cannot turn: rigid joints, and the root of a free arm."""
         for k, joint in enumerate(self.arm.joints):
             path = f"arm.joints[{k}]"
             if joint.moves and (k in self.rigid_joints or (k == 0 and self.root == "free")):
@@ -195,7 +195,7 @@ class Scene:
                 raise check.InvalidValue(path, joint, f"must be an ideal Joint() {where}")
 
     def _check_loads(self) -> None:
-        """Check that each load acts on an existing link or on a joint that is free to turn."""
+        """Check that each load acts on an existing link or on a joint that can turn."""
         n, prescribed = self.arm.n_links, [motion.joint for motion in self.motions]
         for i, load in enumerate(self.loads):
             if isinstance(load, JointTorque):
@@ -218,13 +218,13 @@ class Scene:
                 raise check.InvalidValue(f"loads[{i}]", load, "must be a JointTorque or a PointLoad")
 
     def _check_contacts(self) -> None:
-        """Check that obstacles are in the plane or in space as the scene is, and that the root is held."""
+        """Check that the root is held, and that obstacles have two dimensions in the plane and three in space."""
         contacts_of("contacts", self.contacts, self.arm, self.spatial)
         if self.contacts and self.root == "free":
             raise check.InvalidValue("contacts", self.contacts, "must be empty where the root is free")
 
     def _join_instants(self) -> None:
-        """Give instants of different functions that differ by round-off one value, to avoid a tiny step between."""
+        """Set instants of different functions that differ by round-off to one value; this avoids tiny steps."""
         # starts of all pieces but each function's first
         starts = [function.pieces[1:, 0] for function in self._functions()]
         times = np.unique(np.concatenate([np.zeros(0), *starts]))
@@ -245,7 +245,7 @@ class Scene:
         check.store(self, motions=tuple(map(moved, self.motions)), loads=tuple(map(moved, self.loads)))
 
     def _can_join(self, joined: dict[float, float]) -> bool:
-        """Return False if joining would give a function two pieces with one start (a table finer than round-off)."""
+        """Return False if joining gives two pieces of a function one start (a table finer than round-off)."""
         starts = [[joined.get(t, t) for t in f.pieces[:, 0].tolist()] for f in self._functions()]
         return all(len(set(own)) == len(own) for own in starts)
 
@@ -257,7 +257,7 @@ class Scene:
     def initial_value(self, coordinate: str) -> float:
         """Return a coordinate's value at t = 0: "joint0", "motor0", ... in rad, "root_x", ... in m.
 
-        A motor's angle equals its joint's.
+        The initial angle of a motor equals the joint's angle.
         """
         if coordinate in ROOT:
             return (*self.position, 0.0)[ROOT.index(coordinate)]
@@ -296,9 +296,10 @@ class Scene:
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Instants (s) inside the run on which a step must end, in order.
+        """Instants (s) inside the run at which a step must end, in order.
 
-        They are the jumps of a motion's value, rate or acceleration and those of a load's value or slope.
+        A step must end at the jumps of a motion's value, rate or acceleration, and at the jumps of a load's value or
+        slope.
         """
         # motions count with two derivatives (acceleration), loads with one
         times = {t for motion in self.motions for t in motion.function.kinks}
@@ -306,10 +307,10 @@ class Scene:
         return tuple(sorted(t for t in times if 0.0 < t < self.duration * (1.0 - 1e-12)))
 
     def settings(self, formulation: str | None = None, **options: Any) -> Settings:
-        """Return this scene's settings: defaults, overridden by the scene's ``solver``, then by ``options``; dt is set.
+        """Return this scene's settings with dt: defaults, overridden by the scene's ``solver``, then by ``options``.
 
         The default mesh is finer for arms whose sections jump or kink (`scene.mesh`). The scene's solver options apply
-        to its own formulation only (default "floating_frame", in space "geometrically_exact").
+        only to its own formulation (default "floating_frame", in space "geometrically_exact").
         """
         own = dict(self.solver)
         preferred = own.pop("formulation", "geometrically_exact" if self.spatial else "floating_frame")
@@ -328,25 +329,25 @@ class Scene:
         Args:
             source: a path, or the text itself. parameter_set: name of a parameter set in the file, or None.
         Raises:
-            ValueError: names the file, the key path, the value and the rule.
+            ValueError: the message names the file, the key path, the value and the rule.
             OSError: the file does not exist.
         """
         return toml.read(cls, source, parameter_set)
 
     def to_toml(self) -> str:
-        """Return TOML text that :meth:`from_toml` reads back to an equal scene."""
+        """Return TOML text from which :meth:`from_toml` makes an equal scene."""
         return toml.text_of(self)
 
 
 def _vector(path: str, values: object, unit: str) -> tuple[Any, ...]:
-    """Validate two numbers, or three; a third that is 0 is dropped."""
+    """Validate two or three numbers; a third number that is 0 is dropped."""
     count = 3 if isinstance(values, list | tuple | np.ndarray) and len(values) == 3 else 2
     found = check.numbers(path, values, f"{count} numbers ({unit})", count, unit)
     return found if any(found[2:]) else found[:2]
 
 
 def _solver(value: Any) -> tuple[tuple[str, Any], ...]:
-    """Validate solver options; return pairs, the formulation first, then the options in the formulation's order."""
+    """Validate solver options; return pairs: the formulation, then the options in the formulation's order."""
     # pairs, or a dict
     if not isinstance(value, Mapping):
         pairs = check.sequence("solver", value, "pairs (name, value)")
@@ -369,11 +370,11 @@ def standing_scene(
     arm: Arm, dt: float, gravity: tuple[float, ...] | None, angles: Sequence[float] = (), pushed: bool = False,
     contacts: tuple[Contact, ...] = (),
 ) -> Scene:  # fmt: skip
-    """Return a scene of the arm without motions: pinned, or on its floating base.
+    """Return a scene of the arm without motions; the arm is pinned or on its floating base.
 
     Args:
-        dt: step, s. gravity: m/s^2, or None. angles: initial ones, rad. pushed: add a zero force on the tip, as memory
-            for a force from outside. contacts: obstacles that the arm may touch.
+        dt: step, s. gravity: m/s^2, or None. angles: initial angles, rad. pushed: add a zero force on the tip, which
+            reserves memory for an external force. contacts: obstacles that the arm may touch.
     """
     root = "pinned" if arm.base is None else "free"
     loads = (PointLoad(arm.n_links - 1, "tip", force_x=constant(0.0)),) if pushed else ()

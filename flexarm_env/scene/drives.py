@@ -12,7 +12,7 @@ ROOT = ("root_x", "root_y", "root_z")
 
 OUT_OF_PLANE = ("force_z", "torque_x", "torque_y")
 FORCES = ("force_x", "force_y", "torque", *OUT_OF_PLANE)
-"""Components of a point load; `OUT_OF_PLANE` are those that exist in space only."""
+"""Components of a point load; those in `OUT_OF_PLANE` exist only in space."""
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,8 @@ class Motion:
 
     Args:
         coordinate: "joint0" (absolute angle of the root of link 0), "joint1", ... (angle of link k's root from the tip
-            section of link k-1), "motor0", ... (angle of the motor before an elastic gear, divided by the gear ratio,
-            measured like the joint's), "root_x", "root_y" or, in space, "root_z" (position of the root, m).
+            section of link k-1), "motor0", ... (motor's angle before an elastic gear, divided by the gear ratio,
+            measured like the joint's angle), "root_x", "root_y" or, in space, "root_z" (position of the root, m).
         function: the value (rad or m) over time; it must not jump.
     """
 
@@ -30,7 +30,7 @@ class Motion:
     function: TimeFunction
 
     def __post_init__(self) -> None:
-        """Validate the coordinate's name, and that the function has no jumps."""
+        """Validate the coordinate's name; reject a function with jumps."""
         name = self.coordinate
         # a root coordinate, or joint or motor with an index
         if not isinstance(name, str) or not (name in ROOT or re.fullmatch(r"(joint|motor)(0|[1-9][0-9]*)", name)):
@@ -44,13 +44,13 @@ class Motion:
 
     @property
     def on_motor(self) -> bool:
-        """Whether the motion prescribes the motor's side of an elastic gear instead of the link's."""
+        """Whether the motion prescribes the motor's side of an elastic gear and not the link's side."""
         return self.coordinate.startswith("motor")
 
 
 @dataclass(frozen=True)
 class JointTorque:
-    """Torque (N m) of joint ``k``: + on the root of link k, - on the tip of link k-1 (k = 0: on the ground)."""
+    """Torque (N m) of joint ``k``: positive on the root of link k, negative on the tip of link k-1 (k = 0: ground)."""
 
     joint: int
     function: TimeFunction
@@ -61,15 +61,15 @@ class JointTorque:
 
     @property
     def functions(self) -> tuple[TimeFunction, ...]:
-        """Functions of time of this load."""
+        """Functions of time that define this load."""
         return (self.function,)
 
 
 @dataclass(frozen=True)
 class PointLoad:
-    """Force (N) and torque (N m) in global axes on the "root" or "tip" of a link; at least one component.
+    """Force (N) and torque (N m) on the "root" or "tip" of a link, in global axes; at least one component is given.
 
-    In space also force_z and, beside the torque about z, torque_x and torque_y, all in global axes.
+    In space a load may also have force_z, and torque_x and torque_y beside the torque about z.
     """
 
     link: int
@@ -103,7 +103,7 @@ class PointLoad:
 
     @property
     def silent(self) -> bool:
-        """Whether the load is zero at all times: memory for forces from outside."""
+        """Whether the load is zero at all times; such a load reserves memory for external forces."""
         return not any(f.pieces[:, C0:].any() for f in self.functions)
 
 

@@ -1,4 +1,4 @@
-"""Meshes of arms whose sections jump or kink: the default mesh, and one that halves another mesh's cells."""
+"""Meshes of arms whose sections jump or kink: the default mesh, and a mesh with half the cell size of another one."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from flexarm_env.sections import Link, Section
 from flexarm_env.settings import MOST_ELEMENTS, MOST_NODES, Settings, default_options
 
 _CELLS = {"elastica": ("nodes", 1), "geometrically_exact": ("elements", 0), "floating_frame": ("segments", 0)}
-"""Option that sets the mesh of a link, and by how much its value exceeds the number of cells."""
+"""Option that sets a link's mesh, and its value minus the number of cells."""
 
 
 MOST_SMOOTH = 12
-"""Maximum number of nodes per link of the elastica whose section neither jumps nor kinks (`physics.elastica.chain`)."""
+"""Largest number of nodes per elastica link if its section neither jumps nor kinks (`physics.elastica.chain`)."""
 
 
 def divided(arm: Arm) -> bool:
@@ -31,13 +31,13 @@ def divided(arm: Arm) -> bool:
 def default_mesh(arm: Arm, formulation: str, given: Collection[str] = (), space: bool = False) -> dict[str, int]:
     """Return mesh options that divide links with jumps or kinks as finely as the default divides uniform ones.
 
-    The result is {} if no link has a jump or kink: the formulation's default then applies. All links use the same
-    number, the largest that a link requires. Nodes are limited to 24 and to the limit of the link with the fewest
-    smooth pieces.
+    The result is {} if no link has a jump or kink; the formulation's default then applies. All links use the same
+    number of nodes or cells, the largest that a link requires. The number of nodes is at most 24 and at most the limit
+    of the link with the fewest smooth pieces.
 
     Args:
-        given: names of the user's options; a mesh or modes among them take precedence. space: whether the scene is in
-            space, where the elastica has polynomials along whole links.
+        given: names of the user's options; if they include a mesh or modes, these take precedence. space: whether the
+            scene is in space, where the elastica has polynomials along whole links.
     """
     chosen = {"segments", "elements", "modes", "nodes"}.intersection(given)
     if not divided(arm) or chosen or (space and formulation == "elastica"):
@@ -54,8 +54,9 @@ def default_mesh(arm: Arm, formulation: str, given: Collection[str] = (), space:
 def halved_mesh(arm: Arm, settings: Settings) -> tuple[Arm, Settings] | None:
     """Return an arm and settings with at least two cells for each cell of the given mesh, or None.
 
-    The arm is mechanically the same; its sections get points in the middle of each cell, at which the mesh is divided.
-    None if there would be too many cells, if the cells are modes, or for more than 6 nodes of a tapered link.
+    The arm is mechanically the same: its sections get points in the middle of each cell, at which the mesh is divided.
+    The result is None if there are too many cells, if the cells are modes, or if a tapered link needs more than 6
+    nodes.
     """
     # cells: nodes - 1 intervals of an elastica, or elements, or segments
     option, further = _CELLS[settings.formulation]
@@ -77,9 +78,10 @@ def halved_mesh(arm: Arm, settings: Settings) -> tuple[Arm, Settings] | None:
 
 
 def _halved(link: Link, n: int, nodes: bool) -> Link:
-    """Return the link with a jump between equal sections, or curvatures, in the middle of each of its n cells.
+    """Return the link with a jump between equal sections, or equal curvatures, in the middle of each of its n cells.
 
-    nodes: the cells are intervals between nodes of an elastica, which become two polynomials even in a uniform link.
+    nodes: True if the cells are intervals between nodes of an elastica; even in a uniform link each becomes two
+    polynomials.
     """
     if len(link.breaks) == 2 and not nodes:
         # equal cells: twice as many halve them
@@ -101,13 +103,13 @@ def _halved(link: Link, n: int, nodes: bool) -> Link:
 
 
 def _joined(points: tuple[tuple[float, Any], ...], more: list[tuple[float, Any]]) -> tuple[tuple[float, Any], ...]:
-    """Merge points along a link with further ones, each of which appears twice and so makes a jump."""
+    """Merge points along a link with additional points, each of which appears twice and so makes a jump."""
     known = [s for s, _ in points]
     return tuple(sorted((*points, *(at for at in more for _ in range(2 - known.count(at[0])))), key=itemgetter(0)))
 
 
 def _section(points: tuple[tuple[float, Section], ...], s: float) -> Section:
-    """Return the section at s, m from the root, of sections that are linear between points."""
+    """Return the section at s, m from the root, interpolated linearly between the given points."""
     i, share = curves.between(np.array([place for place, _ in points]), np.array(s), False)
     one, other = points[int(i)][1], points[int(i) + 1][1]
     changes = {}

@@ -24,9 +24,10 @@ class InPlane(NamedTuple):
     """A scene that stays in a plane, expressed in that plane.
 
     scene: the equivalent scene in the x-y plane. axes (3, 3): columns are the plane's x axis, y axis and normal in
+    scene: the equivalent scene in the x-y plane. axes (3, 3): columns are the plane's x axis, y axis and normal, in
     inertial axes. height: position of the plane along its normal, m. frames (N, 3, 3): rows are each link's x axis, y
-    axis and normal in the plane, in the link's own axes. signs, offsets (N,): relative joint angle in the plane =
-    offset (rad) + sign times the joint angle of the scene in space.
+    axis and normal in the plane, in the link's own axes. signs, offsets (N,): the joint angle in the plane is offset
+    (rad) + sign times the joint angle of the scene in space.
     """
 
     scene: Scene
@@ -38,16 +39,16 @@ class InPlane(NamedTuple):
 
 
 class _Leaves(Exception):
-    """Raised where a part of the scene leaves the plane."""
+    """Raised if a part of the scene leaves the plane."""
 
 
 @lru_cache(maxsize=64)
 def in_plane(scene: Scene) -> InPlane | None:
-    """Return the scene in its plane, or None if it leaves the plane, has a rigid link, is planar or demands `space`.
+    """Return the scene in its plane; None if it leaves the plane, has a rigid link, is planar or demands `space`.
 
-    Conditions, to `EXACT`: all joint axes have one direction; it is a principal axis of every section and every inertia
-    tensor, and perpendicular to gravity, forces, the root's motion and velocity, and the payload's offset; moments act
-    about it.
+    The conditions hold to the accuracy `EXACT`. All joint axes have one direction. This common direction is a principal
+    axis of every section and every inertia tensor. Gravity, forces, the root's motion and velocity, and the payload's
+    offset are perpendicular to the joint axes. Moments act about the direction of the joint axes.
     """
     # rigid links are computed in space only
     rigid = any(link.rigid for link in scene.arm.links)
@@ -60,13 +61,13 @@ def in_plane(scene: Scene) -> InPlane | None:
 
 
 def computed(scene: Scene) -> Scene:
-    """Return the scene that `simulate` runs: the one in the arm's plane if there is one, otherwise the scene itself."""
+    """Return the scene that `simulate` runs: in the arm's plane if there is one, otherwise the scene itself."""
     flat = in_plane(scene)
     return flat.scene if flat else scene
 
 
 def _planar_scene(scene: Scene) -> InPlane:
-    """Build the planar scene: axes, arm, initial state, motions, loads; raise `_Leaves` if it leaves the plane."""
+    """Build the planar scene (axes, arm, initial state, motions, loads); raise `_Leaves` if it leaves the plane."""
     arm, n = scene.arm, scene.arm.n_links
     # frames: each link's axes in the plane; axes (3, 3): the plane itself, in inertial axes
     elbows = [arm.elbow(k) for k in range(1, n)]
@@ -121,7 +122,7 @@ def _require(off: Any, size: float) -> None:
 
 
 def _clean(v: Any) -> Array:
-    """Return a vector with components that are round-off beside its largest set to 0."""
+    """Return a vector in which components at the round-off of the largest component are 0."""
     v = np.asarray(v, np.float64)
     return np.where(np.abs(v) <= EXACT * np.abs(v).max(), 0.0, v)
 
@@ -145,7 +146,7 @@ def _angle(along: Array) -> float:
 
 
 def _frame(normal: Array) -> Array:
-    """Return the rows x, y and normal (3, 3) of a link in the plane, in the link's own axes; normal: in these axes.
+    """Return the rows x, y and normal (3, 3) of a link in the plane; rows and argument are in the link's own axes.
 
     The link's x axis lies in the plane: the normal is (0, a, b) and the y axis (0, b, -a).
     """
@@ -157,8 +158,8 @@ def _frame(normal: Array) -> Array:
 def _axes(scene: Scene, normal: Array, along: Array) -> Array:
     """Return the plane's axes as columns, in inertial axes.
 
-    x is the first inertial axis in the plane, prescribed coordinates of the root first; without one the first link's
-    direction `along`.
+    The x axis is the first inertial axis in the plane; prescribed coordinates of the root come first. If no inertial
+    axis is in the plane, x is the first link's direction `along`.
     """
     normal = _clean(normal)
     prescribed = [i for i, name in enumerate(ROOT) if scene.motion_of(name)]
@@ -171,13 +172,13 @@ def _axes(scene: Scene, normal: Array, along: Array) -> Array:
 
 # ------------------------------------------------------------------------------------------ the arm
 def _across(link: Link) -> bool:
-    """Return whether a link's sections have all properties in space; the solver in space reports a missing one."""
+    """Return whether a link's sections have all properties in space; the solver in space reports missing ones."""
     points = link.section if isinstance(link.section, tuple) else ((0.0, link.section),)
     return all(getattr(own, name, 0.0) is not None for _, own in points for name in ACROSS)
 
 
 def _link(link: Link, frame: Array) -> Link:
-    """Return a link in the plane: its section about the normal (0, a, b) and its curvature with the normal's sign."""
+    """Return a link in the plane: section about the normal (0, a, b), curvature with the normal's sign."""
     a, b = frame[2, 1:].tolist()
     curve = link.curvature
     # a curved link bends in its own x-y plane: the normal is plus or minus z
@@ -194,7 +195,7 @@ def _link(link: Link, frame: Array) -> Link:
 def _section(section: Any, a: float, b: float) -> Any:
     """Return a section that bends in the plane of motion, whose normal (0, a, b) is a principal axis of the section.
 
-    b = 0: the principal axes y and z are exchanged. Neither 0: the section must be the same about all axes.
+    If b = 0, the principal axes y and z are exchanged. If neither is 0, the section must be the same about all axes.
     """
     if a == 0.0:
         return section
@@ -214,7 +215,7 @@ def _section(section: Any, a: float, b: float) -> Any:
 
 
 def _inertia(value: Any, frame: Array) -> float:
-    """Return the moment of inertia about the normal, kg m^2, which must be a principal axis of the tensor."""
+    """Return the moment of inertia about the normal, kg m^2; the normal must be a principal axis of the tensor."""
     if not isinstance(value, tuple):
         return float(value)
     turned = frame @ tensor(value) @ frame.T
@@ -223,12 +224,15 @@ def _inertia(value: Any, frame: Array) -> float:
 
 
 def _elbow(elbow: Elbow, before: Array, after: Array) -> Elbow:
-    """Return an elbow in the plane: its left and right inertia about the normal; before, after: frames of the links."""
+    """Return an elbow in the plane, with its left and right inertia about the normal.
+
+    before, after: frames of the two links.
+    """
     return Elbow(elbow.mass, _inertia(elbow.inertia_left, before), _inertia(elbow.inertia_right, after))
 
 
 def _payload(payload: Payload, frame: Array) -> Payload:
-    """Return the payload in the plane: inertia about the normal, offset along the tip's tangent and across it, m."""
+    """Return the payload in the plane: inertia about the normal, offset (m) along the tip's tangent and across it."""
     offset = _vector((*payload.offset, 0.0)[:3], frame.T)
     return Payload(payload.mass, _inertia(payload.inertia, frame), offset, payload.radius)
 
@@ -244,7 +248,7 @@ def _scaled(function: TimeFunction, factor: float) -> TimeFunction:
 
 
 def _motion(motion: Motion, axes: Array, signs: Sequence[float], offsets: Sequence[float]) -> Motion:
-    """Return a motion in the plane: of the root along the matching plane axis, of a joint with its sign and offset."""
+    """Return a motion in the plane: the root's along the matching axis, a joint's with its sign and offset."""
     if motion.joint is None:
         # the root moves along one axis of the plane, with a sign
         row = axes[ROOT.index(motion.coordinate), :2]
@@ -255,7 +259,7 @@ def _motion(motion: Motion, axes: Array, signs: Sequence[float], offsets: Sequen
 
 
 def _load(load: Load, axes: Array, signs: Sequence[float]) -> list[Load]:
-    """Return a load's projection onto the plane as a list, empty if it vanishes."""
+    """Return a load's projection onto the plane as a list, which is empty if the projection vanishes."""
     if isinstance(load, JointTorque):
         return [JointTorque(load.joint, _scaled(load.function, signs[load.joint]))]
     # force in the plane; moment about its normal
@@ -268,9 +272,9 @@ def _load(load: Load, axes: Array, signs: Sequence[float]) -> list[Load]:
 
 
 def _turned(functions: Sequence[TimeFunction | None], axes: Array) -> list[TimeFunction | None]:
-    """Express three functions along inertial axes as functions along the plane's axes; None for one that is always 0.
+    """Express three functions along inertial axes as functions along the plane's axes; None for a zero function.
 
-    A sum of several functions needs the same pieces and sine frequencies; otherwise `_Leaves` is raised.
+    A sum of several functions requires equal pieces and sine frequencies; otherwise `_Leaves` is raised.
     """
     # functions that are not zero, each with its row of direction cosines
     given = [(f, row) for f, row in zip(functions, axes, strict=True) if f is not None and f.pieces[:, C0:OMEGA].any()]

@@ -1,4 +1,4 @@
-"""Longest step that resolves a scene's motions and loads; a longer step would sample faster ones as constants."""
+"""Longest step that resolves a scene's motions and loads; in longer steps, fast functions appear as constants."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from flexarm_env.time_functions import AMPLITUDE, C0, C2, OMEGA, T0, TimeFunctio
 from flexarm_env.validation import Array
 
 IN_A_PERIOD = 16
-"""Steps per period of a sine; the companion run of twice the step has half as many."""
+"""Steps per period of a sine; the companion run with twice the step has half as many."""
 
 ROUGH = 0.1
 """Permitted deviation of straight lines between steps from a function, as a fraction of its range."""
@@ -35,9 +35,9 @@ def resolving_step(scene: Scene, longest: float | Settings, end: float) -> float
     """Return a step (s) that resolves each function of time of the scene up to `end` (s), at most `longest`.
 
     Args:
-        longest: s, or settings with a dt.
+        longest: largest step, s, or settings with a dt.
     Raises:
-        ValueError: names the function that would need too many steps.
+        ValueError: the message names the function that would need too many steps.
     """
     dt = longest.dt if isinstance(longest, Settings) else longest
     assert dt is not None
@@ -83,7 +83,7 @@ def _of_sines(function: TimeFunction, end: float) -> float:
 
 
 def _of_cubics(function: TimeFunction, dt: float, end: float) -> float:
-    """Return dt (s), halved until straight lines between steps miss the function by at most `ROUGH` of its range."""
+    """Return dt (s), halved until straight lines between steps are within `ROUGH` of the range of the function."""
     rows = function.pieces[function.pieces[:, T0] < end]
     if len(rows) < 2 or not rows[:, C2:AMPLITUDE].any():
         return dt

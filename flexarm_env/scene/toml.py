@@ -1,4 +1,4 @@
-"""Read and write scenes as TOML: key paths in every error, parameter sets."""
+"""Read and write scenes as TOML, with parameter sets; every error names the key path."""
 
 import inspect
 import os
@@ -22,7 +22,7 @@ _OPTIONAL_TEXT = ("description", "source", "note")
 def read(kind: Callable[..., T], source: str | os.PathLike[str], parameter_set: str | None = None) -> T:
     """Read a scene from a TOML file or text; a parameter set ``S`` replaces keys and names the scene ``NAME@S``.
 
-    kind: class made of the file's keys, which are its fields: ``Scene``. Arguments and errors as in
+    kind: class whose fields are the file's keys: ``Scene``. The arguments and errors are those of
     :meth:`Scene.from_toml`.
     """
     table, path = read_toml(source)
@@ -31,7 +31,7 @@ def read(kind: Callable[..., T], source: str | os.PathLike[str], parameter_set: 
 
 
 def _read(kind: Callable[..., T], table: dict[str, Any], path: Path | None, parameter_set: str | None) -> T:
-    """Create the scene of a table and all its parameter sets, so that each is validated; return the chosen one."""
+    """Create the scene of a table and of each of its parameter sets, which validates them; return the chosen one."""
     directory = path.parent if path else Path()
     # the file's name is the default name
     if path:
@@ -61,7 +61,7 @@ def parameter_sets(source: str | os.PathLike[str]) -> tuple[str, ...]:
 
 
 def _scene(kind: Callable[..., T], table: Mapping[str, Any], directory: Path) -> T:
-    """Create a scene from a table: arm, motions, loads, vectors, solver options; directory: of the named files."""
+    """Create a scene from a table: arm, motions, loads, vectors, solver options; files are in `directory`."""
     if "links" in table and "arm" not in table:
         raise check.UnknownKey("links", check.names_of(kind), hint="this is an arm, and a scene has one: arm = FILE")
     check.known_keys("", table, (*check.names_of(kind), "parameter_sets"))
@@ -85,7 +85,7 @@ def _scene(kind: Callable[..., T], table: Mapping[str, Any], directory: Path) ->
 
 
 def _arm(value: object, name: str, directory: Path) -> Arm:
-    """Return the arm that is named, in a file, or given as a table."""
+    """Return an arm that a name, a file or a table gives."""
     if isinstance(value, Mapping):
         with check.under("arm"):
             return arms.from_table(value, default_name=name)
@@ -163,7 +163,7 @@ KINDS: dict[str, Callable[..., TimeFunction]] = {
     )
 }  # fmt: skip
 KINDS["pieces"] = lambda pieces: TimeFunction(pieces)
-"""Values of ``kind`` in a TOML file; "csv" (with file and the arguments of `from_csv`) is one more."""
+"""Values of ``kind`` in a TOML file; "csv" (with file and the arguments of `from_csv`) is an additional value."""
 _CSV = ("interpolation", "column", "time", "rate", "acceleration", "scale")
 
 
@@ -190,5 +190,5 @@ def function_from_table(entry: Mapping[str, Any], directory: Path) -> TimeFuncti
 
 
 def function_table(function: TimeFunction) -> dict[str, Any]:
-    """Return the TOML table that :func:`function_from_table` reads back to an equal function."""
+    """Return a TOML table from which :func:`function_from_table` makes an equal function."""
     return {"kind": function.kind, **dict(function.parameters)}

@@ -1,16 +1,18 @@
 """Inverse kinematics: joint angles of an arm of straight links that bring its tip to a point (x, y), m.
 
-Angles are written into `angles`, whose first N numbers are the joints' present angles, rad. limits (2 N,): low and high
-of each joint, rad. A target out of reach is approached along the line to it.
+At entry the first N numbers of `angles` are the present joint angles, rad; at return they are the results. limits (2
+N,): low and high of each joint, rad. If a target is out of reach, the tip is brought near it, on the line from the root
+to the target.
 
-    sooner_angles    two links: of the two solutions the one that the joints reach sooner
-    least_angles     N links: of all solutions the one of least sum of squares
-    next_angles      N links: the one of least sum of squares near the present angles
+    sooner_angles    two links: the one of two solutions that the joints reach first
+    least_angles     N links: the solution with the least sum of squares
+    next_angles      N links: the solution with the least sum of squares near the present angles
 
-Angles of least sum of squares with the tip at p are the moments about the joints of one force f at the tip (f are the
-Lagrange multipliers): theta_k = (p - r_k) x f, or the joint limit beyond which this lies. The chain is an elastica of N
-springs. With f given, joints and tip follow from the root on, so that two equations, tip(f) = p, remain in two unknowns
-whatever N is (Newton's method, steps halved where they do not help).
+The least sum of squared joint angles with the tip at p has a mechanical meaning. The angles are the moments about the
+joints of one force f at the tip, whose components are the Lagrange multipliers: theta_k = (p - r_k) x f. An angle
+beyond a joint limit is set to the limit. The chain is thus an elastica of N springs. Given f, joints and tip follow
+from the root outward. For any N, two equations tip(f) = p in two unknowns remain. Newton's method solves them; a step
+that does not reduce the error is halved.
 """
 
 import math
@@ -23,7 +25,8 @@ _CLOSE = 1e-13
 _ITERATIONS, _HALVINGS, _BISECTIONS, _SCAN = 60, 12, 60, 64
 
 _EASY, _STEPS = 0.6, 24
-"""Distance from the root over the arm's length at which the arc is near the solution; continuation steps from there."""
+"""Distance from the root, over the arm's length, at which the arc is near the solution, and number of continuation
+steps from that distance."""
 
 
 @kernel
@@ -34,9 +37,9 @@ def nearest_turn(angle, now):
 
 @kernel
 def _within(hub, limits):
-    """Return the hub's angle, with whole turns added that bring it within limits[0] to limits[1] if any do, rad.
+    """Return the hub's angle (rad), moved within limits[0] to limits[1] by whole turns if this is possible.
 
-    hub: angle of joint 0, rad; unchanged where no whole turns bring it within its limits.
+    hub: angle of joint 0, rad. It is returned unchanged if no whole turns bring it within its limits.
     """
     found = hub
     if hub < limits[0]:
@@ -50,11 +53,11 @@ def _within(hub, limits):
 
 @kernel
 def sooner_angles(lengths, rates, limits, x, y, angles):
-    """Write the angles of two links that reach (x, y), m: of the two elbow sides the one that the joints reach sooner.
+    """Write the angles of two links that reach (x, y), m, on the elbow side that the joints reach first.
 
-    A joint needs a time for an angle a that goes as sqrt(|a|) / its rate (rates (2,): rad/s); the slower joint counts.
-    A posture beyond the limits is chosen only where both are. lengths (2,): m; limits (4,): low, high of each joint,
-    rad. angles (2,): present joint angles in, those at the target out, rad.
+    The time of a joint for an angle a is taken proportional to sqrt(|a|) / its rate (rates (2,): rad/s); the slower
+    joint counts. A posture beyond the limits is chosen only if both postures are beyond them. lengths (2,): m; limits
+    (4,): low, high of each joint, rad. angles (2,): present joint angles in, those at the target out, rad.
     """
     a, b = lengths[0], lengths[1]
     # cos(bend) = (r^2 - a^2 - b^2) / 2ab, clamped where the target is out of reach; bearing of the target
@@ -106,7 +109,7 @@ def _force(lengths, limits, x, y, fx, fy):
     """Return (fx, fy, sum of squared angles) of the force that bends a chain of springs to (x, y), from a guess.
 
     Damped Newton on tip(f) = (x, y); each joint's angle is the force's moment about it. lengths (N,), x, y: m; limits
-    (2 N,): rad; fx, fy: the guess, rad/m. The sum is inf where no solution is found.
+    (2 N,): rad; fx, fy: the guess, rad/m. The sum is inf if no solution is found.
     """
     length = 0.0
     for k in range(lengths.shape[0]):
@@ -139,9 +142,9 @@ def _force(lengths, limits, x, y, fx, fy):
 
 @kernel
 def _guess(lengths, x, y, angles):
-    """Return the force (rad/m) at (x, y) whose moments about the joints are nearest to these angles, by least squares.
+    """Return the force (rad/m) at (x, y) whose moments about the joints best fit `angles`, by least squares.
 
-    lengths (N,), x, y: m; angles (N,): joint angles, rad. (0, 0) where the joints and the point lie in a line.
+    lengths (N,), x, y: m; angles (N,): joint angles, rad. Returns (0, 0) if the joints and the point lie on a line.
     """
     alpha, px, py = 0.0, 0.0, 0.0
     xx, xy, yy, gx, gy = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -162,8 +165,7 @@ def _guess(lengths, x, y, angles):
 def _take(lengths, limits, x, y, fx, fy, now, angles):
     """Write the joint angles under a force (rad/m) at (x, y), m, clamped to the limits: its moments about the joints.
 
-    The hub gets the whole turns that bring it near `now` (rad), where its limits allow. limits (2 N,): rad. angles
-    (N,): out.
+    Whole turns bring the hub's angle near `now` (rad) if its limits allow. limits (2 N,): rad. angles (N,): out.
     """
     alpha, px, py = 0.0, 0.0, 0.0
     for k in range(lengths.shape[0]):
@@ -176,7 +178,7 @@ def _take(lengths, limits, x, y, fx, fy, now, angles):
 
 @kernel
 def _turn_hub(limits, now, angles):
-    """Add whole turns to angles[0] so that it comes near `now` (rad); no change where its limits do not allow it.
+    """Add whole turns to angles[0] to bring it near `now` (rad); no change if its limits do not allow this.
 
     limits[0], limits[1]: low and high of that angle, rad.
     """
@@ -199,7 +201,8 @@ def _arc(lengths, bend):
 
 @kernel
 def _arc_bend(lengths, distance):
-    """Return the least common angle of all elbows (rad) whose tip is `distance` (m) from the root, or nearest to it.
+    """Return the smallest common elbow angle (rad) at which the tip is `distance` (m) from the root, or nearest to
+    that.
 
     lengths (N,): of the chain's straight links, m.
     """
@@ -232,10 +235,10 @@ def _arc_bend(lengths, distance):
 def _from_arc(lengths, limits, x, y, side, angles):
     """Return (fx, fy, sum of squared angles) of the solution reached from the arc to one side; the sum is inf if none.
 
-    An arc has the same angle at all elbows; side: 1 or -1, their sign. fx, fy: force (rad/m) at (x, y) (m) whose
-    moments about the joints are their angles. Newton starts from the arc to (x, y); where that fails, it starts from
-    the arc to an easy point on the same bearing, which then moves to (x, y) in steps. `angles` receives the arc from
-    which Newton started last.
+    An arc has the same angle at all elbows; side: the sign of this angle, 1 or -1. fx, fy: force (rad/m) at (x, y) (m)
+    whose moments about the joints are the joint angles. Newton's method starts from the arc to (x, y). If this fails,
+    it starts from the arc to an easy point on the same bearing, and the point then moves to (x, y) in steps. `angles`
+    receives the last arc that was a start.
     """
     bearing, length, last = math.atan2(y, x), 0.0, _arc_bend(lengths, math.hypot(x, y))
     for k in range(lengths.shape[0]):
@@ -260,12 +263,13 @@ def _from_arc(lengths, limits, x, y, side, angles):
 
 @kernel
 def least_angles(lengths, limits, x, y, angles):
-    """Write the angles of N links of least sum of squares that reach (x, y), m.
+    """Write the joint angles of N links that bring the tip to (x, y), m, with the least sum of squares.
 
-    It is the lesser of the solutions to which the arcs (all elbows alike) to either side lead; for targets within about
-    0.2 of the arm's length from the root there may be a lesser one. Where neither arc leads to a solution: the arc
-    itself. lengths (N,): m; limits (2 N,): low, high of each joint, rad. angles (N,): the result, rad; of the present
-    ones only the hub's counts, which chooses the whole turns of the new one.
+    Two solutions are computed, starting from arcs (equal angles at all elbows) to either side. The one with the smaller
+    sum is written. For targets within about 0.2 of the arm's length from the root a solution with a still smaller sum
+    may exist. If no solution is found from either arc, the angles of an arc are written. lengths (N,): m; limits (2
+    N,): low, high of each joint, rad. angles (N,): the result, rad. Of the present angles only the hub's matters: whole
+    turns bring the new hub angle near it.
     """
     now, least, least_x, least_y = angles[0], math.inf, 0.0, 0.0
     for side in (1.0, -1.0):
@@ -297,10 +301,10 @@ def _set_arc(lengths, limits, bearing, bend, angles):
 
 @kernel
 def next_angles(lengths, limits, x, y, angles):
-    """Write the angles of N links of least sum of squares that reach (x, y), m, near the present angles.
+    """Write the joint angles of N links with the least sum of squares near the present angles, tip at (x, y), m.
 
-    Where none is found near them: `least_angles`. lengths (N,): m; limits (2 N,): low, high of each joint, rad. angles
-    (N,): present joint angles in, those at the target out, rad.
+    If no solution is found near the present angles, `least_angles` is used. lengths (N,): m; limits (2 N,): low, high
+    of each joint, rad. angles (N,): present joint angles in, those at the target out, rad.
     """
     now = angles[0]
     # f from the present angles: the force (rad/m) whose moments about the joints are nearest to them

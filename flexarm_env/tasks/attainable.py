@@ -1,4 +1,4 @@
-"""Whether an arm can take up a drawn target: the joint limits allow a posture there and the motors can hold it."""
+"""Test whether an arm can reach a drawn target within its joint limits and hold the posture by its motors."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _TO = MOVING.places
 _ONE, _RECORD, _PLACE, _DRAWN = (0,), (0,) * GOAL, (0,) * _TO.end, (0,) * 5
 _INSTANTS = 32
 _POINTS = (0,) * (2 * _INSTANTS)
-"""A path is followed over this many instants of an episode."""
+"""Number of instants of an episode at which a path is checked."""
 _CLOSE = 1e-9
 """Tolerance of a posture's tip on its target, over the arm's length, and of an angle on its limit, rad."""
 
 MOST_DRAWS = 10_000
-"""Largest number of draws of a target, of which the last is kept. (Environments with fewer hits are rejected.)"""
+"""Largest number of draws of a target; the last draw is kept. (Environments with fewer hits are rejected.)"""
 
 
 class Attainable(NamedTuple):
@@ -46,11 +46,11 @@ class Attainable(NamedTuple):
 
 @kernel
 def attainable(task, needs, angles, x, y):
-    """Return 1.0 where an arm of the plane can take up the target (x, y) and rest there, 0.0 elsewhere.
+    """Return 1.0 if a planar arm can reach the target (x, y) and rest there, otherwise 0.0.
 
-    The posture is the one that the task aims at from joint angles `angles` (rad): its angles must be within their
-    limits, its tip at (x, y) (m; a target angle in rad needs no check), and no joint torque that gravity needs above
-    the largest. needs: an `Attainable`, with masses, gravity and largest torques.
+    The checked posture is the task's goal posture from joint angles `angles` (rad). Its angles must be within their
+    limits. Its tip must be at (x, y) (m; a target angle in rad needs no check). No joint torque against gravity may
+    exceed the largest torque. needs: an `Attainable`, with masses, gravity and largest torques.
     """
     mine = stack(_ONE, task.links + _RECORD)
     mine[TARGET], mine[TARGET + 1] = x, y
@@ -64,11 +64,11 @@ def attainable(task, needs, angles, x, y):
 
 @kernel
 def first_unattainable(task, needs, angles, points):
-    """Return the number of the first point of a path where the arm cannot follow the target, or -1 if there is none.
+    """Return the number of the first path point at which the arm cannot follow the target, or -1 if it can follow all.
 
-    points: (x, y; x, y; ...), m, or (angle, unused; ...), rad. angles: joint angles before the first point, rad; from
-    there on the posture follows the target by `pursue`. At such a point the posture does not reach it, passes joint
-    limits, or needs more than the largest torques against gravity (`_allowed`). needs: an `Attainable`.
+    points: (x, y; x, y; ...), m, or (angle, unused; ...), rad. angles: joint angles before the first point, rad;
+    `pursue` then moves the posture from point to point. At a returned point the posture does not reach the target,
+    passes joint limits, or needs more than the largest torques against gravity (`_allowed`). needs: an `Attainable`.
     """
     mine = stack(_ONE, task.links + _RECORD)
     for k in range(size(task.links)):
@@ -87,12 +87,12 @@ def first_unattainable(task, needs, angles, points):
 
 @kernel
 def _allowed(task, needs, mine):
-    """Return 1.0 where a posture reaches its target within the joint limits and the motors can hold it, 0.0 elsewhere.
+    """Return 1.0 if a posture reaches its target within the joint limits and the motors can hold it, otherwise 0.0.
 
     mine: record of one arm with goal (joint angles, rad) and target (m, or an angle that needs no check). With
     task.turns the hub's angle is first moved by whole turns to the middle of its limits. needs.bodies: moment of mass
-    along and across each link, kg m, all masses beyond counted at its far joint; needs.gravity: m/s^2; needs.torques: N
-    m, the largest.
+    along and across each link, kg m, with all later masses at the link's far joint; needs.gravity: m/s^2;
+    needs.torques: N m, the largest.
     """
     n, limits, x, y = size(task.links), task.joint_limits, mine[TARGET], mine[TARGET + 1]
     if task.turns is not None and limits[0] > -math.inf and limits[1] < math.inf:
@@ -125,8 +125,8 @@ def _allowed(task, needs, mine):
 def draw_attainable(reference, task, stream, arm, angles, path, most):
     """Draw a path until the arm can follow it; return 1.0, or 0.0 where none of `most` draws is attainable.
 
-    The last draw stays in that case. reference.ranges: low and high of each drawn number; reference.line: straight
-    lines are drawn; reference.needs: an `Attainable`, or None, where the first draw counts.
+    If none is attainable, the last draw stays in `path`. reference.ranges: low and high of each drawn number;
+    reference.line: straight lines are drawn; reference.needs: an `Attainable`, or None to accept the first draw.
     # in        angles, joint angles at the start, rad;  arm, number in the batch
     # in, out   stream[arm]
     # out       path, a `PATH`
@@ -153,8 +153,8 @@ def draw_attainable(reference, task, stream, arm, angles, path, most):
 def _can_follow(reference, task, angles, drawn, path):
     """Return whether an arm with its joints at `angles` (rad) can follow a drawn path for the length of an episode.
 
-    A line leads out of reach: there the arm must reach the point nearest to the root, at t = drawn[1] (s). path: a
-    `PATH`; drawn: the numbers from which it was made. reference.lasting: s, length of an episode.
+    A straight line leaves the arm's reach. Only its point nearest to the root must be reached, at t = drawn[1] (s).
+    path: a `PATH`; drawn: the numbers from which it was made. reference.lasting: s, length of an episode.
     """
     points, out = stack(_ONE, _POINTS), stack(_ONE, _PLACE)
     for j in range(_INSTANTS):
@@ -169,11 +169,11 @@ def _can_follow(reference, task, angles, drawn, path):
 
 @kernel
 def held_in_space(needs, links, angles):
-    """Return 1.0 where the rigid arm in space can rest at joint angles with at most the largest torques, 0.0 elsewhere.
+    """Return 1.0 if the rigid arm in space can rest at `angles` with at most the largest torques, otherwise 0.0.
 
-    links: a tag of N zeros. angles (N,): rad. Gravity alone acts. needs: an `Attainable` with gravity (m/s^2, inertial
-    axes), torques (N m, the largest), chain (a `JOINT` per joint) and bodies: mass (kg) and center of mass (m, link
-    axes) of each link.
+    links: a tag of N zeros. angles (N,): rad. Gravity is the only load. needs: an `Attainable` with gravity (m/s^2,
+    inertial axes), torques (N m, the largest), chain (a `JOINT` per joint) and bodies: mass (kg) and center of mass (m,
+    link axes) of each link.
     """
     lines, torques = stack(_ONE, links + links + links + links + links + links), stack(_ONE, links)
     g = Vector(needs.gravity[0], needs.gravity[1], needs.gravity[2])

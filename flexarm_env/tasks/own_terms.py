@@ -1,7 +1,7 @@
-"""Reward terms of the user's own, which are paid beside those of a task.
+"""User-defined reward terms, which are added to those of a task.
 
-A term is a kernel `term(lane, task, poses, action, record)` that returns the term's value for a lane of arms. It is a
-constant of the record's class, which the compiler knows: a class of its own for each choice of terms.
+A term is a kernel `term(lane, task, poses, action, record)` that returns the term's value for a lane of arms. Terms are
+constants of the record's class, which the compiler knows. Each choice of terms therefore has a class of its own.
 """
 
 from collections.abc import Sequence
@@ -12,19 +12,20 @@ from ..compiler import kernel, size
 from .task import TASKS, Task, judge, reward_term
 
 TERM_ARGUMENTS = ("lane", "task", "poses", "action", "record")
-"""What a term is called with: see `tasks.task`."""
+"""Arguments of a term; see `tasks.task`."""
 
 
 @kernel
 def judge_with_terms(lane, task, poses, action, record, live, info):
-    """Judge an instant of a task, with the user's own reward terms; return (reward, joint limit passed: 1.0 or 0.0).
+    """Evaluate an instant of a task, with user-defined reward terms; return (reward, joint limit passed: 1.0 or 0.0).
 
     `judge` writes success and the task's terms into info, where live > 1/2. task.own_terms: kernels term(lane, task,
     poses, action, record), whose weighted values are added to the reward and written into info.terms before the terms
-    of cost, change of actions and failure. poses: of the links, inertial axes; action (joints, lanes), in [-1, 1].
+    of cost, change of actions and failure. poses: poses of the links, inertial axes; action (joints, lanes), in [-1,
+    1].
     """
     total, past = judge(lane, task, poses, action, record, live, info)
-    # the last terms of info are the user's own, cost, change of actions and failure, in this sequence
+    # k: first of the user's own terms; cost (if task.charged), change of actions (if task.acted), failure follow it
     k = size(task.terms) - 1 - min(size(task.acted), 1) - len(task.own_terms)
     if task.charged is not None:
         k = k - 1
@@ -35,7 +36,7 @@ def judge_with_terms(lane, task, poses, action, record, live, info):
 
 
 def with_terms(record: Any, terms: Sequence[Any]) -> type[Task]:
-    """The class of a task's record with these terms of one's own; the same class for the same terms."""
+    """Return the class of a task's record with these user-defined terms; equal terms give the same class."""
     found: type[Task] = _with_terms(record, tuple(terms))
     return found
 
@@ -50,7 +51,7 @@ def _with_terms(record: Any, terms: tuple[Any, ...]) -> Any:
 
 
 def _reduced(record: Any) -> Any:
-    """How a record of such a class is pickled: its class has no name to be found by."""
+    """Return how to pickle a record of such a class, which cannot be imported by name."""
     return _remade, (type(record).__mro__[1], type(record).own_terms, tuple(record))
 
 

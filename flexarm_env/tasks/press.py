@@ -23,9 +23,9 @@ from .task import (
 
 _PATH = PATH.places
 FORCE, BEARING = PATH_AT + _PATH.z, PATH_AT + _PATH.bearing
-"""Index in a record of the commanded normal force (N) and of the bearing (rad) of the wall's point nearest the root."""
+"""Indices in a record: commanded normal force (N), and bearing (rad) of the wall's point nearest to the root."""
 SQUARES, FARTHEST = PATH_AT + _PATH.vz, PATH_AT + _PATH.tilt
-"""Sum of squares of the relative force errors and largest distance (m) from the path, over the judged periods."""
+"""Sum of squares of the relative force errors, and largest distance (m) from the target, over the evaluated periods."""
 
 WIDE_PATH, WIDE_FORCE = 0.01, 0.25
 """Widths of the reward terms `accuracy` (m) and `force` (over the commanded force)."""
@@ -60,9 +60,9 @@ def press_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lan
         accuracy exp(-(e / 10 mm)^2), settle 1 / (1 + ((e / b)^2 + (f / a)^2)^2), distance by min(d, 1) (`left_of`),
         effort -sum action^2, vibration -min(sum of squares of deflection rates, 1), force exp(-(f / 0.25)^2)
 
-    Success: over all periods of the last two thirds of the episode so far the root mean square of f is at most a, and e
-    at most b; never in the first third. poses: of the links, inertial axes; info is written where live > 1/2. Returns
-    (reward, 1.0 where a joint is beyond its limits).
+    Success: in all periods of the last two thirds of the episode up to now, the root mean square of f is at most a and
+    e is at most b. There is no success in the first third. poses: poses of the links, inertial axes; info is written
+    where live > 1/2. Returns (reward, 1.0 where a joint is beyond its limits).
     """
     n = size(task.links)
     shaking = 0.0
@@ -71,7 +71,7 @@ def press_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lan
         put_info(lane, live, info, DEFLECTION + k, normal / task.lengths[k])
         rate = rate / task.lengths[k]
         shaking = shaking + rate * rate
-    # way to the target, and its component along the wall
+    # target less tip (dx, dy; m, inertial axes); e (m): its part along the wall; d: its length over the arm's length
     o = POSE.end * (n - 1)
     dx = record[TARGET] - poses[o + POSE.tip_x]
     dy = record[TARGET + 1] - poses[o + POSE.tip_y]

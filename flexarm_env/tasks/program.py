@@ -96,7 +96,7 @@ RECORD = Layout(
     Field("seen", ("memory",), "", "past observations, the newest first, where observations are delayed"),
     Field("readings", ("readings",), "", "a `CHANNEL` for each quantity that sensors read by a law"),
 )  # fmt: skip
-"""An arm's record: the memory of its episode besides the state of the arm."""
+"""An arm's record: the episode's memory besides the state of the arm."""
 
 ENERGIES = Layout(
     "Energies", "",
@@ -105,7 +105,7 @@ ENERGIES = Layout(
     Field("dissipated", (), "J", "energy dissipated by damping and friction so far"),
     Field("work", (), "J", "work of the motors so far"),
 )  # fmt: skip
-"""Energies of an arm, where they are recorded."""
+"""Energies of an arm, if they are recorded."""
 
 BASIS = Layout(
     "Basis", "joints",
@@ -113,7 +113,7 @@ BASIS = Layout(
     Field("angles", ("joints",), "rad", "inertial angles of the links"),
     Field("cosines", ("joints",), "", "cosines of these angles"), Field("sines", ("joints",), "", "their sines"),
 )  # fmt: skip
-"""Functions in which coordinates of straight links, and rates, are linear: columns of `Ranges.pose` and `shake`."""
+"""Coordinates and rates of straight links are linear in these functions, the columns of `Ranges.pose` and `shake`."""
 
 MOVING = Layout(
     "Moving", "",
@@ -140,7 +140,7 @@ REQUEST = Layout(
     Field("vibration", (3,), "", "as in a `START`"),
     Field("goals", ("goals",), "rad", "in space: joint angles at the target, which determine it"),
 )  # fmt: skip
-"""Values that a reset requests; NaN: to be drawn."""
+"""Values that a reset requests; NaN: the value is drawn."""
 
 INFO = Layout(
     "Info", "links, targets, terms, further",
@@ -177,7 +177,7 @@ _FURTHER = Layout(
 """Further numbers for the caller: costs, a changing payload, pushes, fitted steps, drawn factors, a floating base."""
 
 FURTHER = _FURTHER.offsets(0, 0)
-"""Index of each field; FURTHER.end: their number without drawn delays and gains."""
+"""Index of each field; FURTHER.end: number of entries without drawn delays and gains."""
 
 (
     PERIODS, PERIODS_ALLOWED, MODE, HOLD, TARGET, TARGET_RATE, TORQUE_FACTOR, LEVEL, LATE, COST, ACCOUNTED,
@@ -221,20 +221,20 @@ request_at = kernel(REQUEST.offsets)
 info_at = kernel(INFO.offsets)
 
 RUNNING, OVER, FRESH, GUIDED = range(4)
-"""Modes: stepped; over, waits for a reset; just reset, skipped by the next step; guided: moved by prescribed motion."""
+"""Modes: stepped; ended, waits for a reset; just reset, skipped by the next step; guided by prescribed motions."""
 
 ACTION_NOT_FINITE, JOINT_LIMIT, RETRY = 100, 101, 102
-"""Reasons for an end besides the status codes of `model`; RETRY: the arm's period is to be repeated alone."""
+"""Reasons for an episode's end besides the status codes of `model`; RETRY: the arm's period must be repeated alone."""
 
 REASONS: dict[float, str] = {
     **{float(code): word if code else "" for code, word in enumerate(STATUS)},
     float(ACTION_NOT_FINITE): "action_not_finite",
     float(JOINT_LIMIT): "joint_limit",
 }
-"""Words of the codes that `info` holds."""
+"""One word for each code that `info` holds."""
 
 STATUS_WORDS: dict[float, str] = {code: STATUS[int(code)] if code < len(STATUS) else STATUS[0] for code in REASONS}
-"""The solver's status for each of these codes."""
+"""The solver's status for each of these codes of `info`."""
 
 CLIP = 10.0
 """Observations are clipped to this many scales."""
@@ -265,7 +265,7 @@ def sections(layout, block):
 
 
 class Controller(NamedTuple):
-    """Joint controllers under the action: torque = stiffness (goal - angle) - damping rate + share limit action."""
+    """Joint controllers with the action: torque = stiffness (goal - angle) - damping rate + share limit action."""
 
     stiffness: np.ndarray  # (N,) N m/rad
     damping: np.ndarray  # (N,) N m s/rad
@@ -306,9 +306,9 @@ class Sensors(NamedTuple):
 
 
 class Instruments(NamedTuple):
-    """Sensors that read by a law; None: there are none of this kind. Channels are in the order of the fields.
+    """Sensors that read by a law; None: no sensor of this kind. Channels are in the order of the fields.
 
-    Their entries follow the task's and the target's, gauges last: goals, accelerometer, ..., camera, force, switch.
+    Their entries follow those of task and target: goals, accelerometer, ..., camera, force, switch, then gauges.
     """
 
     period: float  # s
@@ -328,7 +328,7 @@ class Instruments(NamedTuple):
 
 
 class Selection(NamedTuple):
-    """Entries that are observed, and the number of observations stacked into one, the oldest first."""
+    """Observed entries, and the number of observations stacked into one, the oldest first."""
 
     chosen: np.ndarray  # (C,) int64: indices of the observed entries
     frames: int  # observations in one
@@ -348,7 +348,7 @@ class Reference(NamedTuple):
 
 
 class Cost(NamedTuple):
-    """Limits beyond which a period has a cost; None: no such limit."""
+    """Limits whose violation gives a period a cost; None: no such limit."""
 
     deflection: np.ndarray | None  # (N,): largest tip deflection of each link, over its length
     strain: np.ndarray | None  # (G, n): rows for `protocol.strain_gauge`, strain at a station / limit; in space 2 each
@@ -389,7 +389,7 @@ class Extras:
 
 
 class Models(NamedTuple):
-    """The models made for steps of h, h/2, ... h/32."""
+    """The models for steps of h, h/2, ... h/32."""
 
     whole: Any
     half: Any

@@ -47,11 +47,12 @@ class Chain(Task):
 
 @kernel
 def reach_observe(lane, task, poses: Lanes, record: Lanes, out):
-    """Write the scaled observation: joints, deflections, tip velocity, way from tip to target (`envs.two_link`).
+    """Write the scaled observation: joints, deflections, tip velocity, vector from tip to target (`envs.two_link`).
 
     Entries: sine, cosine of each joint; N joint rates (rad/s); N tip deflections over the link's length, N of their
     rates (1/s); tip velocity (m/s) and target less tip (m), in the axes of link 0's root; seven of a floating base.
-    poses: of the links, inertial axes; record: the target. Each entry is divided by its scale and clipped to +-10.
+    poses: poses of the links, inertial axes; record: the target. Each entry is divided by its scale and clipped to
+    +-10.
     """
     n = size(task.links)
     before, spin = 0.0, of_base(lane, task, poses, BASE_POSE.rate)
@@ -87,10 +88,10 @@ def reach_observe(lane, task, poses: Lanes, record: Lanes, out):
 def reach_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
     """Write success, info and the reward terms of a tip that is brought to a point in the plane (`reward_point`).
 
-    error: distance of the tip to the target over the arm's length; speed: of the tip relative to the target over that
-    length, 1/s; shaking: sum of squares of deflection rates over the links' lengths, 1/s^2. poses: of the links,
-    inertial axes; action (joints, lanes), in [-1, 1]; info is written where live > 1/2. Returns (reward, 1.0 where a
-    joint is beyond its limits).
+    error: distance of the tip to the target over the arm's length; speed: speed of the tip relative to the target over
+    that length, 1/s; shaking: sum of squares of deflection rates over the links' lengths, 1/s^2. poses: poses of the
+    links, inertial axes; action (joints, lanes), in [-1, 1]; info is written where live > 1/2. Returns (reward, 1.0
+    where a joint is beyond its limits).
     """
     n = size(task.links)
     shaking = 0.0
@@ -120,10 +121,10 @@ def reward_point(lane, task, error, speed, shaking, poses, action, record, live,
         accuracy exp(-(10 error)^2), settle exp(-(50 error)^2 - (10 speed)^2), distance by min(error, 1) (`left_of`),
         effort -sum action^2, vibration -min(shaking, 1), attitude of a floating base, change of actions
 
-    Each is multiplied by its weight. Where task.paid is a tag, settle is 1 / (1 + s^2) (`settled`), s: sum of squares
-    of error and speed (and a floating base's attitude) over their success bands. error: over the arm's length; speed:
-    over the length, 1/s; shaking: 1/s^2, sum of squares of deflection rates over the lengths. Terms go into info, where
-    live > 1/2.
+    Each term is multiplied by its weight. If task.paid is a tag, settle is 1 / (1 + s^2) (`settled`). s is the sum of
+    squares of error and speed (and of a floating base's attitude), each over its success band. error: over the arm's
+    length; speed: over the length, 1/s; shaking: 1/s^2, sum of squares of deflection rates over the lengths. Terms go
+    into info, where live > 1/2.
     """
     # success: |r - target| / L and speed / L (1/s) within their bands
     good = select_lt(error, task.bands[0], 1.0, 0.0)
@@ -154,18 +155,20 @@ def reach_target(task, angles, first, second):
 
 @kernel
 def reach_aim(task, record):
-    """Write the goal angles (rad) of two links into record[GOAL:]: the solution that the joints reach sooner.
+    """Write the goal angles (rad) of two links into record[GOAL:]: of two solutions, the one that is reached first.
 
-    record: of one arm: target (m, inertial axes) in; goal: present joint angles in, those at the target out.
+    record: record of one arm. Its target (m, inertial axes) is read. Its goal holds the present joint angles at entry
+    and the angles that bring the tip to the target at return (`angles.sooner_angles`).
     """
     sooner_angles(task.lengths, task.rates, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 
 
 @kernel
 def chain_aim(task, record):
-    """Write the goal angles (rad) of N links into record[GOAL:]: least sum of squares with the tip on the target.
+    """Write the goal angles (rad) of N links into record[GOAL:]: least sum of squares with the tip at the target.
 
-    record: of one arm: target (m, inertial axes) in; goal: out, its first entry, the hub's present angle, in.
+    record: record of one arm. Its target (m, inertial axes) is read. The first entry of its goal is the hub's present
+    angle at entry. At return goal holds the goal angles (`angles.least_angles`).
     """
     least_angles(task.lengths, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 
@@ -181,7 +184,7 @@ def chain_pursue(task, record):
 
 @kernel
 def reach_draw_path(task, stream, arm, start, drawn, path):
-    """Write a circular path, turning to a random side from a random phase, into `path`, a `PATH`.
+    """Write a circular path with random sense of rotation and random phase into `path`, a `PATH`.
 
     drawn: distance of its center from the root, m; period, s; radius, m; bearing of its center, rad. stream[arm]:
     random numbers of the arm. start: not used.
@@ -197,7 +200,7 @@ def reach_draw_path(task, stream, arm, start, drawn, path):
 
 @kernel
 def reach_draw_line(task, stream, arm, start, drawn, path):
-    """Write a straight path, to a random side, by its point nearest to the root, into `path`, a `PATH`.
+    """Write a straight path with random sense of direction into `path`, a `PATH`, from its point nearest to the root.
 
     drawn: distance of that point, m; the time when it is reached, s; speed, m/s; bearing of that point, rad.
     stream[arm]: random numbers of the arm. start: not used.
@@ -212,9 +215,10 @@ def reach_draw_line(task, stream, arm, start, drawn, path):
 
 @kernel
 def reach_path_at(task, path, t, out):
-    """Write the target's position (m) and velocity (m/s), inertial axes, at time t (s): on a circle whose center moves.
+    """Write the target's position (m) and velocity (m/s), inertial axes, at time t (s), on a circle or a line.
 
-    path: a `PATH`. The center of a circular path rests; on a straight path the radius is 0. out: a `MOVING`.
+    path: a `PATH`. The formula describes a circle whose center moves. The center of a circular path rests; on a
+    straight path the radius is 0. out: a `MOVING`.
     """
     radius, rate = path[_PATH.size], path[_PATH.rate]
     # angle on the circle at t: rate t + phase, from the x axis (inertial)

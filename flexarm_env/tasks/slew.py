@@ -57,8 +57,8 @@ def slew_observe(lane, task, poses: Lanes, record, out):
 
     Hub: relative to a floating base. Deflection: across the root's tangent. Error: target less tip angle (rad), within
     +-pi where task.turns is a tag, otherwise with all turns. Then the seven entries of a floating base, if there is
-    one. Units: rad/s, 1, 1/s, rad; each entry is divided by its scale and clipped to +-10. poses: of the link, inertial
-    axes; record: the target.
+    one. Units: rad/s, 1, 1/s, rad; each entry is divided by its scale and clipped to +-10. poses: pose of the link,
+    inertial axes; record: the target.
     """
     normal, along, rate, _, _, _, _, sine, cosine = deflection(lane, poses, 0)
     # hub angle as (sin, cos), against a floating base where there is one
@@ -81,10 +81,10 @@ def slew_judge(lane, task, poses, action, record: Lanes, live, info):
         accuracy exp(-(10 e)^2), settle exp(-(50 e)^2 - (5 slip)^2), distance by min(e, 1) (`left_of`; with task.turns e
         in half turns), effort -sum action^2, vibration -min(rate^2, 1)
 
-    Each is multiplied by its weight; a floating base adds a term for its attitude, a priced change of actions another.
-    Where task.paid is a tag, settle is 1 / (1 + s^2) (`settled`), s: sum of squares of e, slip and rate (and a base's
-    attitude) over their success bands. poses: of the link, inertial axes; info is written where live > 1/2. Joint limit
-    passed: 1.0 where the joint is beyond its limits, otherwise 0.0.
+    Each term is multiplied by its weight. A floating base adds a term for its attitude. If changes of actions have a
+    price, they add another term. If task.paid is a tag, settle is 1 / (1 + s^2) (`settled`). s is the sum of squares of
+    e, slip and rate (and of a base's attitude), each over its success band. poses: pose of the link, inertial axes;
+    info is written where live > 1/2. Joint limit passed: 1.0 where the joint is beyond its limits, otherwise 0.0.
     """
     # tip less root: polar angle and its rate (inertial axes), deflection (root axes)
     normal, along, rate, dx, dy, dvx, dvy, _, _ = deflection(lane, poses, 0)
@@ -136,7 +136,7 @@ def slew_aim(task, record):
 def slew_draw_path(task, stream, arm, start, drawn, path):
     """Write a swing to a random side from joint 0's angle `start` (rad) into `path`, a `PATH`.
 
-    drawn: its width, rad, and its period, s. stream[arm]: random numbers of the arm.
+    drawn: width (rad) and period (s) of the swing. stream[arm]: random numbers of the arm.
     """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     path[_PATH.x] = start
@@ -148,8 +148,8 @@ def slew_draw_path(task, stream, arm, start, drawn, path):
 def slew_draw_line(task, stream, arm, start, drawn, path):
     """Write a path of constant rate that passes joint 0's angle `start` towards a random side into `path`.
 
-    path: a `PATH`. start: rad. drawn: its distance behind `start` at t = 0, rad; its rate, rad/s. stream[arm]: random
-    numbers of the arm.
+    path: a `PATH`. start: rad. drawn: distance of the path behind `start` at t = 0, rad; rate of the path, rad/s.
+    stream[arm]: random numbers of the arm.
     """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     path[_PATH.x], path[_PATH.vx] = start - drawn[0] * side, drawn[1] * side

@@ -21,7 +21,7 @@ class SpaceReach(Task):
 
 @kernel
 def _in_root(lane, poses: Lanes, x, y, z, d):
-    """Return component d of the vector (x, y, z), given in inertial axes, along axis d of the axes of link 0's root."""
+    """Return the component of the vector (x, y, z; inertial axes) along axis d of link 0's root."""
     o = SPACE_POSE.axes + d
     # column d of A, which turns axes of link 0's root into inertial ones and is stored by rows
     return (x * poses[o] + y * poses[o + 3]) + z * poses[o + 6]
@@ -31,7 +31,7 @@ def _in_root(lane, poses: Lanes, x, y, z, d):
 def _to_target(lane, task, poses: Lanes, record: Lanes):
     """Return the vector from the tip to the target, m, inertial axes.
 
-    poses: of the links, with the last link's tip. record.target: m, inertial axes.
+    poses: poses of the links, with the last link's tip. record.target: m, inertial axes.
     """
     o = SPACE_POSE.end * (size(task.links) - 1) + SPACE_POSE.tip
     return (
@@ -54,7 +54,7 @@ def space_observe(lane, task, poses: Lanes, record, out):
 
     Sine and cosine of N joint angles; N joint rates (rad/s); for each flexible link deflection along y and z and their
     rates over its length, twist (rad) and its rate; tip velocity (m/s) and target less tip (m), in the axes of link 0's
-    root. Each entry is divided by its scale and clipped to +-10. poses: of the links; record: the target.
+    root. Each entry is divided by its scale and clipped to +-10. poses: poses of the links; record: the target.
     """
     n, to = size(task.links), 3 * size(task.links)
     for k in range(n):
@@ -83,10 +83,10 @@ def space_observe(lane, task, poses: Lanes, record, out):
 def space_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
     """Write success, info and the reward terms of a tip that is brought to a point in space (`reach.reward_point`).
 
-    error: distance of the tip to the target over the arm's length; speed: of the tip relative to the target over that
-    length, 1/s; shaking: sum of squares of deflection rates over the links' lengths, 1/s^2. poses: of the links; action
-    (joints, lanes), in [-1, 1]; info is written where live > 1/2. Returns (reward, 1.0 where a joint is beyond its
-    limits).
+    error: distance of the tip to the target over the arm's length; speed: speed of the tip relative to the target over
+    that length, 1/s; shaking: sum of squares of deflection rates over the links' lengths, 1/s^2. poses: poses of the
+    links; action (joints, lanes), in [-1, 1]; info is written where live > 1/2. Returns (reward, 1.0 where a joint is
+    beyond its limits).
     """
     n, at = size(task.links), info_of(task)
     shaking, past = 0.0, 0.0
@@ -123,11 +123,11 @@ def space_target(task, angles, first, second):
 
 @kernel
 def space_aim(task, record):
-    """Write the goal angles (rad) that reach a target on a path into record[GOAL:]; no-op where targets rest.
+    """Write the goal angles (rad) that reach a target on a path into record[GOAL:]; no-op if targets rest.
 
-    Goal angles of a resting target have been drawn before the target itself. record: of one arm: target (m, inertial
-    axes) in; goal: in, the angles from which they are sought, and out. task.chain: a `JOINT` per joint, None where
-    targets rest.
+    Goal angles of a resting target have been drawn before the target itself. record: record of one arm. Its target (m,
+    inertial axes) is read. Its goal holds the start of the search at entry and the goal angles at return. task.chain: a
+    `JOINT` per joint, None where targets rest.
     """
     if task.chain is not None:
         point = (record[TARGET], record[TARGET + 1], record[TARGET + 2])
@@ -136,7 +136,7 @@ def space_aim(task, record):
 
 @kernel
 def space_pursue(task, record):
-    """Move the goal angles (rad), record[GOAL:], so that they reach the moved target; no-op where targets rest.
+    """Move the goal angles (rad), record[GOAL:], so that they reach the moved target; no-op if targets rest.
 
     record: of one arm: target (m, inertial axes) in; goal: in and out. task.chain: a `JOINT` per joint, None where
     targets rest.

@@ -1,7 +1,7 @@
 """Inverse kinematics in space: joint angles of the rigid arm that bring its tip to a point, by damped least squares.
 
-`chain` holds a `JOINT` per joint. Angles (rad) are written over the joints' present ones; limits (2 N,): see `angles`.
-A point out of reach is approached.
+`chain` holds a `JOINT` per joint. The results replace the present joint angles (rad); limits (2 N,): see `angles`. If a
+point is out of reach, the tip approaches it.
 """
 
 import math
@@ -30,9 +30,9 @@ JOINT = Layout(
 _AT = JOINT.places
 _ONE, _FARTHEST = (0,), 0.5
 _FOLLOWED, _SOUGHT = 4, 60
-"""Iterations for a point that has moved a little, and for a point that may be anywhere."""
+"""Number of iterations for a point that has moved a little, and for a point anywhere."""
 _SIDE = 0.8
-"""rad: joint angles of the two bent postures from which a point is sought again."""
+"""rad: joint angles of the two bent postures from which a failed search is repeated."""
 
 
 @kernel
@@ -77,13 +77,13 @@ def _solved(S, b):
 
 @kernel
 def _approach(chain, links, length, limits, point, steps, angles):
-    """Move the angles by damped least squares towards the point; return the distance left over the arm's length.
+    """Move the angles by damped least squares towards the point; return the remaining distance over the arm's length.
 
         d theta = J' (J J' + damping)^-1 (point - tip)
 
-    J (3, N): derivative of the tip (m) by the joint angles. chain: a `JOINT` per joint; links: N zeros; length: m, of
-    the arm; limits (2 N,): low, high of each joint, rad; point: m, inertial axes; steps: largest number of iterations;
-    angles (N,): rad, in and out. No joint moves by more than _FARTHEST rad a step.
+    J (3, N): derivative of the tip (m) by the joint angles. chain: a `JOINT` per joint; links: N zeros; length: length
+    of the arm, m; limits (2 N,): low, high of each joint, rad; point: m, inertial axes; steps: largest number of
+    iterations; angles (N,): rad, in and out. No joint moves by more than _FARTHEST rad a step.
     """
     lines = stack(_ONE, links + links + links + links + links + links)
     off = point - _stretched(chain, links, angles, lines)
@@ -126,17 +126,19 @@ def _column(lines, k, tip):
 def follow_point(chain, links, length, limits, point, angles):
     """Move the joint angles to reach a point that has moved a little, with few iterations from the present angles.
 
-    chain: a `JOINT` per joint; links: N zeros; length: m, of the arm; limits (2 N,): low, high of each joint, rad;
-    point: m, inertial axes; angles (N,): rad, in and out.
+    chain: a `JOINT` per joint; links: N zeros; length: length of the arm, m; limits (2 N,): low, high of each joint,
+    rad; point: m, inertial axes; angles (N,): rad, in and out.
     """
     _approach(chain, links, length, limits, point, _FOLLOWED, angles)
 
 
 @kernel
 def seek_point(chain, links, length, limits, point, angles):
-    """Move the joint angles to reach a point anywhere: from the present ones or, if that fails, from two bent postures.
+    """Move the joint angles to reach a point anywhere.
 
-    The best of the attempts is kept. chain: a `JOINT` per joint; links: N zeros; length: m, of the arm; limits (2 N,):
+    The search starts from the present angles. If it fails, it is repeated from two bent postures.
+
+    The best result is kept. chain: a `JOINT` per joint; links: N zeros; length: length of the arm, m; limits (2 N,):
     low, high of each joint, rad; point: m, inertial axes; angles (N,): rad, in and out.
     """
     least, mine, best = math.inf, stack(_ONE, links), stack(_ONE, links)

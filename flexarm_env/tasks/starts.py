@@ -23,7 +23,7 @@ FACTORS = Layout(
     Field("motor_inertia", (), "", "on the rotors' inertia"), Field("hub_inertia", (), "", "on the hub's inertia"),
     Field("EI_y", (), "", "on EI_y, in space, besides `EI`"), Field("GJ", (), "", "on GJ, in space"),
 )  # fmt: skip
-"""Factors on nominal values that an episode draws; those from `payload_inertia` on only where they are requested."""
+"""Factors on nominal values that an episode draws. Those from `payload_inertia` on are drawn only if requested."""
 
 FACTOR, FACTOR_NAMES = FACTORS.places, tuple(one.name for one in FACTORS.fields)
 ALWAYS = FACTOR.payload_inertia
@@ -52,8 +52,8 @@ class Ranges(NamedTuple):
 class Starts:
     """Ranges from which fresh starts are drawn, uniformly; fields not described here are those of `Ranges`.
 
-    target: two ranges, of one link the second unused; in space one for each joint. drawn: of the first `FACTOR_NAMES`,
-    in their order. laws: joint laws are drawn.
+    target: two ranges (the second is unused with one link); in space one range for each joint. drawn: ranges of the
+    first `FACTOR_NAMES`, in their order. laws: whether joint laws are drawn.
     """
 
     start: Sequence[tuple[float, float]]

@@ -10,7 +10,7 @@ scales and clipped to +-10. All arithmetic is on lanes: a batch and a single arm
     turn_in(lane, task, poses, seen, first, end)           rotate entries first to end - 1 of `seen`, targets or rates
                                                            in inertial axes, into the frame that turns with the hub
 
-and for one arm, whose `record` is its own (`program.RECORD`):
+The following kernels are for one arm; `record` is that arm's own (`program.RECORD`):
 
     target_from(task, angles, first, second)   return the target (two numbers) from two drawn numbers, with the arm at
                                                these joint angles
@@ -125,7 +125,7 @@ def of_base(lane, task, poses: Lanes, number):
 def hub_angle(lane, task, poses: Lanes, sine, cosine):
     """Return sine and cosine of joint 0's angle; sine, cosine: of the inertial angle of link 0's root.
 
-    Both are the same where the root is held; on a floating base its attitude is subtracted.
+    If the root is held, this is the inertial angle itself. On a floating base, the base's attitude is subtracted.
     """
     if size(task.base) > 0:
         return sincos(poses[POSE.angle] - of_base(lane, task, poses, BASE_POSE.angle))
@@ -137,8 +137,8 @@ def show_base(lane, task, poses: Lanes, sine, cosine, out):
     """Write the last seven entries of the observation of an arm on a floating base, over their scales.
 
     No-op where the root is held. Sine and cosine of the base's attitude, its rate (rad/s), then velocity (m/s) and
-    position (m) of the hub, each along and across the root of link 0; sine, cosine: of the inertial angle of that root.
-    poses: of the links, then of the base, inertial axes.
+    position (m) of the hub, each along and across the root of link 0; sine, cosine: those of the inertial angle of that
+    root. poses: poses of the links, then of the base, inertial axes.
     """
     if size(task.base) > 0:
         k = size(task.entries) - 7
@@ -156,9 +156,10 @@ def show_base(lane, task, poses: Lanes, sine, cosine, out):
 
 @kernel
 def level(lane, task, poses, good):
-    """Return `good` (1 or 0) where a floating base's attitude is within its success band, else 0.
+    """Return `good` (1 or 0) if a floating base's attitude is within its success band, else 0.
 
-    The band is the last of task.bands, rad. Where the root is held: `good`. poses: of the links, then of the base.
+    The band is the last of task.bands, rad. If the root is held, `good` is returned. poses: poses of the links, then of
+    the base.
     """
     if size(task.base) > 0:
         turned = absolute(of_base(lane, task, poses, BASE_POSE.angle))
@@ -198,7 +199,7 @@ def show_scaled(lane, task, out: Lanes, k, value):
 
 @kernel
 def past_limit(task, k, angle, past):
-    """Return 1.0 where joint k's angle (rad) is beyond its limits, elsewhere `past`.
+    """Return 1.0 in lanes where joint k's angle (rad) is beyond its limits, in other lanes `past`.
 
     task.joint_limits (2 N,): low and high of each joint, rad.
     """
@@ -208,9 +209,9 @@ def past_limit(task, k, angle, past):
 
 @kernel
 def past_limits(lane, task, poses: Lanes):
-    """Return 1.0 where any joint's angle is beyond its limits, elsewhere 0.0.
+    """Return 1.0 in lanes where any joint's angle is beyond its limits, in other lanes 0.0.
 
-    A joint's angle is that of its link's root section, less that of the tip section before it or of the floating base.
+    A joint's angle is the angle of its link's root section, less the angle of the tip section before or of the base.
     """
     past = 0.0
     # joint 0 is measured against the base's attitude psi_b, joint k against the tip section before it
@@ -226,8 +227,8 @@ def past_limits(lane, task, poses: Lanes):
 def record_success(lane, task, good, record: Lanes, live, info):
     """Count the consecutive instants within the success bands, and write success (1 or 0) into info, where live > 1/2.
 
-    good: 1 where all errors are within their bands. Success is a count (record.hold) of at least task.hold; where
-    task.once is a tag, it lasts to the end of the episode.
+    good: 1 where all errors are within their bands. Success means a count (record.hold) of at least task.hold. If
+    task.once is a tag, success lasts to the end of the episode.
     """
     # hold counts periods in a row: an instant outside a band starts the count again
     before = record[HOLD]
@@ -252,7 +253,7 @@ def effort(lane, task, action: Lanes):
 
 @kernel
 def settled(lane, square):
-    """Return 1 / (1 + square^2), the reward term `settle`: 1 at rest on the target, 1/2 where square is 1.
+    """Return 1 / (1 + square^2), the reward term `settle`: 1 at rest on the target, 1/2 if square is 1.
 
     square: sum of squares of errors (position, speed, ...), each over its success band.
     """
@@ -261,9 +262,9 @@ def settled(lane, square):
 
 @kernel
 def left_of(task, loss):
-    """Return what a loss between 0 and 1 pays: 1 - loss where task.nearness is a tag, otherwise -loss.
+    """Return the reward for a loss between 0 and 1: 1 - loss if task.nearness is a tag, otherwise -loss.
 
-    With 1 - loss an episode that goes on is never paid less than one that has ended.
+    With 1 - loss an episode that continues never gets a lower reward than an episode that has ended.
     """
     if task.nearness is not None:
         return 1.0 - loss
@@ -272,10 +273,10 @@ def left_of(task, loss):
 
 @kernel
 def reward_change(lane, task, action: Lanes, record: Lanes, live, info, total):
-    """Return total plus the weighted term -sum (action - last action)^2, where it is priced (task.acted).
+    """Return total plus the weighted term -sum (action - last action)^2; total itself without a price (task.acted).
 
-    It is the last term but failure, written into info. The action (joints, lanes) is stored in the record as the last
-    one, where live > 1/2.
+    The term is written into info, before the failure term. The action (joints, lanes) is stored in the record as the
+    last action, where live > 1/2.
     """
     change = 0.0
     for j in range(size(task.acted)):
@@ -302,7 +303,7 @@ def reward_term(lane, task, live, info, k, value):
 def record_tip(lane, task, poses: Lanes, record: Lanes, live, info):
     """Write the tip's position (m, inertial axes) and the target (m, or rad) into info, where live > 1/2.
 
-    poses: of the links, inertial axes. record: the target.
+    poses: poses of the links, inertial axes. record: the target.
     """
     o, at = POSE.end * (size(task.links) - 1), info_of(task).target
     put_info(lane, live, info, TIP, poses[o + POSE.tip_x])

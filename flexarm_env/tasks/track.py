@@ -15,8 +15,8 @@ _RECORD = (0,) * GOAL
 def _on_path(reference, task, record, lanes, i, t, k, out):
     """Write the `MOVING` (position, velocity) of arm i's target at t (s), control instant k, into out.
 
-    From reference.table (position and rate of each instant, the last one held), or from the path in the arm's record.
-    lanes: of a group, of which arm i is one. record: in lanes.
+    The target comes from reference.table (position and rate of each instant; the last row is held) or from the path in
+    the arm's record. lanes: number of lanes of the group that contains arm i. record: in lanes.
     """
     targets = size(task.targets)
     if reference.table.shape[0] > 0:
@@ -37,7 +37,8 @@ def _on_path(reference, task, record, lanes, i, t, k, out):
 def _set_target(reference, task, record, lanes, i, t, k, out):
     """Write arm i's target (position, velocity) at t (s), control instant k, into out, a `MOVING`, and its record.
 
-    lanes: of a group, of which arm i is one. record.target, record.target_rate: m or rad, and rates, inertial axes.
+    lanes: number of lanes of the group that contains arm i. record.target, record.target_rate: m or rad, and rates,
+    inertial axes.
     """
     _on_path(reference, task, record, lanes, i, t, k, out)
     for d in range(size(task.targets)):
@@ -49,8 +50,8 @@ def _set_target(reference, task, record, lanes, i, t, k, out):
 def move_targets(lane, reference, task, period, record):
     """Move the targets of running arms to the end of the control period, and update the joint angles that reach them.
 
-    reference: None where targets rest (no-op). period: s. record, in lanes: mode and periods done in; target,
-    target_rate and goal out.
+    reference: None if targets rest (no-op). period: s. record, in lanes: mode and periods done are read; target,
+    target_rate and goal are written.
     """
     if reference is not None:
         for i in range(lane_count(lane)):
@@ -62,8 +63,8 @@ def move_targets(lane, reference, task, period, record):
 def _move_target(lanes, reference, task, period, record, i):
     """Move arm i's target to the end of its control period (s) and update its goal angles (rad) by `pursue`.
 
-    lanes: of a group, of which arm i is one. record, in lanes: periods done in; target, target_rate and goal in and
-    out.
+    lanes: number of lanes of the group that contains arm i. record, in lanes: periods done in; target, target_rate and
+    goal in and out.
     """
     out, mine = stack(_ONE, _PLACE), stack(_ONE, task.links + _RECORD)
     k = record[PERIODS * lanes + i] + 1.0
@@ -83,8 +84,8 @@ def look_ahead(lane, reference, task, period, first, poses, record, seen: Lanes)
     """Write the observation's entries for a moving target: its rate, then its displacement at each time ahead.
 
     Points and rates are in the axes of link 0's root; scaled and clipped to +-10. first: True for the observation of a
-    reset, before any period is done. period: s. poses: of the links, inertial axes. No-op where targets rest (reference
-    None).
+    reset, before any period is done. period: s. poses: poses of the links, inertial axes. No-op where targets rest
+    (reference None).
     # in        record: periods done, target, path
     # out       seen (entries, lanes), entries that follow the task's
     """
@@ -105,7 +106,7 @@ def _look_ahead(lanes, reference, task, period, first, record, seen, i):
     """Write arm i's target rate and its displacements ahead (m or rad) into seen, in inertial axes and not scaled.
 
     reference.ahead: times ahead, in control periods (period: s). Instant k is the end of the current period, or 0 at a
-    reset (first). lanes: of a group, of which arm i is one.
+    reset (first). lanes: number of lanes of the group that contains arm i.
     """
     targets, at = size(task.targets), size(task.entries)
     out, rows = stack(_ONE, _PLACE), reference.ahead.shape[0]
@@ -123,8 +124,8 @@ def _look_ahead(lanes, reference, task, period, first, record, seen, i):
 def start_path(reference, task, stream, arm, record, lanes):
     """Draw a path for an arm at the start of its episode and put its target at the path's start.
 
-    The number of draws from `stream` does not depend on the kind of path. reference.line: straight lines are drawn.
-    arm: number in the batch; lanes: of a group.
+    The number of draws from `stream` is the same for every kind of path. reference.line: straight lines are drawn.
+    arm: number in the batch; lanes: number of lanes of a group.
     # in        record.goal, joint angles (rad) from which the arm's posture follows the path
     # in, out   stream[arm]
     # out       record: path, target and its rate

@@ -52,16 +52,16 @@ def damping_power(lane, part, model, par, q, v, x, total):
 
 # --- readings ------------------------------------------------------------------------------------------
 _FAR = 1e-3
-"""Share of `Watch.reach`, the most that a point moves per weighted increment of 1, beyond which the gap of the last
-Newton iterate tells that no point touches at the end of the step."""
+"""A point whose gap in the last Newton iterate exceeds this share of `Watch.reach` does not touch at the end of the
+step. `Watch.reach` is the most that a point moves per weighted increment of 1."""
 
 
 @kernel
 def after_step(lane, part, model, par, q, v, S: Lanes, h):
     """Store the `READING` of each point in S and add the forces times h (s) to its impulses.
 
-    The forces at the end of a step count for the whole step, which integrates a force that begins and ends at 0 as the
-    trapezoidal rule does.
+    The forces at the end of a step count for the whole step. For a force that begins and ends at 0 the sum over the
+    steps equals the trapezoidal rule.
     """
     least = 1e300
     for p in range(len(part.points)):

@@ -34,9 +34,10 @@ def loads_of(scene: Scene) -> list[PointLoad]:
 
 
 def touching(scene: Scene, entry: int, at: int, rows: int) -> tuple[Touching, Watch, int]:
-    """Return the contribution, what the integrator watches of it, and how many numbers it has in S.
+    """Return the contribution of the contacts, its `Watch` for the integrator, and the number of its entries in S.
 
-    entry: first of the points' inputs. at: offset of its numbers in S. rows: of the Model.
+    entry: first of the points' inputs. at: offset of the contribution's entries in S. rows: number of rows of the
+    Model.
     """
     arm, contacts, links = scene.arm, scene.contacts, links_of(scene)
     space = 3 if scene.spatial else 2
@@ -90,8 +91,8 @@ def effective_masses(system: System, dt: float) -> Array:
     """Return the least effective mass (kg) of each point that may touch, over all directions, in a step of dt (s).
 
     1 / (c_m b^T S^-1 b) with the generalized force b of 1 N on the point and the Newton matrix S = c_m M + c_v C + K of
-    the arm at its start: the mass that a step moves at once. Links bend away from a sudden force; the mass is therefore
-    less than that of rigid links, and less for a shorter step.
+    the arm at its start. This is the mass that a step moves at once. Links bend away from a sudden force, so the mass
+    is less than with rigid links, and the shorter the step, the smaller it is.
     """
     model = system.model
     part = _touching_part(system)
@@ -112,7 +113,7 @@ def _touching_part(system: System) -> Touching:
 
 
 def with_masses(scene: Scene, settings: Settings, system: System) -> System:
-    """Return the System with the effective masses of its points in its contribution; itself without contacts."""
+    """Return the System with its points' effective masses filled in; without contacts return `system` itself."""
     if not scene.contacts:
         return system
     assert settings.dt is not None

@@ -47,7 +47,7 @@ def point_forces(lane, part, model, par, state, S: Lanes, inputs: Lanes):
 
 @kernel
 def _store_friction(lane, part, p, o, met, S: Lanes):
-    """Store bound mu F_n, normal and sliding velocity of obstacle o where its bound is the largest of point p."""
+    """Store bound mu F_n, normal and sliding velocity of obstacle o where its bound is the largest for point p."""
     at = here_of(part, p)
     bound, before = met.grip * met.regular, S[at.bound]
     for k in range(3):
@@ -83,7 +83,10 @@ def assemble(lane, part, model, par, state, u: Lanes, weights, r, S: Lanes):
 
 @kernel
 def _store_columns(lane, part, p, model, par, state, u: Lanes, S: Lanes):
-    """Store B of point p: column i, by how much a unit of component i on the point lowers the arm's residual."""
+    """Store B of point p.
+
+    Column i is the amount by which a unit of force component i on the point lowers the arm's residual.
+    """
     at, n, rows = here_of(part, p), size(model.arm.n), size(part.room)
     inputs, still, moved = stack(lane, model.points), stack(lane, part.room), stack(lane, part.room)
     for k in range(size(model.n_inputs)):
@@ -104,7 +107,7 @@ def _store_columns(lane, part, p, model, par, state, u: Lanes, S: Lanes):
 
 @kernel
 def _store_stiffness(lane, part, p, weights, y: Lanes, poses: Lanes, S: Lanes):
-    """Store K of point p: minus the derivative of its force by its displacement, whose rate follows it.
+    """Store K of point p: minus the derivative of its force by its displacement, including its rate.
 
     With N the normal, A the map from the point's motion to the sliding velocity w and e = w / sqrt(|w|^2 + v_s^2), each
     obstacle adds k' N N^T - mu k' A^T e N^T + c A^T (1 - e e^T) A, where k' = weights.stiffness dF_n/dd +
@@ -154,7 +157,7 @@ def _tangential(part, p, normal, i, j):
 
 @kernel
 def fix_coordinate(lane, part, model, S: Lanes, k):
-    """Set row k of B to 0 in points that touch: a fixed or prescribed coordinate does not move them."""
+    """Set row k of B to 0 for touching points, because a fixed or prescribed coordinate does not move a point."""
     n = size(part.room)
     for p in range(len(part.points)):
         at = here_of(part, p)
@@ -178,7 +181,10 @@ def before_factor(lane, part, model, S: Lanes):
 
 @kernel
 def after_factor(lane, part, model, S: Lanes):
-    """Compute W = S^-1 B and C = (1 + K B^T W)^-1 K of each point that touches; S has the blocks of those before it."""
+    """Compute W = S^-1 B and C = (1 + K B^T W)^-1 K of each touching point.
+
+    When a point is reached, solves with S include the blocks of the points before it.
+    """
     axes, n = len(part.axes), size(part.room)
     for p in range(len(part.points)):
         at = here_of(part, p)
@@ -271,7 +277,7 @@ def after_solve(lane, part, model, S: Lanes, x, transposed):
 
 @kernel
 def correct_increment(lane, part, model, S: Lanes, x: Lanes, fresh):
-    """Correct x = S^-1 r by the friction of the points that touch, one after the other (`friction.solve_friction`).
+    """Correct x = S^-1 r by the friction of each touching point in turn (`friction.solve_friction`).
 
     fresh: S has new factors; V = S^-1 B and D = B^T V are computed first.
     """

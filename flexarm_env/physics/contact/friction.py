@@ -1,12 +1,13 @@
 """Friction of a point on an obstacle, solved for in each Newton iteration beside the linear system (theory, (6.9)).
 
-Near rest the regularized law is so steep that Newton's iteration with its derivative alternates between both directions
-of sliding. The residual contains the friction force F_k of the present iterate, the matrix S does not contain its
-derivative. The solution x = S^-1 r is linear in a change of the force, and so is the sliding velocity that it leaves:
+Near rest the regularized law is so steep that Newton's iteration with the law's derivative alternates between both
+directions of sliding. Therefore the residual contains the friction force F_k of the present iterate, but the matrix S
+does not contain its derivative. The solution x = S^-1 r is linear in a change of the force. So is the remaining sliding
+velocity:
 
     w = w_k - c_v A B^T x + c_v G (F(w) - F_k),   G = A B^T S^-1 B A^T,   F(w) = -mu F_n w / sqrt(|w|^2 + v_s^2)
 
-This equation of three unknowns has one solution, which is found by bisection for s = sqrt(|w|^2 + v_s^2).
+This equation for the three components of w has one solution. Bisection for s = sqrt(|w|^2 + v_s^2) finds it.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from ..obstacles import BOX, CYLINDER, OBSTACLE, SPHERE
 
 O = OBSTACLE.places
 _TINY = 1e-150
-"""Smallest length (m) that is divided by; shorter vectors get the direction of the first axis."""
+"""Smallest length (m) by which a vector is divided. A shorter vector gets the direction of the first axis."""
 
 
 @kernel

@@ -1,7 +1,7 @@
-"""What integrator and runtime call of a model with contacts (`NewtonPolicy.contact`); no-ops without contact.
+"""Functions of contacts that integrator and runtime call (`NewtonPolicy.contact`); no-ops without contacts.
 
-Near an obstacle the residual is not smooth: `least_contraction`. At the end of each step readings are stored and
-impulses added up: `record_contacts`.
+Near an obstacle the residual is not smooth; `least_contraction` accounts for this in the convergence test. At the end
+of each step `record_contacts` stores readings and adds up impulses.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from .layout import READ
 def least_contraction(lane, contact, S: Lanes, first, increment, theta):
     """Return the contraction theta of an iteration, at least 1/2 where the increment may change which points touch.
 
-    The gaps in S are those before the increment. A point moves by at most `reach` times the weighted increment. In the
-    first iteration of a step (first True) theta is at least 1/2 also where a point touches: the error after it is not
-    known. contact: `Watch`, or None without contact, where theta is returned.
+    S holds the gaps before the increment. A point moves by at most `reach` times the weighted increment. In the first
+    iteration of a step (first True) theta is at least 1/2 also where a point touches, because the remaining error is
+    not known. contact: `Watch`, or None in a model without contacts, for which theta is returned unchanged.
     """
     if contact is None:
         return theta
@@ -41,7 +41,7 @@ def apply_contact_friction(lane, model, S, x, fresh):
 def record_contacts(lane, model, par, q, v, S, h):
     """Store the `READING` of each point at the state q, v in S; add the forces times h (s) to its impulses.
 
-    After each step of h; h = 0 stores the readings of a state at which no step ends.
+    Called after each step of h. With h = 0 it stores the readings of a state at which no step ends.
     """
     if model.newton.contact is not None:
         for part in model.contributions:
@@ -50,7 +50,7 @@ def record_contacts(lane, model, par, q, v, S, h):
 
 @kernel
 def reset_impulses(lane, model, S: Lanes):
-    """Set impulses and peak forces of all points to 0: at the start of a control period, or of a repetition of it."""
+    """Set impulses and peak forces of all points to 0, when a control period starts or is repeated."""
     if model.newton.contact is not None:
         for p in range(len(model.newton.contact.points)):
             at = reading_at(model, p)

@@ -1,4 +1,4 @@
-"""Points that may touch: their places in S, place and motion, distance from obstacles, and the force of an obstacle."""
+"""Points that may touch: their offsets in S, position and motion, distance from obstacles, and an obstacle's force."""
 
 from __future__ import annotations
 

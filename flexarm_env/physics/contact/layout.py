@@ -1,4 +1,4 @@
-"""Records and layouts of contact: points of the arm, obstacles with their laws, and what a point has in S."""
+"""Records and layouts of contact: points of the arm, obstacles with their laws, and the entries of a point in S."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ READING = Layout(
     Field("friction", (), "N s", "time integral of the friction force's magnitude since `reset_impulses`"),
     Field("peak", (), "N", "largest normal force at the end of a step since `reset_impulses`"),
 )  # fmt: skip
-"""What is read of a point, at the end of each step."""
+"""Readings of a point, stored at the end of each step."""
 READ = READING.places
 
 HERE = Layout(
@@ -50,7 +50,8 @@ HERE = Layout(
     Field("V", ("axes", "n"), "", "columns of S^-1 B, S with the blocks of all points"),
     Field("D", ("axes", "axes"), "m/N", "B^T V"),
 )  # fmt: skip
-"""What a point has in the matrix array S; axes: components of the force on it, n: rows of the Model."""
+"""Entries of a point in the matrix array S. axes: number of components of the force on the point; n: number of rows of
+the Model."""
 
 
 class Touching(NamedTuple):
@@ -60,10 +61,10 @@ class Touching(NamedTuple):
     at        offset in S of the first point's `HERE`
     points    one zero per point
     entries   one zero per entry of a point in the inputs: 3 in the plane, 6 in space
-    space     as many zeros as the obstacles' axes count: 2 in the plane, 3 in space
+    space     one zero per axis of the obstacles: 2 in the plane, 3 in space
     axes      one zero per component of the force that is used: `space`, with friction on a sphere also the moment
     room      one zero per row of the Model
-    poses     as many zeros as `protocol.task_poses` of the arm writes
+    poses     one zero per number that `protocol.task_poses` writes for the arm
     links     int64 (points,): the points are the tips of these links
     radii     float64 (points,): of the sphere about each point, m
     meets     float64 (points, obstacles), flat: 1 where the point may touch the obstacle, otherwise 0

@@ -1,1 +1,1 @@
-"""The elastica: an inextensible beam by the tangent angles of its nodes (theory, eq. 5.2)."""
+"""The elastica: an inextensible beam whose coordinates are the tangent angles at its nodes (theory, eq. 5.2)."""

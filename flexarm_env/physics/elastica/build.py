@@ -24,13 +24,14 @@ from flexarm_env.settings import Settings
 Array = NDArray[np.float64]
 
 HONOURS = {**BEAM, Section: (*BEAM[Section], *BENDING)}
-"""Fields of an arm's dataclasses that this formulation models; `assembly` refuses an arm with other ones set."""
+"""Fields of an arm's dataclasses that this formulation models; `assembly` rejects an arm that sets other fields."""
 
 UNROLLED = 12
-"""Largest number of nodes of a chain that gets kernels of its own, with its sizes compiled in."""
+"""Largest number of nodes of a chain whose kernels are compiled for its sizes."""
 
 HEAVIER = 1.0 / 60.0
-"""Fraction of a mode's inertia that is added, over (omega h)^4: h^4 / 60 in theory (5.3), see `phase_correction`."""
+"""Added fraction of a mode's inertia, divided by (omega h)^4: the 1/60 of h^4 / 60 in theory (5.3), see
+`phase_correction`."""
 
 NO_PART = 1e-9
 """Largest fraction of the rigid link's inertia that rounding may leave in its correction."""
@@ -56,15 +57,15 @@ def phase_correction(
 ) -> Array:
     """Compute C = M - M* of theory (5.3), to subtract from the rotary inertia for steps of h (s), (N, n, n) kg m^2.
 
-    The integrator lengthens a period by the fraction kappa (omega h)^2; with the inertia M - 2 kappa h^2 K it would
-    not. That holds for modes that the step resolves. The other modes, in which kinks and centrifugal forces of a
-    swinging arm would excite noise of growing energy, are made heavier: none keeps an omega h much above
-    sqrt(120 kappa), 3.2 for trapezoidal steps. With M of one link, including the masses at its tip,
+    The integrator lengthens a period by the fraction kappa (omega h)^2. In modes that the step resolves, the inertia M
+    - 2 kappa h^2 K compensates this error. The correction makes the other modes heavier, because kinks and centrifugal
+    forces of a swinging arm would excite noise of growing energy in them. No mode keeps an omega h much above sqrt(120
+    kappa), 3.2 for trapezoidal steps. With the mass matrix M of one link, including the masses at its tip,
 
         C = M - (M + h^4 / 60 K M^-1 K) (M + 2 kappa h^2 K)^-1 M
 
-    does not affect rigid motion, momentum or statics. If rounding spoils that, in very stiff links, C is computed from
-    differences of angles, K = D^T k D, with F = D M^-1 D^T:
+    does not affect rigid motion, momentum or statics. In very stiff links rounding would spoil this property. C is then
+    computed from differences of angles, K = D^T k D, with F = D M^-1 D^T:
 
         C = D^T ((a + b / a) (k^-1 + a F)^-1 - b / a k) D,   a = 2 kappa h^2, b = h^4 / 60
 
@@ -93,7 +94,7 @@ def phase_correction(
 
 
 def physical(model: Elastica) -> Elastica:
-    """Return the model with the links' physical inertia, C added back to R: for frequencies and linear equations."""
+    """Return the model with the links' physical inertia (C added back to R), for frequencies and linear equations."""
     data = model.data.copy()
     parts = DATA.unpack(data, 0, links=size(model.links), nodes=size(model.nodes), points=0)
     parts["R"] += parts["C"]
@@ -116,9 +117,9 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     """Assemble model, parameters and initial state of a scene with ``settings.nodes`` tangent angles a link.
 
     A small chain driven by its inputs alone (an environment's arm) gets a kernel compiled for its sizes and features,
-    such as payload and damping. All other chains share one kernel with every feature, in which a pinned root has fixed
-    coordinates. Notes: "stretch_and_shear", the estimated error of neglecting them (`slenderness.py`).
-    ``points``: intervals a link into which the centerline (for drawing) is divided.
+    such as payload and damping. All other chains share one kernel with every feature, where fixed coordinates represent
+    a pinned root. Notes: "stretch_and_shear", the estimated error of neglecting them (`slenderness.py`). ``points``:
+    intervals a link into which the centerline (for drawing) is divided.
     """
     assert settings.nodes is not None
     arm, n = scene.arm, settings.nodes
@@ -207,12 +208,15 @@ def _eccentric(payload: Payload, arm: NDArray[Any], beta: NDArray[Any]) -> Array
 
 
 def _ends(line: Line) -> tuple[float, float]:
-    """Return s of a link's two joints, m from the beam's root: beyond it by the rigid ends."""
+    """Return s (m from the beam's root) of a link's two joints, which lie outside the beam by its rigid ends."""
     return 0.0 - line.link.root_offset, line.length + line.link.tip_offset
 
 
 def _stations(line: Line, points: int, link: int) -> Array:
-    """Return places s (m) on a link for drawing: ends of its even intervals; a joint is in the link before it."""
+    """Return places s (m) on a link for drawing: ends of its even intervals.
+
+    The joint between two links is a station of the first link.
+    """
     s: Array = np.linspace(*_ends(line), points + 1)
     return s if link == 0 else s[1:]
 

@@ -7,9 +7,9 @@ all links then has the equations of a pendulum of nodes,
     sum_j [P_ij cos(phi_i - phi_j) + R_ij] phi_j'' + P_ij sin(phi_i - phi_j) phi_j'^2 + K_ij (phi_j + tau_d phi_j')
         + b_i (a_root - g) . (-sin phi_i, cos phi_i) = generalized loads
 
-with the constant matrices of :class:`Chain`. Nodes are Lobatto's on links that carry another one (a node lies at the
-tip, where the next link hangs) and Radau's on the last link (a node at the root, none at the tip). s is the arc length
-from the link's root, m; e_j = (cos phi_j, sin phi_j) is the unit tangent at node j.
+with the constant matrices of :class:`Chain`. Links that carry another link have Lobatto nodes, with a node at the tip,
+to which the next link is attached. The last link has Radau nodes, with a node at the root and none at the tip. s is the
+arc length from the link's root, m; e_j = (cos phi_j, sin phi_j) is the unit tangent at node j.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MOST_IN_PIECE = 12
 
 
 def nodes(n: int, tip: bool) -> Array:
-    """Return n nodes on [-1, 1], the first at -1: Lobatto's, with the last at +1, if ``tip``, otherwise Radau's."""
+    """Return n nodes on [-1, 1], the first at -1: Lobatto nodes (the last at +1) if ``tip``, otherwise Radau nodes."""
     # Lobatto: roots of P'_{n-1} between the ends; Radau: roots of P_{n-1} + P_n
     basis = np.zeros(n + 1)
     if tip:
@@ -76,10 +76,10 @@ gauss = lru_cache(64)(legendre.leggauss)
 
 @dataclass(frozen=True)
 class Line:
-    """Interpolation of one link with n nodes: continuous, and a polynomial between two jumps or kinks. SI.
+    """Interpolation of one link with n nodes: continuous, and a polynomial between any two jumps or kinks. SI units.
 
-    `pieces`: of each smooth piece its two ends s on the link (m), the number of its first node, and the basis of its
-    functions; neighboring pieces share a node.
+    `pieces` holds for each smooth piece its two ends s on the link (m), the number of its first node and the basis of
+    its functions. Neighboring pieces share a node.
     """
 
     link: Link
@@ -125,11 +125,11 @@ class Line:
         return table
 
     def lagrange(self, s: Array) -> Array:
-        """Return the Lagrange polynomials l_l(s), weights of the nodes' angles in phi(s), (len(s), n); s in m."""
+        """Return the Lagrange polynomials l_l(s), (len(s), n): weights of the nodes' angles in phi(s); s in m."""
         return self._table(s, lambda x, of, length: product(legendre.legvander(x, len(of.own) - 1), of.own))
 
     def slope(self, s: Array) -> Array:
-        """Return l_l'(s), 1/m, weights of the nodes' angles in the curvature at s (m), shape (len(s), n)."""
+        """Return l_l'(s), 1/m, (len(s), n): weights of the nodes' angles in the curvature at s (m)."""
 
         def of_piece(x: Array, of: Basis, length: float) -> Array:
             return product(legendre.legvander(x, max(len(of.own) - 2, 0)), of.rate) * (2.0 / length)
@@ -150,7 +150,7 @@ class Line:
         return np.asarray(table + np.outer(np.maximum(s - self.length, 0.0), self.tip_angle))
 
     def integral(self, s: Array) -> Array:
-        """Return S_l(s) = int_0^s l_l ds, m, weights of the unit tangents in r(s) - r(0), shape (len(s), n)."""
+        """Return S_l(s) = int_0^s l_l ds, m, (len(s), n): weights of the unit tangents in r(s) - r(0)."""
 
         def of_piece(x: Array, of: Basis, length: float) -> Array:
             return product(legendre.legvander(x, len(of.own)), of.primitive) * (0.5 * length)
@@ -187,7 +187,7 @@ class Line:
 
     @property
     def rest(self) -> Array:
-        """Stress-free angles of the nodes less that of the root (n,), rad: those of least strain energy."""
+        """Stress-free angles of the nodes, of least strain energy, less the root's angle, (n,), rad."""
         # K phi = int EI kappa_0 l' ds with phi = 0 at the first node
         s, weights = self.quadrature()
         slope = self.slope(s)
@@ -226,7 +226,7 @@ class Chain:
 
     @property
     def rest(self) -> Array | None:
-        """Stress-free angles of the nodes less that of their link's root (Nn,), rad; None if all links are straight."""
+        """Stress-free angles of the nodes less their link's root angle, (Nn,), rad; None if all links are straight."""
         if not any(line.link.curved for line in self.lines):
             return None
         return np.concatenate([line.rest for line in self.lines])
@@ -248,8 +248,10 @@ class Chain:
 
 @lru_cache(64)
 def chain(arm: Arm, n: int) -> Chain:
-    """Compute the matrices of an arm with n nodes a link, theory (5.2). Cached, since arms are used repeatedly, and
-    therefore read-only."""
+    """Compute the matrices of an arm with n nodes per link, theory (5.2).
+
+    The result is cached, because arms are used repeatedly, and is therefore read-only.
+    """
     return chain_of(arm, [Line.of(link, n, k < arm.n_links - 1) for k, link in enumerate(arm.links)])
 
 
@@ -292,8 +294,8 @@ def chain_of(arm: Arm, lines: Sequence[Line]) -> Chain:
 def _rotary(arm: Arm, k: int, line: Line) -> Array:
     """Return the rotary inertia matrix R_k (n, n), kg m^2, of link k: sections, hub or elbow halves, rigid ends.
 
-    Sections are lumped by the nodes' own quadrature, which is exact for Radau's nodes. For Lobatto's nodes it is the
-    usual lumping, which errs in the highest polynomial alone.
+    The quadrature of the nodes lumps the sections' inertia. It is exact for Radau nodes. For Lobatto nodes it is the
+    usual lumping, whose only error is in the highest polynomial.
     """
     if line.link.uniform is not None:
         R = line.link.uniform.J * line.integral(np.array([line.length]))[0]

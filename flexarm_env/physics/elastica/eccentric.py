@@ -1,9 +1,10 @@
 """Optional terms of the elastica: curved links, a nonlinear law of M, a payload whose center of mass is off the tip.
 
-Theory, section 5. The vector from the root to an eccentric payload is sum_j w_j E_j, with the unit tangents as complex
-numbers, E_j = exp(i phi_j), real part x and imaginary part y in inertial axes, and complex weights w_j = along_j + i
-across_j (m); a payload at the tip has real weights. Its force A acts on node i as conj(w_i) A, and the matrix P_ij of
-the chain's masses gets m_p conj(w_i) w_j. If the root moves with the center of mass, beta is complex as well.
+Theory, section 5. The vector from the root to an eccentric payload is sum_j w_j E_j. The unit tangents are complex
+numbers, E_j = exp(i phi_j), with real part x and imaginary part y in inertial axes. The weights w_j = along_j + i
+across_j (m) are complex; a payload at the tip has real weights. Its force A acts on node i as conj(w_i) A, and the
+matrix P_ij of the chain's masses gets m_p conj(w_i) w_j. If the root moves with the center of mass, beta is complex as
+well.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ def payload_position(lane, model, x, y):
     """Return the vector from the root to the payload's center of mass, m, inertial axes: sum_j w_j (x_j + i y_j).
 
     (x_j, y_j): unit tangent of node j; w_j = along_j + i across_j, m: complex weights of `ECCENTRIC`, real ones
-    (DATA.w) where the payload is at the tip. With first or second rates of the tangents it returns those of the vector.
+    (DATA.w) where the payload is at the tip. Given first or second rates of the tangents, it returns the same rates of
+    the vector.
     """
     m, D = _nodes(model), model.data
     if model.eccentric is None:
@@ -69,7 +71,7 @@ def add_payload_lever(lane, model, i, force_x, force_y, x, y):
 
 @kernel
 def root_position(lane, model, q: Lanes, x, y):
-    """Return the root's position (m, inertial axes): last two rows of q less sum_j beta_j (x_j + i y_j).
+    """Return the root's position (m, inertial axes): the last two rows of q minus sum_j beta_j (x_j + i y_j).
 
     (x_j, y_j): unit tangent of node j; beta_j (m): real weight of DATA, for an eccentric payload with the imaginary
     part ECCENTRIC.beta. With rates v and the tangents' rates it returns the root's velocity, with second rates its
@@ -89,7 +91,7 @@ def root_position(lane, model, q: Lanes, x, y):
 
 @kernel
 def subtract_root_lever(lane, model, r: Lanes, fx: Lanes, fy: Lanes):
-    """Subtract the part of conj(beta_i) F that the imaginary part of beta makes from the sums A_i (fx, fy; N m).
+    """Subtract from the sums A_i (fx, fy; N m) the part of conj(beta_i) F due to the imaginary part of beta.
 
     F: the root's force, last two rows of r (N, inertial axes). beta_i (m): weight of node i's unit tangent in the
     root's position, x - sum_i beta_i e_i (complex); the caller subtracts its real part. No-op without an eccentric
@@ -106,7 +108,7 @@ def subtract_root_lever(lane, model, r: Lanes, fx: Lanes, fy: Lanes):
 
 @kernel
 def _bending_law(lane, model, g, x):
-    """Return kappa - kappa_0 (1/m) at quadrature point g and the law of M for it, an `Answer`: f, f', 2 int f over EI.
+    """Return kappa - kappa_0 (1/m) at quadrature point g, and its law of M as an `Answer`: f, f', 2 int f, over EI.
 
     x: the nodes' angles less their stress-free values, rad; kappa: curvature, kappa_0: without stress.
     """
@@ -140,8 +142,8 @@ def add_nonlinear_moments(lane, model, factor, q, r: Lanes):
 def add_nonlinear_stiffness(lane, model, factor, q, S: Lanes):
     """Add to S (row-major, nodes' angles) the stiffness of a nonlinear law M(kappa) beyond EI; no-op for a linear law.
 
-    factor: the arm's own factor on EI times the weight of the stiffness in the matrix; q: coordinates.
-    Theory, section 5, "Eccentric payload".
+    factor: product of the arm's own factor on EI and the weight of the stiffness in the matrix; q: coordinates. Theory,
+    section 5, "Eccentric payload".
     """
     if model.bends is not None:
         x, m, rows = stack(lane, model.scratch), _nodes(model), size(model.n)
@@ -181,16 +183,16 @@ def _product(a, b, c, d):
 
 @kernel
 def add_offset_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
-    """Add to S (row-major, nodes' angles and root) the terms of an eccentric payload beyond those of one at the tip.
+    """Add to S (row-major, nodes' angles and root) the terms that an eccentric payload adds to a payload at the tip.
 
     # model     payload: its mass, kg; cm: weight of M
     # state     on: `Nodes` with the unit tangents e_j in (c, s) and the weighted derivative of e_j'' in (ex, ey)
     # out       S[i, j] += Re p_ij d + Im p_ij d', where d and d' are the parts of that derivative across and along e_i
 
-    p_ij (kg m^2) is the complex coefficient of masses, conj(w_i) w_j m_p and the terms of beta if the root moves, less
-    the real one that `equations._tangent` has used. w_j, beta_j (m): complex weights of e_j in the payload's position
-    from the root and, negative, in the root's position.
-    No-op without an eccentric payload. Theory, section 5, "Eccentric payload".
+    p_ij (kg m^2) is a complex coefficient of masses less the real one that `equations._tangent` has used. The complex
+    one is conj(w_i) w_j m_p plus, if the root moves, the terms of beta. w_j (m): complex weight of e_j in the payload's
+    position from the root; -beta_j (m): complex weight of e_j in the root's position. No-op without an eccentric
+    payload. Theory, section 5, "Eccentric payload".
     """
     if model.eccentric is not None:
         D, m, rows = model.data, _nodes(model), size(model.n)

@@ -5,12 +5,12 @@ inertial axes and e_j'' its second time derivative. The inertia moment on node i
 
     A_i = sum_j P_ij e_j'' + b_i (a_root - g) - loads    (N m, inertial axes),
 
-which needs no sine of a difference. Its derivative by node j is (-sin phi_i, cos phi_i) . P_ij d e_j'', by node i also
--e_i . A_i. The payload adds m_p w w^T to P, m_p w to b and J_p l(L) l(L)^T to the last link's R; `eccentric` adds the
-terms of a payload with its center off the tip. A root that can move is at x - sum_j beta_j e_j, with x the last two
-rows. If it is prescribed, beta = 0; in free flight x is the center of mass, so that steps conserve momentum to
-round-off. Coordinates are the angles of the nodes, except that the first one of a link k > 0 is the joint's angle:
-phi of that node less phi of the tip before it.
+which needs no sine of a difference. The derivative of the moment by phi_j is (-sin phi_i, cos phi_i) . P_ij d e_j''.
+For j = i the term -e_i . A_i is added. The payload adds m_p w w^T to P, m_p w to b and J_p l(L) l(L)^T to the last
+link's R; `eccentric` adds the terms of a payload with its center off the tip. A root that can move is at x - sum_j
+beta_j e_j, where x is the last two rows of q. For a prescribed root beta = 0. In free flight x is the center of mass,
+so that steps conserve momentum to round-off. Coordinates are the angles of the nodes, with one exception: the first
+coordinate of a link k > 0 is the joint's angle, phi of the link's first node less phi of the previous link's tip.
 """
 
 
@@ -199,7 +199,7 @@ def _tangent(lane, model, par: Lanes, q, on: Nodes, weights, S: Lanes):
         share = payload * D[at.w + i]
         moment = share + D[at.b + i]
         ci, si, dxi, dyi = c[i], s[i], ex[i], ey[i]
-        # the same with the link's own tau_d, if the links differ
+        # steep: EI factor times (ck + tau_d s_k cc), s_k: link k's share of tau_d, where the links differ
         k = i // n
         steep = slope
         if model.damping is not None and not isinstance(model.damping, tuple):
@@ -264,7 +264,7 @@ def _subtract_load_torques(lane, model, u: Lanes, r: Lanes):
 
 @kernel
 def _payload_turns(lane, model, inertia, z: Lanes, r: Lanes):
-    """Add the payload's rotary inertia, J_p l(L) (l(L) . phi''), to the rows r (N m) of the last link's angles.
+    """Add the inertia moment of the payload's rotation, J_p l(L) (l(L) . phi''), to the last link's rows of r (N m).
 
     inertia: J_p, kg m^2; z: second rates of all nodes' angles; l(L) = DATA.tips, weights of the tip's angle.
     """
@@ -303,7 +303,7 @@ def _root_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
     """Write the last two rows and columns of S: x, y of the root, or of the center of mass in free flight.
 
     # state     payload: its mass, kg; on: `Nodes`, with the weighted derivatives de_j'' of e_j'' by phi_j in ex, ey
-    # out       S[m + X, j] = moment_j de_j'', S[j, m + X] = cm moment_j n_j, S[m + X, m + X] = cm mass; likewise Y
+    # out       S[m + X, j] = moment_j de_j'', S[j, m + X] = cm moment_j n_j, S[m + X, m + X] = cm mass; the same for Y
 
     cm: weight of M; n_j = (-sin phi_j, cos phi_j); m: number of nodes. sum_j moment_j e_j (kg m), moment_j = payload
     w_j + b_j - mass beta_j, is the first moment about the point (x, y), 0 up to round-off about the center of mass.
@@ -332,8 +332,8 @@ def _root_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
 def _to_relative(lane, model, S: Lanes):
     """Transform S from the nodes' angles to the coordinates, T^T S T, in place.
 
-    The first node of link k > 0 has the joint's angle plus phi of the tip node before it, which is the row above it:
-    each such column, then each such row, is added to the one before.
+    The angle of link k's first node (k > 0) is the joint's angle plus phi of the previous link's tip node, whose row is
+    the one above. Therefore each such column, then each such row, is added to the one before it.
     """
     n, rows = size(model.nodes), size(model.n)
     for k in range(size(model.links) - 1, 0, -1):
@@ -385,7 +385,7 @@ def factor(lane, model, S: Lanes):
 @unrolled
 @kernel
 def solve(lane, model, S: Lanes, x: Lanes):
-    """x <- S^-1 x in place with the factors L U of `factor`, (model.n,) entries."""
+    """Solve S y = x in place, x <- y (model.n entries), with the factors L U of `factor`."""
     rows = size(model.n)
     # L y = x, then U x = y with inverse diagonal
     for i in range(1, rows):
@@ -401,12 +401,12 @@ def solve(lane, model, S: Lanes, x: Lanes):
 
 
 def _residual(lane, model, par, q, v, a, u, r):
-    """Write the residual r with the fields of State as arguments, for `vjp_of`; r stands in for the unused S."""
+    """Write the residual r with the fields of State as arguments, for `vjp_of`; r is also the unused argument S."""
     residual(lane, model, par, State(q, v, a), u, r, r)
 
 
 def _solve(lane, model, S, x):
-    """x <- S^-1 x: `solve` as a plain function, for `vjp_of`."""
+    """Solve S y = x in place: `solve` as a plain function, for `vjp_of`."""
     solve(lane, model, S, x)
 
 
@@ -416,7 +416,7 @@ _vjp_residual = vjp_of(_residual, ("par", "q", "v", "a", "u", "r"))
 
 @kernel
 def solve_transposed(lane, model, S, x):
-    """x <- S^-T x in place with the factors of `factor`: the reverse derivative of `solve`, which is linear in x."""
+    """Solve S^T y = x in place, with the factors of `factor`: the reverse derivative of `solve`, linear in x."""
     _vjp_solve(lane, model, S, x, x)
 
 
@@ -424,8 +424,8 @@ def solve_transposed(lane, model, S, x):
 def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
     """Add the cotangents that r_bar causes to par_bar, bar (a `State`) and u_bar; r_bar <- 0.
 
-    By the reverse derivative of `residual`. A cotangent is the derivative of a scalar: r_bar by the residual, par_bar
-    by the arm's parameters par, bar by q, v, a, u_bar by the inputs u. S is not used.
+    The cotangents come from the reverse derivative of `residual`. A cotangent is the derivative of a scalar: r_bar by
+    the residual, par_bar by the arm's parameters par, bar by q, v, a, u_bar by the inputs u. S is not used.
     """
     q, v, a = state
     _vjp_residual(lane, model, par, q, v, a, u, S, par_bar, bar.q, bar.v, bar.a, u_bar, r_bar)

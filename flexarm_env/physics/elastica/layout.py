@@ -11,7 +11,7 @@ from ...layout import Field, Layout
 from ..materials import BENDING
 
 POINT = Layout("Point", "", Field("x", (), "m", "inertial axes"), Field("y", (), "m", "inertial axes"))
-"""Rows of the root's position, or the center of mass's in free flight, behind those of the angles."""
+"""Rows of the root's position, or in free flight of the center of mass, behind the rows of the angles."""
 X, Y, _ = POINT.places
 
 DATA = Layout(
@@ -29,7 +29,7 @@ DATA = Layout(
     Field("C", ("links", "nodes", "nodes"), "kg m^2", "M - M* of theory (5.3), the correction of the period"),
     Field("points", ("points", "links * nodes"), "m", "weights of each drawn point: sum weight_j e_j = point - root"),
 )  # fmt: skip
-"""Constants of the chain, `Elastica.data`; matrices of a link are by its own nodes."""
+"""Constants of the chain, `Elastica.data`. A link's matrices refer to its own nodes."""
 LOAD = Layout(
     "Load", "links, nodes",
     Field("arm", ("links * nodes",), "m", "sum arm_j e_j = point of the load - root"),
@@ -95,8 +95,9 @@ def weighted_sum(lane, weights, first, x: Lanes, m):
 def node_angles(lane, model, q: Lanes, x: Lanes):
     """Compute x <- tangent angles of all nodes (rad), or their rates, from the coordinates q (or their rates v, a).
 
-    Nodes are numbered from root to tip. The coordinate of the first node of a link k > 0 is the joint's angle: it is
-    added to the angle of the tip node before it. All other coordinates are angles themselves.
+    Nodes are numbered from root to tip. The coordinate of the first node of a link k > 0 is the joint's angle. That
+    node's tangent angle is the joint's angle plus the angle of the previous link's tip node. All other coordinates are
+    tangent angles.
     """
     n = size(model.nodes)
     for i in range(n):

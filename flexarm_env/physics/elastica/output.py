@@ -77,9 +77,9 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
 def _bending(lane, model, shares, x: Lanes, y: Lanes):
     """Return sum over links of share_k x^T K_k y, N m times the units of x and y: angles or rates of the nodes.
 
-    K_k: bending stiffness of link k (N m), for an EI factor of 1. shares: a number a link, or a tag or None for 1.
-    Differences from the link's root node enter: K 1 = 0, and so a rigid rotation contributes exactly nothing.
-    Theory, (5.2).
+    K_k: bending stiffness of link k (N m), for an EI factor of 1. shares: a number a link, or a tag or None for 1. The
+    sum uses differences from the link's root node. K 1 = 0, so a rigid rotation contributes exactly nothing. Theory,
+    (5.2).
     """
     D = model.data
     at = constants(model)
@@ -165,7 +165,7 @@ def energy(lane, model, par: Lanes, q, v):
 
 @kernel
 def link_poses(lane, model, par, q, v, out, tasks=None):
-    """Write `layout.POSES` of each link to out: x, y (m), angle (rad) of its root, their rates, the same of its tip.
+    """Write `layout.POSES` of each link to out: x, y (m), angle (rad) and their rates at its root, then at its tip.
 
     Inertial axes. Root and tip are the joints, beyond rigid ends; angles are those of the beam's tangents there. q, v:
     coordinates and their rates. par and tasks are not used. Theory, section 5.
@@ -200,8 +200,8 @@ def link_poses(lane, model, par, q, v, out, tasks=None):
 def centerline(model, q, points):
     """Write positions along the chain, root + sum_j weight_pj e_j, to points[:, :2] (m); return their number.
 
-    One lane. q: coordinates; e_j: unit tangent (inertial axes) of node j. The stations p are those of DATA.points, as
-    many as `points` (n, 2) has rows for.
+    One lane. q: coordinates; e_j: unit tangent (inertial axes) of node j. The stations p are those of DATA.points.
+    Writing stops where `points` (n, 2) is full.
     """
     D = model.data
     lane = (0,)

@@ -1,17 +1,17 @@
-"""Estimate of the error of neglecting stretch and shear in the elastica, for a scene, before anything is run.
+"""Estimate the error of neglecting stretch and shear in the elastica, from a scene alone, before it is run.
 
 Small vibrations about the initial configuration give the modes of the elastica. In mode k its inertia forces m u,
 balanced through the chain, cause section forces N and Q whose work in stretch and shear adds the flexibility
 
     epsilon_k = omega_k^2 int N^2 / EA + Q^2 / C ds / (u' M u)
 
-to that of bending (first order; Grammel): the square of its frequency is divided by 1 + epsilon. Each mode's response
-to the scene's loads and motions is computed in time with and without epsilon. The estimate is the largest distance of
-the tip between the two, plus a share of the distance of the deflections that grows with the arm's rotation, plus the
-stretch along the arm (theory, section 5). The model is linear about the start: right within a factor of about 3 for one
-link, of 4 for several that do not swing far; mostly too large if the error is small (below 0.3 % of the length). It
-does not cover links that whip round: a run's error estimate then uses the distance to a softer companion run
-(`Notes.softer`), if that is larger.
+to the mode's bending flexibility (first order; Grammel), which divides the square of its frequency by 1 + epsilon. Each
+mode's response to the scene's loads and motions is computed in time with and without epsilon. The estimate is a sum of
+three terms: the largest distance between the two tip motions, a share of the distance between the deflections that
+grows with the arm's rotation, and the stretch along the arm (theory, section 5). The model is linear about the start.
+It is right within a factor of about 3 for one link and of 4 for several links that do not swing far. A small error
+(below 0.3 % of the length) is mostly overestimated. The estimate does not cover links that whip round. A run's error
+estimate then uses the distance to a softer companion run (`Notes.softer`), if that distance is larger.
 """
 
 from collections.abc import Iterator, Mapping
@@ -47,7 +47,7 @@ class Notes(Mapping[str, float]):
 
     @property
     def softer(self) -> float:
-        """Factor on EI of a companion run: 1 / (1 + epsilon), epsilon the largest of the lowest modes.
+        """Factor on EI of a companion run: 1 / (1 + epsilon), where epsilon is the largest among the lowest modes.
 
         The distance to that run covers motion of any size, which the linear estimate does not.
         """
@@ -71,9 +71,9 @@ class Notes(Mapping[str, float]):
 
 @lru_cache(64)
 def stretch_and_shear(scene: Scene, n: int) -> float:
-    """Estimate the largest error of the tip, as a fraction of the arm's length, at most 1, with n nodes a link.
+    """Estimate the largest error of the tip, as a fraction of the arm's length (at most 1), with n nodes per link.
 
-    Cached, since it does not depend on how the scene is run.
+    The estimate is cached, because it does not depend on the time step or other settings of a run.
     """
     length = scene.arm.total_length
     modes = _Modes(scene, chain(scene.arm, n))
@@ -118,8 +118,8 @@ def _response(square: float, tau_d: float, force: Array, t: Array) -> Array:
 def along_the_arm(scene: Scene, rate: float) -> float:
     """Estimate the stretch of the arm as a fraction of its length L, from root motion, rotation and weight.
 
-    The arm is a spring of EA / L with half of its links' mass, its elbows and its payload at the tip. rate: largest
-    angular velocity, rad/s. An arm that swings as a pendulum has three times its weight.
+    The model is a spring of stiffness EA / L. Half of the links' mass, the elbows and the payload are at its tip. rate:
+    largest angular velocity, rad/s. For an arm that swings as a pendulum the model takes three times the weight.
     """
     arm, end = scene.arm, scene.duration
     length = arm.total_length
@@ -196,7 +196,7 @@ class _Modes:
     def _steps(self, shape: Array) -> tuple[Array, list[Array]]:
         """Return the changes of the unit tangents (2, Nn) and the displacements (2,), m, of all joints and the tip.
 
-        Per unit of the mode `shape`, inertial axes, from the root to the tip.
+        Values are per unit of the mode `shape`, in inertial axes, ordered from the root to the tip.
         """
         move = self.across * shape
         places = [-(move @ self.b) / self.mass if self.root else np.zeros(2)]
@@ -205,13 +205,13 @@ class _Modes:
         return move, places
 
     def deflection(self, shape: Array) -> float:
-        """Return the largest tip deflection of any link from its root's tangent, m per unit of the mode."""
+        """Return the largest deflection of a link's tip from the tangent at the link's root, m per unit of the mode."""
         return max(abs(float(self.chain.w[own] @ (shape[own] - shape[own.start]))) for own in self.own)
 
     def swing(self, t: Array) -> tuple[float, float, float]:
-        """Return largest angle of the links, largest angle between links (rad), largest rate without gravity (rad/s).
+        """Return largest link angle, largest angle between links (rad), largest angular rate without gravity (rad/s).
 
-        Of the rigid motions, by integrating the scene's loads and motions over the times t (s).
+        Only rigid motions count. The scene's loads and motions are integrated over the times t (s).
         """
         n, end = self.chain.n, float(t[-1])
         angle, rate = np.zeros((self.scene.arm.n_links, t.size)), np.zeros((self.scene.arm.n_links, t.size))
@@ -232,7 +232,8 @@ class _Modes:
     def section_work(self, shape: Array) -> float:
         """Return int N^2 / EA + Q^2 / C ds of the forces m u of a mode (its inertia forces over omega^2).
 
-        N, Q: section forces along and across the tangent, summed from the tip. Times omega^2 it is the epsilon above.
+        N, Q: section forces along and across the tangent, summed from the tip. The result times omega^2 is epsilon_k of
+        the module's docstring.
         """
         chain, arm = self.chain, self.scene.arm
         move, starts = self._steps(shape)

@@ -27,15 +27,15 @@ from .tables import functions, tables
 Array = NDArray[np.float64]
 
 HONOURS = {**BEAM, Section: (*BEAM[Section], *NORMAL_AND_SHEAR, *BENDING)}
-"""Fields of an arm's dataclasses that this formulation models; `assembly` refuses an arm with other ones set."""
+"""Fields of an arm's dataclasses that this formulation models; `assembly` rejects an arm that sets other fields."""
 
 LEAST_ROTARY = 1e-8
-"""Lower bound of a section's rotary inertia J, as a fraction of m l^2 with the element's length l: with J = 0 the mass
+"""Lower bound of a section's rotary inertia J, as a fraction of m l^2 with the element's length l. With J = 0 the mass
 matrix would be singular."""
 
 
 def sections(arm: Arm, elements: int, order: int) -> Array:
-    """Pack the constants of all elements: a `SECTION` a link, or a `VARYING` an element if a section varies."""
+    """Pack the constants of all elements: one `SECTION` per link, or one `VARYING` per element if a section varies."""
     if varies(arm):
         return np.concatenate([_varying(part, order) for link in arm.links for part in link.cut(elements, "elements")])
     rows = []
@@ -54,9 +54,9 @@ def varies(arm: Arm) -> bool:
 
 
 def _varying(part: Link, order: int) -> Array:
-    """Pack `VARYING` of one element: stretch and shear at its (reduced) Gauss points, all else integrated exactly.
+    """Pack one element's `VARYING`: stretch and shear at (reduced) Gauss points, all other terms integrated exactly.
 
-    part: the element as a link of its own, length l.
+    part: the element, as a link of length l.
     """
     # EA, C at the p Gauss points, which integrate strains with reduced order; EI, m, J by a quadrature that is exact
     l = part.length
@@ -72,7 +72,7 @@ def _varying(part: Link, order: int) -> Array:
 
 
 def _own(sections: Section | Properties) -> Array:
-    """Return the further constants of the material laws (NORMAL_AND_SHEAR, BENDING), a row for each place."""
+    """Return the further constants of the material laws (NORMAL_AND_SHEAR, BENDING), one row per section."""
     return np.array([getattr(sections, name) for name in (*NORMAL_AND_SHEAR, *BENDING)]).T
 
 
@@ -82,9 +82,9 @@ def _bent(arm: Arm) -> bool:
 
 
 def rest(arm: Arm, elements: int, order: int) -> list[Array]:
-    """Return for each link (right - left, interior ...) of psi of its stress-free elements, (elements, order), rad.
+    """Return each link's stress-free values (right - left, interior ...) of psi, (elements, order), rad.
 
-    They minimize 1/2 int EI (psi' - kappa_0)^2 ds with the link's curvature kappa_0 (1/m).
+    These values minimize 1/2 int EI (psi' - kappa_0)^2 ds with the link's curvature kappa_0 (1/m).
     """
     found = []
     for link in arm.links:
@@ -101,14 +101,14 @@ def rest(arm: Arm, elements: int, order: int) -> list[Array]:
 
 
 def _placed(link: Link, elements: int) -> list[tuple[float, Link]]:
-    """Return the elements of a link, each as a link of its own, with the place where it begins, m from the root."""
+    """Return each element of a link, as a link of its own, with the distance of its start from the link's root, m."""
     parts = link.cut(elements, "elements")
     starts = np.cumsum([0.0] + [part.length for part in parts[:-1]])
     return list(zip(starts.tolist(), parts, strict=True))
 
 
 def elbows(arm: Arm) -> Array:
-    """Pack an `ELBOW` for each link but the first: mass (kg) and rotary inertias (kg m^2) of its root joint."""
+    """Pack an `ELBOW` for each link but the first: mass (kg) and rotary inertias (kg m^2) of the link's root joint."""
     found = [arm.elbow(k) for k in range(1, arm.n_links)]
     packed = [ELBOW.pack({}, mass=e.mass, left=e.inertia_left, right=e.inertia_right) for e in found]
     return np.concatenate([np.zeros(0), *packed])
@@ -125,10 +125,10 @@ def rigid_ends(scene: Scene) -> Array:
 
 
 def curved(scene: Scene, elements: int, order: int) -> Array:
-    """Return the coordinates q (m, rad) of a chain with curved links, without stress, at the scene's initial angles.
+    """Return the coordinates q (m, rad) of a chain with curved links at the scene's initial angles, without stress.
 
-    Positions have no stretch and no shear at the Gauss points, where strains are evaluated: d = l (cos psi, sin psi)
-    there, from the root outward, as in `element.propagate_positions`. Positions are complex, x + i y.
+    Strains are evaluated at the Gauss points. There stretch and shear vanish for d = l (cos psi, sin psi), which gives
+    the positions from the root outward, as in `element.propagate_positions`. Positions are complex, x + i y.
     """
     arm, t = scene.arm, tables(order)
     at = CHAIN.offsets(0, arm.n_links, elements, order)

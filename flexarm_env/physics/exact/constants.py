@@ -1,7 +1,7 @@
-"""Constants of an element for its traced functions, the same calls for one section and for sections that vary in it.
+"""Constants of an element for its traced functions; the calls are the same for one section and for varying sections.
 
 `section` is a `layout.Section` or a `layout.Varying`, or its symbolic form while a kernel is traced, with the same
-fields: `hasattr` selects the case at compile time. These functions are not compiled: the products that they return are.
+fields. `hasattr` selects the case at compile time. These functions are not compiled; the products that they return are.
 p: polynomial order, the number of Gauss points.
 """
 
@@ -13,7 +13,7 @@ from .tables import Tables
 
 
 def _own(section: Any, p: int) -> list[list[Any]]:
-    """Return the further constants of all material laws (`NORMAL_AND_SHEAR`, then `BENDING`), a list a Gauss point."""
+    """Return a list per Gauss point: further constants of all material laws (`NORMAL_AND_SHEAR`, then `BENDING`)."""
     count = len(NORMAL_AND_SHEAR) + len(BENDING)
     if hasattr(section, "own"):
         return [[section.own[i] for i in range(count)]] * p
@@ -22,7 +22,7 @@ def _own(section: Any, p: int) -> list[list[Any]]:
 
 
 def materials(section: Any, p: int) -> list[tuple[Any, Any, list[Any]]]:
-    """Return k1 = EA/2l, k2 = C/2l (N/m) and the further constants of the laws of N and Q, a tuple a Gauss point."""
+    """Return a tuple per Gauss point: k1 = EA/2l, k2 = C/2l (N/m) and the further constants of the laws of N and Q."""
     own = [row[: len(NORMAL_AND_SHEAR)] for row in _own(section, p)]
     if hasattr(section, "k1"):
         return [(section.k1, section.k2, row) for row in own]
@@ -31,7 +31,7 @@ def materials(section: Any, p: int) -> list[tuple[Any, Any, list[Any]]]:
 
 
 def bending_at(section: Any, p: int) -> list[tuple[Any, list[Any]]]:
-    """Return kb = EI/2l (N m) and the further constants of the law of M, a tuple a Gauss point."""
+    """Return a tuple per Gauss point: kb = EI/2l (N m) and the further constants of the law of M."""
     own = [row[len(NORMAL_AND_SHEAR) :] for row in _own(section, p)]
     if hasattr(section, "kb"):
         return [(section.kb, row) for row in own]
@@ -80,7 +80,7 @@ def inertia_row(section: Any, p: int, axis: int, n: int) -> list[Any]:
 
 
 def bending_entries(section: Any, t: Tables, share: Any) -> Any:
-    """Return a function of two nodes: the entry of the bending stiffness in psi (N m) times share, None where it is 0.
+    """Return a function of two nodes: their entry of the bending stiffness in psi (N m) times share, or None for 0.
 
     Nodes 0, 1: left and right vertex, whose slopes are opposite; 2 ...: interior. share: weight of K and C.
     """
@@ -106,7 +106,7 @@ def bending_entries(section: Any, t: Tables, share: Any) -> Any:
 
 
 def inertia_entries(section: Any, t: Tables, weight: Any) -> Any:
-    """Return a function of two nodes and an axis: the entry of the mass matrix times weight, None where it is 0."""
+    """Return a function of two nodes and an axis: their entry of the mass matrix times weight, or None for 0."""
     if hasattr(section, "ml"):
         cml, cjl = section.ml * weight, section.jl * weight
 

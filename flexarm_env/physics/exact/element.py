@@ -2,9 +2,9 @@
 
 An element of order p and length l joins two vertices (x, y, psi). Its p - 1 interior functions vanish at both ends and
 have the Legendre polynomials P_1 ... P_{p-1} (scaled to a largest value of 1 at the Gauss points) as derivatives. With
-the linear functions they span the space of p + 1 Lagrange nodes; their amplitudes, the interior coordinates, make
-bending stiffness diagonal and the sums below short. With d = l r' (twice the derivative on [-1, 1]), inertial axes,
-(c, s) = (cos psi, sin psi) and g = (c d_x + s d_y, -s d_x + c d_y), section axes, all in m, the strains are
+the linear functions they span the space of p + 1 Lagrange nodes. With their amplitudes as interior coordinates the
+bending stiffness is diagonal and the sums below are short. With d = l r' (twice the derivative on [-1, 1]), inertial
+axes, (c, s) = (cos psi, sin psi) and g = (c d_x + s d_y, -s d_x + c d_y), section axes, all in m, the strains are
 Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = psi', and with p Gauss points of weights w the energy is
 
     sum_g w/2 [k1 (g_1 - l)^2 + k2 g_2^2 + kb (l kappa)^2],   k1 = EA/2l, k2 = C/2l, kb = EI/2l,
@@ -12,7 +12,7 @@ Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = psi', and with p Gauss points of w
 with the laws of `materials` in place of the squares. Inertia: ml = m l/2, jl = J l/2. If sections vary within the
 element (`layout.Varying`), k1 and k2 differ between points, and bending and inertia have full matrices (`constants`).
 Arrays of coordinates begin at the left vertex (`layout.ELEMENT`); lists of nodes hold left, right, interior. `order`: a
-tuple of p zeros. All of this runs when a kernel is compiled (`compiler.trace`), which leaves the operations on values.
+tuple of p zeros. All functions run when a kernel is compiled; `compiler.trace` records their operations on values.
 """
 
 from typing import Any, NamedTuple
@@ -66,13 +66,13 @@ def _at(node: int, order: int) -> int:
 
 
 def _axis(lane: Any, x: Lanes, order: int, axis: int, left: Any = None) -> list[Any]:
-    """Load one coordinate (axis X, Y or T) of all nodes: left, right, interior; `left` replaces the left one's."""
+    """Load one coordinate (axis X, Y or T) of all nodes: left, right, interior; `left` replaces the left value."""
     first = x[_at(0, order) + axis] if left is None else left
     return [first, *(x[_at(node, order) + axis] for node in range(1, order + 1))]
 
 
 def _nodes(lane: Any, x: Lanes, order: int, left: Any) -> list[list[Any]]:
-    """Load the lists of x, y and psi of all nodes; left: the left vertex's (x, y, psi), None: the one stored in x."""
+    """Load the lists of x, y and psi of all nodes; left: the left vertex's (x, y, psi), or None to load them from x."""
     return [_axis(lane, x, order, k, left[k]) for k in (X, Y, T)]
 
 
@@ -84,8 +84,8 @@ def _strain_rates(at: Any, ux: Any, uy: Any, omega: Any) -> tuple[Any, Any]:
 
 
 def _momenta(sums: Sums, t: Tables, section: Any, nodes: list[Any], axis: int) -> tuple[list[Any], Any, Any]:
-    """Multiply the consistent mass matrix of one axis with `nodes`, its left, right and interior values; return the
-    interior rows, and (right + left)/2 and (right - left)/2 of the vertex rows."""
+    """Multiply the mass matrix of one axis by `nodes` (left, right and interior values); return the interior rows, and
+    (right + left)/2 and (right - left)/2 of the vertex rows."""
     if not hasattr(section, "ml"):
         all_of = [dot(inertia_row(section, len(nodes) - 1, axis, n), nodes) for n in range(len(nodes))]
         return all_of[2:], (all_of[0] + all_of[1]) * 0.5, (all_of[1] - all_of[0]) * 0.5
@@ -103,7 +103,7 @@ def _momenta(sums: Sums, t: Tables, section: Any, nodes: list[Any], axis: int) -
 def momentum(lane, order, a, left, section, r: Lanes):
     """Write the left vertex's and the interior rows of r = M a of an element: forces (inertial axes), moment on psi.
 
-    left: (a_x, a_y, a_psi) and the rows of r so far at the left vertex; returns the same six numbers of the right."""
+    left: (a_x, a_y, a_psi) and the present rows of r at the left vertex. Returns these six numbers at the right."""
     p, sums = len(order), Sums()
     t = tables(p)
     ends, rest = [], []
@@ -214,7 +214,7 @@ def tangent(lane, order, points, section, weights, S: Lanes):
     """Write to S the factors of the interior with their couplings to both vertices, then the condensed matrix.
 
     The element's matrix is weights.mass M + weights.damping C + weights.stiffness K; points: `Point` fields that
-    `forces` returned; S: `layout.ELEMENT_FACTORS`. Entries are computed at first use: there are more than registers."""
+    `forces` returned; S: `layout.ELEMENT_FACTORS`. Computed at first use: entries outnumber the registers."""
     p, sums = len(order), Sums()
     t = tables(p)
     ck, tau, length = weights.stiffness, section.tau, length_of(section)
@@ -305,8 +305,8 @@ def _starts(order: int) -> tuple[int, int, list[int]]:
 
 @traced
 def forward(lane, order, S: Lanes, x: Lanes):
-    """Reduce the interior part of an element's right side x by L^-1, S: its `ELEMENT_FACTORS`; return the six numbers
-    that the rows x, y, psi of its left and right vertex lose by the elimination."""
+    """Reduce the interior part of an element's right side x by L^-1 (S: `ELEMENT_FACTORS`); return the six numbers that
+    elimination subtracts from rows x, y, psi of the left and right vertex."""
     n, first, starts = _starts(len(order))
     inside = [x[first + k] for k in range(n)]
     taken = [None] * (2 * AXES)
@@ -339,7 +339,7 @@ def backward(lane, order, S: Lanes, x: Lanes, left, right):
 def energy_sums(lane, order, q, v, psi, spin, left, section):
     """Return an element's kinetic and strain energy (J) and first moments of mass int m x, int m y (kg m, inertial).
 
-    psi, spin: angle and rate at the left. left: None, or (x, y, vx, vy) there where q and v do not hold them."""
+    psi, spin: angle and rate at the left. left: its (x, y, vx, vy) if q and v do not hold them, else None."""
     p, sums = len(order), Sums()
     t = tables(p)
     x, y, vx, vy = (None,) * 4 if left is None else left
@@ -379,8 +379,8 @@ def energy_sums(lane, order, q, v, psi, spin, left, section):
 def damping_sums(lane, order, q, v, x, psi, left, section):
     """Return x^T C v / tau_d (W/s), the power at rates x of an element's damping forces at rates v, as a list of one.
 
-    psi: the left vertex's angle in q, its rate in v and in x. left: a pair for v and for x, each None or (x, y, vx, vy)
-    of the left end where the arrays do not hold them. Theory, (5.1)."""
+    psi: the left vertex's angle in q, its rate in v and in x. left: a pair, for v and for x: (x, y, vx, vy) of the left
+    end if the arrays do not hold them, otherwise None. Theory, (5.1)."""
     p, sums = len(order), Sums()
     t = tables(p)
     one, two = ((None,) * 4 if at is None else at for at in left)
@@ -426,7 +426,7 @@ def rotate_by_small_angle(lane, order, x, w):
 def propagate_positions(lane, order, start: Lanes, q: Lanes, psi, new_psi, x, y):
     """Write the interior and right positions in q (m) from the left one (x, y), the angles in q and `start`'s strains.
 
-    d of `start` rotates by the change of psi at each Gauss point. psi, new_psi: left angle in start and in q, rad.
+    At each Gauss point d of `start` rotates by the change of psi. psi, new_psi: left angle in start and in q, rad.
     Returns the right position (x, y)."""
     p, sums = len(order), Sums()
     t = tables(p)

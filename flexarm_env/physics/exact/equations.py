@@ -1,11 +1,11 @@
 """Chains of geometrically exact beams: residual, tangent and its factors (model: `physics.model.ExactBeam`).
 
 Rows (`layout.CHAIN`): x, y (m, inertial axes) and psi (rad) of each vertex, interior amplitudes, hinge angles delta.
-Each element passes the state of its right vertex and the force on it to the next element, so each row is written once.
-A link hinged to the tip before it shares that vertex's position. Its root section has the angle psi + delta, so a
-moment on that section acts on psi and on delta. Interiors are condensed as soon as an element's tangent is known;
-vertices are eliminated from tip to root without pivoting: the matrix is symmetric, and cm M outweighs its indefinite
-part. A free hinge transmits forces, no moment: its angle is eliminated on the way. S is laid out as `layout.FACTORS`.
+Each element passes its right vertex's state and force to the next element, so each row is written once. A link hinged
+to the tip before it shares that vertex's position. Its root section has the angle psi + delta, so a moment on that
+section acts on psi and on delta. Interiors are condensed as soon as an element's tangent is known; vertices are
+eliminated from tip to root without pivoting: the matrix is symmetric, and cm M outweighs its indefinite part. A free
+hinge transmits forces, no moment: its angle is eliminated on the way. S is laid out as `layout.FACTORS`.
 """
 
 from ...compiler import Lanes, kernel, load_lane, sincos
@@ -82,7 +82,7 @@ def _subtract_loads(lane, model, u: Lanes, q: Lanes, r: Lanes):
 
 @kernel
 def _add_vertex_mass(lane, model, S: Lanes, o, mass):
-    """Add mass (weighted, kg) to the x and y diagonal of the 3x3 block at S[o]; with rigid ends, levers carry it."""
+    """Add mass (weighted, kg) to the x and y diagonal of the 3x3 block at S[o]; no-op with rigid ends."""
     if model.rigid is None:
         S[o + XX] += mass
         S[o + YY] += mass
@@ -115,7 +115,7 @@ def _add_lumped_inertia(lane, model, par: Lanes, weights, S: Lanes):
 
 @kernel
 def _directions(lane, model, q: Lanes, S: Lanes):
-    """Store sine and cosine of psi at every Gauss point of the chain in the `circle` fields of S; q: coordinates."""
+    """Store (sin psi, cos psi) of every Gauss point in the `circle` fields of S; psi: section's angle to inertial x."""
     # one pass ahead of the elements: each sine is a long chain of operations, but none waits for another
     own = element_factors_at(0, len(model.order))
     i, o = rows_of(model).elements, factors_of(model).elements + own.circle
@@ -133,8 +133,8 @@ def _vertex_behind_hinge(lane, model, state: State, k, left):
     """Return the `Vertex` at the root of link k > 0 from the tip vertex `left` before its hinge, without rigid ends.
 
     The root section has the angle psi + delta (rad), delta of the hinge. Forces (N, inertial axes) include the elbow's
-    inertia forces; the moment (N m) is only that of the elbow part behind the hinge, since a hinge transmits none.
-    state: q, v, a."""
+    inertia forces; the moment (N m) is only that of the elbow part behind the hinge: a hinge transmits none. state: q,
+    v, a."""
     (x, y, psi), (vx, vy, spin), (ax, ay, alpha), (fx, fy, _) = left.place, left.rate, left.acceleration, left.force
     elbow, d = elbow_of(model, k), rows_of(model).hinges + k - 1
     alpha = alpha + state.a[d]
@@ -235,8 +235,8 @@ def _eliminate(lane, S, o, tail):
     """Eliminate an element's right vertex and return the Schur complement LL - LR (RR + tail)^-1 LR^T on its left one.
 
     S[o]: the element's `CONDENSED`, with blocks LL, LR, RR of left and right vertex; RR becomes the factors L D L^T of
-    RR + tail, LR becomes LR L^-T D^-1. tail: the symmetric 3x3 matrix (xx, xy, xt, yy, yt, tt; t for psi) that the
-    elements behind left on the right vertex; so is the result."""
+    RR + tail, LR becomes LR L^-T D^-1. tail: symmetric 3x3 matrix (xx, xy, xt, yy, yt, tt; t for psi) of all elements
+    beyond the right vertex. The result has the same form."""
     xx, xy, xt, yy, yt, tt = _six(lane, S, o + RR)
     i0, l1, l2, i1, l3, i2 = _factor_three(
         lane, S, o + RR, xx + tail[0], xy + tail[1], xt + tail[2], yy + tail[3], yt + tail[4], tt + tail[5]
@@ -379,7 +379,7 @@ def _restore(lane, S: Lanes, o, right, left):
 
 @kernel
 def solve(lane, model, S: Lanes, x: Lanes):
-    """x <- S^-1 x in place, with the factors of `factor`: forward from tip to root, then backward from root to tip."""
+    """Solve S y = x in place with the factors of `factor`: forward from tip to root, then backward from root to tip."""
     rows, factors, own = rows_of(model), factors_of(model), element_factors_at(0, len(model.order))
     span = AXES * len(model.order)
     i, o, taken = rows.tip, factors.end, 0.0

@@ -13,7 +13,7 @@ def inertia_forces(lane, model, par: Lanes, turn, a: Lanes, r: Lanes):
 
     turn: None, or (start, q, share): each node's vector turns by `share` times its section's rotation from coordinates
     start to q. a: accelerations by the rows of CHAIN (m/s^2, inertial axes; rad/s^2). r: forces (N) and moments (N m)
-    in the same rows. Without rigid ends: a model that has them has no period correction.
+    in the same rows. The model has no rigid ends, because models with rigid ends have no period correction.
     """
     if turn is not None:
         rotate_vectors(lane, model, turn[0], turn[1], turn[2], a)

@@ -64,7 +64,7 @@ VARYING = Layout(
     Field("bending", ("order",), "N m", "EI / 2l at the Gauss points, for a nonlinear law of M"),
     Field("own", ("order", OWN), "", "further constants of the material laws at the Gauss points"),
 )  # fmt: skip
-"""Constants of one element, in place of `SECTION`, in an arm whose sections vary."""
+"""Constants of one element in an arm whose sections vary, which replace `SECTION`."""
 
 ELBOW = Layout(
     "Elbow", "",
@@ -179,7 +179,7 @@ def vertex_of(model, k):
 def root_angle(lane, model, x: Lanes, k):
     """Return the angle (rad) of the section at link k's root from x = q, or its rate (rad/s) from x = v.
 
-    It is psi of the vertex there, and for k > 0 plus the hinge angle delta.
+    For k = 0 this is psi of the root vertex; for k > 0 it is psi plus the hinge angle delta.
     """
     i = vertex_of(model, k)
     if k > 0:

@@ -35,8 +35,9 @@ from .tables import interior
 def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
     """Write the displacement conjugate to each input to y: joint angles (rad), then x, y, angle of each load point.
 
-    Positions in m, inertial axes. Joint 0: psi of the root; others: hinge angles delta. A load at the end of a lever
-    moves with it; one behind a hinge turns with psi + delta. par and since are not used: angles in the plane add up.
+    Positions in m, inertial axes. Joint 0: psi of the root; other joints: hinge angles delta. A load at the end of a
+    lever moves with the lever. A load behind a hinge turns with psi + delta. par and since are not used, because angles
+    in the plane add up.
     """
     rows, links = rows_of(model), model.links
     y[0] = q[T]
@@ -127,7 +128,7 @@ def damping_power(lane, model, par: Lanes, q: Lanes, v: Lanes, x: Lanes):
 
 @kernel
 def link_poses(lane, model, par, q: Lanes, v: Lanes, out, tasks=None):
-    """Write `layout.POSES` of each link to out: x, y (m), angle (rad) of its root, their rates, the same of its tip.
+    """Write `layout.POSES` of each link to out: x, y (m), angle (rad) and their rates at its root, then at its tip.
 
     Inertial axes. Root and tip are the joints, beyond rigid ends; angles are those of the beam's sections there. q, v:
     coordinates and their rates. par and tasks are not used.
@@ -187,10 +188,11 @@ def centerline(model, q, points):
 
 @kernel
 def restore_strains(lane, model, start: Lanes, q: Lanes):
-    """Replace the predicted positions in q (m) by those that follow from q's root and angles and `start`'s strains.
+    """Replace the predicted positions in q (m): compute them from q's root and angles and from the strains in `start`.
 
-    start: coordinates at the beginning of the step. Nodes that move straight along their velocities stretch the chain
-    by half the square of the angle it turns by; the forces of a stiff arm then spoil the first Newton iterations.
+    start: coordinates at the beginning of the step. If nodes moved straight along their velocities, they would stretch
+    the chain by half the square of its rotation. In a stiff arm the resulting forces would spoil the first Newton
+    iterations.
     """
     i = rows_of(model).elements
     x, y, _ = load_vector(lane, q, i)
@@ -206,10 +208,10 @@ def restore_strains(lane, model, start: Lanes, q: Lanes):
 
 @kernel
 def correct_positions(lane, model, par, w, active, slopes, predicted):
-    """Replace predicted positions in w.q (m) by those that follow from the strains at the step's start, w.q0.
+    """Replace the predicted positions in w.q (m): compute them from the strains at the step's start, w.q0.
 
     w.v, w.a, w.b follow by `slopes` (`NewmarkSlopes`). predicted: a tag after a prediction; None after a Newton
-    increment, where nothing is done. active is not used.
+    increment, for which this is a no-op. active is not used.
 
     # scratch   w.r
     """

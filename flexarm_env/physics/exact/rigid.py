@@ -3,9 +3,9 @@
 The rows of a vertex are those of a beam's tip, or of the joint at the chain's root. If links have rigid ends, the next
 beam begins elsewhere: past the lever of the tip before it (length b along psi), the hinge, and the lever of its own
 root (length c along psi + delta). The near point of a lever is the one closer to the arm's root. A force at its far
-point acts on the near point with a moment; the lever's mass is in its middle. The matrix leaves out that a lever turns
-while it accelerates (terms in h omega, times the lever's share of the inertia). A payload with its center off the tip
-is at the far point of one more lever, behind the last one.
+point acts on the near point with a moment. The lever's mass is at its middle. The matrix neglects the lever's rotation
+during its acceleration (terms in h omega, times the lever's share of the inertia). A payload with its center off the
+tip is at the far point of one more lever, behind the last one.
 
 Vectors are in inertial axes (m, m/s, m/s^2, N); moments (N m) and angles (rad) are counter-clockwise. `end`: ROOT_END
 (joint to beam start) or TIP_END (beam end to next joint). Where `model.rigid` is None there are no levers.
@@ -48,11 +48,11 @@ def _factors_at(model, k, end):
 
 @kernel
 def _store_lever_factors(lane, S, at, lever, far, mass, turn):
-    """Write a lever's terms of the Newton matrix, `LEVER_FACTORS`, to S from offset `at`.
+    """Write a lever's terms of the Newton matrix, the `LEVER_FACTORS`, to S from offset `at` on.
 
-    lever: (e_x, e_y), m, inertial axes; (-e_y, e_x) is the far point's derivative by the lever's angle. far, mass: at
-    its far point and its own, kg times the matrix's weight of M; turn: diagonal entry of its angle, weighted inertia
-    less geometric stiffness.
+    lever: (e_x, e_y), m, inertial axes; (-e_y, e_x) is the far point's derivative by the lever's angle. far, mass:
+    masses at the far point and of the lever itself, kg times the matrix's weight of M. turn: diagonal entry of the
+    lever's angle: weighted inertia less geometric stiffness.
     """
     ex, ey = lever
     store_pair(lane, S, at + OF_FACTORS.x, (-ey, ex))
@@ -61,9 +61,9 @@ def _store_lever_factors(lane, S, at, lever, far, mass, turn):
 
 @kernel
 def payload_place(lane, model, psi, spin, x, y, vx, vy):
-    """Return position and velocity (x, y, vx, vy; inertial axes) of the payload's center of mass from the tip's.
+    """Return (x, y, vx, vy; inertial axes) of the payload's center of mass, given x, y, vx, vy of the tip.
 
-    m, m/s. psi, spin: angle (rad) and rate (rad/s) of the tip section. Unchanged for a payload at the tip.
+    Units m, m/s. psi, spin: angle (rad) and rate (rad/s) of the tip section. A payload at the tip has the tip's values.
     """
     if model.eccentric is None:
         return x, y, vx, vy
@@ -75,8 +75,8 @@ def _payload_force(lane, model, psi, motion, mass, weights, S):
     """Return the payload's inertia force at the tip and its moment about the tip: (fx, fy, moment, mass).
 
     N (inertial axes), N m, kg. psi: angle of the tip section. motion: its rate, second rate and the acceleration (x, y;
-    less gravity) of the tip. mass: of the payload, kg. The mass returned is the one that the matrix sees at the tip: 0
-    if the payload has a lever of its own, whose factors are then written to S with weights.with_matrix.
+    less gravity) of the tip. mass: of the payload, kg. The returned mass is the matrix's mass at the tip. It is 0 if
+    the payload has a lever of its own; the lever's factors are then written to S with weights.with_matrix.
     """
     rate, second, ax, ay = motion
     if model.eccentric is None:
@@ -144,7 +144,7 @@ def beam_start(lane, model, state: State, k, tip, i):
 
 @kernel
 def _through(lane, model, k, end, lever, motion, force, moment, far, weights, S):
-    """Return the force and moment (fx, fy, moment) at a lever's near point, from those at its far point.
+    """Return force and moment (fx, fy, moment) at a lever's near point, given force and moment at its far point.
 
     The lever's own inertia is included. k, end: the lever is at this end of link k. lever: vector e, m, inertial axes.
     motion: rate, second rate of its angle, acceleration (x, y; less gravity) of the near point. force (N), moment (N
@@ -207,8 +207,11 @@ def beam_start_rows(lane, model, state: State, u: Lanes, k, tip, i, r: Lanes, we
 
 @kernel
 def last_vertex_force(lane, model, par: Lanes, state: State, tip, i, weights, S):
-    """Return force (N, inertial axes) and moment (N m) on the last vertex, row i: those of its beam (`tip`), of the
-    payload's mass and of the tip lever that carries it. The payload's rotary inertia is left to the caller."""
+    """Return force (N, inertial axes) and moment (N m) on the last vertex, row i.
+
+    It is the sum from the beam (`tip`), the payload's mass and the tip lever that carries the payload. The caller adds
+    the payload's rotary inertia.
+    """
     (fx, fy, moment), (ax, ay, alpha) = tip.force, tip.acceleration
     omega, mass, k = state.v[i + T], par[PAYLOAD_MASS], model.links - 1
     lever = lever_vector(lane, model, k, TIP_END, tip.place[T])
@@ -226,11 +229,11 @@ def last_vertex_force(lane, model, par: Lanes, state: State, tip, i, weights, S)
 
 @kernel
 def condense_to_near_point(lane, model, S, k, end, tail):
-    """Return the symmetric 3x3 matrix on (x, y, psi) of a lever's near point from `tail`, that of its far point.
+    """Return the symmetric 3x3 matrix on (x, y, psi) of a lever's near point, given the far point's matrix `tail`.
 
     Order (xx, xy, xt, yy, yt, tt), t for psi. The lever is at the `end` of link k; its `LEVER_FACTORS` are in S. With n
     = (-e_y, e_x) the far point moves by dx + n dpsi, a map T, and the lever's middle by dx + n/2 dpsi: T^T (tail + far
-    mass) T + the lever's own mass + `turn` on psi. Without levers `tail` itself. Theory, section 5, "Rigid ends".
+    mass) T + the lever's own mass + `turn` on psi. Without levers `tail` is returned. Theory, section 5, "Rigid ends".
     """
     if model.rigid is None:
         return tail
@@ -249,9 +252,9 @@ def condense_to_near_point(lane, model, S, k, end, tail):
 
 @kernel
 def condense_payload(lane, model, S, tail):
-    """Return the symmetric 3x3 matrix on (x, y, psi) of the tip from `tail`, that of the payload's center of mass.
+    """Return the symmetric 3x3 matrix on (x, y, psi) of the tip, given the matrix `tail` of the payload's center.
 
-    S holds the `LEVER_FACTORS` of the payload's lever; for a payload at the tip `tail` itself.
+    S holds the `LEVER_FACTORS` of the payload's lever. For a payload at the tip `tail` is returned.
     """
     if model.eccentric is None:
         return tail
@@ -262,7 +265,8 @@ def condense_payload(lane, model, S, tail):
 def moment_about(lane, model, S, k, end, x, y):
     """Return the moment n . (x, y), N m, about a lever's near point of the force (x, y) at its far point.
 
-    Force in N, inertial axes. The lever e at the `end` of link k has n = (-e_y, e_x), which is in S. 0 without levers.
+    Force in N, inertial axes. S holds n = (-e_y, e_x) of the lever e at the `end` of link k. The moment is 0 without
+    levers.
     """
     if model.rigid is None:
         return 0.0
@@ -272,10 +276,10 @@ def moment_about(lane, model, S, k, end, x, y):
 
 @kernel
 def far_point_increment(lane, model, S, k, end, x, y, turn):
-    """Return the increment (x, y), m, of a lever's far point from that of its near point and of its angle.
+    """Return the increment (x, y), m, of a lever's far point, given the increments of its near point and angle.
 
-    (x, y), turn: increments of the near point (m, inertial axes) and the angle (rad). The lever e at the `end` of link
-    k has n = (-e_y, e_x), which is in S: (x, y) + n turn. (x, y) without levers.
+    (x, y), turn: increments of the near point (m, inertial axes) and the angle (rad). The result is (x, y) + n turn; S
+    holds n = (-e_y, e_x) of the lever e at the `end` of link k. Without levers (x, y) is returned.
     """
     if model.rigid is None:
         return x, y
@@ -285,11 +289,12 @@ def far_point_increment(lane, model, S, k, end, x, y, turn):
 
 @kernel
 def about_root(lane, model, S, k, x: Lanes, i, tx, ty, taken, tt):
-    """Move the reduction of a right side from the start of link k's beam to the joint before it; return (taken, tt).
+    """Transfer the elimination's result from the start of link k's beam to the joint before it; return (taken, tt).
 
-    In `solve`, rows i, i + 1 of x hold the original right side of x and y, (tx, ty) what is left of it; the difference
-    is a force at the far point of the root lever. Its moment about the joint adds to `taken`, the sum that psi's row
-    has lost, and is subtracted from `tt`, what is left of psi's row. S: factors. Unchanged without levers.
+    In `solve`, rows i, i + 1 of x hold the original right side of rows x, y; (tx, ty) is their right side after
+    elimination. The difference is a force at the far point of the root lever. The force's moment about the joint is
+    added to `taken`, the sum subtracted from psi's row so far, and subtracted from `tt`, the remaining right side of
+    psi's row. S: factors. Without levers (taken, tt) is returned unchanged.
     """
     if model.rigid is None:
         return taken, tt
@@ -299,10 +304,11 @@ def about_root(lane, model, S, k, x: Lanes, i, tx, ty, taken, tt):
 
 @kernel
 def about_tip(lane, model, S, k, x: Lanes, i, tx, ty, tt):
-    """Return what is left, tt, of the right side of psi at row i + 2, less the moment of the forces lost at the joint.
+    """Return the remaining right side tt of psi's row i + 2, less the moment of the force that elimination subtracted.
 
-    In `solve`, rows i, i + 1 of x hold the original right side of x and y, (tx, ty) what is left of it: the difference
-    is a force at the far point of link k's tip lever. S: factors. Unchanged without levers.
+    In `solve`, rows i, i + 1 of x hold the original right side of rows x, y; (tx, ty) is their right side after
+    elimination. The difference is a force at the far point of link k's tip lever. S: factors. Without levers tt is
+    returned unchanged.
     """
     if model.rigid is None:
         return tt
@@ -335,7 +341,7 @@ def joint_motion(lane, model, q: Lanes, v: Lanes, k):
 def beam_start_motion(lane, model, q, v, k):
     """Return (x, y, vx, vy), m and m/s, inertial axes, of the start of link k's beam; None without rigid ends.
 
-    q: coordinates (m, rad); v: their rates. None: q and v hold the start themselves, in the vertex's rows.
+    q: coordinates (m, rad); v: their rates. Without rigid ends the vertex's rows of q and v hold the start's motion.
     """
     if model.rigid is None:
         return None
@@ -348,8 +354,8 @@ def beam_start_motion(lane, model, q, v, k):
 def next_vertex_motion(lane, model, q, v, i):
     """Return (x, y, vx, vy) of the vertex at row i, where an element begins; None without rigid ends.
 
-    m, m/s, inertial axes. It takes the place of `beam_start_motion` for all elements of a link but the first; None: q
-    and v hold it.
+    Units m, m/s, inertial axes. The result replaces that of `beam_start_motion` for all elements of a link but the
+    first. Without rigid ends q and v hold the vertex's motion.
     """
     if model.rigid is None:
         return None

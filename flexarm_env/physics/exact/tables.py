@@ -1,7 +1,7 @@
-"""Shape functions of a geometrically exact element on [-1, 1], their values at Gauss points, and short sums of them.
+"""Shape functions of a geometrically exact element on [-1, 1], their values at Gauss points, and their traced sums.
 
-`tables` and what it calls are NumPy. `Sums` and the functions after it take values of run time, in traced functions.
-Nodes of an element of order p: left vertex, right vertex, p - 1 interior functions, which vanish at both ends.
+`tables` and its helpers use NumPy. `Sums` and the functions after it take run-time values, in traced functions. Nodes
+of an element of order p: left vertex, right vertex, p - 1 interior functions, which vanish at both ends.
 """
 
 from dataclasses import dataclass
@@ -29,8 +29,11 @@ class Tables:
 
 
 def _scaled(order: int, evaluate: Any) -> list[np.ndarray]:
-    """Return evaluate(f, scale) for each interior function's slope: f is its Legendre series before scaling, scale the
-    value of f of largest magnitude at the `order` Gauss points."""
+    """Return evaluate(f, scale) for each interior function's slope.
+
+    f is the slope's Legendre series before scaling. scale is the value of f of largest magnitude at the `order` Gauss
+    points.
+    """
     points = legendre.leggauss(order)[0]
     found = []
     for k in range(1, order):
@@ -68,7 +71,7 @@ def tables(order: int) -> Tables:
 
 
 def _tidy(values: np.ndarray) -> np.ndarray:
-    """Round values within 1e-14 of 0 or of a multiple of 1/60 to that number."""
+    """Round each value within 1e-14 of 0 or of a multiple of 1/60 to 0 or to that multiple."""
     values = np.where(np.abs(values) < 1e-14, 0.0, values)
     simple = np.round(values * 60.0) / 60.0
     return np.where(np.abs(values - simple) < 1e-14, simple, values)
@@ -100,7 +103,7 @@ class Sums:
 
 
 def _near_one(ratio: float) -> float:
-    """Round a ratio within 1e-14 of 1 or -1 to it."""
+    """Round a ratio within 1e-14 of 1 or -1 to 1 or -1."""
     return round(ratio) if abs(abs(ratio) - 1.0) < 1e-14 else ratio
 
 

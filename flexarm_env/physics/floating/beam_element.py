@@ -15,11 +15,11 @@ from ...parameters import Link, Section
 Array = NDArray[np.float64]
 
 BENDING = np.array([1, 2, 4, 5])
-"""Entries of the element's coordinates that bend it: v1, phi1, v2, phi2."""
+"""Entries of the element's coordinates in bending: v1, phi1, v2, phi2."""
 
 _GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(4)
 QUADRATURE = (0.5 * (1.0 + _GAUSS_X), 0.5 * _GAUSS_W)
-"""Points xi in (0, 1) and weights; four integrate every product of shape functions exactly."""
+"""Points xi in (0, 1) and weights. Four points integrate every product of shape functions exactly."""
 
 
 FINER = np.polynomial.legendre.leggauss(8)
@@ -30,8 +30,9 @@ FINER = np.polynomial.legendre.leggauss(8)
 class Element:
     """A piece of a link as one finite element.
 
-    link: the piece. start: m, where it begins in its body. number: index in an even mesh, otherwise None.
-    Where sections vary, the shape functions are those of the mean section; stiffness and mass are integrals.
+    link: the piece. start: distance of the piece's start from the body's root, m. number: index in an even mesh,
+    otherwise None. Where sections vary, the shape functions are those of the mean section; stiffness and mass are
+    integrals.
     """
 
     link: Link
@@ -108,7 +109,7 @@ class Element:
 
 
 def mesh(link: Link, n: int, option: str) -> list[Element]:
-    """Cut a link, or a piece of one, into n elements, root to tip, that end where sections jump.
+    """Cut a link, or a piece of a link, into n elements from root to tip; elements end where sections jump.
 
     option: name of the setting that gave n, for the message of a ValueError.
     """
@@ -174,10 +175,10 @@ def coupling_matrix(section: Section, length: float) -> Array:
 
         w'Hw = int v'^2 - gamma^2 - 2 (Q / EA) phi dx                                  (theory, eq. 1.2)
 
-    The energy's derivative is the exact beam's force along the frame: its stretch is u' + phi v' - phi^2 / 2 to second
-    order, along the section's normal, and its shear force Q = C gamma turns with the section, which subtracts Q phi
-    from the axial force. The shear strain gamma = v' - phi is constant in the element. G of [45] in place of H takes
-    the stretch along the tangent, which is wrong by gamma^2 / 2 on however fine a mesh.
+    The energy's derivative is the exact beam's force along the frame. The exact beam's stretch, along the section's
+    normal, is u' + phi v' - phi^2 / 2 to second order. Its shear force Q = C gamma turns with the section, which
+    subtracts Q phi from the axial force. The shear strain gamma = v' - phi is constant in the element. The matrix G of
+    [45] instead of H would take the stretch along the tangent, with an error of gamma^2 / 2 on any mesh.
     """
     mu, l = shear_factor(section, length), length
     # Q, gamma and the mean of phi over the element, as rows on w

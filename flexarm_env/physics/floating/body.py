@@ -1,13 +1,13 @@
 """Kernels of one floating-frame body: motion of its tip, inertia forces [57]-[63], elastic and damping forces.
 
 A body's frame has origin R and angle theta. Its tip lies at t(q) in the frame's axes and its root section is turned by
-rho'q against the frame. Positions R drop out, because gravity enters as an acceleration of the frame. A sweep from root
-to tip therefore passes a section's angle, its rates and its acceleration; a sweep back passes a force and a moment
-(theory, section 3).
+rho'q against the frame. Gravity enters as an acceleration of the frame, so positions R are not needed. The sweep from
+root to tip therefore passes only a section's angle, its rates and its acceleration. The sweep from tip to root passes a
+force and a moment (theory, section 3).
 
-Arguments that recur: `model` is the `Mesh`, common to all bodies; `D` is one body's block of constants
-(`layout.BODY`); q, v, a begin at the body's n elastic coordinates. E = [[0, -1], [1, 0]] turns a vector by a right
-angle; in a frame that spins at w the derivative of a vector y is y' + w E y.
+Arguments that recur: `model` is the `Mesh`, common to all bodies. `D` is one body's block of constants (`layout.BODY`).
+q, v, a begin at the body's n elastic coordinates. E = [[0, -1], [1, 0]] turns a vector by a right angle. In a frame
+that spins at w the derivative of a vector y is y' + w E y.
 """
 
 from ...compiler import Lanes, kernel, sincos, size, unrolled
@@ -24,7 +24,7 @@ def constants(model):
 
 @kernel
 def damping_time(lane, model, D, par: Lanes):
-    """Return the body's damping time tau_d, s: the arm's, in par, times the body's share in D where links differ."""
+    """Return the body's damping time tau_d, s: the arm's tau_d in par, times the body's share in D if links differ."""
     tau = par[TAU_D]
     if model.damped is not None and len(model.damped) > 1:
         tau = tau * D[constants(model).damped]
@@ -44,8 +44,8 @@ def dot(lane, model, D, at, x: Lanes):
 def along(lane, model, D, at, x):
     """Return sum_j D[at + j] x_j of a shape function along the axis of the body's frame (m for coordinates x).
 
-    D, at: the body's constants and where the function begins; x: elastic coordinates, rates or accelerations. Bodies
-    reduced to modes have none: -0.0 is returned, because x + -0.0 is x to the last bit.
+    D, at: the body's constants and the offset of the function; x: elastic coordinates, rates or accelerations. Bodies
+    reduced to modes have no such functions. For them -0.0 is returned, because x + -0.0 is x to the last bit.
     """
     if model.modal is not None:
         return -0.0
@@ -75,8 +75,8 @@ def in_window(lane, model, D, at, x: Lanes, first):
 def tip(lane, model, D, x):
     """Return (u, v, phi)'x at the body's tip: displacement (m) along and across the frame's axis, section angle (rad).
 
-    Linear part alone, without the foreshortening of bodies reduced to modes. x: coordinates, their rates or
-    accelerations.
+    Only the linear part is included, without the foreshortening of bodies reduced to modes. x: coordinates, their rates
+    or accelerations.
     """
     own = constants(model)
     return along(lane, model, D, own.tip_u, x), dot(lane, model, D, own.tip_v, x), dot(lane, model, D, own.tip_phi, x)
@@ -185,7 +185,7 @@ def forces(
     lane, model, D, par: Lanes, carried, q: Lanes, v: Lanes, a: Lanes, force: Lanes, known, vectors: Lanes,
     strains: Lanes, S, r: Lanes,
 ):  # fmt: skip
-    """Compute a body's rows r of the residual, and the force G_b and moment M_b that it requires at its root.
+    """Compute a body's rows r of the residual, and the force G_b and moment M_b that the body requires at its root.
 
         M_b = f_theta + (E t)'g + M,  r = f_q + K q + (dt/dq)'g + phi_t M - rho M_b,  G_b = f_R + G   (theory, eq. 3.2)
 

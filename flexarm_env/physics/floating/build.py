@@ -37,20 +37,20 @@ from .layout import (
 from .reduction import inertia_margins, modal_body
 
 HONOURS = {**BEAM, Arm: (*BEAM[Arm], "mass_damping")}
-"""Classes and fields of an arm that this formulation takes into account; `assembly` rejects arms with others."""
+"""Classes and fields of an arm that this formulation takes into account; `assembly` rejects arms with other fields."""
 
 WRITTEN_OUT = 8
 """Largest number of elastic coordinates of a body whose kernels are unrolled, with constant indices."""
 
 MARGIN_LOST = 0.5
-"""Fraction of a reduced body's inertia margin (`inertia_margins`) whose loss ends the run as out of range."""
+"""A run ends as out of range when a reduced body has lost this fraction of its inertia margin (`inertia_margins`)."""
 
 
 def carried(arm: Arm, link: int, rest: float = 0.0) -> tuple[float, float]:
     """Return the mass (kg) and inertia (kg m^2) that a link carries at a point `rest` m before its tip.
 
-    Everything beyond the point is straight and rigid: the rest of the link, its rigid end, elbows, later links, the
-    payload. The inertia is about the point.
+    All parts beyond the point count as straight and rigid: the rest of the link, its rigid end, elbows, later links,
+    the payload. The inertia is about the point.
     """
     own, mass, inertia, distance = arm.links[link], 0.0, 0.0, rest + arm.links[link].tip_offset
     # m and I = int m (s - s_0)^2 + J of the link's own rest behind the point
@@ -86,13 +86,16 @@ def _rigid(arm: Arm) -> bool:
 
 
 ROUNDED = 1e-9
-"""Fraction of a link's length within which the end of an even segment is moved to a jump of the section."""
+"""The end of an even segment is moved to a jump of the section that is within this fraction of the link's length."""
 
 
 def _cut(link: Link, settings: Settings) -> list[Link]:
-    """Cut a link into segments: at its jumps where segments are enough, otherwise evenly with jumps inside.
+    """Cut a link into segments.
 
-    Raises ValueError where a segment has a jump inside and too few elements for one to end there.
+    If there are more segments than jumps of the section, segments end at the jumps. Otherwise all are equally long and
+    jumps lie inside.
+
+    Raises ValueError if a segment has too few elements for an element to end at each jump inside it.
     """
     segments = settings.segments or 1
     if segments > len(link.jumps):
@@ -112,7 +115,7 @@ def _cut(link: Link, settings: Settings) -> list[Link]:
 
 
 def bodies_of(arm: Arm, settings: Settings) -> list[Body]:
-    """Return the bodies of all links from root to tip, equally many per link, with hub and elbows lumped.
+    """Return the bodies of all links from root to tip, the same number for each link, with hub and elbows lumped.
 
     The payload is not lumped, because it is one of the arm's own parameters.
     """
@@ -143,9 +146,9 @@ def bodies_of(arm: Arm, settings: Settings) -> list[Body]:
 
 
 def _limits(scene: Scene, bodies: list[Body], reduced: bool) -> list[float]:
-    """Return the largest loss of inertia about its root (kg m^2) of each body; inf for finite elements (reduced=False).
+    """Return each body's largest allowed loss of inertia about its root, kg m^2; inf for finite elements.
 
-    It is a fraction of the body's `inertia_margins`, infinite for a body whose angle is prescribed.
+    The limit is a fraction of the body's `inertia_margins`. It is infinite for a body whose angle is prescribed.
     """
     if not reduced:
         return [np.inf] * len(bodies)
@@ -164,7 +167,7 @@ def build(scene: Scene, settings: Settings) -> System:
 
 
 def _span(body: Body, e: int, n: int, mesh: Mesh, frame: str) -> NDArray[np.float64]:
-    """Return the `SPAN` of finite element e: EA/l, its stretch and its matrix H on the coordinates of its window.
+    """Return the `SPAN` of finite element e: EA/l, and the stretch and the matrix H on the coordinates of its window.
 
     n: elastic coordinates of a body. frame: "root" or "chord".
     """
@@ -184,7 +187,7 @@ def _span(body: Body, e: int, n: int, mesh: Mesh, frame: str) -> NDArray[np.floa
 
 
 def _mesh(bodies: list[Body], arm: Arm, settings: Settings) -> Mesh:
-    """Return the `Mesh` that all bodies share: their sizes, and a tag for each term that their kernels compile."""
+    """Return the `Mesh` that all bodies share: the bodies' sizes, and a tag for each term that the kernels compile."""
     n = bodies[0].n
     # coupling "linear" has no term (1.2) per element; a window has the free ones of an element's 6 coordinates
     elements, wide = bodies[0].element_ea.size if settings.coupling != "linear" else 0, min(n, 6)
@@ -305,8 +308,8 @@ def _chain(scene: Scene, settings: Settings) -> System:
 def _sizes(body: Body, settings: Settings, arm: Arm) -> NDArray[np.float64]:
     """Return the reciprocal of each elastic coordinate's characteristic size (n,).
 
-    Finite elements: u and v are lengths (1 over the arm's length), phi is an angle (1). A mode: the tip deflection that
-    it causes over the arm's length, or the angles of the ends where they are more.
+    Finite elements: u and v are lengths (1 over the arm's length), phi is an angle (1). A mode: the larger of the tip
+    deflection that the mode causes, over the arm's length, and the angles of its ends.
     """
     if settings.modes is not None:
         moved = np.maximum(np.abs(body.tip[1]) / arm.total_length, np.abs(body.root))

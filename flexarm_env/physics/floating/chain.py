@@ -1,12 +1,12 @@
 """A chain of floating frames without multipliers: residual, Newton matrix and its factors (theory, section 3).
 
-Model: `physics.model.FloatingChain`. A body's frame begins where the body before it ends, so that its origin and angle
-follow from the elastic coordinates before it, and rigid joints between segments need no rows. Rows of q: x, y, angle of
-the root; elastic coordinates of all bodies from root to tip; angles of the elbows.
+Model: `physics.model.FloatingChain`. A body's frame begins at the end of the body before. The frame's origin and angle
+therefore follow from the elastic coordinates of the bodies before, and rigid joints between segments need no rows. Rows
+of q: x, y, angle of the root; elastic coordinates of all bodies from root to tip; angles of the elbows.
 
-One sweep from root to tip computes the motion of every frame, a sweep back the forces. The matrix is never formed: its
-blocks are eliminated body by body from the tip, as an articulated body's inertia, but for the whole tangent. The cost
-is linear in the number of bodies.
+One sweep from root to tip computes the motion of every frame, and one sweep from tip to root the forces. The matrix is
+never formed: its blocks are eliminated body by body from the tip. The method is that of articulated-body inertias,
+applied to the whole tangent. The cost is linear in the number of bodies.
 
 S holds `ROOT`, a `JOINT` per elbow, `FACTORS` per body, `LEVER_FACTORS` of rigid ends and of the payload's lever.
 """
@@ -168,9 +168,9 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Add x (N m/rad) to what `factor` adds to the diagonal entry of row k, the angle of the hub or of an elbow.
+    """Add x (N m/rad) to the stiffness that `factor` adds to the diagonal of row k, the hub's or an elbow's angle.
 
-    None: mark row k, of the root (0 to 2) or of an elbow, as fixed; `factor` and `solve` treat it as the identity's.
+    x None: mark row k, of the root (0 to 2) or of an elbow, as fixed; `factor` and `solve` treat it as the identity's.
     """
     elbow = _joint_at(k - elbow_row(model, 0))
     if x is None:
@@ -189,7 +189,7 @@ def _with_own(lane, model, S: Lanes, at, x, y):
 
 @kernel
 def diagonal(lane, tail, zero, mass, inertia):
-    """Write diag(mass, mass, inertia) into tail (9,): force and moment of a rigid body by acceleration and angle.
+    """Write diag(mass, mass, inertia) into tail (9,): a rigid body's force and moment by acceleration and angle.
 
     inertia is already multiplied by cm; zero: 0.0 in every lane.
     """
@@ -203,9 +203,9 @@ def factor(lane, model, S: Lanes):
     """Factor S in place: eliminate the bodies and elbows from tip to root, then factor the root's 3 x 3 matrix.
 
     `tail` (9,), by rows, inertial axes: change of force and moment by the weighted acceleration (x, y) and the angle of
-    a section, of all that lies beyond it. Pivots are stored inverted. At a free elbow the angle of the section beyond
-    is eliminated: the moment there is the joint's torque, so that no change of moment passes; at a fixed one all
-    passes. Theory, (3.3).
+    a section, of all bodies beyond the section. Pivots are stored inverted. At a free elbow the angle of the section
+    beyond is eliminated. The moment there is the joint's torque, so the elbow transmits no change of moment. A fixed
+    elbow transmits the whole change. Theory, (3.3).
     """
     stride, first = _stride(model), _bodies_at(model)
     tail, (inertia, mass) = stack(lane, NINE), load_pair(lane, S, ROOT.tail)
@@ -272,9 +272,9 @@ def factor(lane, model, S: Lanes):
 def solve(lane, model, S: Lanes, x: Lanes):
     """Replace x by S^-1 x with the factors of `factor`: right sides in, increments out, for all rows of the arm.
 
-    Forward from tip to root, then the root's 3 x 3 system, then back from root to tip. flow (3,), inertial axes: force
-    and moment that the reduced right sides beyond a section cause; on the way back the weighted acceleration and the
-    angle of a section. Theory, (3.3).
+    The order is forward from tip to root, then the root's 3 x 3 system, then back from root to tip. flow (3,), inertial
+    axes: on the way to the root, force and moment that the reduced right sides beyond a section cause; on the way back,
+    weighted acceleration and angle of a section. Theory, (3.3).
     """
     mesh, stride, first = model.mesh, _stride(model), _bodies_at(model)
     flow, levers, zero = stack(lane, THREE), _levers_at(model), 0.0

@@ -1,8 +1,8 @@
 """Outputs of floating frames, with or without multipliers: input displacements, energies, poses, range, centerline.
 
-Model: `physics.model.FloatingChain`, whose table is None, or `FloatingFrame`, each body of which has rows for its
-frame. `D`: one body's block of constants (`layout.BODY`); `mesh`, or `model` of one body's kernels: the `Mesh` of all
-bodies.
+The Model is `physics.model.FloatingChain`, whose table is None, or `FloatingFrame`, in which each body has rows for its
+frame. `D` is one body's block of constants (`layout.BODY`). The `Mesh` of all bodies is called `mesh`, and `model` in
+kernels of one body.
 """
 
 from ...compiler import WIDEST, Lanes, absolute, kernel, load, select_lt, sincos, size, stack, store, unrolled
@@ -28,8 +28,9 @@ SIX = (0,) * 6
 def _enter(lane, model, q: Lanes, v: Lanes, k, b, pose: Lanes):
     """Write the pose (6,) of the root section of body b, of link k: position, angle and their rates, inertial axes.
 
-    In: the pose of the tip section before it. First body or body with its own frame (multipliers): read from q, v, rows
-    of the system. First body of a later link: the elbow's angle and rate are added. Otherwise the pose stays.
+    At entry, pose is that of the tip section before body b. The pose of the first body, or of a body with its own frame
+    (multipliers), is read from q, v, rows of the system. For the first body of a later link the elbow's angle and rate
+    are added. Otherwise the pose stays.
     """
     at = 0
     if model.table is not None:
@@ -144,8 +145,8 @@ def ports_of_loads(lane, model, q, y):
 def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
     """Write the displacements conjugate to the inputs into y: joint angles, then x, y, angle at each point load.
 
-    Joints (rad): angle of the root, relative angles of the elbows. Positions (m) in inertial axes, section angles
-    (rad). since: not read, because angles in the plane add up.
+    Joint angles (rad) are the root's angle and the elbows' relative angles. Positions (m) are in inertial axes; section
+    angles are in rad. since: not read, because angles in the plane add up.
     """
     y[0] = q[ANGLE]
     for k in range(1, model.links):
@@ -191,7 +192,7 @@ def _damping(lane, model, D, par: Lanes, q, v: Lanes, x: Lanes, total):
 @unrolled
 @kernel
 def _payload_drag(lane, model, D, par: Lanes, q, v, x):
-    """Return the payload's part of x'C(q) v by mass-proportional damping, as a tuple of one (W for x = v).
+    """Return the part of x'C(q) v from mass-proportional damping of the payload, as a tuple of one (W for x = v).
 
         drag (m_p x_t.v_t + J_p (phi_t'x) (phi_t'v))
 
@@ -286,7 +287,7 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
     """
     pose, frame, ends = stack(lane, SIX), stack(lane, SIX), stack(lane, (0, 0, 0))
     zero = 0.0
-    # kinetic energy and first moments of rigid ends (with the elbows' masses where links have such ends)
+    # ends <- 0: T (J), m x, m y (kg m, inertial axes) of the rigid ends, and of the elbows' masses on them
     store_vector(lane, ends, 0, (zero, zero, zero))
     kinetic, strain, gravity = zero, zero, zero
     gx, gy = gravity_along(model.gravity, 0), gravity_along(model.gravity, 1)
@@ -347,9 +348,9 @@ def _ranges(lane, model, D, payload, q):
 def out_of_range(lane, model, par: Lanes, q: Lanes):
     """Return a status code per lane: 0.0, DIVERGED or OUT_OF_RANGE.
 
-    DIVERGED: a body's tip deflects by its length or more, or is NaN. OUT_OF_RANGE, modes alone: deflection above
-    `model.bound`, or an inertia about the root so small that the mass matrix comes near to indefinite. Of several
-    bodies beyond their range the one nearest to the root determines the code.
+    DIVERGED: a body's tip deflects by its length or more, or is NaN. OUT_OF_RANGE (modes only): the deflection exceeds
+    `model.bound`, or the inertia about the root is so small that the mass matrix is nearly indefinite. If several
+    bodies are out of range, the body nearest to the root determines the code.
     """
     status, payload = 0.0, par[PAYLOAD_MASS]
     for b in range(model.links * model.segments - 1, -1, -1):
@@ -402,8 +403,8 @@ def _draw(mesh, D, q, x0, y0, frame, line):
 def centerline(model, q, points):
     """Write positions (m, inertial axes) along the chain into points (n_points, 2) and return their number; one lane.
 
-    The root, then the drawing stations of all bodies from root to tip, at most as many as `points` has rows. The last
-    point of a link with rigid ends is the end of its rigid end.
+    The points are the root, then the drawing stations of all bodies from root to tip, until `points` is full. The last
+    point of a link with rigid ends is its joint at the tip.
     """
     lane, many = (0,), len(WIDEST)
     mesh, n = model.mesh, size(model.mesh.n)

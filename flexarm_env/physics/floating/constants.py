@@ -1,9 +1,9 @@
-"""Constants of a link, or a piece of one, as a floating-frame body with elastic coordinates q, eqs. [20]-[27].
+"""Constants of a link, or of a piece of a link, as a floating-frame body with elastic coordinates q, eqs. [20]-[27].
 
-Frame "root" is clamped to the body's first node, whose (u, v, phi) vanish, so that the frame's angle is the root
-section's; frame "chord" goes through both ends. All inertia enters through constants (theory, eq. 2.1) that are
-computed here once and that kernels read. A body reduced to modes has the same constants and those of its foreshortening
-(`reduction`).
+Frame "root" is clamped to the body's first node. The node's (u, v, phi) vanish, so the frame's angle is the root
+section's angle. Frame "chord" goes through both ends of the body. All inertia enters through constants (theory, eq.
+2.1) that are computed here once and that kernels read. A body reduced to modes has, in addition, the constants of its
+foreshortening (`reduction`).
 """
 
 from dataclasses import dataclass, field
@@ -84,17 +84,17 @@ class Body:
 def free_coordinates(elements: int, frame: str) -> NDArray[np.int64]:
     """Return the indices of a body's elastic coordinates among (u, v, phi) of its elements + 1 nodes.
 
-    frame="root", clamped to the first node: all but that node's. frame="chord", through both ends: all but u, v of the
-    first node and v of the last.
+    frame="root", clamped to the first node: all coordinates but that node's. frame="chord", through both ends: all
+    coordinates but u, v of the first node and v of the last.
     """
     last = 3 * elements + 3
     return np.arange(3, last) if frame == "root" else np.r_[2 : last - 2, last - 1]
 
 
 def finite_element_body(link: Link, elements: int, coupling: str, frame: str = "root") -> Body:
-    """Return the `Body` of a link, or a piece of one, in finite elements: n = 3 elements coordinates.
+    """Return the `Body` of a link, or of a piece of a link, in finite elements, with n = 3 elements coordinates.
 
-    coupling: of stretch and bending, one of COUPLINGS. frame: "root" or "chord".
+    coupling: form of the coupling of stretch and bending, one of COUPLINGS. frame: "root" or "chord".
     """
     parts = mesh(link, elements, "elements")
     n_all = 3 * (elements + 1)
@@ -155,7 +155,7 @@ def finite_element_body(link: Link, elements: int, coupling: str, frame: str = "
 
 
 def _bending_moments(parts: list[Element]) -> Array:
-    """Return int EI kappa_0 phi' dx, the bending forces of the curvature without stress, on all nodes' coordinates."""
+    """Return int EI kappa_0 phi' dx on all nodes' coordinates: bending forces of the stress-free curvature kappa_0."""
     total = np.zeros(3 * len(parts) + 3)
     for e, part in enumerate(parts):
         for xi, weight, section in part.points:
@@ -165,10 +165,10 @@ def _bending_moments(parts: list[Element]) -> Array:
 
 
 def _natural(link: Link, parts: list[Element], k_bend: Array, stretching: Any, free: Any) -> Array:
-    """Return `Body.moment` and `Body.q0`, (2, n): the shape without stress, which has no stretch.
+    """Return `Body.moment` and `Body.q0`, (2, n), of the shape without stress, which has no stretch.
 
-    stretching: `coupling_matrix` or `geometric_matrix`; free: indices of the elastic coordinates. Zero for straight
-    links.
+    stretching: `coupling_matrix` or `geometric_matrix`; free: indices of the elastic coordinates. Both are zero for
+    straight links.
     """
     if not link.curved:
         return np.zeros((2, len(free)))

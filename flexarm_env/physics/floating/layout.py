@@ -29,7 +29,8 @@ LEVER_FACTORS = Layout(
     *(Field(name, (), "", "weighted change of the far point's acceleration by the angle") for name in ("wx", "wy")),
     Field("turn", (), "", "weighted derivative of the near point's moment by the angle, forces constant"),
 )  # fmt: skip
-"""Of each rigid end, at a link's root and tip, and of the payload's lever: stored in S after the bodies' factors."""
+"""Factors of each rigid end (at a link's root and tip) and of the payload's lever, stored in S after the bodies'
+factors."""
 
 # in `data`: EA/l, g and H of one finite element (1.2), on the coordinates of its window
 SPAN = Layout(
@@ -190,11 +191,11 @@ def acts_at(loads, f, link, end):
 
 @kernel
 def window(model, n, e):
-    """Return the first elastic coordinate of element e's window, the free coordinates of its two nodes.
+    """Return the first elastic coordinate in the window of element e; a window holds its two nodes' free coordinates.
 
-    `model`: a `Mesh` of n elastic coordinates. Each node has (u, v, phi); a frame clamped to the root fixes the first
-    node's three, a frame through both ends u, v of the first and v of the last. Windows at the ends are moved inwards,
-    so that all have the same width.
+    `model`: a `Mesh` of n elastic coordinates. Each node has (u, v, phi). A frame clamped to the root fixes these three
+    at the first node. A frame through both ends fixes u, v at the first node and v at the last. Windows at the ends are
+    moved inwards, so that all windows have the same width.
     """
     first = 3 * e - 3
     if model.chord is not None:

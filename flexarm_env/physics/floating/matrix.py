@@ -3,9 +3,10 @@
 Rows and columns of a body's matrix, n + 3: the n elastic coordinates, then x and y (rows: force at the root; columns:
 acceleration of the origin, frame axes), then the angle (row: moment at the root; column: the frame's angle).
 
-A change of the coordinates before a body reaches it through three numbers: the change of the acceleration at its root
-(weighted: cm, cc, ck times the changes by accelerations, rates, coordinates) and of its angle. `tail` (9,) is the
-3 x 3 matrix of force and moment by these three numbers, stored by rows: that of all bodies beyond a section.
+A change of the coordinates before a body acts on the body through three numbers: the change of the acceleration at its
+root (two components) and of its angle. The change of acceleration is weighted: cm, cc, ck times the changes by
+accelerations, rates, coordinates. `tail` (9,) is the 3 x 3 matrix of force and moment by these three numbers, stored by
+rows. It represents all bodies beyond a section.
 """
 
 from ...compiler import Lanes, kernel, size, unrolled
@@ -20,9 +21,9 @@ from .layout import KNOWN, NOW, cell, factors_at, span_at, strain_at, vectors_at
 def tangent(lane, model, D, par: Lanes, carried, cm, cc, ck, v, a: Lanes, known, vectors: Lanes, strains, S: Lanes):
     """Compute the body's matrix cm dr/da + cc dr/dv + ck dr/dq, eqs. [72]-[78], derivative of `body.forces`.
 
-    Rows and columns: q, x and y of the origin's acceleration (frame axes), angle. Forces at the tip are constant here;
-    `add_outboard` adds their change. E turns by 90 deg; t: tip, relative to the origin; w, alpha: rates of the angle;
-    s_bar: first moment.
+    Rows and columns: q, x and y of the origin's acceleration (frame axes), angle. Forces at the tip count as constant
+    here; `add_outboard` adds the effect of their change. E turns by 90 deg; t: tip, relative to the origin; w, alpha:
+    rates of the angle; s_bar: first moment.
 
     # model    D; par: the arm's parameters; cm, cc, ck: `Weights`
     # state    v, a; S: `NOW`; known, vectors, strains: written by `body.forces`; carried (2,): kg, kg m^2 at the tip
@@ -237,11 +238,11 @@ def add_outboard(lane, model, D, S: Lanes, tail: Lanes):
 @unrolled
 @kernel
 def condense(lane, model, D, S: Lanes, tail: Lanes):
-    """Eliminate a body's elastic coordinates and return the matrix of the rest as `tail` of the body before it.
+    """Eliminate a body's elastic coordinates and return the remaining matrix as `tail` of the body before.
 
-    The rest: force and moment at the body's root by the acceleration (weighted by cm, cc, ck, as in `add_outboard`) and
-    the angle of its root section. Factors L, U stay in S with inverted pivots. There is no pivoting: cm M, which is
-    positive definite, outweighs the rest.
+    The remaining matrix: force and moment at the body's root by the acceleration (weighted by cm, cc, ck, as in
+    `add_outboard`) and the angle of its root section. Factors L, U stay in S with inverted pivots. No pivoting is
+    needed, because the positive definite cm M outweighs the other terms.
 
     # in, out  tail (9,): change of force and moment by acceleration and angle (inertial axes), in: at the tip section
     #          of the body, of all beyond; out: at its root section, the Schur complement of the elastic rows

@@ -1,10 +1,10 @@
 """Floating frames joined by Lagrange multipliers, the paper's own form: eqs. [34]-[38], [64], [65], [72]-[78].
 
 Each body has its own rows: R_x, R_y (inertial axes) and theta of its frame, then its elastic coordinates q. The
-constraints Phi (theory, eq. 3.4) say that its tip is the origin of the next frame and, where the joint is rigid or
-prescribed, that its tip section has the next frame's angle. Order of rows: body 0, multipliers of the joint at its tip,
-body 1, ...; the matrix is banded. The kernels of `body` compute each body; its joint's multipliers are a force at its
-tip like any other.
+constraints Phi (theory, eq. 3.4) require that the body's tip is the origin of the next frame. If the joint is rigid or
+prescribed, they also require that the tip section has the next frame's angle. Order of rows: body 0, multipliers of the
+joint at its tip, body 1, ...; the matrix is banded. The kernels of `body` compute each body. To a body, its joint's
+multipliers are a force at its tip like any other.
 
 S holds the band, the pivots of its factors, and one body's `FACTORS` as scratch. One arm at a time: pivoting exchanges
 rows.
@@ -28,7 +28,7 @@ NUMBERS, MOVES = (0,) * KNOWN.end, (0,) * NOW.end
 
 @kernel
 def band_width(half):
-    """Return the entries per row of a band matrix with `half` diagonals on each side, with the fill-in of pivoting."""
+    """Return the entries per row of a band matrix with `half` diagonals on each side, and fill-in of pivoting."""
     return 3 * half + 1
 
 
@@ -39,9 +39,9 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
     Rows of r: force (inertial axes) and moment of each body's frame, its elastic coordinates; rows of multipliers are 0
     here (`constraint_residual` writes them). Entry (i, j) of the matrix is S[i band_width + j - i + half].
 
-    `held` (3,): force and moment lambda of the joint between two bodies, with an elbow's torque; it acts at the tip of
-    the body before and, with the other sign, at the root of the body after. Without
-    weights.with_matrix S is not changed.
+    `held` (3,): force and moment lambda of the joint between two bodies, with an elbow's torque. They act at the tip of
+    the body before the joint and, with opposite sign, at the root of the body after it. Without weights.with_matrix S
+    is not changed.
     """
     q, v, a = state
     cm, cc, ck, with_matrix = weights.mass, weights.damping, weights.stiffness, weights.with_matrix
@@ -104,8 +104,8 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
 def _to_band(lane, mesh, own: Lanes, at, cm, half, S: Lanes):
     """Write a body's matrix into its rows and columns of the band, those of R in inertial axes. Theory, (3.5).
 
-    Columns of the origin's acceleration are multiplied by cm, because R enters the residual through its acceleration
-    alone.
+    Columns of the origin's acceleration are multiplied by cm, because R enters the residual only through its
+    acceleration.
 
     # in       own: `FACTORS` of the body, whose matrix is overwritten; at: the body's first row; cm: weight of dr/da
     # out      S: the band of half-width `half`
@@ -210,7 +210,7 @@ def constraint_residual(lane, model, psi: Lanes, state: State, level, scale, r: 
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Add x (N m/rad) to the diagonal entry k of the band; None: row and column k become those of the identity."""
+    """Add x (N m/rad) to the diagonal entry k of the band; with None row and column k become those of the identity."""
     half, zero = model.half, 0.0
     width = band_width(half)
     if x is not None:
@@ -231,7 +231,7 @@ def factor(lane, model, S: Lanes):
 
 @kernel
 def solve(lane, model, S: Lanes, x):
-    """Replace x by S^-1 x with the band's factors of `factor`; x: right sides in, increments and multipliers out."""
+    """Replace x by S^-1 x with the band's factors from `factor`; x: right sides in, increments and multipliers out."""
     n = model.n
     band_lu_solve(lane, S, S[n * band_width(model.half) :], x, n, model.half, model.half)
 
@@ -240,7 +240,7 @@ def solve(lane, model, S: Lanes, x):
 def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
     """Write the displacements conjugate to the inputs into y: joint angles, then x, y, angle at each point load.
 
-    Hub: angle of the first frame; elbow k: angle of link k's first frame less the tip section's before it, rad.
+    Hub: angle of the first frame. Elbow k: angle of link k's first frame less the angle of the tip section before, rad.
     Positions (m) in inertial axes, section angles in rad. since: not read, because angles in the plane add up.
     """
     segments = model.segments

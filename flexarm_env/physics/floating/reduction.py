@@ -1,8 +1,9 @@
-"""Reduction of a link, or a piece of one, to a few bending modes with foreshortening: the paper's substructuring.
+"""Reduction of a link, or of a piece of a link, to a few bending modes with foreshortening (the paper's
+substructuring).
 
-The shape is s = (x - p'H(x)p / 2, v(x)'p), sections turn by phi(x)'p, and p'H(x)p = int_0^x v'^2 - (v' - phi)^2 dx
-(theory, eq. 4.1): the line along the sections' normals keeps its length, as the exact beam's axis does. Modes are those
-of the clamped link with the mass and inertia that it carries lumped at its tip.
+The deformed shape is s = (x - p'H(x)p / 2, v(x)'p). Sections turn by phi(x)'p, and p'H(x)p = int_0^x v'^2 - (v' -
+phi)^2 dx (theory, eq. 4.1). The line along the sections' normals keeps its length, as the exact beam's axis does. The
+modes are those of the clamped link, with the mass and inertia that the link carries lumped at its tip.
 """
 
 from collections.abc import Sequence
@@ -19,7 +20,7 @@ from .constants import Body
 Array = NDArray[np.float64]
 
 MESH = 32
-"""Elements of the mesh from which modes are computed; the fourth frequency is then within 1e-5 of the exact one."""
+"""Elements of the mesh from which modes are computed. The fourth frequency is then within 1e-5 of the exact value."""
 
 
 def _bending_matrices(link: Link) -> tuple[Array, Array]:
@@ -36,8 +37,8 @@ def _bending_matrices(link: Link) -> tuple[Array, Array]:
 def _lowest(stiffness: Array, mass: Array, n: int) -> tuple[Array, Array]:
     """Return the n lowest frequencies (rad/s) and mass-normalized shapes (columns) of a stiffness and a mass matrix.
 
-    Solved for 1 / omega^2: the stiffness is well conditioned, while sections of hardly any rotary inertia make the mass
-    matrix nearly singular.
+    The eigenproblem is solved for 1 / omega^2: the stiffness matrix is well conditioned, but sections with very small
+    rotary inertia make the mass matrix nearly singular.
     """
     from scipy.linalg import eigh
 
@@ -65,8 +66,9 @@ def clamped_modes(link: Link, n: int, tip_mass: float, tip_inertia: float) -> tu
 def pinned_modes(link: Link, n: int) -> tuple[Array, Array]:
     """Return two static shapes and the lowest n - 2 bending modes of a link between pins.
 
-    The static shapes have the root's section, or the tip's, turned by 1 rad. Returns the stiffness matrix (n, n) of the
-    shapes and nodal shapes (2 (MESH + 1), n): v, phi of each node; modes turn the root's section positively.
+    In the static shapes the root section, or the tip section, is turned by 1 rad. Returns the stiffness matrix (n, n)
+    of the shapes, and the nodal shapes (2 (MESH + 1), n): v, phi of each node. Modes turn the root section in the
+    positive sense.
     """
     from scipy.linalg import solve
 
@@ -87,11 +89,11 @@ def pinned_modes(link: Link, n: int) -> tuple[Array, Array]:
 def modal_body(
     link: Link, n: int, tip_mass: float, tip_inertia: float, frame: str = "root", whole: bool = True
 ) -> Body:
-    """Return the `Body` of a link, or of a piece of one (whole=False), reduced to n shapes.
+    """Return the `Body` of a link, or of a piece of a link (whole=False), reduced to n shapes.
 
-    frame="root": clamped modes with tip_mass (kg) and tip_inertia (kg m^2) at the tip, which shape the modes but are no
-    part of the body's inertia. frame="chord": of a whole link the same modes, seen from the line through both ends; of
-    a piece, which its neighbors bend by moments at both ends, `pinned_modes` (a single shape is the clamped one).
+    frame="root": clamped modes with tip_mass (kg) and tip_inertia (kg m^2) at the tip. These shape the modes but are no
+    part of the body's inertia. frame="chord": a whole link has the same modes, relative to the line through both ends.
+    A piece, which its neighbors bend by moments at both ends, has `pinned_modes`; if n is 1, it has the clamped mode.
 
     The result is cached and shared: copy it before a change.
     """
@@ -172,11 +174,11 @@ def _beyond(link: Link, x: float) -> tuple[float, float]:
 
 
 def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, held: bool) -> list[float]:
-    """Return, body by body, how far a straight link's mass matrix is from indefinite: a margin of inertia, kg m^2.
+    """Return each body's margin of inertia (kg m^2): how far a straight link's mass matrix is from indefinite.
 
-    mu of theory, section 4: the margin is the inertia of the body's angle that is left when everything else gives way
-    to a torque there: the link's other bodies, their modes and, where it moves, the root. It is the reciprocal of the
-    angle's entry in the inverse mass matrix.
+    The margin is mu of theory, section 4: the body's effective inertia for a torque on its angle, when all other parts
+    are free to move: the link's other bodies, their modes and, if it is free, the root. It is the reciprocal of the
+    angle's diagonal entry in the inverse mass matrix.
 
     bodies: rigidly joined, root to tip. payload: at the tip of the last. root_moves: the root's y is free. held: the
     root's angle is prescribed.

@@ -1,9 +1,9 @@
 """Rigid levers in a chain of floating frames: rigid ends of links, and the offset from the tip to the payload's center.
 
 A rigid end lies between a joint and the link's first or last body. The lever e = (ex, ey), inertial axes, leads from
-its near point (towards the arm's root) to its far point and turns with the section there: angle, w, alpha. The far
-point's acceleration is a + alpha n - w^2 e with n = E e; a force f at the far point acts at the near point with the
-moment n.f. The lever's own mass lies at e/2, an elbow's mass at the far point.
+its near point (towards the arm's root) to its far point. It turns with the section to which it is fixed (angle, w,
+alpha). The far point's acceleration is a + alpha n - w^2 e with n = E e. A force f at the far point acts at the near
+point with the moment n.f. The lever's own mass lies at e/2, an elbow's mass at the far point.
 """
 
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from .layout import LEVER_FACTORS, PASSED, cell
 OF_LEVER, OF_FACTORS = LEVER.places, LEVER_FACTORS.places
 ROOT_END, TIP_END = range(2)
 ACROSS, SWEPT = OF_FACTORS.nx, OF_FACTORS.wx
-"""Index in `LEVER_FACTORS` of n, derivative of the far point by the angle, and of its acceleration's (weighted)."""
+"""Indices in `LEVER_FACTORS` of n, the far point's derivative by the angle, and of its acceleration's (weighted)."""
 
 
 class Lever(NamedTuple):
@@ -56,7 +56,10 @@ def _factors_at(first, lever):
 
 @kernel
 def _lever_at(lane, along, across, angle):
-    """Return the vector (along, across) of section axes in inertial axes, m; angle: section's, rad; across: or None."""
+    """Return the vector (along, across; section axes) in inertial axes, m.
+
+    angle: angle of the section, rad; across may be None.
+    """
     sine, cosine = sincos(angle)
     ex, ey = cosine * along, sine * along
     if across is not None:
@@ -128,7 +131,7 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
 
         tail <- N' (tail + m_far) W + own mass at e/2,   N = [1, 0, nx; 0, 1, ny; 0, 0, 1], W: with (wx, wy)
 
-    (nx, ny): derivative of the far point by the angle; (wx, wy): that of its acceleration, weighted by cm, cc, ck
+    (nx, ny): derivative of the far point by the angle; (wx, wy): derivative of its acceleration, weighted by cm, cc, ck
     (`Weights`); e: lever; m_far: mass at the far point. No-op without a lever (None). Inertial axes.
 
     # in       S: `LEVER_FACTORS` of `transmit_inward`; first: index of lever 0's
@@ -163,9 +166,9 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
 def with_moment(lane, lever, S, first, arm, flow: Lanes):
     """Transmit a force f and a moment, `flow` (3,), from a lever's far to its near point: moment += n.f.
 
-    n: derivative of the far point by the section's angle; inertial axes; no-op without a lever (None). arm: ACROSS for
-    n; SWEPT for solutions with the transposed matrix, which exchange n and the acceleration's change. first: index in S
-    of lever 0's `LEVER_FACTORS`.
+    n: derivative of the far point by the section's angle; inertial axes; no-op without a lever (None). arm: ACROSS
+    selects n. SWEPT is for solutions with the transposed matrix, where n and the acceleration's change are exchanged.
+    first: index in S of lever 0's `LEVER_FACTORS`.
     """
     if lever is not None:
         x, y = load_pair(lane, S, _factors_at(first, lever) + arm)
@@ -190,7 +193,9 @@ def far_point_change(lane, lever, S, first, arm, flow: Lanes):
 
 @kernel
 def _move_pose(lane, along, across, pose: Lanes):
-    """Move a pose by a lever that turns with its section; along, across (m, section axes; across may be None).
+    """Move a pose by a lever that turns with its section.
+
+    along, across: the lever, m, section axes; across may be None.
 
     pose (6,), `POSE` from x to rate: position (m) and velocity (m/s) change, angle and rate stay; inertial axes.
     """

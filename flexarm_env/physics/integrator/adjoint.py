@@ -1,7 +1,8 @@
-"""Cotangents of a step, a fresh start and a jump of torques: from what comes out of them back to what went in.
+"""Cotangents of a step, a fresh start and a jump of torques: compute the inputs' from the results' cotangents.
 
-The transposes of `tangents`: a system with the transposed matrix, and the residual's derivatives in reverse. `bar` is a
-work array whose q, v, a, b and u hold cotangents, its other rows are scratch; `w` holds the arm at the end of the step.
+The functions are the transposes of those in `tangents`. They solve a system with the transposed matrix and apply the
+residual's derivatives in reverse. `bar` is a work array: its q, v, a, b and u hold cotangents, its other rows are
+scratch. `w` holds the arm at the end of the step.
 """
 
 from __future__ import annotations
@@ -44,8 +45,8 @@ def vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, passes):
     """Transform the cotangents of q, v, a, b in bar from a step's end to its start; add those of u and parameters.
 
     w: the arm at the step's end, w.r and w.S from `tangents.factor_step_end`; slopes: `NewmarkSlopes` of the step.
-    passes: 1 where S is the residual's derivative; more where S is approximate and the remaining error is solved for
-    again.
+    passes: 1 if S is the residual's exact derivative; more if S is approximate, so that the remaining error is solved
+    for again.
     """
     weights, half = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0), slopes.v / slopes.a
     # friction takes the branch of the values: which joints stick, and to which side the others slide
@@ -59,7 +60,7 @@ def vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, passes):
 
 @kernel
 def _vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, passes):
-    """Transform cotangents as `vjp_step` for coordinates that are added, by eq. (6.1) and lambda = -S^-T q_bar."""
+    """Transform cotangents as `vjp_step`, for coordinates without rotations, by eq. (6.1) and lambda = -S^-T q_bar."""
     n, h, am, af = size(model.n), slopes.h, scheme.alpha_m, scheme.alpha_f
     for _ in range(passes):
         # total cotangent of q+, of which v+, a+ and b+ are functions
@@ -83,7 +84,7 @@ def _vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, 
 
 @kernel
 def _follow(lane, model, bar, slopes, d_bar):
-    """Compute d_bar = v_bar dv/dq + a_bar da/dq + b_bar db/dq, cotangent of a displacement that v, a, b follow."""
+    """Compute d_bar = v_bar dv/dq + a_bar da/dq + b_bar db/dq: cotangent of a displacement that changes v, a, b."""
     for k in range(size(model.n)):
         v, a, b = load(lane, bar.v, k), load(lane, bar.a, k), load(lane, bar.b, k)
         store(d_bar, k, v * slopes.v + a * slopes.a + b * slopes.b)
@@ -99,11 +100,10 @@ def _turn_back(lane, model, d, free, x):
 
 @kernel
 def _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, ahead, passes):
-    """Transform the cotangents of q, v, a in bar from the step's end to its prediction, which D in w.shift moves.
+    """Transform the cotangents of q, v, a in bar from the step's end back to its prediction; D: increment in w.shift.
 
-    Theory, section 9: the cotangent of q at the end must vanish in total, so that forces of stiff strains, which
-    cancel, are not summed up. What comes to the prediction is -T(D)^-1 (s_v v_bar + s_a a_bar + s_b b_bar).
-    Theory, section 9, "Derivatives".
+    The total cotangent of q at the end must vanish, so that forces of stiff strains, which cancel, are not summed up.
+    The cotangent of the prediction is -T(D)^-1 (s_v v_bar + s_a a_bar + s_b b_bar). Theory, section 9, "Derivatives".
     """
     n, moved = size(model.n), accumulated_increment(lane, w)[0]
     first, before = splat(lane, 0.0), splat(lane, 0.0)
@@ -143,7 +143,7 @@ def _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, ahead
 def _vjp_foresee(lane, model, w, bar, h, scheme):
     """Transform the cotangents in bar through a step's prediction with a+ = 0 (`newmark_predict`), with rotations.
 
-    Second half of w.shift: the increment by which the prediction moves q. h: the step, s.
+    The second half of w.shift is the prediction's increment of q. h: length of the step, s.
     """
     am, af, beta, gamma, n = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, size(model.n)
     way = accumulated_increment(lane, w)[1]
@@ -182,7 +182,7 @@ def _add_state(lane, n, more, to):
 def vjp_light(lane, model, par, par_bar, w, bar, h, first):
     """Transform cotangents as `vjp_switch` for models with `NewtonPolicy.light_joints` whose inputs are torques alone.
 
-    Cotangents of q are of increments in body axes. first: lanes > 1/2 without a residual before the jump. The
+    Cotangents of q belong to increments in body axes. first: lanes > 1/2 that have no residual before the jump. The
     derivative of the matrix M + h/2 C + h^2/4 K is included. Theory, section 9, "Derivatives".
     """
     n, zero, one = size(model.n), splat(lane, 0.0), State(w.q, w.v, w.a0)
@@ -214,10 +214,10 @@ def vjp_light(lane, model, par, par_bar, w, bar, h, first):
 
 @kernel
 def vjp_switch(lane, model, par, par_bar, w, bar, h):
-    """Transform the cotangents in bar from after a jump of the torques, u0 to u, to before it.
+    """Transform the cotangents in bar from after a jump of the torques from u0 to u to before the jump.
 
-    Adds those of u, u0 and the parameters. w: the arm after the jump, w.S its factors; w.a0: accelerations before it.
-    The residual's stiffness part is the same to the last bit on both sides and cancels exactly.
+    Adds the cotangents of u, u0 and the parameters. w: the arm after the jump, w.S its factors; w.a0: accelerations
+    before it. The residual's stiffness part is the same to the last bit on both sides and cancels exactly.
     """
     n = size(model.n)
     after, before = State(bar.q0, bar.v0, bar.a0), State(w.q0, w.v0, w.b0)

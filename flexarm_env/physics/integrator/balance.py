@@ -13,8 +13,9 @@ from ..protocol import (
 from .work import Work
 
 TURN = 0.15
-"""Change of a coordinate in a step (rad) below which the energy is not evaluated: directions of inertia forces change
-by at most as much, and the trapezoidal rule then gains or loses less than 3 % of the energy (measured)."""
+"""If every coordinate changes by less than this angle (rad) in a step, the energy is not evaluated. Directions of
+inertia forces then change by at most this angle, and the trapezoidal rule gains or loses less than 3 % of the energy
+(measured)."""
 
 TOLERANCE = 0.05
 """Largest error of a step's energy balance, as a fraction of the kinetic and strain energy."""
@@ -22,13 +23,13 @@ TOLERANCE = 0.05
 
 @kernel
 def refuse_step(lane, model, drive, par, w: Work, active, h):
-    """Flag lanes whose solved step of h (s) violates the energy balance dE = W - D; return whether there is one.
+    """Flag lanes whose solved step of h (s) violates the energy balance dE = W - D; return whether a lane is flagged.
 
     W, D: work and dissipation of mean forces (J). On linear vibrations the trapezoidal rule keeps the balance exactly
-    for any h. What remains is the error of inertia forces that turn with the nodes: a step through a whip, which may
-    have converged to a root far from the motion. Checked only for models whose motion steps resolve (the elastica),
-    without loads or motions in time (drive None), where a coordinate changes by TURN. active: lanes that Newton has not
-    solved (> 1/2), which are not flagged here.
+    for any h. A violation is therefore an error of inertia forces that turn with the nodes: in a step through a whip
+    Newton's iteration may have converged to a solution far from the motion. The check needs a model whose motion the
+    steps resolve (the elastica), no loads or motions in time (drive None), and a coordinate that changes by TURN.
+    active: lanes that Newton has not solved (> 1/2), which are not flagged here.
 
     # state     w.q0, w.v0 at the start of the step; w.q, w.v, w.u at its end
     # out       w.flag <- NEWTON_FAILED.   # scratch  w.r, w.y, w.y0
@@ -49,8 +50,8 @@ def _flag_unbalanced(lane, model, par, w: Work, active, h):
     """Flag lanes with |dE - W + D| > TOLERANCE max(T + U) over a step of h (s) under constant inputs.
 
     dE: change of the energy; W: work of the inputs; D: dissipation of mean forces (J). T, U: kinetic and strain energy
-    at either end. active: lanes that Newton has not solved (> 1/2), not flagged. D lacks the loss by Coulomb friction,
-    so that with friction only a gain of energy counts. Return whether a lane is flagged.
+    at either end. active: lanes that Newton has not solved (> 1/2), not flagged. D does not contain the loss by Coulomb
+    friction. With friction, therefore, only a gain of energy counts. Returns whether a lane is flagged.
 
     # state     w.q0, w.v0 at the start of the step; w.q, w.v, w.u at its end
     # out       w.flag <- NEWTON_FAILED.   # scratch  w.r, w.y, w.y0

@@ -1,4 +1,4 @@
-"""Evaluate a scene's loads and prescribed motions, functions of time, where the integrator needs them."""
+"""Evaluate a scene's loads and prescribed motions, which are functions of time, for the integrator."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def evaluate(drive, f, t, side):
 
         value = c0 + c1 s + c2 s^2 + c3 s^3 + A sin(w s + p),    s = t - t0
 
-    In the function's unit (N, N m, m, rad). side: time (s) that selects the piece, slightly before or after t where the
-    function jumps at t.
+    The values are in the function's unit (N, N m, m, rad). side: time (s) that selects the piece; it is slightly before
+    or after t if the function jumps at t.
     """
     at = PIECE * piece_at(drive, f, side)
     p = drive.pieces[at : at + PIECE]
@@ -50,7 +50,7 @@ def evaluate(drive, f, t, side):
 
 @kernel
 def set_inputs(lane, drive, u: Lanes, t, side):
-    """Write the inputs that are functions of time into u (N m, N): each driven entry <- sum of its terms at time t (s).
+    """Write the inputs that are functions of time into u (N m, N): each driven entry is the sum of its terms at t (s).
 
     drive: `Drive`. Entries without a term keep their value (actions). u: (n_inputs,) lanes; side: time (s) slightly
     before or after t, which selects the piece of a function that jumps at t.

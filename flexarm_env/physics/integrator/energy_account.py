@@ -11,7 +11,7 @@ from .work import Work, copy_rows, state_of
 
 @kernel
 def start_energy_account(lane, model, drive, par, w):
-    """Store inputs, their displacements, motions, reactions and friction at the start of a smooth stretch of steps.
+    """Store inputs, their displacements, motions, reactions and friction at the start of steps without jumps.
 
     # in        w.q, w.v, w.a, w.u, w.psi, w.reaction
     # out       w.u0, w.y0, w.psi0, w.reaction0; friction torques in w.S (`joints.friction.store_friction`)
@@ -29,10 +29,10 @@ def start_energy_account(lane, model, drive, par, w):
 def account_for_step(lane, model, drive, par, w: Work, h):
     """Add work and dissipation of a step of h (s) to w.books (J): mean force times displacement, as Newmark does.
 
-    Damping dissipates the power of the step's mean strain rates. Rates at the ends of the step differ from the mean by
-    second order of h. In strains so stiff that this difference outweighs the rates, the damping forces also do work,
-    the entry BEYOND of w.books, which the strain energy absorbs and returns. drive: `Drive`, or None without motions in
-    time.
+    The dissipation is the power of damping at the step's mean strain rates. Rates at the ends of the step differ from
+    the mean by second order of h. In very stiff strains this difference is larger than the rates themselves. The
+    damping forces then do additional work, the entry BEYOND of w.books. The strain energy absorbs this work and returns
+    it. drive: `Drive`, or None without motions in time.
 
     # state     w.q0, w.v0, w.u0, w.y0, w.psi0, w.reaction0 at the start; w.q, w.v, w.u, w.psi, w.reaction at the end
     # out       w.books; w.u0, w.y0, w.psi0, w.reaction0 <- values at the end, for the next step

@@ -1,4 +1,4 @@
-"""Jump of the state where the payload changes at an instant: an object is gripped or released."""
+"""Jump of the state when the payload changes at an instant, because an object is gripped or released."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from .work import Work, copy_rows, move_multipliers, solve_unknown_rows, state_o
 def change_payload(lane, model, resting, par, new, live: Lanes, w: Work, h, books):
     """Set the payload's mass (kg) and inertia (kg m^2) to `new` (2 rows) in lanes with live > 1/2; velocities jump.
 
-    resting: a tag if the gripped object is at rest. It takes on the arm's motion in no time: q and the momentum stay,
-    M+ v+ + Phi_q^T Lambda = M- v-, since torques, springs, dampers and friction are finite and have no impulse. M-, M+:
-    mass matrix with the old and the new payload; Lambda: impulses of the constraints Phi = 0. With None, and where an
-    object is released, it moves with the tip and v stays. The part of the jump dv that damping ends before a step sees
-    it is removed as where a motion jumps: e = (1 - s)^3 (1 + 3 s) dv with s = (M+ + h/2 C)^-1 M+ (see `start`).
+    resting: a tag if the gripped object is at rest, otherwise None. An object at rest takes on the arm's motion
+    instantly. q and the momentum stay, M+ v+ + Phi_q^T Lambda = M- v-, because torques, springs, dampers and friction
+    are finite and have no impulse. M-, M+: mass matrix with the old and the new payload; Lambda: impulses of the
+    constraints Phi = 0. With resting None, or when an object is released, the object moves with the tip and v stays.
+    Damping ends a part e of the jump dv within less than a step. As after a jump of a motion (see `start`), this part
+    is removed: e = (1 - s)^3 (1 + 3 s) dv with s = (M+ + h/2 C)^-1 M+.
 
     Accelerations jump with the change of the residual from r- to r+, b by the same amount:
 
@@ -28,8 +29,8 @@ def change_payload(lane, model, resting, par, new, live: Lanes, w: Work, h, book
     # state     w.v, w.a, w.b and multipliers in w.q: in and out
     # scratch   w.r, w.S, w.q0, w.v0, w.a0, w.b0
 
-    books: a tag to account in w.books, or None. The impact's loss T- - T+ of kinetic energy is dissipated; the energy
-    of the object that comes or goes counts as work.
+    books: a tag to account in w.books, or None. The impact's loss T- - T+ of kinetic energy counts as dissipation. The
+    energy of the gripped or released object counts as work.
     """
     n, here = size(model.n), live[0]
     before = energy(lane, model, par, w.q, w.v)
@@ -63,7 +64,7 @@ def change_payload(lane, model, resting, par, new, live: Lanes, w: Work, h, book
 
 @kernel
 def _is_gripped_at_rest(lane, resting, par: Lanes, new: Lanes, live):
-    """Return 1 in live lanes that grip an object at rest: payload mass or inertia grows from par to new; else 0.
+    """Return 1 in live lanes that grip an object at rest (payload mass or inertia grows from par to new), else 0.
 
     resting: a tag if gripped objects are at rest, or None (0 everywhere); new: mass (kg), inertia (kg m^2); live: 1 or
     0.
@@ -78,8 +79,8 @@ def _is_gripped_at_rest(lane, resting, par: Lanes, new: Lanes, live):
 def _rest_residual(lane, model, par, w: Work, moving, weights):
     """Compute the residual w.r at rest (v = 0) with accelerations w.v0 (moving True) or 0 (False).
 
-    Payload as in par. Sets w.v to 0 and w.a to those accelerations. weights: `Weights`; with weights.with_matrix it
-    also assembles w.S.
+    The payload is that in par. Sets w.v to 0 and w.a to these accelerations. weights: `Weights`; with
+    weights.with_matrix it also assembles w.S.
     """
     for k in range(size(model.n)):
         w.v[k] = 0.0
@@ -121,7 +122,7 @@ def _velocity_loss(lane, model, par: Lanes, new: Lanes, w: Work):
 
 @kernel
 def _accelerate(lane, model, par, w: Work, h):
-    """Solve for accelerations w.a and multipliers after the payload's change; w.b0: the residual r- before it.
+    """Solve for accelerations w.a and multipliers after the payload's change; w.b0: the residual r- before the change.
 
     Three corrections -(r+ - r-) with one factorization of M+ + h/2 C + h^2/4 K (mass matrix with the new payload,
     damping, stiffness); r+: residual at the current a; h: a step, s. Scratch: w.r, w.S.

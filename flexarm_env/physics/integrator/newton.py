@@ -40,8 +40,8 @@ from .period import correct_period
 from .work import Work, apply_increment, remove_known_rows, solve_unknown_rows, state_of, take_multipliers
 
 LINEAR = 1e-3
-"""Smallest contraction assumed where a model reuses factors. The largest errors first fall quadratically, so that the
-measured contraction underestimates the linearly convergent part."""
+"""Smallest contraction assumed for models that reuse factors. At first the largest errors fall quadratically, so the
+measured contraction underestimates the contraction of the linearly convergent part."""
 
 
 class NewmarkSlopes(NamedTuple):
@@ -62,11 +62,11 @@ def newmark_slopes(scheme, h):
 
 @kernel
 def _first_contraction(lane, first_error, increment):
-    """Return the contraction theta assumed for the first iteration, which has no earlier increment to compare with.
+    """Return the contraction theta assumed for the first iteration, because it has no earlier increment to compare.
 
-    increment: |d|, the largest weighted entry of the first increment. The error left is estimated as theta / (1 -
-    theta) |d|. With kappa = first_error (`NewtonPolicy`) and |d| < 0.05, theta = kappa |d|, a quadratic error;
-    otherwise, or with first_error None, theta = 1/2, so that the estimate is |d| itself.
+    increment: |d|, the largest weighted entry of the first increment. The remaining error is estimated as theta / (1 -
+    theta) |d|. With kappa = first_error (`NewtonPolicy`) and |d| < 0.05, theta is kappa |d| (a quadratic error).
+    Otherwise, or with first_error None, theta is 1/2, and the estimate is |d| itself.
     """
     if first_error is None:
         return 0.5
@@ -75,7 +75,7 @@ def _first_contraction(lane, first_error, increment):
 
 @kernel
 def follow_displacement(lane, w: Work, k, d, slopes):
-    """Update v, a and b of row k for a change d of its q (m or rad): v += d dv/dq, likewise a and b.
+    """Update v, a and b of row k for a change d of its q (m or rad): v += d dv/dq, and the same for a and b.
 
     slopes: `NewmarkSlopes`, dv/dq (1/s), da/dq and db/dq (1/s^2) of the step's end.
     """
@@ -88,7 +88,7 @@ def follow_displacement(lane, w: Work, k, d, slopes):
 def move_prediction(lane, model, w: Work, q: Lanes, slopes):
     """Move the predicted coordinates w.q to q (n rows); w.v, w.a, w.b follow by `slopes` (`NewmarkSlopes`).
 
-    With rotations only positions may change (m), so that rows can be subtracted; w.shift records the change.
+    In models with rotations only positions may change (m), so that rows can be subtracted. w.shift records the change.
     """
     for k in range(size(model.n)):
         moved = q[k]
@@ -116,7 +116,7 @@ def _shifted_increment(lane, correction, shift: Lanes, k, d):
 def _take_tangent_multipliers(lane, algebraic, w: Work, c_m):
     """Update only the tangents of the multipliers (dual lanes): lambda <- lambda - c_m r; their values stay.
 
-    algebraic: rows of the multipliers, or None. c_m: da+/dq+ of the step. Their rows of w.r become 0.
+    algebraic: rows of the multipliers, or None. c_m: da+/dq+ of the step. The multipliers' rows of w.r become 0.
     """
     if algebraic is not None:
         for i in range(algebraic.shape[0]):
@@ -190,7 +190,8 @@ def newton(lane, model, drive, par, w: Work, slopes, scheme, plain):
     """Solve a step's equations for q+, v+, a+, b+ and lambda, eqs. [69]-[82]; return 1 in lanes that failed, else 0.
 
     Convergence: theta / (1 - theta) |d| < tolerance, with the weighted increment |d| and the contraction theta (theory,
-    section 6). Lanes that have converged, or failed before (w.flag), keep their bits while the others iterate.
+    section 6). Lanes that have converged, or have failed before (w.flag), keep their bits while the other lanes
+    iterate.
 
     # model     model, drive, par, scheme; slopes: `NewmarkSlopes` of the step
     # state     w.q, w.v, w.a, w.b: in, prediction; out, end of the step. w.u, w.psi at its end; w.q0, w.a0 at its start
@@ -245,10 +246,10 @@ def newton(lane, model, drive, par, w: Work, slopes, scheme, plain):
 
 @kernel
 def _solve_tangents_once_more(lane, model, drive, par, w: Work, slopes):
-    """Repeat one Newton solve for the tangents of dual lanes at the converged values, which stay as they are.
+    """Repeat one Newton solve for the tangents of dual lanes at the converged values, which do not change.
 
-    The tangents of the iteration are one iteration behind its values. S is the derivative of r, or nearly so: one
-    further solve makes them exact, a few where rotations make S approximate.
+    During the iteration the tangents are one iteration behind the values. If S is the exact derivative of r, one
+    further solve makes the tangents exact. With rotations S is approximate, and a few solves are needed.
 
     # state     w.q, w.v, w.a, w.b and multipliers: only their tangents change
     # scratch   w.r, w.S

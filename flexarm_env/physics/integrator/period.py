@@ -1,13 +1,13 @@
 """Correction of a step for the integrator's error of the period (theory, eq. 6.2).
 
-Newmark's displacement with beta - 2 kappa in place of beta would keep the period of a vibration to fourth order in
-omega h, but is stable only where the step resolves all vibrations. Hence
+Newmark's displacement with beta - 2 kappa instead of beta would keep the period of a vibration to fourth order in omega
+h. It is stable, however, only if the step resolves all vibrations. The corrected displacement is therefore
 
     q+ = (Newmark's q+) - 2 kappa h^2 Y (a+ - a),   Y = S^-1 c_m M,
 
 where the Newton matrix S acts as a low-pass filter: Y is about 1 for motion that the step resolves and vanishes for
-faster motion. a+ is the acceleration of the step without correction, from the first Newton increment whose square is
-below the tolerance, so that it leaves no larger an error. M is constant.
+faster motion. a+ is the acceleration of the step without correction. It is taken at the first Newton increment whose
+square is below the tolerance, so its error is below the tolerance too. M is constant.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from ..protocol import inertia_forces, solve
 from .work import Work, remove_known_rows
 
 NEAR, FAR = 0.01, 0.03
-"""Largest weighted Newton increment from which to correct, and largest weighted correction (rad, lengths over the arm's
-length). A larger correction belongs to motion that the step does not resolve, such as vibrations after a jump of the
-root's velocity, and would add energy."""
+"""Largest weighted Newton increment at which to correct, and largest weighted correction (rad, lengths over the arm's
+length). A larger correction would belong to motion that the step does not resolve, such as vibrations after a jump of
+the root's velocity. It would add energy."""
 
 
 @kernel
@@ -32,7 +32,7 @@ def _filtered(lane, model, drive, par, w, c_m, turn, x, y: Lanes):
 
     w.S: factors of the Newton matrix S; M: constant mass matrix; c_m = da/dq of the step, 1/s^2. turn: None, or (start,
     q, share): the vectors in x first turn by `share` times their section's rotation from start to q. drive: `Drive`,
-    whose prescribed rows are known, or None. Joints held by Coulomb friction stay held.
+    whose prescribed rows are known, or None. Joints that stick by Coulomb friction stay at rest.
     """
     inertia_forces(lane, model, par, turn, x, y)
     for k in range(size(model.n)):

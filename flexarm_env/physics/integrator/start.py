@@ -1,4 +1,4 @@
-"""Consistent velocities, accelerations and multipliers at t+, where a load or a motion may have jumped at time t."""
+"""Consistent velocities, accelerations and multipliers just after a time t at which a load or a motion may jump."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from .work import (
 )
 
 SMALL = 1e-3
-"""Factor on a velocity for which damping forces are evaluated; the result is divided by it. Forces quadratic in the
-velocity then do not count."""
+"""Damping forces are evaluated at the velocity times this factor, and the result is divided by it. Forces quadratic in
+the velocity are then negligible."""
 
 
 @kernel
@@ -28,17 +28,18 @@ def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
     """Compute consistent velocities, accelerations and multipliers at t+, after loads or motions may have jumped.
 
     Velocities jump by dv, M dv + Phi_q^T Lambda = 0, with the prescribed part known (Phi = 0: constraints, Lambda:
-    their impulses). The part of dv that damping ends within much less than a step is removed (`_remove_damping_layer`),
-    and kept accelerations change by its forces. Work and loss of the impulses are accounted for in w.books.
+    their impulses). Damping ends a part of dv within much less than a step. This part is removed
+    (`_remove_damping_layer`), and its damping forces change the accelerations that are kept. Work and loss of the
+    impulses are accounted for in w.books.
 
     Accelerations: a fresh start solves M a + Phi_q^T lambda = Q - h(q, v), Q: generalized loads, and b = a. At a kink
-    within a run (not fresh, with a drive) accelerations and multipliers are kept and corrected three times by the
-    residual r at t+,
+    within a run (not fresh, with a drive) accelerations and multipliers are kept, and then corrected three times by the
+    residual r at t+:
 
         (M + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -r,
 
-    and b keeps its distance from a. Where the step resolves the motion this is M da = -r to third order; with M alone,
-    the stress of strains and strain rates too stiff for the step would make accelerations large.
+    The distance b - a stays the same. If the step resolves the motion, this equals M da = -r to third order. With M
+    alone, stresses of strains and strain rates that are too stiff for the step would make accelerations large.
 
     # model     model, drive (None: no loads or motions in time, velocities stay), par; h: a step, s
     # state     flat: work array `Work` with n_motions prescribed coordinates; q stays, v, a, b and lambda change
@@ -50,7 +51,7 @@ def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
 def _save_accelerations(lane, n, algebraic, w: Work):
     """Save accelerations and multipliers in w.q0 (free between steps) and the distance b - a in w.b.
 
-    n: number of rows; algebraic: rows of multipliers, whose values stand in w.q, or None.
+    n: number of rows; algebraic: rows of multipliers, whose values are in w.q, or None.
     """
     for k in range(n):
         a = w.a[k]
@@ -66,8 +67,8 @@ def _save_accelerations(lane, n, algebraic, w: Work):
 def _take_multipliers(lane, drive, algebraic, w: Work, fresh):
     """Move the multipliers from their rows of w.a, where a solve for accelerations leaves them, to w.q.
 
-    At a kink (with a drive, not fresh) the solve gives their change, which is added to those kept in w.q. algebraic:
-    rows of multipliers, or None (nothing to do); drive: `Drive`, or None; fresh: True at a fresh start.
+    At a kink (with a drive, not fresh) the solve gives the change of the multipliers, which is added to their values in
+    w.q. algebraic: rows of multipliers, or None (nothing to do); drive: `Drive`, or None; fresh: True at a fresh start.
     """
     if drive is not None and algebraic is not None and not fresh:
         for i in range(algebraic.shape[0]):
@@ -116,8 +117,8 @@ def _prescribed_rates(lane, drive, w: Work, i):
 def _account_for_impulse(lane, drive, w: Work, share, scale):
     """Add the work of the impulses w.reaction (N s, N m s), times `scale`, to w.books (J).
 
-    It is impulse times velocity: `share` of the prescribed velocity before the jump plus 1 - share of that after it.
-    drive: `Drive`, which names the prescribed coordinates.
+    The work is impulse times velocity. The velocity is `share` times the prescribed velocity before the jump plus 1 -
+    share times that after the jump. drive: `Drive`, which names the prescribed coordinates.
     """
     for i in range(drive.known.shape[0]):
         speed, before = _prescribed_rates(lane, drive, w, i)
@@ -138,9 +139,9 @@ def _has_velocity_jump(lane, drive, w):
 
 @kernel
 def _residual_with_multipliers(lane, model, par, w, weights):
-    """Compute the residual w.r (eq. [64]) of w.q, w.v, w.a with the multipliers that stand in their rows of w.a.
+    """Compute the residual w.r (eq. [64]) of w.q, w.v, w.a, with multipliers read from their rows of w.a.
 
-    They are moved to w.q first. weights: `Weights`; with weights.with_matrix it also assembles w.S.
+    The multipliers are moved to w.q first. weights: `Weights`; with weights.with_matrix it also assembles w.S.
     """
     move_multipliers(lane, model.algebraic, w.q, w.a, False)
     assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
@@ -148,7 +149,7 @@ def _residual_with_multipliers(lane, model, par, w, weights):
 
 @kernel
 def _jump_velocities(lane, model, drive, par, w: Work, h, fresh):
-    """Let velocities jump with the prescribed motions: v <- v + dv, M dv + Phi_q^T Lambda = 0; h: a step, s.
+    """Let velocities jump with the prescribed motions: v <- v + dv, M dv + Phi_q^T Lambda = 0; h: length of a step, s.
 
     Phi = 0: constraints, Lambda: their impulses. fresh: True at a fresh start, which keeps no accelerations.
 
@@ -219,16 +220,16 @@ def _solve_jump(lane, model, drive, par, w: Work):
 def _remove_damping_layer(lane, model, drive, par, w: Work, h, fresh):
     """Remove from the velocity jump dv the part e that damping ends before a step of h (s) could see it.
 
-    Damping does not let the velocity jump within the material: it spreads the jump that M alone leaves next to a
-    prescribed coordinate, in a time that may be far below a step. The step, and its energy account, would meet the
-    forces C dv as if they lasted for half of it. With s = (M + h/2 C)^-1 M, where nothing prescribed moves and Phi_q s
-    = 0, dv loses
+    Within the material, damping prevents a jump of the velocity. By M alone the jump stays next to a prescribed
+    coordinate; damping spreads it in a time that may be far below a step. Without the removal the step, and its energy
+    account, would apply the forces C dv for half of the step. Let s = (M + h/2 C)^-1 M, with prescribed coordinates at
+    rest and Phi_q s = 0. Then dv loses
 
         e = (1 - s)^3 (1 + 3 s) dv:    all that damping ends within the step, h^3 of what the step resolves, and nothing
                                        without damping. (1 - s) x solves (M + h/2 C) y + Phi_q^T mu = h/2 C x.
 
     M, C: mass and damping matrix; mu: multipliers of the constraints Phi = 0. The impulse of damping is h/2 C (g - e),
-    g having one factor (1 - s) less; it acts at the prescribed velocities after the jump. Unless fresh, the
+    where g has one factor (1 - s) less than e. It acts at the prescribed velocities after the jump. Unless fresh, the
     accelerations and multipliers saved in w.q0 change by -M^-1 C (dv - e), a sum of the same solutions.
 
     # state     w.a0: in, dv; out, dv - e.   w.books: work and loss are added.   w.q0 (unless fresh): in and out
@@ -295,7 +296,7 @@ def damping_layer(lane, model, drive, par, w: Work, rest, h, fresh):
 
 @kernel
 def _damp_layer(lane, model, drive, par, w: Work, rest, h, matrix, fresh, share):
-    """Compute w.r <- (1 - s) x by (M + h/2 C) y + Phi_q^T mu = h/2 C x, with SMALL h/2 x given in w.v (m/s, rad/s).
+    """Compute w.r <- y = (1 - s) x, (M + h/2 C) y + Phi_q^T mu = h/2 C x; w.v holds SMALL h/2 x (m/s, rad/s).
 
     s = (M + h/2 C)^-1 M; M, C: mass and damping matrix; mu: multipliers of the constraints Phi = 0; h: a step, s.
     matrix: True assembles and factors M + h/2 C in w.S first, False uses its factors. rest: residual at rest (v = a =

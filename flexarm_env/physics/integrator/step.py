@@ -3,9 +3,9 @@
     (1 - alpha_m) b+ + alpha_m b = (1 - alpha_f) a+ + alpha_f a          auxiliary acceleration b (Arnold & Bruels 2007)
     q+ = q + h v + h^2 ((1/2 - beta) b + beta b+),   v+ = v + h ((1 - gamma) b + gamma b+)
 
-With alpha_m = alpha_f = 0 (or rho = 1 and b = a at the start) this is the paper's Newmark method. A step is a
-pure function of its start. In lanes, arms that have converged keep their bits while the others iterate, so that a
-batch and a single arm give the same bits.
+With alpha_m = alpha_f = 0 (or rho = 1 and b = a at the start) this is the paper's Newmark method. A step is a pure
+function of its start. In lanes, an arm that has converged keeps its bits while other arms iterate. A batch and a single
+arm therefore give the same bits.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ def newmark_predict(lane, model, w: Work, h, scheme):
 def _restart_from_step_start(lane, model, w: Work, slopes):
     """Start the Newton iteration at the step's initial q instead of the prediction; v, a, b follow q by `slopes`.
 
-    After a load has jumped, accelerations that the step does not resolve may put the prediction so far off that the
-    iteration does not converge from there. slopes: `NewmarkSlopes`, derivatives of v+, a+, b+ by q+, eq. (6.1).
+    After a jump of a load, the step may not resolve the accelerations. The iteration may then not converge from the
+    prediction, because its error is too large. slopes: `NewmarkSlopes`, derivatives of v+, a+, b+ by q+, eq. (6.1).
 
     # state     w.q, w.v, w.a, w.b: in, prediction; out, the values that belong to q+ = w.q0
     # scratch   w.r
@@ -113,10 +113,10 @@ def _project_onto_constraints(lane, model, drive, par, algebraic, w: Work):
 
         M dv + Phi_q^T Lambda = 0, Phi_q dv = -dPhi/dt;    M da + Phi_q^T dlambda = 0, Phi_q da = -d2Phi/dt2;    db = da
 
-    Phi = 0: the constraints; lambda: their multipliers (forces), Lambda impulses. The step meets constraints at the
-    level of positions, so that velocities violate them by O(h^2), accelerations by O(h); at rho_inf = 1 both would
-    alternate and grow. The change of the other forces by dv is kept out of da: stiff damping of it, which the step does
-    not resolve, would act explicitly and be unstable.
+    Phi = 0: the constraints; lambda: their multipliers (forces), Lambda impulses. The step satisfies the constraints at
+    the level of positions. Velocities violate their derivative by O(h^2), accelerations by O(h). At rho_inf = 1 both
+    errors would alternate and grow. The equation of da leaves out the other forces' change by dv: stiff damping, which
+    the step does not resolve, would act explicitly and be unstable.
 
     # state     w.v, w.a, w.b and the multipliers in w.q: in and out, at the end of the step
     # scratch   w.r, w.S.   algebraic: rows of multipliers, or None (nothing to do)
@@ -182,9 +182,9 @@ def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, boo
     """Integrate n_steps steps of h (s) from time t within a smooth stretch; return the time reached, s.
 
     A single arm retries a step whose Newton iteration fails: from another start, then in halves; it stops at the last
-    good state, with w.flag set. A step refused for its energy (`balance`) is halved at once. In lanes a failed arm is
-    flagged while the others go on and the intended end time is returned; the caller repeats that arm alone from the
-    start of the stretch.
+    good state, with w.flag set. A step that is rejected for its energy (`balance`) is halved at once. In lanes a failed
+    arm is flagged while the other arms continue, and the intended end time is returned. The caller repeats the failed
+    arm alone from the start of the stretch.
 
     # model     model, drive (None: no loads or motions in time), par: the arm's own parameters, scheme: `Scheme`
     # state     flat: the work array, `Work`; n_motions: number of prescribed coordinates
@@ -200,7 +200,7 @@ def advance_within(lane, model, drive, par, w: Work, t, h, n_steps, scheme, book
     """Integrate n_steps steps of h (s) from time t on the unpacked work array w (`Work`); return the time reached, s.
 
     A single arm retries a failed step from another start, then in halves, and stops at the last good state with w.flag
-    set. In lanes a failed arm is flagged while the others go on, and t + n_steps h is returned.
+    set. In lanes a failed arm is flagged while the other arms continue, and t + n_steps h is returned.
 
     # model     model, drive (None: no loads or motions in time), par: the arm's own parameters, scheme: `Scheme`
     # state     w.q, w.v, w.a, w.b and the other fields of w: in, at t; out, at the time reached

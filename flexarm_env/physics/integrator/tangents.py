@@ -1,12 +1,13 @@
-"""Tangents of a step, a fresh start and a jump of torques, by the implicit function theorem at the values found.
+"""Tangents of a step, a fresh start and a jump of torques, by the implicit function theorem at the solution.
 
-A step solves r(q, v, a) = 0, with v and a functions of q and of the step's start. For a direction in which the start,
-the inputs or the parameters change, one residual in dual lanes, with the tangents that v and a have for dq = 0, gives
-dr without the part of q. Then S dq = -dr, S being the step's matrix at its end, in lanes without tangents.
+A step solves r(q, v, a) = 0, with v and a functions of q and of the step's start. Consider a direction in which the
+start, the inputs or the parameters change. One residual in dual lanes, with the tangents of v and a at dq = 0, gives dr
+without the part of q. Then S dq = -dr, where S is the matrix at the step's end, in lanes without tangents.
 
 `wide` is a dual lane tag and `x` its work array, whose values are updated here; `w` is the arm's own work array.
 
-Exact where these equations alone decide the step: not with Coulomb friction, nor with period correction.
+The tangents are exact if only these equations determine the step, which excludes Coulomb friction and period
+correction.
 """
 
 from __future__ import annotations
@@ -39,12 +40,12 @@ def copy_values(lane, wide, rows, values, both):
 
 
 LEFT, LEAST = 1e-8, 1e-14
-"""Share of the first solution by which tangents may be off: LEFT times the steps' tolerance, at least LEAST."""
+"""Allowed error of tangents, as a share of the first solution: LEFT times the steps' tolerance, at least LEAST."""
 
 
 @kernel
 def largest_row(lane, model, r, many, first):
-    """Return the largest |r_k| weight_k of r: n rows of `many` elements, of which those before `first` do not count."""
+    """Return the largest |r_k| weight_k of r: n rows of `many` elements; elements before `first` do not count."""
     found = splat(lane, 0.0)
     for k in range(size(model.n)):
         for j in range(first, many):
@@ -54,7 +55,7 @@ def largest_row(lane, model, r, many, first):
 
 @kernel
 def tangents_have_converged(lane, scheme, first, before, left):
-    """Return whether the error left, left^2 / before, is below the allowed share of the first solution in all lanes.
+    """Return whether the remaining error, left^2 / before, is below the allowed share of `first` in all lanes.
 
     first, before, left: largest weighted rows of the first, the last but one and the last correction.
     """
@@ -73,7 +74,7 @@ def copy_state(lane, wide, model, w, x):
 
 @kernel
 def factor_step_end(lane, model, par, w, slopes):
-    """Factor the Newton matrix at the end of a step into w.S; w.r <- the residual there."""
+    """Factor the Newton matrix at the end of a step into w.S; w.r <- the residual at the end of the step."""
     # S = c_m dr/da + c_v dr/dv + dr/dq at the end, not that of Newton's last iteration, which belongs to an earlier
     # iterate
     weights = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0)
@@ -98,7 +99,7 @@ def _solve(lane, wide, model, w, x):
 
 @kernel
 def step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
-    """Compute the tangents of q, v, a, b at the end of a step from those at its start, both in x.
+    """Compute the tangents of q, v, a, b at the end of a step in x, in place of the tangents at its start.
 
     # in        w: the arm at the step's end, w.S from `factor_step_end`; w.q0, w.v0, w.a0, w.b0: its start
     # out       x.q, x.v, x.a, x.b; x.r, x.S: scratch
@@ -121,7 +122,7 @@ def step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
 
 @kernel
 def _shift_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
-    """Compute the tangents of q, v and a at the step's end, where the total increment d moves the predicted q: q (+) d.
+    """Compute the tangents of q, v and a at the step's end, with q = (predicted q) (+) d, d: the total increment.
 
     v and a follow d by `slopes`. x: in, tangents of the prediction; w.shift: d at the step's end. passes: see
     `step_tangents`. Theory, section 9, "Derivatives".
@@ -162,7 +163,7 @@ def _follow_shift(wide, model, x, slopes):
 
 @kernel
 def _step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
-    """Compute the tangents of a step as `step_tangents` for coordinates that are added, by eq. (6.1)."""
+    """Compute the tangents of a step as `step_tangents`, for coordinates without rotations, by eq. (6.1)."""
     n, h, am, af = size(model.n), slopes.h, scheme.alpha_m, scheme.alpha_f
     for k in range(n):
         q, v, a, b = load(wide, x.q, k), load(wide, x.v, k), load(wide, x.a, k), load(wide, x.b, k)
@@ -188,7 +189,7 @@ def _step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
 
 @kernel
 def restart_tangents(lane, wide, model, parx, w, x):
-    """Compute in x.r the tangents of a after a fresh start from those of q and v in x; w.S: factors of its matrix M."""
+    """Compute in x.r the tangents of a after a fresh start, from those of q and v in x; w.S: factors of M."""
     for k in range(size(model.n)):
         store(x.a, k, splat(wide, 0.0))
     copy_state(lane, wide, model, w, x)
@@ -198,7 +199,7 @@ def restart_tangents(lane, wide, model, parx, w, x):
 
 @kernel
 def before_switch(lane, wide, model, parx, w, x):
-    """Store in x.q0 the residual, with tangents, before the torques jump from x.u0 to x.u; w: the arm then."""
+    """Store in x.q0 the residual, with tangents, before a torque jump from x.u0 to x.u; w: the arm before the jump."""
     copy_state(lane, wide, model, w, x)
     residual(wide, model, parx, state_of(x), x.u0, x.r, x.S)
     copy_rows(wide, size(model.n), x.r, x.q0)
@@ -241,8 +242,8 @@ def _add_jump(wide, n, x):
 def switch_tangents(lane, wide, model, parx, w, x):
     """Compute the tangents of a and b after a jump of the torques, at which the residual is unchanged: r(u) = r(u0).
 
-    x: in, tangents before the jump and x.q0 from `before_switch`; out, x.a and x.b. w: the arm after it, w.S its
-    factors.
+    x: in, tangents before the jump and x.q0 from `before_switch`; out, x.a and x.b. w: the arm after the jump, with the
+    factors in w.S.
     """
     copy_state(lane, wide, model, w, x)
     residual(wide, model, parx, state_of(x), x.u, x.r, x.S)

@@ -1,4 +1,4 @@
-"""The integrator's work array: its layout, its views, and operations on them before and after a linear solve.
+"""The integrator's work array: layout, views, and operations on the views before and after a linear solve.
 
 An arm, or a group of arms in lanes, has one flat float64 array. `unpack` returns its parts by name, the record `Work`.
 """
@@ -109,8 +109,8 @@ def reset_shift(lane, model, w):
 def apply_increment(lane, model, w, d: Lanes):
     """Move the coordinates by an increment: q <- q (+) d.
 
-    Rotations do not add up, their increments do. With rotations the sum of all increments of the step is therefore
-    applied to the predicted q, so that the end of a step does not depend on the path of the Newton iteration.
+    Rotations cannot be added, but their increments can. With rotations, therefore, the sum of all increments of the
+    step is applied to the predicted q. The end of a step then does not depend on the path of the Newton iteration.
 
     # model     model
     # out       w.q; with rotations also w.shift
@@ -178,7 +178,7 @@ def store_reactions(lane, known, algebraic, r: Lanes, multipliers: Lanes, reacti
 
 @kernel
 def set_prescribed(lane, known, psi: Lanes, q: Lanes, v: Lanes, a: Lanes, b: Lanes):
-    """Set q, v, a and b of the prescribed coordinates to the motions' values: position, velocity, acceleration twice.
+    """Set q, v, a and b of the prescribed coordinates to the motions' position, velocity and (a and b) acceleration.
 
     known: rows, negative where a multiplier prescribes (nothing is set); psi: one `MOTION` per entry of known: value,
     rate, second rate (m, rad).
@@ -198,8 +198,8 @@ def set_prescribed(lane, known, psi: Lanes, q: Lanes, v: Lanes, a: Lanes, b: Lan
 def move_multipliers(lane, algebraic, target: Lanes, values: Lanes, clear):
     """Copy the rows of multipliers from `values` to `target`, or set them to 0 (clear True).
 
-    algebraic: rows of multipliers, or None (nothing to do). They are stored in q, but solves for accelerations or
-    velocity jumps return them in the arrays of those.
+    algebraic: rows of multipliers, or None (nothing to do). Multipliers are stored in q, but solves for accelerations
+    or velocity jumps return them in the array of the solution.
     """
     if algebraic is not None:
         for i in range(algebraic.shape[0]):

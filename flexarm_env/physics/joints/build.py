@@ -1,4 +1,4 @@
-"""Assembly of joints: from the System of an arm with ideal joints to that with rotors, gears and friction."""
+"""Assembly of joints: add rotors, gears and friction to the System of an arm with ideal joints."""
 
 from __future__ import annotations
 
@@ -25,8 +25,9 @@ from flexarm_env.time_functions import constant
 def with_joints(
     scene: Scene, settings: Settings, system: System, places: Sequence[tuple[int, int]] | None = None
 ) -> System:
-    """Return the System with the arm's contributions: gears, floating base, forces at points, contacts; itself without
-    any.
+    """Return the System with the arm's contributions: gears, floating base, forces at points, contacts.
+
+    Without contributions `system` itself is returned.
 
     places: pairs of rows that are positions (`places_of`), for an arm on a floating base; otherwise None.
 
@@ -127,7 +128,7 @@ def points_of(arm: Arm) -> list[AtPoint]:
 def with_points(scene: Scene) -> Scene:
     """Return the scene with a point load of no force for each contribution at a point and each point that may touch.
 
-    They follow the scene's own loads.
+    These loads follow the scene's own loads.
     """
     loads = [PointLoad(*kind.place(scene.arm), constant(0.0)) for kind in points_of(scene.arm)]
     loads += loads_of(scene)
@@ -163,7 +164,7 @@ def with_base_mass(scene: Scene) -> Scene:
 def places_of(system: System, moved: System) -> list[tuple[int, int]]:
     """Return the System's pairs of rows (x, y) that are positions.
 
-    They are those that differ in `moved`, the System of the same scene elsewhere.
+    A pair is a position if its value differs in `moved`, the System of the same scene at another place.
     """
     return [pair for pair in system.vectors if moved.q0[pair[0]] != system.q0[pair[0]]]
 
@@ -180,13 +181,13 @@ def _floating(scene: Scene, system: System, row: int, places: Sequence[tuple[int
 
 
 NOTHING = 1e-12
-"""Share of the hub inertia that keeps its term in the model where each arm has its own."""
+"""If each arm has its own hub inertia, the model has this share of it, so that its term is compiled."""
 
 
 def with_own_laws(system: System, hub: float) -> System:
-    """Return the System whose joint laws are entries of `par`, behind the others, so that arms may differ in them.
+    """Return the System whose joint laws are the last entries of `par`, so that each arm may have its own laws.
 
-    hub: inertia at the hub that is drawn for each arm, kg m^2; 0 if it is not drawn.
+    hub: inertia at the hub, kg m^2, if it is drawn for each arm; otherwise 0.
     """
     model = system.model._replace(own=(0,) * len(system.par))
     if hub > 0.0 and model.table[PLACE.motor] >= 0:
@@ -221,7 +222,7 @@ def _law(scene: Scene, k: int, row: int, motor: int) -> tuple[list[int], NDArray
 def _without_trust(policy: NewtonPolicy) -> NewtonPolicy:
     """Return a Model's policy that trusts neither a first increment nor a prediction, for gears with backlash.
 
-    An increment may cross from one flank of the gap to the other, so that its error is not quadratic.
+    An increment may cross from one flank of the gap to the other. Its error is then not quadratic.
     """
     return policy._replace(first_error=None, resolved=None, predicts=None)
 

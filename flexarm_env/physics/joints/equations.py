@@ -1,4 +1,6 @@
-"""Equations of an arm with contributions (`physics.model.Jointed`): each function is the arm's, then theirs in order.
+"""Equations of an arm with contributions (`physics.model.Jointed`).
+
+Each function calls the arm's function, then that of each contribution in order.
 
 Contributions add terms to residual, energy and damping, and act before and after the factorization and the solution of
 the arm's matrix (`physics.contributions`): gears, rotors and hub (`gears`), a floating base (`floating`), forces on
@@ -16,7 +18,7 @@ from . import floating, gears  # noqa: F401  (they register their kernels)
 from .friction import store_columns
 
 _LAST_FIRST = (7, 6, 5, 4, 3, 2, 1, 0)
-"""Indices of contributions from last to first: before a solution, the last to act on it is undone first."""
+"""Indices of contributions from last to first: before a solution, the last contribution is eliminated first."""
 
 
 @kernel
@@ -55,8 +57,8 @@ def assemble(lane, model, par, state: State, u: Lanes, weights, r: Lanes, S: Lan
 def add_stiffness(lane, model, S, k, x):
     """Add x (N m/rad) to the diagonal of row k of S, before `factor`, or fix row k (x None).
 
-    x: k is a joint's angle, a row of the arm. None: row and column k become those of the identity, of the arm in its
-    matrix, of contributions in their entries.
+    With a number x, row k is a joint's angle, a row of the arm. With x None, row and column k become those of the
+    identity, in the arm's matrix or in the contribution's entries.
     """
     # rows behind the arm's belong to contributions alone
     if k < size(model.arm.n):
@@ -114,9 +116,10 @@ def multiply(lane, model, S: Lanes, x: Lanes, y: Lanes):
 
 @kernel
 def retract(lane, model, q: Lanes, share, d, more):
-    """Move coordinates, q <- q (+) (share d + more): the arm's rows by its formulation, the contributions' by addition.
+    """Move the coordinates by an increment: q <- q (+) (share d + more).
 
-    d, more: increments (n rows; m, rad); share: number; more None: left out.
+    The arm's formulation moves the arm's rows. In rows of contributions the increment is added. d, more: increments (n
+    rows; m, rad), more may be None (0); share: number.
     """
     protocol.retract(lane, model.arm, q, share, d, more)
     for k in range(size(model.arm.n), size(model.n)):
@@ -125,7 +128,7 @@ def retract(lane, model, q: Lanes, share, d, more):
 
 @kernel
 def local_difference(lane, model, start: Lanes, q: Lanes, d: Lanes):
-    """Compute the increment d with start (+) d = q: of the arm by its formulation, of other rows by subtraction."""
+    """Compute the increment d with start (+) d = q: the arm's rows by its formulation, other rows by subtraction."""
     protocol.local_difference(lane, model.arm, start, q, d)
     for k in range(size(model.arm.n), size(model.n)):
         d[k] = q[k] - start[k]
@@ -148,7 +151,7 @@ def inertia_forces(lane, model, par, turn, a: Lanes, r: Lanes):
 def input_displacements(lane, model, par, q, y, since=None):
     """Write the displacement conjugate to each input to y: the arm's, changed where inputs act on contributions.
 
-    rad, m. since: None, or (start, y0): rotations are then integrated from y0 at the coordinates `start`.
+    Units rad, m. since: None, or (start, y0) to integrate rotations from their value y0 at the coordinates `start`.
     """
     protocol.input_displacements(lane, model.arm, par, q, y, since)
     for part in model.contributions:
@@ -183,7 +186,9 @@ def damping_power(lane, model, par, q, v, x, since=None):
 
 @kernel
 def energy(lane, model, par, q: Lanes, v: Lanes):
-    """Return (kinetic, strain, gravitational) energy, J, of arm and contributions."""
+    """Return (kinetic, strain, gravitational) energy, J.
+
+    It is the arm's energy plus that of its contributions (gears, floating base, ...)."""
     kinetic, strain, gravity = protocol.energy(lane, model.arm, par, q, v)
     sums = kinetic, strain, gravity
     for part in model.contributions:
@@ -193,9 +198,10 @@ def energy(lane, model, par, q: Lanes, v: Lanes):
 
 @kernel
 def set_joint_configuration(lane, model, live, angles, rates: Lanes | None, q: Lanes, v: Lanes):
-    """Set straight links at joint angles `angles` (rad) where live > 1/2, then the contributions' rows that follow.
+    """Set q to straight links at the joint angles `angles` (rad), in lanes with live > 1/2.
 
-    rates: of all rows, relative to rotating links, from which v follows, or None (v stays); q, v: n rows. live: lanes.
+    Afterwards each contribution sets its own rows, such as motor angles, to match. rates: rates of all rows, relative
+    to the rotating links, from which v is computed; None: v stays. q, v: n rows.
     """
     protocol.set_joint_configuration(lane, model.arm, live, angles, rates, q, v)
     for part in model.contributions:
@@ -204,7 +210,7 @@ def set_joint_configuration(lane, model, live, angles, rates: Lanes | None, q: L
 
 @kernel
 def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
-    """Add the cotangents that r_bar causes to par_bar, bar and u_bar; r_bar <- 0. Reverse derivative of `residual`.
+    """Add the cotangents that r_bar causes to par_bar, bar and u_bar; r_bar <- 0: reverse derivative of `residual`.
 
     A cotangent is the derivative of a scalar: r_bar by the residual, par_bar by the arm's parameters par, bar (a
     `State`) by q, v, a, u_bar by the inputs u. S: scratch. model.derived: a tag if the compiler derives it, None if the
@@ -221,7 +227,7 @@ def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
 
 @kernel
 def link_poses(lane, model, par, q, v, out, tasks=None):
-    """Write the arm's poses to out; for tasks (a tag, not None) also what contributions add at its end.
+    """Write the arm's poses to out; for tasks (a tag, not None) also the contributions' poses, at the end of out.
 
     Poses: `layout.POSES` per link, in space `layout.SPACE_POSES`. q, v: coordinates and their rates.
     """
@@ -233,10 +239,11 @@ def link_poses(lane, model, par, q, v, out, tasks=None):
 
 @kernel
 def conserve_momentum(lane, model, par, before, h, q, v, u, r, S):
-    """Return (momentum, force that changes it) and correct v: of the contribution that knows them, or else of the arm.
+    """Correct v and return (momentum, force that changes it), by the contribution that defines both or by the arm.
 
-    before: None, or the pair at the start of the step of h (s): v is first changed so that the momentum changes by the
-    impulse of the mean force. None is returned where a support holds the arm. u: inputs; scratch: r, S.
+    before: None, or the returned pair at the start of the step of h (s). With a pair, v is first changed so that the
+    momentum changes by the impulse of the mean force. Returns None if a support holds the arm. u: inputs; scratch: r,
+    S.
     """
     for part in model.contributions:
         found = contributions.conserve_momentum(lane, part, model, par, before, h, q, v, u, r, S)

@@ -1,7 +1,7 @@
-"""A floating base that carries the arm, a contribution, and the conservation of their momentum (theory, section 6).
+"""A floating base that carries the arm: a contribution, with the conservation of momentum (theory, section 6).
 
-The base's center of mass is at the hub: its mass is a mass at the arm's root, and its attitude is turned by the hub's
-torque alone, J psi'' = -u. No other row is coupled with that of psi. u works on the angle between base and arm.
+The base's center of mass is at the hub. Its mass therefore acts at the arm's root, and only the hub's torque turns it:
+J psi'' = -u. The row of psi is coupled with no other row. u does work on the angle between base and arm.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _X, _Y, _TURN, _MOTIONS = range(4)
 """Rigid motions of base and arm: 1 m/s along inertial x, along y, 1 rad/s about the origin."""
 
 _REST, _MOVING, _TURNED, _CASES = range(4)
-"""Residuals that are projected on them: at rest (v = a = 0); with a = v; with a = the rates of a turn at 1 rad/s."""
+"""Residuals projected on the rigid motions: at rest (v = a = 0); with a = v; with a = rates of a turn at 1 rad/s."""
 
 # t^T r of each case (rest, moving, turned) for each rigid motion (x, y, psi)
 _SUMS = (0,) * (_CASES * _MOTIONS)
@@ -38,7 +38,7 @@ def assemble(lane, part, model, par, state: State, u: Lanes, weights, r: Lanes, 
 
 @kernel
 def after_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
-    """Divide the base's row of x by its diagonal entry of S: it is coupled with no other row.
+    """Divide the base's row of x by its diagonal entry of S, because this row is coupled with no other.
 
     transposed: True for S^T x = b, with the same result.
     """
@@ -96,9 +96,9 @@ def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, 
     """Return (momentum, force), each x, y and moment about the origin; with `before` first correct v to conserve it.
 
     momentum: t^T M v (N s, N m s) with the rates t of rigid motions; force: external (N, N m), inertial axes. before:
-    that pair at the start of the step of h (s), or None. Trapezoidal steps leave the angular momentum a ripple of
-    second order in h, so that a base at rest would begin to turn. v is therefore changed by one rigid motion of base
-    and arm, which no strain sees, such that the momentum changes by h times the mean force.
+    the returned pair at the start of the step of h (s), or None. With trapezoidal steps the angular momentum has a
+    ripple of second order in h, which would turn a base at rest. Therefore a rigid motion of base and arm, which causes
+    no strain, is added to v. With it, the momentum changes by h times the mean force.
 
     # state     q; v: in and out, (n,) lanes.   # scratch   r, S
 
@@ -148,7 +148,7 @@ def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, 
 def _first(model):
     """Return the first of the cases _REST, _MOVING to project.
 
-    Without loads and gravity the residual at rest projects to 0, and _REST is left out.
+    Without loads and gravity the projection of the residual at rest is 0, and _REST is left out.
     """
     if model.arm.loads is not None:
         return _REST

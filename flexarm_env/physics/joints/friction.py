@@ -1,12 +1,12 @@
 """Coulomb friction as a set-valued law, eq. (6.6): a correction of a linear solution, so that the law holds.
 
-|T| <= T_C at rest, T = T_C against the rate otherwise. The residual that is solved does not contain T. The solution
-x = S^-1 r is linear in the torques T of all joints, x + W T with the columns W of S^-1, and so is the rate that it
-leaves to a joint. For each joint either T = +-T_C is known, or the rate, 0. Nothing is regularized, so that friction
+At rest |T| <= T_C; otherwise T = T_C against the rate. The residual that is solved does not contain T. The corrected
+solution x + W T, with the columns W of S^-1, is linear in the torques T of all joints. So is each joint's resulting
+rate. For each joint either the torque is known (T = +-T_C) or the rate (0). The law is not regularized, so friction
 does not limit the step.
 
-The rate that counts is w = v + ahead a, half a step ahead, so that a joint stopped by friction is at rest two steps
-later. With v alone, trapezoidal steps would leave it an acceleration that alternates for ever.
+The law applies to the rate w = v + ahead a, half a step ahead. A joint that friction stops is then at rest two steps
+later. With v alone, trapezoidal steps would leave the joint an acceleration that alternates for ever.
 
 The integrator calls these functions for any Model; without Coulomb friction they compile to nothing.
 """
@@ -23,12 +23,12 @@ from ..protocol import RESIDUAL_ALONE, State
 from .layout import GEAR, LAWS, PLACE, PLACES
 
 _SLIDES, _TURNS = 0.99, 1e-12
-"""A joint slides where the other forces exceed this share of T_C (less than 1: the solver's error) and its rate exceeds
-_TURNS, rad/s, which is round-off."""
+"""A joint slides if the other forces exceed this share of T_C and its rate exceeds _TURNS, rad/s, the round-off. The
+share is less than 1 because of the solver's error."""
 
 
 class Law(NamedTuple):
-    """The numbers of `layout.LAW` without the hub: the same for all arms, or lanes of each arm's own."""
+    """The numbers of `layout.LAW` without the hub: common to all arms, or lanes with each arm's own numbers."""
 
     stiffness: Any  # N m/rad, of the gear
     damping: Any  # N m s/rad, of the gear
@@ -123,9 +123,9 @@ def store_columns(lane, model, S):
 def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
     """Store in S the friction torques of the present state and which joints slide; r <- residual with friction (N m).
 
-    A sliding joint has T_C against its rate, independent of small changes of the other forces in its row: _SLIDES
-    leaves a margin. A sticking joint has the torque that balances the other forces, at most T_C, the Coulomb friction
-    torque.
+    The torque of a sliding joint is T_C against its rate. The margin _SLIDES makes this independent of small changes of
+    the other forces in its row. The torque of a sticking joint balances the other forces, up to the Coulomb friction
+    torque T_C.
 
     # in        state, u: q, v, a and inputs
     # out       r (n,); `GEAR` fields before: the torque (N m), slides: 1 or 0, free: 1 if the joint does not slide and
@@ -160,7 +160,7 @@ def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
 def release_reversed_joints(lane, model, v: Lanes, S: Lanes):
     """Clear the flag `slides` in S of joints whose rate v impulses have reversed since `store_friction`.
 
-    They do not continue to slide in the direction that was stored. v: rates of all rows after the impulses.
+    These joints do not continue to slide in the stored direction. v: rates of all rows after the impulses.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
@@ -173,8 +173,8 @@ def release_reversed_joints(lane, model, v: Lanes, S: Lanes):
 def account_for_friction(lane, model, par, state, u, r, S, start, books):
     """Add the energy (J) that friction dissipates in a step from coordinates `start` to books: mean torque by angle.
 
-    The mean is that of the torques stored at the step's start and of those of the present state, which are stored in S
-    for the next step. Scratch: r.
+    The mean is between the torques stored at the step's start and the torques of the present state. The latter are
+    stored in S for the next step. Scratch: r.
     """
     if model.newton.friction is not None:
         _account_for_half(lane, model, state, S, start, books)
@@ -201,8 +201,9 @@ def apply_friction(lane, model, par, state, weights, ahead, S: Lanes, x):
     x; the rate that counts is v + ahead a (ahead in s). With damping 0, where v stays, joints that slid at the last
     `store_friction` go on sliding.
 
-    Which joints stick is guessed, the torques are solved for, and the guess is corrected: exact at once for one joint;
-    errors that 2 joints - 1 passes leave for several are corrected by Newton's next iteration.
+    The kernel guesses which joints stick, solves for the torques, and corrects the guess. For one joint the result is
+    exact at once. For several joints there are 2 joints - 1 passes, and Newton's next iteration corrects the remaining
+    errors.
 
     # out       x (n,); `GEAR` fields gap, sticks, bound, torque in S
     """
@@ -220,7 +221,7 @@ def apply_friction(lane, model, par, state, weights, ahead, S: Lanes, x):
 
 @kernel
 def _find_gaps(lane, model, state: State, weights, ahead, S: Lanes, x: Lanes):
-    """Compute each joint's gap w/c - x_i: the change of its increment x_i that would leave its rate w at 0.
+    """Compute each joint's gap w/c - x_i: the change of its increment x_i that makes its rate w vanish.
 
     w = v + ahead a before the increment, c = weights.damping + ahead weights.mass.
     """
@@ -233,7 +234,7 @@ def _find_gaps(lane, model, state: State, weights, ahead, S: Lanes, x: Lanes):
 
 @kernel
 def _choose_branch(lane, model, par, weights, i, S: Lanes):
-    """Decide from the present torques T whether joint i sticks; store its torque for the case that it slides, (6.6).
+    """Decide from the present torques T whether joint i sticks, and store its sliding torque in `bound`, (6.6).
 
     With weights.damping 0 (v stays) a joint that slid at the last `store_friction` slides on with the same torque.
 
@@ -261,11 +262,10 @@ def _choose_branch(lane, model, par, weights, i, S: Lanes):
 
 @kernel
 def _solve_torques(lane, model, S: Lanes, transposed):
-    """Solve for the torques T (N m) that close the gaps of sticking joints; T = bound for sliding ones.
+    """Solve for friction torques T (N m): sum_j W_ij T_j = gap_i where joint i sticks, T_i = bound_i where it slides.
 
-        sticks: sum_j W_ij T_j = gap_i,    slides: T_i = bound_i
-
-    gap, bound: `GEAR` fields; W_ij: entry of S^-1 in the friction rows of joints i and j. transposed: True uses W^T,
+    `GEAR` fields: gap (`_find_gaps`: change of the increment x_i that leaves joint i at rest) and bound (N m), in;
+    torque: T, out. W_ij: entry of S^-1 in the friction rows of joints i and j. transposed: True uses W^T,
     for cotangents, where all bounds are 0. Gaussian elimination without pivoting. Theory, (6.6).
     """
     joints, one, zero = count(model), 1.0, 0.0
@@ -334,7 +334,7 @@ def hold_sticking_joints(lane, model, S: Lanes, x: Lanes):
 # derivatives take the branch of the values: a joint that stuck sticks, one that slid keeps its T
 @kernel
 def store_branch(lane, model, par, state, weights, ahead, r, S: Lanes):
-    """Store in S which joints stick and in which direction the others slide (slides = +-1) at the end of a step.
+    """Store in S which joints stick at the end of a step, and in which direction the other joints slide (slides = +-1).
 
     S: factors of the step's matrix; r: residual at the step's end, overwritten. weights, ahead: as in `apply_friction`.
     """
@@ -352,7 +352,7 @@ def store_branch(lane, model, par, state, weights, ahead, r, S: Lanes):
 def change_friction(lane, model, par, weight, S: Lanes):
     """Add weight times this model's T_C, in the sliding direction, to `bound` (N m) in S of joints that slide.
 
-    It is the change of the Coulomb friction torques along a direction of the parameters.
+    This is the change of the Coulomb friction torques along a direction of the parameters.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
@@ -406,8 +406,8 @@ def friction_cotangents(lane, model, weights, ahead, S: Lanes, x: Lanes, v_bar: 
 def friction_residual_cotangents(lane, model, S: Lanes, r_bar: Lanes):
     """Compute the reverse derivative of `store_friction`: r_bar <- cotangents of the residual without friction.
 
-    A joint that sticks with a torque within T_C (GEAR.free = 1) has residual 0 whatever the other forces are, so that
-    its cotangent vanishes. Elsewhere friction is +-T_C, a constant, and the cotangent stays.
+    A joint that sticks with a torque within T_C (GEAR.free = 1) has residual 0 for any other forces, so its cotangent
+    vanishes. For other joints friction is the constant +-T_C, and the cotangent stays.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):

@@ -2,9 +2,10 @@
 
     J psi'' + k (psi - q) + d (psi' - q') + friction = u,    the arm's row of q:  ... - k (psi - q) - d (psi' - q') = 0
 
-The motor angle psi has a row of its own, coupled with the joint angle q alone: it is eliminated before the arm's matrix
-is factored. Rigid gear: J acts on q. Backlash b: spring torque k (x - clip(x, b/2)), x = psi - q; damping acts in the
-gap as well (if it began with contact, contact would begin with a jump of the torque and end with a pull).
+The motor angle psi has a row of its own, which is coupled only with the joint angle q. The row is eliminated before the
+arm's matrix is factored. With a rigid gear J acts on q. With backlash b the spring torque is k (x - clip(x, b/2)), x =
+psi - q. Damping acts in the gap as well: if it began with contact, the torque would jump at the beginning of contact
+and pull at its end.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from .layout import GEAR, PLACE, PLACES
 def _friction_row(lane, model, i, own, state: State, total):
     """Return `total` (N m) plus joint i's friction torque: viscous d v and, if its angle is prescribed, T_C sign(v).
 
-    own: the joint's `Law`; v: rate of the row that friction acts on. Where the angle is free, `friction` solves for
-    T_C.
+    own: the joint's `Law`; v: rate of the row that friction acts on. If the angle is free, `friction` solves for the
+    Coulomb torque.
     """
     rate = state.v[model.table[PLACES * i + PLACE.friction]]
     total = total + rate * own.viscous
@@ -50,7 +51,7 @@ def gear_torque(lane, play, stiffness, half, wound):
 def _through_gear(lane, part, model, i, one, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
     """Write the motor's row of r (N m) and S; in the joint's row the gear's torque replaces the input's, (6.5).
 
-    Of joint i of the table, with an elastic gear; one: its `Law`. Gear torque: k (psi - q) + d (psi' - q'), psi: motor
+    i: joint of the table, with an elastic gear; one: its `Law`. Gear torque: k (psi - q) + d (psi' - q'), psi: motor
     angle, q: joint angle. With weights.with_matrix S receives the `GEAR` fields pivot and slope.
     """
     at, g = PLACES * i, gear_at(model, i)
@@ -80,7 +81,7 @@ def _through_gear(lane, part, model, i, one, state: State, u: Lanes, weights, r:
 def _at_joint(lane, model, i, one, state: State, weights, r: Lanes, S: Lanes):
     """Add rotor inertia of a rigid gear and friction on the link's side to the joint's row of r (N m) and of S.
 
-    Of joint i of the table; one: its `Law`. With weights.with_matrix S receives the `GEAR` field own.
+    i: joint of the table; one: its `Law`. With weights.with_matrix S receives the `GEAR` field own.
     """
     at, g = PLACES * i, gear_at(model, i)
     row = model.table[at + PLACE.row]
@@ -137,7 +138,7 @@ def assemble(lane, part, model, par, state: State, u, weights, r: Lanes, S: Lane
 
 @kernel
 def fix_coordinate(lane, part, model, S: Lanes, k):
-    """Flag row k as fixed or prescribed in the `GEAR` records of S: a motor's row as `pinned`, a joint's as `held`."""
+    """Flag row k as fixed or prescribed in the `GEAR` records of S: a motor row as `pinned`, a joint row as `held`."""
     for i in range(count(model)):
         g = gear_at(model, i)
         if model.table[PLACES * i + PLACE.motor] == k:
@@ -288,9 +289,9 @@ def energy(lane, part, model, par, q: Lanes, v: Lanes, sums):
 
 @kernel
 def set_joint_configuration(lane, part, model, live, rates: Lanes | None, q: Lanes, v: Lanes):
-    """Set the rows of motors in q to the joint angles where live > 1/2, so that gears have no torque.
+    """Set the motor angles in q to the joint angles, in lanes with live > 1/2, so that gears have no torque.
 
-    rates: rates of all rows, of which those of motors go to v, or None (v stays).
+    rates: rates of all rows; the motors' rates are copied to v. None: v stays.
     """
     for i in range(count(model)):
         row, motor = model.table[PLACES * i + PLACE.row], model.table[PLACES * i + PLACE.motor]

@@ -1,8 +1,8 @@
-"""Forces at a point of the arm that depend on where it is, such as a spring: what such contributions have in common.
+"""Common part of contributions that are forces on a point of the arm and depend on its position, such as a spring.
 
-The point is a point load of the arm (`AtPoint.place`), so that every formulation computes the displacement y of the
-point, the generalized forces B f of a force f there, and how B changes with q. A stiffness k of the point adds the
-block B k B^T to the matrix. It has few columns and is applied to solutions (theory, (6.7)):
+The point is a point load of the arm (`AtPoint.place`). Every formulation therefore computes the displacement y of the
+point, the generalized forces B f of a force f on the point, and the change of B with q. A stiffness k of the point adds
+the block B k B^T to the matrix. It has few columns and is applied to solutions (theory, (6.7)):
 
     (S + B k B^T)^-1 b = x - W C B^T x,   x = S^-1 b,   W = S^-1 B,   C = (1 + k B^T W)^-1 k
 
@@ -23,7 +23,8 @@ from .. import protocol
 class Point(NamedTuple):
     """A point of the arm on which a contribution acts, the field `point` of its record.
 
-    at in S: B, then W, a column of n numbers for each axis; C (axes x axes) and scratch of as many; k.
+    Entries in S from `at` on: B, then W, each with a column of n numbers per axis; C (axes x axes); scratch of the same
+    size; k.
     """
 
     input: int  # first of its entries in the arm's inputs (N) and input displacements (m, inertial axes)
@@ -34,9 +35,10 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True)
 class AtPoint:
-    """A kind of contribution at a point, which an arm has where one of the fields is not at its default.
+    """A kind of contribution at a point. An arm has it if one of the fields is not at its default.
 
-    fields: names of fields of `Arm`. place: the arm's (link, end) of the point. make: its record.
+    fields: names of fields of `Arm`. place: function that returns the point's (link, end) of an arm. make: function
+    that returns the record.
     """
 
     fields: tuple[str, ...]
@@ -45,11 +47,11 @@ class AtPoint:
 
 
 KINDS: list[AtPoint] = []
-"""Contributions at points that arms may have; a module that has one appends it."""
+"""Kinds of contributions at points. A module that defines a kind appends it."""
 
 
 def numbers_in_matrix(rows: int, axes: int) -> int:
-    """Return how many numbers a `Point` has in S; rows: of the Model."""
+    """Return the number of entries of a `Point` in S; rows: number of rows of the Model."""
     return 2 * rows * axes + 2 * axes * axes + 1
 
 
@@ -74,7 +76,7 @@ def _column(lane, point, S: Lanes, k):
 
 @kernel
 def _inverse_at(point):
-    """Return the offset in S of C = (1 + k B^T W)^-1 k (axes x axes, by rows); as much scratch and then k follow."""
+    """Return the offset in S of C = (1 + k B^T W)^-1 k (axes x axes, by rows); scratch of equal size and k follow."""
     return point.at + 2 * len(point.axes) * size(point.room)
 
 

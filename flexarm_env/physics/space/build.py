@@ -62,7 +62,7 @@ def combined_body(parts: list[Body]) -> Body:
 
 
 def packed(one: Body, there: bool = False) -> Array:
-    """Pack a `Body` as a `BODY` record; it exists if it has mass or inertia, or if `there` says so."""
+    """Pack a `Body` as a `BODY` record, which is marked as existing if it has mass or inertia or if `there` is True."""
     there = there or one.mass > 0.0 or bool(np.any(one.inertia))
     return BODY.pack({}, mass=one.mass, there=there, centre=one.centre, inertia=one.inertia)
 
@@ -78,7 +78,7 @@ def tip_lever(link: Link) -> Array:
 
 
 def tip_end(link: Link) -> Body:
-    """Return a link's rigid end as a `Body` fixed to its last section, with its mass in its middle."""
+    """Return a link's rigid end as a `Body` fixed to the link's last section; its mass is at the end's middle."""
     return Body(link.tip_mass, 0.5 * tip_lever(link), bodies.tensor(link.tip_inertia))
 
 
@@ -118,7 +118,11 @@ def flags(found: Iterable[Any]) -> NDArray[np.int64] | None:
 
 
 def levers(arm: Arm, k: int) -> tuple[Array, Array]:
-    """Return `before` and `beyond` (m) of joint k, in the axes of the section before and of the link's root."""
+    """Return the levers (m) at joint k.
+
+    `before` leads from the last section of link k - 1 to the joint, in that section's axes. `beyond` leads from the
+    joint to the first section of link k, in the axes of its root.
+    """
     return np.zeros(3) if k == 0 else tip_lever(arm.links[k - 1]), arm.links[k].root_offset * X
 
 
@@ -176,7 +180,7 @@ def _elements(link: Link, n: int, damping: float) -> list[Array]:
 
 
 def chords_of(link: Link, ends: Array) -> Array:
-    """Return (elements, 3): stress-free chord over length less that of a circular arc, in the axes of the middle."""
+    """Return (elements, 3): each stress-free chord over length, less that of a circular arc, in axes of the middle."""
     found = np.zeros((len(ends) - 1, 3))
     if link.curved:
         angles = curves.angle(link.curvature, ends)
@@ -206,7 +210,7 @@ def count_rows(link: Link | RigidLink, settings: Settings) -> int:
 
 
 def names_of(arm: Arm, settings: Settings) -> tuple[str, ...]:
-    """Return the names of all rows: the base's, each joint's, those of vertices or strains, and of inner modes.
+    """Return the names of all rows: of the base, of each joint, of vertices or strains, and of inner modes.
 
     Vertices are numbered E = 1, 2, ... along each link.
     """
@@ -299,7 +303,7 @@ def _check_inertia(arm: Arm) -> None:
 
 
 def _beams(sections: list[Array], frames: list[Array], inner: int) -> float:
-    """Return the mass (kg) of all elements or segments, as their records hold it."""
+    """Return the total mass (kg) of all elements or segments, from their records."""
     count, weight = points_for(inner), WEIGHT.offsets(0, inner).end
     points = [FRAME.offsets(0, inner, count).points + weight * p + W.mass for p in range(count)]
     if frames:
@@ -401,13 +405,13 @@ def _rotors(arm: Arm) -> NDArray[np.int64] | None:
 
 
 MAX_INCREMENT = 0.05
-"""Largest Newton increment, rad or fractions of the arm's length. Whipping arms start further from the solution and
-would leave the range of the tangent otherwise."""
+"""Largest Newton increment, rad or fractions of the arm's length. In whipping arms the iteration starts further from
+the solution, and larger increments would leave the range in which the tangent is valid."""
 
 TANGENT_ERROR = 1e-2
-"""Largest relative error of Newton's matrix; measured up to 35 rad/s in steps of 2.5 ms: a third of it. An exact beam's
-first increment leaves only its square; a floating frame's matrix lacks as much of the inertia, which is all that
-matters in short steps."""
+"""Largest relative error of Newton's matrix. The error measured up to 35 rad/s in steps of 2.5 ms is a third of this
+value. The first increment of an exact beam leaves only its square. A floating frame's matrix neglects this fraction of
+the inertia, and in short steps only inertia matters."""
 
 
 def build(scene: Scene, settings: Settings) -> System:

@@ -42,11 +42,11 @@ class Chain(NamedTuple):
 
     places    int64: a `PLACE` for each link, and one more behind the last
     joints    float64: a `JOINT` for each link, at its root
-    end       float64 `BODY`: the last link's rigid end; payload: the payload, likewise from the last section
+    end       float64 `BODY`: the last link's rigid end; payload: `BODY` of the payload; both on the last section
     mounts    int64 (links,): 1 where the joint's `mount` rotates; None: no joint's does
     levers    int64 (links,): 1 where the joint has `before` or `beyond`; None: no joint has
     gravity   float64 (3,): m/s^2, inertial axes; or None
-    loads     float64: a `LOAD` each, whose inputs are a force (N) and a moment (N m) along inertial axes; or None
+    loads     float64: a `LOAD` per point load; its inputs are a force (N) and a moment (N m), inertial axes; or None
     damped    (0,) with Kelvin-Voigt damping, otherwise None
     rotors    int64 (links,): offset in S of the joint's `physics.layout.ROTOR`, negative without one; None: no rotors
     free      kg: mass of all but the payload where nothing holds the arm, otherwise None
@@ -59,7 +59,7 @@ class Chain(NamedTuple):
     scratch   tuple of zeros, three for each point: size of stack arrays
     curved    (0,) where a link is curved without stress, otherwise None
 
-    What a None or a tag switches off is left out of the machine code.
+    Terms that a None or a tag switches off are left out of the machine code.
     """
 
     n: int
@@ -169,8 +169,8 @@ def section_at(lane, model, par: Lanes, i):
 def place_at(lane, q, v, i):
     """Return the `Place` of the vertex in rows i ... i + 5: position (m, inertial axes), rotation vector (rad).
 
-    v: rates of these rows: velocity (m/s, inertial axes), angular velocity (rad/s, section axes). Pass q for v where
-    rates do not matter.
+    v: rates of these rows: velocity (m/s, inertial axes), angular velocity (rad/s, section axes). Pass q for v if rates
+    do not matter.
     """
     return Place(
         load_vector(lane, q, i),
@@ -193,7 +193,7 @@ def vertex_at(lane, model, state, i):
 
 @kernel
 def has_mount(model, k):
-    """Tell whether the axes of joint k are rotated at angle 0; None, known at compile time, if no joint's are."""
+    """Return whether the axes of joint k are rotated at angle 0; None, known at compile time, if no joint's are."""
     if model.mounts is None:
         return None
     return model.mounts[k] != 0
@@ -201,7 +201,7 @@ def has_mount(model, k):
 
 @kernel
 def has_lever(model, k):
-    """Tell whether joint k is off the origins of its two sections; None, known at compile time, if no joint is."""
+    """Return whether joint k is off the origins of its two sections; None, known at compile time, if no joint is."""
     if model.levers is None:
         return None
     return model.levers[k] != 0

@@ -67,7 +67,7 @@ INNER = np.polynomial.legendre.leggauss(12)
 
 
 def _interval(h: Array, strain: Array) -> tuple[Array, Array]:
-    """Return s and d, (intervals, ...), of a strain at the points of `INNER`, (intervals, 12, ...).
+    """Return s and d, (intervals, ...), of a strain given at the points of `INNER`, (intervals, 12, ...).
 
     s: integral over the interval of length h; d: first moment about its middle, divided by h.
     """
@@ -122,11 +122,11 @@ def _inertia(packed: dict[str, Array]) -> Array:
 
 
 def _correction(packed: dict[str, Array], settings: Settings) -> Array:
-    """Return (3, n, n) kg m^2: what steps of h take from the inertia of the strains (theory 5.3, 9; `elastica.build`).
+    """Return (3, n, n) kg m^2: the correction that steps of h subtract from the strains' inertia (theory 5.3, 9).
 
-    Only bending about the softer axis becomes lighter, or both where they are alike: in a bent link torsion and the
-    stiffer bending move the same mass, and taking inertia from one of them would leave negative inertia to motions with
-    hardly any.
+    See also `elastica.build`. The correction applies only to bending about the softer axis, or to both axes if they are
+    equally stiff. In a bent link torsion and the stiffer bending move the same mass. Subtracting inertia from one of
+    them would leave negative inertia to motions that have hardly any.
     """
     from scipy.linalg import eigh
 
@@ -157,15 +157,15 @@ def physical(model: SpatialElastica) -> SpatialElastica:
 
 
 NEWTON = NewtonPolicy(acceleration_share=1.0, resolved=(0,), reuse=((0,) * 1, (0,) * 2))
-"""Rules of the Newton iteration. The first matrix serves two more iterations, because it costs four residuals and more;
-what then has not converged gets a new matrix each time."""
+"""Rules of the Newton iteration. The first matrix serves two more iterations, because a matrix costs at least four
+residuals. After that, each iteration computes a new matrix."""
 
 ALIKE = 1.01
-"""Largest ratio of bending stiffnesses that count as alike."""
+"""Largest ratio of bending stiffnesses that count as equal."""
 
 ALONG = 4.0
-"""Shear over bending of a link that swings about a pin under its own inertia, over that of a clamped one under a force
-at its tip: 12 EI / (C L^2) over 3."""
+"""Quotient of two ratios of shear to bending deflection. For a link that swings about a pin under its own inertia the
+ratio is 12 EI / (C L^2). For a clamped link under a force at its tip it is 3 EI / (C L^2)."""
 
 BENT = 0.3
 """Deflection, as a fraction of its length, assumed for a link before anything is known."""
@@ -174,8 +174,9 @@ BENT = 0.3
 class Notes(dict[str, float]):
     """Estimate "stretch_and_shear": the error, as a fraction of the arm's length, of leaving out stretch and shear.
 
-    Under the force that bends a link by `BENT`, or a larger one that is known to act, and with the stretch of links
-    that rotate with prescribed joints, all mass at the tip; a longer link is softer, too.
+    The estimate is for the force that bends a link by `BENT`, or for a larger force that is known to act. It includes
+    the stretch of links that rotate with prescribed joints, with all mass at the tip, because a longer link is also
+    softer.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -193,9 +194,9 @@ class Notes(dict[str, float]):
 
     @property
     def softer(self) -> float:
-        """Factor on EI that makes links as soft as stretch and shear make the most affected one, under any load.
+        """Factor on EI that makes links as soft as stretch and shear make the most affected link, under any load.
 
-        The distance of a run with it is the estimate for slender links (`accuracy.followed`).
+        For slender links the error estimate is the distance to a run with this factor (`accuracy.followed`).
         """
         return 1.0 / (1.0 + ALONG * self.share)
 
@@ -204,8 +205,8 @@ def _soft(link: Link) -> tuple[float, float]:
     """Return (1/C, L^2/(3 EI)) in 1/N: tip deflection over length of a clamped link per tip force, by shear and by
     bending.
 
-    Each in the direction in which the link is softest; stretch counts like shear. Along the link the largest
-    flexibility to shear and the smallest to bending count, which overestimates their ratio.
+    Each value is for the direction in which the link is softest; stretch counts like shear. Along the link the largest
+    flexibility to shear and the smallest flexibility to bending are used, which overestimates their ratio.
     """
     s = np.linspace(0.0, link.length, 33)
     plane, across = link.along(s), link.across(s)

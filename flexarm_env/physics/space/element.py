@@ -7,9 +7,10 @@ axis along the element, the middle is turned by psi/2 from the left, R is its ro
                                                                                 (Simo & Vu-Quoc 1986, one point)
 
 which is objective and independent of the path (Crisfield & Jelenic 1999). The last term of Gamma is the difference
-between the chord of a helix and its tangent at the middle. A moment that grows along the element bends it in a way that
-one point does not see; shear takes that flexibility: 1/C* = 1/C + l^2 / (12 EI) (residual bending flexibility, MacNeal
-1978), so that vertices are where the beam's are under loads at vertices. With rotation increments dth in body axes,
+between the chord of a helix and its tangent at the middle. One strain point does not capture the bending by a moment
+that grows along the element. The shear flexibility includes this missing (residual) bending flexibility, 1/C* = 1/C +
+l^2 / (12 EI) (MacNeal 1978). Under loads at vertices, vertices then have the positions of the beam's sections. With
+rotation increments dth in body axes,
 
     R^T dR = (P dth_l + Q dth_r)^,  P, Q = 1/2 -+ g^/2,  g = tan(|psi|/4) psi/|psi|;   dpsi = T^-1 dth_r - T^-T dth_l.
 
@@ -49,7 +50,7 @@ from .rotations import (
 )
 
 BOW = 1.0 / 24.0
-"""1 - chord/arc of a circular arc, divided by the square of its angle (rad)."""
+"""1 - chord/arc of a circular arc, divided by the square of the arc's angle (rad)."""
 
 
 class Section(NamedTuple):
@@ -148,7 +149,7 @@ def element_damping(section, before, after, share):
 
     before, after: (left, right) `Place`s at the step's start and end; share: 1 / step (1/s). The first value is D times
     the square of the mean strain rates, difference of strains / step. The second is the power of that mean damping
-    force at the mean of both ends' strain rates less the mean strain rates.
+    force at the difference of the mean of both ends' strain rates and the mean strain rates.
     """
     (stretch_0, bend_0), _, (stretch_rate_0, bend_rate_0) = middle(section, before[0], before[1])
     (stretch_1, bend_1), _, (stretch_rate_1, bend_rate_1) = middle(section, after[0], after[1])
@@ -402,8 +403,9 @@ def inertia_wrenches(lane, mass, length, left, right, weights, S, o):
 
 @kernel
 def _add(lane, S: Lanes, o, x, xt, A, tx, tt, arm):
-    """Add to the 6 x 6 block at o of S (rows: force, moment; columns: position, rotation) the inertia of a middle mass.
+    """Add the derivative of a middle mass's wrench on one end, by motion of an end, to the 6 x 6 block at o of S.
 
+    Rows: force (inertial axes), moment (section axes); columns: position (inertial axes), rotation (section axes).
     Force rows: x 1 and xt/2. Moment rows: tx e_x^ A^T and arm e_x^ tt. x, tx, arm: numbers; xt, A, tt: 3 x 3.
     """
     for a in range(3):

@@ -1,8 +1,9 @@
 """Solve Newton's equations of a chain in space: forward elimination from tip to base, back substitution outward.
 
-The vertices of a link of elements are eliminated one by one. Of a link with strains the block on its last section is
-transformed to its root and its strains, and the strains are eliminated. Vectors x: forces (inertial) and moments
-(section axes) before, position increments (inertial) and rotation increments (body axes) after `solve`.
+The vertices of a link of elements are eliminated one by one. For a link with strains the block on its last section is
+transformed to its root and its strains, and then the strains are eliminated. Before `solve`, vectors x hold forces
+(inertial) and moments (section axes). After it they hold position increments (inertial) and rotation increments (body
+axes).
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ def _rows(model):
 
 @kernel
 def _to_last(lane, S, to, a, b):
-    """Return the motion of a link's last section that follows its root's motion (a, b) at constant strains.
+    """Return the motion of a link's last section due to the root's motion (a, b) at constant strains.
 
     a: displacement (inertial axes), b: rotation (root axes); result: displacement (inertial), rotation (last section's
     axes). to: `noted_at` of the link.
@@ -207,7 +208,7 @@ def _joint_up(lane, model, S: Lanes, k, x: Lanes):
 def _moved_before(lane, model, x, S, k):
     """Return (position, rotation) by which the section before joint k moves: from x, or from `NOTED.on` of link k - 1.
 
-    The latter where strains are coordinates. Position along inertial axes, rotation in section axes.
+    `NOTED.on` applies if strains are coordinates. Position along inertial axes, rotation in section axes.
     """
     if model.strains is not None:
         if k > 0:
@@ -220,8 +221,8 @@ def _moved_before(lane, model, x, S, k):
 def _down(lane, model, S, k, x):
     """Forward elimination of link k in x: return the (force, moment) that remains on its root (inertial; root axes).
 
-    Vertex by vertex from the tip: x of the vertex <- RR^-1 x, then LR times it is subtracted from the vertex before.
-    RR, LR: 6 x 6 blocks of each element's `FACTOR`, the former factored. Theory, section 9, "Elimination".
+    For each vertex from the tip inward: x of the vertex <- RR^-1 x, then LR times this x is subtracted from x of the
+    vertex before. RR (factored), LR: 6 x 6 blocks of each element's `FACTOR`. Theory, section 9, "Elimination".
     """
     if model.strains is not None:
         return _strains_down(lane, model, S, k, x)

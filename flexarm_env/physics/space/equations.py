@@ -116,8 +116,8 @@ def assemble(lane, model, par: Lanes, state, u, weights, r, S):
 def _along(lane, model, par, k, state, root, weights, r, S):
     """Compute the wrenches of link k on its sections, outward from its root `Vertex`; add them to r, the tangent to S.
 
-    Returns the `Vertex` of the link's last section and (force, moment) on its root (N, inertial; N m, root axes). Where
-    strains are coordinates the latter is 0 here: `_gathered` computes it from the wrench on the last section.
+    Returns the `Vertex` of the link's last section and (force, moment) on its root (N, inertial; N m, root axes). If
+    strains are coordinates, (force, moment) is 0 here, and `_gathered` computes it from the wrench on the last section.
     Theory, section 9.
     """
     zero, first = 0.0, factor_at(model, k, 0)
@@ -157,7 +157,7 @@ def _along(lane, model, par, k, state, root, weights, r, S):
 
 @kernel
 def _gathered(lane, model, par, k, state, weights, r, S, of):
-    """Return the total (force, moment) on the root of link k: `of` plus what the link beyond its root transmits.
+    """Return the total (force, moment) on the root of link k: `of` plus the wrench from the link beyond its root.
 
     Where strains are coordinates the points' wrenches are summed inward, and the strains' rows of r and S are written.
     For a rigid link the wrench in its rows of r moves to its root. Force inertial (N), moment in root axes (N m).
@@ -209,10 +209,11 @@ def _exact(lane, model, section, left, right, element, weights, S, f):
 def conserve_momentum(lane, model, par: Lanes, before, h, q, v, u, r, S):
     """Correct velocities so that momentum changes by the impulse of weight and loads (theory, 9).
 
-    The velocities of all sections get (P_0 + h/2 (F_0 + F_1) - P) / M, a rigid translation that no other equation sees;
-    positions of middles and offset centers of mass are no linear function of what the integrator moves. P: momentum (kg
-    m/s), F: force of weight and loads (N), 0 at the start and 1 at the end of the step h (s), inertial axes; M: mass.
-    Returns (P, F) at the end, or None where a support holds the arm. before: (P_0, F_0); None: no correction.
+    The rigid translation (P_0 + h/2 (F_0 + F_1) - P) / M, which enters no other equation, is added to the velocities of
+    all sections. It is needed because positions of middles and of offset centers of mass are not linear in the
+    coordinates. P: momentum (kg m/s), F: force of weight and loads (N), 0 at the start and 1 at the end of the step h
+    (s), inertial axes; M: mass. Returns (P, F) at the end, or None where a support holds the arm. before: (P_0, F_0);
+    None: no correction.
     """
     if model.free is None:
         return None
@@ -258,10 +259,10 @@ def _note(lane, model, S, k, hinge, tip, on_root):
 def _handed(lane, model, u: Lanes, weights, r: Lanes, S: Lanes, k, force, moment):
     """Transmit a wrench across joint k: return (force, moment) on the section before, write the joint's row of r.
 
-    force (N, inertial) and moment m (N m, root axes) act on the link's first section. The force stays; the moment
-    becomes E m + s x A^T force (axes of the section before); row = axis . m + (axis x o) . E^T A^T force - u_k (N m),
-    u_k: joint torque. E: axes of the root to those of the section before; A: those to inertial axes; s: lever from that
-    section to the link's first, o its part beyond the joint. With weights.with_matrix the `HINGE` gets what
+    force (N, inertial) and moment m (N m, root axes) act on the link's first section. The force does not change; the
+    moment becomes E m + s x A^T force (axes of the section before); row = axis . m + (axis x o) . E^T A^T force - u_k
+    (N m), u_k: joint torque. E: axes of the root to those of the section before; A: those to inertial axes; s: lever
+    from that section to the link's first, o its part beyond the joint. With weights.with_matrix the `HINGE` gets what
     `elimination` needs. Theory, (9.1).
     """
     h, axis = hinge_at(k), three_of(lane, model.joints, J.end * k + J.axis)

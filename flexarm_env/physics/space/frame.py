@@ -1,9 +1,9 @@
 """Kinematics of a segment's floating frame between two sections in space: position, rotation, rates (theory, 9).
 
-The frame begins at the left section's origin, its x axis (the chord) passes through the right one's, and its roll about
-x follows both sections' y axes: z is normal to x and to their sum p. The sections' rotation vectors phi_l, phi_r (rad)
-relative to the frame and e = |r_r - r_l| - l (m) are the elastic coordinates of a Timoshenko element with 12
-coordinates, 6 of which are elastic:
+The frame begins at the left section's origin. Its x axis (the chord) passes through the right section's origin. Its
+roll about x follows both sections' y axes: z is normal to x and to the sum p of these y axes. The sections' rotation
+vectors phi_l, phi_r (rad) relative to the frame and e = |r_r - r_l| - l (m) are the elastic coordinates of a Timoshenko
+element with 12 coordinates, 6 of which are elastic:
 
     r(x) = (1 - x/l) r_l + x/l r_r + A n(x),   n = h_l (phi_l x e_x) + h_r (phi_r x e_x)     [41], h of either plane
     U = (phi' K phi + EA/l (e + phi' H phi / 2)^2) / 2                    (docs: theory, eq. 1.2, of both bendings)
@@ -12,7 +12,8 @@ With rotation increments in the sections' and the frame's own axes, d phi_i = T_
 
     dbeta_y = -d_z/l, dbeta_z = d_y/l, dbeta_x = g_l dth_l + g_r dth_r + k dbeta_y, d = A'(dr_r - dr_l), the chord's l
 
-A section at x has the rotary inertia of the rate a w_l + b w_r + c w, shape functions [41] again, each in its own axes.
+The rotary inertia of a section at x has the rate a w_l + b w_r + c w, with a, b, c from the shape functions [41], each
+rate in its own axes.
 """
 
 from __future__ import annotations
@@ -80,7 +81,7 @@ _CURVED = tuple(_BERNOULLI[k] / math.factorial(2 * k + 2) for k in range(12))
 def _four(c, k, z, square):
     """Return the terms k to k + 3 of the power series c in z, divided by z^k; square = z^2.
 
-    Written without a chain of dependent operations (not Horner), which is faster.
+    The sum has no chain of dependent operations (unlike Horner's rule), which makes it faster.
     """
     return (z * c[k + 1] + c[k]) + (z * c[k + 3] + c[k + 2]) * square
 
@@ -165,8 +166,8 @@ def phi_second(turn, rate, own, own_second, spin, second):
     """Return phi'' (rad/s^2) of a section: the second rate of its rotation vector relative to the frame.
 
     turn: `Turn`; rate: phi'; own, own_second: angular velocity and acceleration of the section, section axes; spin,
-    second: the same of the frame, frame axes. T^-1 = 1 + phi^/2 + c phi^ phi^ with c = 1/12 + |phi|^2/720 + ..., valid
-    below a right angle.
+    second: angular velocity and acceleration of the frame, frame axes. T^-1 = 1 + phi^/2 + c phi^ phi^ with c = 1/12 +
+    |phi|^2/720 + ..., valid below a right angle.
     """
     phi = turn.phi
     square, apart = dot(phi, phi), own - spin
@@ -196,8 +197,9 @@ def ex_cross(f):
 def frame_second_rates(frame, rates, left, right):
     """Return the angular acceleration of a segment's frame (rad/s^2, frame axes), from its `Rates` and two `Vertex`es.
 
-    y and z: rates of w_y = -d_z / l and w_z = d_y / l, whose axes rotate; d: velocity of the right end relative to the
-    left. x: from the condition that p, the sum of both sections' y axes, keeps p_z = 0 in frame axes. Theory, (9.3).
+    y and z components are the rates of w_y = -d_z / l and w_z = d_y / l, whose axes rotate; d: velocity of the right
+    end relative to the left. The x component follows from the condition that p, the sum of both sections' y axes, keeps
+    p_z = 0 in frame axes. Theory, (9.3).
     """
     spin, share = rates.spin, frame.over
     # y and z, from the chord's second rate

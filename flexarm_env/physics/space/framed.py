@@ -1,7 +1,7 @@
 """Forces of a segment with a floating frame in space, its energy and its damping (kinematics: `frame`; theory, 9).
 
-Where segments are reduced to modes, inner modes have rows of their own, behind all others: for each mode an amplitude
-(rad) about x, y, z of the frame, by which sections rotate in the frame in addition to the ends' shape functions.
+If segments are reduced to modes, the inner modes have rows of their own, behind all other rows. Each mode has an
+amplitude (rad) about x, y, z of the frame. It rotates sections in the frame, in addition to the ends' shape functions.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from .rotations import (
 )
 
 MOST, HEAVY = 0.5, 40.0
-"""Bounds of the forces in a segment's tangent: force over EI / l^2 (the buckling force is pi^2 of that), moment over
-EI / l, where inertia in steps is more than `HEAVY` times as stiff as bending. When Newton begins, strains are off by
-second order of a step's rotation; times EA, or the stiffer EI, such forces would spoil the tangent, and real ones are
-small compared with such inertia."""
+"""Bounds of the forces in a segment's tangent: force over EI / l^2 (the buckling force is pi^2 of that) and moment over
+EI / l. They apply if inertia in steps is more than `HEAVY` times as stiff as bending. When Newton's iteration begins,
+strains have errors of second order in a step's rotation. Multiplied by EA or the stiffer EI, the resulting forces would
+spoil the tangent. Real forces are small compared with such inertia."""
 
 
 class Stiff(NamedTuple):
@@ -62,9 +62,10 @@ def _bent(lane, model, par, table, a, b):
 def _strained(a, b):
     """Return the rotations of both ends as K takes them, from a = phi_l, b = phi_r (rad, frame axes), to second order.
 
-    phi_l,r +- phi_l x phi_r / 4 - d_x (d x e_x) / 24, d = phi_r - phi_l (theory, 9). Relative to each other the
-    sections rotate by log(exp(-a) exp(b)) = b - a - a x b / 2, of which a share remains, on however short a segment,
-    where sections shear; and the sections of a helix are rotated against its chord without shear.
+    phi_l,r +- phi_l x phi_r / 4 - d_x (d x e_x) / 24, d = phi_r - phi_l (theory, 9). The sections rotate relative to
+    each other by log(exp(-a) exp(b)) = b - a - a x b / 2. If sections shear, a share of the last term remains however
+    short the segment is. The other term accounts for the sections of a helix, which are rotated against its chord
+    without shear.
     """
     d = b - a
     c, helix = 0.25 * cross(a, b), d[0] * HELIX * cross_with_ex(d)
@@ -130,7 +131,7 @@ def _stretch_rate(lane, model, frame, rates, slopes, at, q, v, row):
 def _elastic(lane, model, par: Lanes, frame, rates, tau, at, state, row):
     """Return the `Stiff` of a segment: force along the chord (N), moments on phi_l and phi_r (N m), in frame axes.
 
-    Elastic forces, with Kelvin-Voigt damping (theory, eq. 1.3) unless tau is None. tau: time constant (s); rates:
+    Forces are elastic, with Kelvin-Voigt damping (theory, eq. 1.3) unless tau is None. tau: time constant (s); rates:
     `Rates`, only read with damping; at: `frame_at` of the segment; row: first row of its inner modes in state."""
     q, v, _ = state
     e, hl, hr = _stretch(lane, model, frame, at, q, row)
@@ -193,8 +194,8 @@ def _inner_forces(lane, model, par: Lanes, frame, tau, pull, second, at, state, 
 def _off(lane, model, to, a, b, x, row):
     """Return the offset n (m, frame axes) from the chord of the mass point `to`, for end rotations a, b and modes x.
 
-    n = h_l (a x e_x) + h_r (b x e_x) + sum h_i (x_i x e_x); with rates or second rates of the rotations, those of n.
-    to: offset of a `WEIGHT` in model.frames; row: first row of the inner modes in x.
+    n = h_l (a x e_x) + h_r (b x e_x) + sum h_i (x_i x e_x); given rates or second rates of the rotations, the result is
+    the same rate of n. to: offset of a `WEIGHT` in model.frames; row: first row of the inner modes in x.
     """
     hl, hr = three_of(lane, model.frames, to + W.left), three_of(lane, model.frames, to + W.right)
     n = scale(cross_with_ex(a), hl) + scale(cross_with_ex(b), hr)
@@ -218,7 +219,7 @@ def _rate(lane, model, frame, rates, left, right, to, v, row, n):
 
 @kernel
 def _most_force(section, sixth, mass):
-    """Return the largest force (N) of its own that the segment's tangent may contain, or infinity (see `MOST`).
+    """Return the largest force (N) that may enter the segment's tangent, or infinity (see `MOST`).
 
     section: `Section`; sixth: a sixth of the segment's mass (kg); mass: weight of the mass in the matrix (1/s^2).
     """
@@ -302,7 +303,7 @@ def _momenta(lane, model, at, a, b, c, x, row):
     """Return the angular momenta of rotary inertia (kg m^2/s) of left section, right section, frame, in own axes.
 
     a, b, c: angular velocities of these three (rad/s, own axes); x: rates, with those of the inner modes from `row` on;
-    at: `frame_at`. With accelerations for a, b, c, x it returns the linear part of the inertia moments (N m).
+    at: `frame_at`. Given accelerations for a, b, c, x, it returns the linear part of the inertia moments (N m).
     """
     l, r = product(lane, model, at.rotary, a, b)
     lc, rc = constant(lane, model, at.rotary, 3), constant(lane, model, at.rotary, 4)
@@ -374,10 +375,10 @@ def frame_sums(lane, model, par: Lanes, q, v, left, right, i):
 
 @kernel
 def frame_damping(lane, model, par, state, left, right, other_l, other_r, i):
-    """Return the power over tau_d (W/s) of segment i's damping forces, caused by one set of rates, at another set.
+    """Return the power over tau_d (W/s) of segment i's damping forces at a first set of rates for a second set.
 
-    left, right: `Place`s of the ends with the first rates; other_l, other_r: with the second rates, at the same
-    positions. Inner modes: state.v has the first, state.a the second rates. i: index over all links. Theory, (9.3).
+    left, right: `Place`s of the ends with the first rates; other_l, other_r: the same places with the second rates.
+    Inner modes: state.v has the first, state.a the second rates. i: index over all links. Theory, (9.3).
     """
     at, row = frame_at(model, i), inner_row(model, i)
     q, v, x = state
@@ -416,7 +417,7 @@ def frame_damping_over(lane, model, par, before, after, share, i):
     """Return the damping power of segment i over a step, divided by tau_d, and its unresolved part, W/s.
 
     before, after: (q, v, left `Place`, right `Place`) at the step's start and end; share: 1 / step (1/s). The first
-    value takes mean strain rates, difference / step; the second is the power of the mean damping force beyond it, as in
+    value uses mean strain rates, difference / step. The second is the excess power of the mean damping force, as in
     `element.element_damping`. Theory, (9.3).
     """
     at, row = frame_at(model, i), inner_row(model, i)

@@ -1,8 +1,9 @@
 """Velocity-dependent part of a floating segment's Newton matrix in space, to first order of phi (theory, 9).
 
-Sections keep their angular velocities in their own axes, which rotate with them, and positions keep velocities in
-inertial axes. Strain rates therefore change with positions beyond c_v times the strains, and so do the second rates of
-the ends' tangents in the inertia forces. Blocks act on rotations phi_l, phi_r in frame axes.
+Angular velocities of sections are constant in the sections' own axes, which rotate with the sections. Velocities of
+positions are constant in inertial axes. Strain rates therefore change with the coordinates by more than c_v times the
+strains. So do the second rates of the ends' tangents in the inertia forces. Blocks act on rotations phi_l, phi_r in
+frame axes.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ def _both_rows(lane, model, table, A, B):
 
 @kernel
 def bent_rows(lane, model, par, a, b, near, far, at):
-    """Return (dm_l, dm_r), 3 x 3: changes of the moments on phi_l, phi_r as strained rotations change by near, far.
+    """Return (dm_l, dm_r), 3 x 3: changes of the moments on phi_l, phi_r for changes near, far of strained rotations.
 
     near, far: derivatives of both results of `framed._strained` by any three variables, 3 x 3; a, b: phi_l, phi_r
     (rad); at: `frame_at`; frame axes. Applies the stiffness K, then the transpose of the derivative of
@@ -44,10 +45,10 @@ def bent_rows(lane, model, par, a, b, near, far, at):
 
 
 class Late(NamedTuple):
-    """Derivatives by rotations of damping forces, beyond what strain rates change by with rates.
+    """Derivatives of damping forces by rotations at constant rates, in addition to the derivatives by rates.
 
-    left, right, frame  N m: (moments on phi_l, on phi_r) by the rotation of the left section, the right one, the frame
-    e_l, e_r, e_b       N: force along the chord by these rotations, a row vector each
+    left, right, frame N m: (moments on phi_l, on phi_r) by the rotation of left section, right section and frame e_l,
+    e_r, e_b N: force along the chord by these rotations, a row vector each
     """
 
     left: Any
@@ -63,8 +64,8 @@ def late_of(lane, model, par, frame, rates, spins, stiff, late, at):
     """Return the `Late` of a segment: damping forces by rotations at constant rates.
 
     d phi' = (phi' / 2) x (dth + dbeta) - w x dth - X dbeta, X dbeta = w_x (0, dbeta_z, -dbeta_y) with the frame's spin
-    w_x; strain rates follow by `framed._strained_rate`. spins: of both sections (rad/s, section axes); late: tau_d
-    times the weight of positions (s); stiff: `Stiff`. Theory, (9.3).
+    w_x; strain rates follow by `framed._strained_rate`. spins: angular velocities of both sections (rad/s, section
+    axes); late: tau_d times a weight (s), see `framed_tangent.tangent`; stiff: `Stiff`. Theory, (9.3).
     """
     x, y, spin = 0.25 * late * rates.left, 0.25 * late * rates.right, late * rates.spin
     # d phi' by the rotations of the left section, the right section, and the frame
@@ -100,8 +101,8 @@ def late_of(lane, model, par, frame, rates, spins, stiff, late, at):
 def late_pull(frame, late):
     """Return the chord's force in `Late` by both sections' rotations (N) and by places across (N/m).
 
-    The last: a pair (y, z) by the right end's position in frame axes. late: `Late`, or None: zeros. The frame rotates
-    with the ends' positions (beta_y, beta_z) and rolls with the sections (g).
+    The derivative by places is a pair (y, z), by the right end's position in frame axes. late: `Late`, or None for
+    zeros. The frame rotates with the ends' positions (beta_y, beta_z) and rolls with the sections (g).
     """
     if late is None:
         zero = frame.length * 0.0

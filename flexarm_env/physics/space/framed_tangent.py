@@ -213,7 +213,7 @@ def _turned(lane, model, frame, now, bending, late, bent, weights, at):
     now: (force between the ends, moments on phi_l, phi_r); bending: of `_bending`; late: `Late` or None; bent: `Bent`.
     """
     cm, c, P, Q = weights.mass, weights.stiffness, frame.left.T, frame.right.T
-    # moments on phi by both sections and, with the opposite sign, by the frame
+    # d(moment on phi), d phi = T^-1 dth - T^-T dbeta: ll P by dth of the left section, ll P^T + lr Q^T by -dbeta
     Pt, Qt, (ll, lr, rr) = P.T, Q.T, bending
     rl = lr.T
     ll_by, rl_by, lr_by, rr_by = ll @ P, rl @ P, lr @ Q, rr @ Q
@@ -299,7 +299,7 @@ def _by_chord(frame, A):
 
 @kernel
 def _drawn(frame, left, right, bent, cm):
-    """Return the coupling of an end's position, across the chord, with rotations and positions by inertia (frame axes).
+    """Return the inertia coupling of an end's position across the chord with rotations and positions (frame axes).
 
     left, right, bent: kg m, h of both rotations and n, weighted with the end's share of the mass; cm: mass weight.
     Returns (rows y, z by the left section), (by the right section), (force by the chord's y, by its z).
@@ -336,7 +336,7 @@ def _less(rows):
 
 @kernel
 def _columns(frame):
-    """Return the `Column`s of the left position, left rotation, right position and right rotation of a segment."""
+    """Return `Column`s by left place, left rotation, right place, right rotation (frame axes; own axes of sections)."""
     a, b, share, zero = frame.left, frame.right, frame.over, frame.length * 0.0
     none, full = Vector(zero, zero, zero), zero + 1.0
     nothing, one = Matrix(none, none, none), about_identity(full, none, zero, none)

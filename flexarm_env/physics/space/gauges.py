@@ -1,4 +1,4 @@
-"""Strain gauges in space: weights with which a gauge reads the rotations of the elements beside its station.
+"""Strain gauges in space: weights of the rotations of the elements beside a gauge's station.
 
 Bending moments and torque are interpolated linearly between the middles of an exact beam's elements, which is exact for
 loads at vertices; the reading is the moment at the station over the stiffness there. A segment with a floating frame
@@ -95,7 +95,7 @@ def _elements(link: Link, n: int, s: float, axis: int) -> tuple[int, Array, Arra
 
 
 def _segment(link: Link, n: int, s: float, axis: int) -> tuple[int, Array, Array, float]:
-    """Return the same as `_elements` for the one segment with a floating frame at s (m): its shapes' curvatures."""
+    """Return the values of `_elements` for the segment with a floating frame at s (m), from its shapes' curvatures."""
     ends = link.mesh(n, "segments")
     e = int(np.clip(np.searchsorted(ends, s, side="right") - 1, 0, n - 1))
     # torsion: (phi_r - phi_l) / l; bending: second derivative of the shapes

@@ -1,9 +1,9 @@
 """Inner modes of segments with floating frames in space: sums over modes, and their part of the Newton matrix.
 
-A segment has `inner_of` modes, each with an amplitude (rad) about x, y and z of the frame, in rows of its own behind
-those of the chain. The Newton matrix eliminates them within their segment before it is condensed along the chain. A
-table of a `FRAME` holds three numbers, for x, y, z, per pair of coordinates: inner mode i by left, right (and frame, in
-`inner_rotary`), then by the inner modes.
+A segment has `inner_of` modes. Each mode has an amplitude (rad) about x, y and z of the frame. The rows of these
+amplitudes follow the rows of the chain. The Newton matrix eliminates them within their segment before it is condensed
+along the chain. A table of a `FRAME` holds three numbers, for x, y, z, per pair of coordinates. Row i is for inner mode
+i; its columns are left end, right end (and frame, in `inner_rotary`), then the inner modes.
 """
 
 from __future__ import annotations
@@ -173,7 +173,7 @@ def _entry(lane, n, S: Lanes, o, i, j):
 
 @kernel
 def multiplied(lane, model, S, inner, x: Lanes, y: Lanes, row, left, right):
-    """Multiply the part of the matrix that `condense` has eliminated by x and the ends' motions, and add it to y.
+    """Multiply the part of the matrix that `condense` has eliminated by x and the ends' motions; add the product to y.
 
     inner: `inner_at` of the segment; x, y: amplitudes and forces, the inner modes' from `row` on; left, right:
     (position, rotation) of the ends. Adds the inner rows of the product to y and returns the (force, moment) on the

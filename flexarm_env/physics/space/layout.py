@@ -1,10 +1,11 @@
 """Rows of the coordinates, and offsets of all constants and matrices in the flat arrays of a chain in space.
 
-Rows of q: the base's position (x, y, z; m, inertial axes) and rotation vector (rad, section axes to inertial axes);
-for each link the angle of the joint at its root, then position and rotation vector of its vertices, the right ends of
-its elements, from root to tip. Last come the amplitudes (rad), about x, y and z of the frame, of the inner modes of
-each segment with a floating frame. Rows of v and a are the same with velocities along inertial axes and angular
-velocities in the section's own axes. Rows of a residual are forces along inertial axes and moments in section axes.
+Rows of q: the base's position (x, y, z; m, inertial axes) and rotation vector (rad, section axes to inertial axes); for
+each link the angle of the joint at the link's root, then position and rotation vector of the link's vertices (the right
+ends of its elements) from root to tip. Last come the amplitudes (rad), about x, y and z of the frame, of the inner
+modes of each segment with a floating frame. Rows of v and a are the same with velocities along inertial axes and
+angular velocities in the section's own axes. Rows of a residual are forces along inertial axes and moments in section
+axes.
 
 A link's root coincides with the vertex before it (levers of rigid ends aside); the joint's mount and angle rotate it
 against that vertex. In the descriptions "section before" is the last section of the link before the joint.
@@ -115,7 +116,7 @@ INNER = Layout(
     Field("over", ("3 * inner", 12), "",
           "d(inner rows)/d(the ends' 6 + 6 coordinates); after `factor` matrix^-1 times it"),
 )  # fmt: skip
-"""One record per segment, behind all `FACTOR`s of S."""
+"""One record for each segment, behind all `FACTOR`s of S."""
 
 HINGE = Layout(
     "Hinge", "",

@@ -148,7 +148,7 @@ def _block(lane, S, o, i, j):
 
 @kernel
 def _base_is_held(lane, S):
-    """Tell whether all six coordinates of the base are fixed, the same in all lanes (`BASE.pinned` in S)."""
+    """Return whether all six coordinates of the base are fixed, the same in all lanes (`BASE.pinned` in S)."""
     held = True
     for i in range(6):
         if S[(B.pinned + i) * len(lane)] == 0.0:
@@ -257,9 +257,10 @@ def eliminate_joint(lane, model, S: Lanes, k):
 
 @kernel
 def store_spin_lag(lane, model, par: Lanes, S, k, spin, weights):
-    """Store w tau/(1 + tau c_v) (rad) of the root of link k in its `HINGE`, 0 unless for a Newton matrix (theory, 9).
+    """Store w tau/(1 + tau c_v) (rad) of the root of link k in its `HINGE`; store 0 if the matrix is no Newton matrix.
 
-    spin w: rad/s, root axes; c_v = weights.damping (1/s); tau = tau_d (s). `joint_motion_of_root` reads it.
+    spin w: rad/s, root axes; c_v = weights.damping (1/s); tau = tau_d (s). `joint_motion_of_root` reads the value.
+    Theory, 9.
     """
     if model.damped is not None and model.strains is None:
         tau = par[TAU_D]
@@ -272,10 +273,10 @@ def store_spin_lag(lane, model, par: Lanes, S, k, spin, weights):
 def joint_motion_of_root(lane, model, S, k, a):
     """Return a + lag x a: motion of the root of link k per unit joint angle, root axes; a: the same without damping.
 
-    lag: `HINGE.lag`. With the angle the root's axes turn, and its rates with them by w x a, w: spin of the root.
-    Dampers are tau_d c_v + 1 times as stiff as their springs, which corresponds to a further rotation of tau_d / (1 +
-    tau_d c_v) w x a (theory, 9), c_v: weight of dr/dv. Without damping, or where strains are coordinates (dampers see
-    none of it), a is returned.
+    lag: `HINGE.lag`. The joint's angle turns the root's axes, and the rates in these axes change by w x a; w: spin of
+    the root. Springs with dampers are 1 + tau_d c_v times as stiff as springs alone (c_v: weight of dr/dv). The change
+    of rates therefore corresponds to an additional rotation tau_d / (1 + tau_d c_v) w x a (theory, 9). Without damping,
+    or if strains are coordinates (whose dampers do not depend on these rates), a is returned.
     """
     if model.damped is None or model.strains is not None:
         return a

@@ -28,8 +28,8 @@ def move_vertex(lane, q: Lanes, i, share, d, more):
     """Move the position (m, inertial axes) and rotation vector (rad) in rows i ... i + 5 of q by share d + more.
 
     share: number; d, more: increments of q, whose rotations are in body axes; more may be None (0). The rotation
-    becomes exp(q^) exp((share d + more)^). Where that increment is zero, as for arms that are done, the rotation vector
-    stays the same to the last bit.
+    becomes exp(q^) exp((share d + more)^). If that increment is zero, as for arms that have converged, the rotation
+    vector keeps its bits.
     """
     step, turn = share * load_vector(lane, d, i), share * load_vector(lane, d, i + 3)
     if more is not None:

@@ -180,9 +180,9 @@ def damping_power(lane, model, par, q, v, x, since=None):
 def _mean_damping_power(lane, model, par, start, v0, end, v, h):
     """Return (power at the mean strain rates of a step, unresolved power or None), W (`protocol.damping_power`).
 
-    start, v0, end, v: coordinates and rates at the start and the end of a step of h (s). Dissipated is tau_d D ((strain
-    at the end - strain at the start) / h)^2; unresolved: `element_damping`. Mean rates of the coordinates would not do:
-    straight paths stretch an element that rotates by d by d^2/8 at the middle of the step, against forces of EA.
+    start, v0, end, v: coordinates and rates at the start and the end of a step of h (s). The dissipated power is tau_d
+    D ((strain at the end - strain at the start) / h)^2. Unresolved power: see `element_damping`. Mean coordinate rates
+    would be wrong: straight paths stretch an element that rotates by d by d^2/8 at mid-step, against EA.
     """
     total, beyond = 0.0, 0.0
     if model.damped is None:
@@ -207,7 +207,7 @@ def _mean_damping_power(lane, model, par, start, v0, end, v, h):
 
 @kernel
 def last_section(lane, model, q, v, k, root):
-    """Return the `Place` of the last section of link k, from that of its first (root); pass q for v without rates."""
+    """Return the `Place` of link k's last section, from the `Place` root of its first; pass q for v without rates."""
     if count_of(model, k) == 0:
         return root
     if model.strains is not None:

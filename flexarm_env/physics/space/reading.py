@@ -19,8 +19,8 @@ from .strained_layout import STRAINED
 Array = NDArray[np.float64]
 
 TURN = 0.2
-"""Weight of an error of 1 rad of the tip's axes, over the arm's length: where bending puts a tip off by a fraction of
-the length, its axes are off by two to five times that in rad."""
+"""Weight of an error of 1 rad of the tip's axes, over the arm's length. If bending displaces a tip by a fraction of the
+length, its axes rotate by two to five times that fraction, in rad."""
 
 
 class Frame(NamedTuple):
@@ -38,7 +38,7 @@ class Frame(NamedTuple):
 
 
 class LinkMotion(NamedTuple):
-    """A link at n instants: root at the joint, sections from where it begins to bend, tip at the next joint."""
+    """A link at n instants: root at the joint, sections of the flexible part, tip at the next joint."""
 
     root: Frame
     sections: list[Frame]

@@ -1,10 +1,10 @@
 """Algebra of vectors, 3 x 3 matrices and rotations, for one arm or for lanes: named tuples, which stay in registers.
 
-A vector is a `Vector`, a matrix a `Matrix` of three rows, a unit quaternion a tuple p = (w, x, y, z) with
-w = cos(|psi|/2). A rotation vector psi (rad) stands for the rotation exp(psi^), where psi^ b = psi x b. p and -p are
-the same rotation. Rotations map vectors from body axes to reference axes. Coordinates of a section are a rotation
-vector (body axes to inertial axes), which an increment d in body axes changes as exp(psi^) exp(d^) (Bruels & Cardona
-2010). T(d) is the tangent map, exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e.
+A vector is a `Vector`, a matrix a `Matrix` of three rows, a unit quaternion a tuple p = (w, x, y, z) with w =
+cos(|psi|/2). A rotation vector psi (rad) stands for the rotation exp(psi^), where psi^ b = psi x b. p and -p are the
+same rotation. Rotations map vectors from body axes to reference axes. The coordinates of a section are a rotation
+vector psi (body axes to inertial axes). An increment d in body axes changes the rotation to exp(psi^) exp(d^) (Bruels &
+Cardona 2010). T(d) is the tangent map, exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e.
 """
 
 from __future__ import annotations
@@ -234,7 +234,7 @@ def inverse_rotation(p):
 
 @kernel
 def shortest_rotation(p):
-    """Return p or -p, the same rotation, whichever has w >= 0: its rotation vector is at most pi long."""
+    """Return the one of p and -p (the same rotation) with w >= 0, whose rotation vector is at most pi long."""
     sign = select_lt(p[0], 0.0, -1.0, 1.0)
     return p[0] * sign, p[1] * sign, p[2] * sign, p[3] * sign
 
@@ -335,9 +335,9 @@ def inverse_map(d, share, x):
 def tangent_map(d, inverse, x):
     """Return T^T(d) x, or T^-T(d) x where the compile-time flag `inverse` is True.
 
-    T^T = 1 + (1 - cos a)/a^2 d^ + (1 - sin(a)/a)/a^2 d^ d^,  a = |d|; d: rotation vector of at most 2 pi (rad). The
-    tangent map T takes an increment e of d to one in body axes: exp(d^ + e^) = exp(d^) exp((T e)^). Its transpose takes
-    x, conjugate to the latter, back.
+    T^T = 1 + (1 - cos a)/a^2 d^ + (1 - sin(a)/a)/a^2 d^ d^, a = |d|; d: rotation vector of at most 2 pi (rad). The
+    tangent map T maps an increment e of d to the increment T e in body axes: exp(d^ + e^) = exp(d^) exp((T e)^). If x
+    is conjugate to increments in body axes, T^T x is conjugate to increments of d.
     """
     if inverse:
         return inverse_map(d, inverse_share(d), x)

@@ -1,9 +1,9 @@
 """Constants of segments with floating frames in space: planar elements for bending about y and z, and torsion.
 
-A segment that is reduced to n modes has, for bending in either plane, the static shapes of its rotated ends and `inner`
-ones: the n - 2 lowest modes between pins, less the rotation of the ends that they cause. The coordinate of such a mode
-is the largest slope or section rotation before that subtraction. Torsion has a linear shape and n - 2 waves between
-held ends.
+A segment that is reduced to n modes has n shapes for bending in either plane: two static shapes of its rotated ends and
+n - 2 `inner` shapes. These are the lowest modes between pins, less the rotation of the ends that they cause. The
+coordinate of an inner mode is its largest slope or section rotation before that subtraction. Torsion has a linear shape
+and n - 2 waves between fixed ends.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ ENDS = [2, 5]
 """Indices of the end rotations among the six coordinates of a planar element."""
 
 LEAST_ROTARY = 1e-8
-"""Lower bound of rotary inertia over m l^2, of a segment about its axis and of an exact element about any axis: their
-ends rotate by themselves."""
+"""Lower bound of rotary inertia over m l^2, of a segment about its axis and of an exact element about any axis. The
+bound is needed because rotations of ends are coordinates of their own."""
 
 
 def refuse(settings: Settings) -> None:
@@ -203,7 +203,7 @@ def _frame(link: Link, plane: Element, across: Element, start: float, modes: int
 
 @lru_cache(64)
 def frames(link: Link, n: int, modes: int | None) -> tuple[tuple[Array, Natural], ...]:
-    """Return the (`FRAME`, `Natural`) of each of n segments of a link; cached, since arms are used again and again."""
+    """Return the (`FRAME`, `Natural`) of each of n segments of a link; cached, because arms are used repeatedly."""
     if n == 0:
         return ()
     planes, across = mesh(link, n, "segments"), mesh(turned_over(link), n, "segments")

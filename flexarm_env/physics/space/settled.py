@@ -1,10 +1,10 @@
 """Positions of sections from given rotations and element forces: the curve along which Newton increments are applied.
 
-Steel strips rotate far in a step and hardly stretch. Positions that move along straight lines while sections rotate by
-d stretch an element by d^2/2, and damp it by c_v tau_d as much again: forces that the next iteration would have to
-remove first. Newton's increment is therefore applied as one of rotations and of the elements' section forces n, which
-are right to first order; positions follow from these, and rates and accelerations follow positions as in any step. With
-damping, a force is affine in the chord's components e in the axes of the element's middle:
+Steel strips rotate far in a step and hardly stretch. If positions moved along straight lines while sections rotate by
+d, an element would be stretched by d^2/2. Damping would add c_v tau_d times the resulting force. The next iteration
+would have to remove these forces first. Therefore Newton's increment is applied to rotations and to the elements'
+section forces n, which are right to first order. Positions follow from these; rates and accelerations follow positions
+as in any step. With damping, a force is affine in the chord's components e in the axes of the element's middle:
 
     n / D = (1 + tau_d c_v) e + tau_d e x w + (terms without e),   w: angular velocity of the middle
 """
@@ -114,10 +114,11 @@ def _add_forces(lane, model, w: Work, active):
 def correct_positions(lane, model, par, w: Work, active, slopes, predicted):
     """Move positions in w.q so that each exact element has its stored force (`protocol.correct_positions`).
 
-    active: lanes, above 1/2 where to correct. predicted None: after the Newton increment w.r, with the forces it causes
-    to first order; a tag: after the prediction, with the forces at the step's start. Velocities and accelerations
-    follow by `slopes`, their changes per change of position. Segments with floating frames keep the chords of the
-    step's start, after the prediction alone. Scratch after the prediction: w.r. Theory, section 9, "Increments".
+    active: lanes, above 1/2 where to correct. predicted None: the call follows the Newton increment w.r, and the forces
+    are those that it causes to first order. A tag: the call follows the prediction, and the forces are those at the
+    step's start. Velocities and accelerations follow by `slopes`, their changes per change of position. Segments with
+    floating frames keep the chords of the step's start, after the prediction alone. Scratch after the prediction: w.r.
+    Theory, section 9, "Increments".
     """
     if predicted is not None:
         copy_rows(lane, model.n, w.q, w.r)

@@ -9,9 +9,9 @@ rates are rational:
     rel = 2 (x' - x x x') / (1 + x.x),   rel' = 2 (x'' - x x x'') / (1 + x.x) - 2 (x.x') rel / (1 + x.x)
 
 along the axes of the interval's end. A point's position is the weighted sum of the tangents before it. Positions are a
-function of the coordinates, and generalized forces are the transpose of its derivative times the points' forces, to
-round-off: the chain conserves what it should, whatever the number of points. All vectors are in the axes of the link's
-root unless stated otherwise.
+function of the coordinates. Generalized forces are the transpose of this function's derivative times the points'
+forces, to round-off. The chain therefore obeys its conservation laws for any number of points. All vectors are in the
+axes of the link's root unless stated otherwise.
 """
 
 from __future__ import annotations
@@ -174,7 +174,7 @@ def last_place(lane, model, k, q, v, root):
 
 @kernel
 def sweep_outward(lane, model, k, state, root, S):
-    """Return the `Vertex` of the last section of link k; store in S what `sweep_inward` needs (`NOTED`).
+    """Return the `Vertex` of the last section of link k; store in S (`NOTED`) the values that `sweep_inward` needs.
 
     state: q, v, a; root: `Vertex` of the link's first section. Stored are orientations, angular rates, accelerations,
     inertia forces and moments of all points, in the axes of the link's root. Theory, (9.5).
@@ -238,10 +238,10 @@ def noted_tangent(lane, S: Lanes, to, i):
 
 @kernel
 def _own_force(lane, S, to, i, g):
-    """Return the generalized forces (N m) on s and d of interval i by the moment g (N m, root axes) on all beyond it.
+    """Return generalized forces (N m) on s and d of interval i by the moment g (N m, root axes) on all later points.
 
-    s: integral of the strain over the interval, d: its first moment (rad); to: `noted_at` of the link. The transpose of
-    d(rotation)/d(s, d), from the values that `sweep_outward` has stored in S.
+    s: integral of the strain over the interval, d: its first moment (rad); to: `noted_at` of the link. The map is the
+    transpose of d(rotation)/d(s, d), from the values that `sweep_outward` has stored in S.
     """
     A, x, psi = (
         matrix_in(lane, S, to.turn + 9 * i),
@@ -259,7 +259,7 @@ def _own_force(lane, S, to, i, g):
 
 @kernel
 def elastic(lane, model, par: Lanes, k, state, r):
-    """Add elastic and damping forces of link k to its strains' rows of r, less the inertia that steps leave out.
+    """Add elastic and damping forces of link k to its strains' rows of r, less the period correction of inertia.
 
     r <- r + factors K (q + tau v) - correction a (N m). K, correction: `STRAINED.stiffness` and `correction`, sums over
     polynomials; factors: the arm's own on GJ, EI_y, EI; tau = tau_d times the link's share (s). Theory, (9.4).

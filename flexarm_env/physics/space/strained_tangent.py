@@ -5,9 +5,9 @@ With a strain, sections rotate by theta and points move by R, exactly to round-o
 
     cm R + 2 cd w x R + ck (alpha x R + w x (w x R)),
 
-with w and alpha of the section there, as an observer sees it who rotates with that section; cm, cd, ck: `Weights` of
-mass, damping, stiffness. Left out are rotations of sections relative to each other within a step, of first order in the
-step, which costs Newton's iteration little.
+in axes that rotate with the section at the point; w, alpha: angular velocity and acceleration of that section; cm, cd,
+ck: `Weights` of mass, damping, stiffness. Rotations of sections relative to each other within a step are neglected.
+They are of first order in the step, and the omission hardly slows Newton's iteration.
 """
 
 from __future__ import annotations
