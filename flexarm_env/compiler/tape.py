@@ -92,7 +92,7 @@ class Tape(Rooms):
         return data
 
     def begin(self) -> None:
-        """Start recording the forward pass in a new basic block; its outermost region dominates the reverse sweep."""
+        """Start to record the forward pass in a new basic block, the outermost region, which always runs."""
         self._first = self.block
         self.position_at_end(self._forth)
         self._begin = len(self._code.blocks)

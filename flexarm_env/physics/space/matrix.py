@@ -327,9 +327,9 @@ def transposed_times(lane, S, o, a, b):
 
 @kernel
 def swing_of(lane, model, k, axis, turn):
-    """Return E (axis x o): motion (m) of link k's first section per joint angle, axes of the section before the joint.
+    """Return E (axis x o), the displacement of link k's first section per joint angle (m/rad).
 
-    turn: E, axes of the link's root to those of the section before; axis: the joint's axis and o: lever from joint to
-    first section (`JOINT.beyond`), root axes.
+    The vector is given in the axes of the section before the joint. turn: E, axes of the link's root to those of the
+    section before; axis: the joint's axis and o: lever from joint to first section (`JOINT.beyond`), root axes.
     """
     return turn @ cross(axis, three_of(lane, model.joints, J.end * k + J.beyond))
