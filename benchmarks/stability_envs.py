@@ -204,8 +204,8 @@ def measure(case: Case) -> dict[str, Any]:
 
 
 def cases(arms_: int, seed: int, only: Sequence[str] | None) -> list[Case]:
-    """`arms_` arms of one link, half as many of two, a fifth of three and in space."""
-    counts = {"one": arms_, "two": arms_ // 2, "three": arms_ // 5, "space": arms_ // 5}
+    """`arms_` arms of one link, three sevenths as many of two, a fortieth each of three and in space."""
+    counts = {"one": arms_, "two": arms_ * 3 // 7, "three": arms_ // 40, "space": arms_ // 40}
     return [
         {"kind": kind, "seed": seed + i} for kind, n in counts.items() if not only or kind in only for i in range(n)
     ]
@@ -271,4 +271,4 @@ MORE: dict[str, dict[str, Any]] = {
 }
 
 if __name__ == "__main__":
-    sys.exit(pages.run("stability_envs", __doc__, measured, blocks, more=MORE, workers=cores(), arms=260, seed=1))
+    sys.exit(pages.run("stability_envs", __doc__, measured, blocks, more=MORE, workers=cores(), arms=170, seed=7000))
