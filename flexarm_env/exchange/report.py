@@ -75,12 +75,11 @@ def differences(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0
     """Compare a chain with its arm.
 
     Returns:
-        frequency_K_hz, chain_frequency_K_hz: frequencies of the arm and of the chain with held joints, as many as the
-            chain has.
-        tip_compliance_error: largest relative error of the tip's displacement under a static tip force.
-        tip_apart: largest distance between the two tips over the arm's length in `DURATION` s, under `PUSH` of the
-            torque limits, reversed halfway. MuJoCo simulates the chain. The entry requires MuJoCo and torque limits.
-        left_out: features of the arm that the chain lacks.
+        A dict. `frequency_K_hz` and `chain_frequency_K_hz` are the frequencies of the arm and of the chain with held
+        joints, as many as the chain has. `tip_compliance_error` is the largest relative error of the tip's displacement
+        under a static tip force. `tip_apart` is the largest distance between the two tips over the arm's length in
+        `DURATION` s, under `PUSH` of the torque limits, reversed halfway; MuJoCo simulates the chain. `tip_apart`
+        requires MuJoCo and torque limits. `left_out` names the features of the arm that the chain lacks.
     """
     found: dict[str, Any] = {}
     own, _ = chain_modes(chain)
