@@ -124,7 +124,7 @@ class Run:
         self.folder, self.state, self.steps, self.workers_cpu = arguments.folder, Progress(), 0, 0.0
         self.record = new_record(arguments, "rllib_ppo", kwargs, Setup.of(eval_env), runners=self._places())
         self.record["asked"] = episodes.user_keywords(arguments.env, arguments.env_kwargs)
-        self.meta = {key: self.record[key] for key in OF_POLICY}
+        self.meta = {key: self.record[key] for key in OF_POLICY if key in self.record}  # no controller inside
         self._board: Any = None
         self._bar: Any = None
 
