@@ -100,10 +100,13 @@ CASES = [
 ]
 
 
-def columns(arms: Arms, state: Array, action: Array, found: Array, share: float) -> Array:
-    """(n, X + O + 1, X + A) by fourth-order differences, each column by a step that changes what follows by `share`."""
+def columns(arms: Arms, state: Array, action: Array, found: Array, share: float) -> tuple[Array, Array]:
+    """(n, X + O + 1, X + A) by fourth-order differences, each column by a step that changes what follows by `share`.
+
+    Second result: the steps (X + A,).
+    """
     there = np.maximum(1e-2, np.abs(after(arms, state, action)).max(axis=0))
-    both, parts = np.concatenate([state, action], axis=1), []
+    both, parts, steps = np.concatenate([state, action], axis=1), [], []
     for j, k in enumerate([*range(arms.moving), *range(arms.state_size, both.shape[1])]):
         size = float((np.abs(found[:, :, j]).max(axis=0) / there).max())
         # a number is not moved through zero, and a column that was found to be zero by a step as for a number of size 1
@@ -117,7 +120,8 @@ def columns(arms: Arms, state: Array, action: Array, found: Array, share: float)
             return after(arms, x[:, : arms.state_size], x[:, arms.state_size :])
 
         parts.append(central(moved, e, 4))
-    return np.stack(parts, axis=2)
+        steps.append(e)
+    return np.stack(parts, axis=2), np.array(steps)
 
 
 @pytest.mark.parametrize(("feature", "formulation"), CASES)
@@ -138,9 +142,12 @@ def test_no_derivative_is_missing(feature: str, formulation: str) -> None:
     most = 1e-3 if stiff else 1e-5
     error = np.full(found.moved.shape[::2], np.inf)
     for share in (1e-3, 1e-5) if not stiff else (1e-1, 1e-3, 1e-5):
-        known = columns(arms, state, action, found.moved, share)
-        size = np.abs(known / there).max(axis=1)
-        error = np.minimum(error, np.abs((found.moved - known) / there).max(axis=1) / np.maximum(size, 1e-6))
+        known, steps = columns(arms, state, action, found.moved, share)
+        size, off = np.abs(known / there).max(axis=1), np.abs((found.moved - known) / there).max(axis=1)
+        if arms.environment.plan.settings.multipliers:
+            # a dependent coordinate changes nothing but the round-off of the constraints, which stiff columns amplify
+            off = np.maximum(off - 1e-15 * np.abs(found.moved / there).max() / steps, 0.0)
+        error = np.minimum(error, off / np.maximum(size, 1e-6))
     wrong = {name: float(x) for name, x in zip(names, error.max(axis=0), strict=True) if not x < most}
     assert not wrong, f"columns that differ from differences, and by how much: {wrong}"
     # backward, by rows: a unit cotangent of each number of the outcome
@@ -158,6 +165,6 @@ def test_no_derivative_is_missing(feature: str, formulation: str) -> None:
         )], axis=1)  # fmt: skip
         row = found.moved[:, i]
         scale = np.abs(found.moved).max(axis=1)  # of each column
-        off = np.abs(back - row) / np.maximum(scale, 1e-300)
-        assert (off < most).all(), (i, [names[j] for j in np.flatnonzero((off >= most).any(axis=0))])
+        apart = np.abs(back - row) / np.maximum(scale, 1e-300)
+        assert (apart < most).all(), (i, [names[j] for j in np.flatnonzero((apart >= most).any(axis=0))])
     arms.close()
