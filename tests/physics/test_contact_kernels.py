@@ -13,10 +13,9 @@ from flexarm_env import Arm, Contact, Link, Payload, Scene, Section, Simulation,
 from flexarm_env.compiler import EIGHT, SINGLE, kernel, size, uncompiled
 from flexarm_env.physics import assembly, protocol
 from flexarm_env.physics.contact.build import STEPS, duration, largest_stiffness
-from flexarm_env.physics.contact.geometry import distance_and_normal
 from flexarm_env.physics.integrator.step import advance
 from flexarm_env.physics.integrator.work import unpack, work_size
-from flexarm_env.physics.obstacles import packed
+from flexarm_env.physics.obstacles import distance_and_normal, packed
 from flexarm_env.physics.protocol import RESIDUAL_ALONE, State, Weights
 from flexarm_env.shapes import Box, Cylinder, HalfSpace, Shape, Sphere
 

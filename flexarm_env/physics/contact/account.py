@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from ...compiler import Lanes, kernel, max_over_lanes, maximum, select_lt, size, square_root, stack
 from .. import protocol
+from ..arithmetic import store_vector
+from ..space.rotations import Vector, dot
 from .kinematics import gap_at, here_of, motion_of, obstacle_count, place_of, touches, wrench
-from .law import dot, meet
+from .law import meet
 from .layout import READ
 
 
@@ -15,7 +17,7 @@ def energy(lane, part, model, par, q, v, sums):
     kinetic, strain, gravity = sums
     y = stack(lane, model.points)
     protocol.input_displacements(lane, model.arm, par, q, y)
-    zero = (0.0, 0.0, 0.0)
+    zero = Vector(0.0, 0.0, 0.0)
     for p in range(len(part.points)):
         if touches(gap_at(lane, part, y, p)):
             for o in range(obstacle_count(part)):
@@ -86,16 +88,13 @@ def after_step(lane, part, model, par, q, v, S: Lanes, h):
 def _store_reading(lane, part, p, y: Lanes, poses: Lanes, h, S: Lanes):
     """Store the `READING` of point p from input displacements y and task poses; add forces times h (s) to impulses."""
     velocity, spin = motion_of(lane, part, poses, p)
-    least, normal, sliding, total, friction = 1e300, 0.0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    least, normal, sliding = 1e300, 0.0, 0.0
+    total, friction = Vector(0.0, 0.0, 0.0), Vector(0.0, 0.0, 0.0)
     for o in range(obstacle_count(part)):
         if part.meets[p * obstacle_count(part) + o] > 0.5:
             met = meet(part, p, o, place_of(lane, part, y, p), velocity, spin)
             force, _ = wrench(part, p, met)
-            total = total[0] + force[0], total[1] + force[1], total[2] + force[2]
-            friction = (
-                friction[0] - met.slip[0] * met.grip, friction[1] - met.slip[1] * met.grip,
-                friction[2] - met.slip[2] * met.grip,
-            )  # fmt: skip
+            total, friction = total + force, friction - met.slip * met.grip
             normal = normal + met.force
             sliding = select_lt(met.gap, least, met.sliding, sliding)
             least = select_lt(met.gap, least, met.gap, least)
@@ -104,8 +103,7 @@ def _store_reading(lane, part, p, y: Lanes, poses: Lanes, h, S: Lanes):
     S[at + READ.tangential] = tangential
     S[at + READ.penetration] = -least
     S[at + READ.sliding] = sliding
-    for k in range(3):
-        S[at + READ.force + k] = total[k]
+    store_vector(lane, S, at + READ.force, total)
     S[at + READ.impulse] += normal * h
     S[at + READ.friction] += tangential * h
     S[at + READ.peak] = maximum(S[at + READ.peak], normal)

@@ -14,10 +14,11 @@ from __future__ import annotations
 from ...compiler import Lanes, kernel, max_over_lanes, maximum, select_lt, size, stack
 from .. import protocol
 from ..contributions import register
+from ..space.rotations import Vector, cross, dot
 from .account import after_step, damping_power, energy
 from .friction import column_of_slip, component, solve_friction, unit_entry
 from .kinematics import any_touches, gap_at, here_of, motion_of, obstacle_count, place_of, wrench
-from .law import cross, dot, meet
+from .law import meet
 from .layout import LAWS, Touching
 
 
@@ -112,7 +113,7 @@ def _store_stiffness(lane, part, p, weights, y: Lanes, poses: Lanes, S: Lanes):
     With N the normal, A the map from the point's motion to the sliding velocity w and e = w / sqrt(|w|^2 + v_s^2), each
     obstacle adds k' N N^T - mu k' A^T e N^T + c A^T (1 - e e^T) A, where k' = weights.stiffness dF_n/dd +
     weights.damping dF_n/d(dd/dt) and c = weights.damping mu F_n / sqrt(|w|^2 + v_s^2). With weights.friction_apart the
-    obstacle with the largest friction adds the first term alone, and `friction.apply` solves for its friction.
+    obstacle with the largest friction adds the first term alone, and `friction.solve_friction` solves for its friction.
     """
     at, axes = here_of(part, p), len(part.axes)
     for j in range(axes * axes):
@@ -127,16 +128,15 @@ def _store_stiffness(lane, part, p, weights, y: Lanes, poses: Lanes, S: Lanes):
             met = meet(part, p, o, place_of(lane, part, y, p), velocity, spin)
             stiffness = met.stiffness * weights.stiffness + met.damper * weights.damping
             grip, scale = met.grip * weights.damping, 1.0 / met.regular
-            e = met.slip[0] * scale, met.slip[1] * scale, met.slip[2] * scale
+            e = met.slip * scale
             friction = met.grip * met.regular
             # 0 for the friction that is solved for after the linear system
             share = S[at.rate] * 0.0 + 1.0
             if weights.friction_apart:
                 share = select_lt(friction, S[at.bound], 1.0, 0.0)
-            zero = (0.0, 0.0, 0.0)
+            zero = Vector(0.0, 0.0, 0.0)
             # A^T e and N
-            turned = cross(met.normal, e)
-            moment = turned[0] * -part.radii[p], turned[1] * -part.radii[p], turned[2] * -part.radii[p]
+            moment = cross(met.normal, e) * -part.radii[p]
             for i in range(axes):
                 along[i] = component(part, e, moment, i)
                 normal[i] = component(part, met.normal, zero, i)

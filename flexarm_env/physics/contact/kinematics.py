@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from ...compiler import Lanes, kernel, max_over_lanes, select_lt, sincos, size, square_root
+from ...compiler import Lanes, kernel, max_over_lanes, select_lt, size
 from ..layout import POSE, SPACE_POSE
-from .law import cross, dot, gap_of
+from ..space.rotations import Vector, cross, load_vector, matrix, quaternion
+from .law import gap_of
 from .layout import HERE
 
 _here = kernel(HERE.offsets)
@@ -26,11 +27,11 @@ def obstacle_count(part):
 
 @kernel
 def place_of(lane, part, y: Lanes, p):
-    """Return the place (m, three numbers) of point p from the arm's input displacements y."""
+    """Return the place of point p, a `Vector` (m), from the arm's input displacements y."""
     k = part.input + p * len(part.entries)
     if len(part.space) == 2:
-        return y[k], y[k + 1], 0.0 * y[k]
-    return y[k], y[k + 1], y[k + 2]
+        return Vector(y[k], y[k + 1], 0.0 * y[k])
+    return load_vector(lane, y, k)
 
 
 @kernel
@@ -39,31 +40,12 @@ def motion_of(lane, part, poses: Lanes, p):
     if len(part.space) == 2:
         o = POSE.end * part.links[p]
         zero = poses[o + POSE.tip_vx] * 0.0
-        return (poses[o + POSE.tip_vx], poses[o + POSE.tip_vy], zero), (zero, zero, poses[o + POSE.tip_rate])
+        velocity = Vector(poses[o + POSE.tip_vx], poses[o + POSE.tip_vy], zero)
+        return velocity, Vector(zero, zero, poses[o + POSE.tip_rate])
     o = SPACE_POSE.end * part.links[p]
-    velocity = poses[o + SPACE_POSE.velocity], poses[o + SPACE_POSE.velocity + 1], poses[o + SPACE_POSE.velocity + 2]
-    turn = poses[o + SPACE_POSE.turn], poses[o + SPACE_POSE.turn + 1], poses[o + SPACE_POSE.turn + 2]
-    spin = poses[o + SPACE_POSE.spin], poses[o + SPACE_POSE.spin + 1], poses[o + SPACE_POSE.spin + 2]
-    return velocity, _rotated(turn, spin)
-
-
-@kernel
-def _rotated(psi, x):
-    """Return exp(psi^) x, the vector x rotated by the rotation vector psi (rad)."""
-    square = dot(psi, psi)
-    angle = square_root(square)
-    sine, cosine = sincos(angle)
-    small = select_lt(square, 1e-8, 1.0, 0.0)
-    safe = select_lt(0.5, small, 1.0, square)
-    # sin(a) / a and (1 - cos(a)) / a^2
-    first = select_lt(0.5, small, 1.0 - square * (1.0 / 6.0), sine / square_root(safe))
-    second = select_lt(0.5, small, 0.5 - square * (1.0 / 24.0), (1.0 - cosine) / safe)
-    once = cross(psi, x)
-    twice = cross(psi, once)
-    return (
-        x[0] + once[0] * first + twice[0] * second, x[1] + once[1] * first + twice[1] * second,
-        x[2] + once[2] * first + twice[2] * second,
-    )  # fmt: skip
+    # the spin of a task's pose is in section axes
+    turn = matrix(quaternion(load_vector(lane, poses, o + SPACE_POSE.turn)))
+    return load_vector(lane, poses, o + SPACE_POSE.velocity), turn @ load_vector(lane, poses, o + SPACE_POSE.spin)
 
 
 @kernel
@@ -96,13 +78,7 @@ def any_touches(lane, part, S: Lanes):
 
 @kernel
 def wrench(part, p, met):
-    """Return force (N) and moment about the point (N m) of a `Meeting` on the arm, two vectors of three."""
-    friction = met.slip[0] * -met.grip, met.slip[1] * -met.grip, met.slip[2] * -met.grip
+    """Return force (N) and moment about the point (N m) of a `Meeting` on the arm, two `Vector`s in inertial axes."""
+    friction = met.slip * -met.grip
     # the friction force acts on the sphere's surface, at -r n
-    moment = cross(met.normal, friction)
-    radius = -part.radii[p]
-    force = (
-        met.normal[0] * met.force + friction[0], met.normal[1] * met.force + friction[1],
-        met.normal[2] * met.force + friction[2],
-    )  # fmt: skip
-    return force, (moment[0] * radius, moment[1] * radius, moment[2] * radius)
+    return met.normal * met.force + friction, cross(met.normal, friction) * -part.radii[p]

@@ -2,8 +2,8 @@
 
     F_n = max(0, k d^n (1 + 3/2 alpha dd/dt)),    F_t = -mu F_n w / sqrt(|w|^2 + v_s^2)          theory, (6.8)
 
-d: penetration, w: sliding velocity of the sphere's surface in the tangent plane. Vectors are tuples of three in
-inertial axes, in the plane with z = 0.
+d: penetration, w: sliding velocity of the sphere's surface in the tangent plane. Vectors (`space.rotations.Vector`)
+are in inertial axes, in the plane with z = 0.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ...compiler import kernel, maximum, select_lt, square_root
-from .geometry import distance_and_normal
+from ..obstacles import distance_and_normal
+from ..space.rotations import Vector, cross, dot
 from .layout import LAWS
 
 
@@ -19,8 +20,8 @@ class Meeting(NamedTuple):
     """A point and an obstacle: geometry, rates, and the forces on the arm. In lanes that do not touch, forces are 0."""
 
     gap: Any  # m, signed distance of the sphere's surface, negative where it penetrates
-    normal: Any  # (3,) out of the obstacle
-    slip: Any  # (3,) m/s: sliding velocity w
+    normal: Any  # `Vector` out of the obstacle
+    slip: Any  # `Vector`, m/s: sliding velocity w
     force: Any  # N: normal force F_n
     elastic: Any  # N: its part k d^n, the derivative of the stored energy
     stored: Any  # J: k d^(n + 1) / (n + 1)
@@ -29,18 +30,6 @@ class Meeting(NamedTuple):
     grip: Any  # N s/m: mu F_n / sqrt(|w|^2 + v_s^2), so that F_t = -grip w
     sliding: Any  # m/s: |w|
     regular: Any  # m/s: sqrt(|w|^2 + v_s^2)
-
-
-@kernel
-def dot(a, b):
-    """Return the scalar product of two vectors of three."""
-    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
-
-
-@kernel
-def cross(a, b):
-    """Return the vector product a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @kernel
@@ -57,12 +46,7 @@ def _power(x, root, halves):
 @kernel
 def slip_velocity(radius, normal, velocity, spin):
     """Return the velocity (m/s) of the sphere's lowest point -r n in the tangent plane, v - n (n . v) + r n x omega."""
-    along = dot(normal, velocity)
-    turned = cross(normal, spin)
-    return (
-        velocity[0] - normal[0] * along + turned[0] * radius, velocity[1] - normal[1] * along + turned[1] * radius,
-        velocity[2] - normal[2] * along + turned[2] * radius,
-    )  # fmt: skip
+    return velocity - normal * dot(normal, velocity) + cross(normal, spin) * radius
 
 
 @kernel
@@ -70,7 +54,7 @@ def meet(part, p, o, place, velocity, spin):
     """Return the `Meeting` of point p with obstacle o; place (m), velocity (m/s) and spin (rad/s) of the point."""
     law, radius = LAWS.end * o, part.radii[p]
     far, nx, ny, nz = distance_and_normal(part.shapes, o, place[0], place[1], place[2])
-    gap, normal = far - radius, (nx, ny, nz)
+    gap, normal = far - radius, Vector(nx, ny, nz)
     k, halves = part.laws[law + LAWS.stiffness], int(part.laws[law + LAWS.halves])
     alpha, mu, creep = part.laws[law + LAWS.damping], part.laws[law + LAWS.friction], part.laws[law + LAWS.creep]
     # normal force: d = -gap > 0, dd/dt = -n . v
