@@ -1,9 +1,7 @@
 """Contact as a contribution (`physics.contributions`): forces at points, their block of the matrix, energy, damping.
 
 The forces of all obstacles on a point act through the point's entries in the arm's inputs. Their derivative adds the
-block B K B^T to the matrix, which is applied to solutions (theory, (6.7)) with a matrix K:
-
-    (S + B K B^T)^-1 b = x - W C B^T x,   x = S^-1 b,   W = S^-1 B,   C = (1 + K B^T W)^-1 K
+block B K B^T to the matrix, which is applied to solutions (`physics.point_block`).
 
 While no point touches, only the points' places and distances are computed. In lanes, arms that do not touch get
 forces and blocks of 0.
@@ -14,6 +12,7 @@ from __future__ import annotations
 from ...compiler import Lanes, kernel, max_over_lanes, maximum, select_lt, size, stack
 from .. import protocol
 from ..contributions import register
+from ..point_block import column, divide, product, store_columns, store_solutions, subtract
 from ..space.rotations import Vector, cross, dot
 from .account import after_step, damping_power, energy
 from .friction import column_of_slip, component, solve_friction, unit_entry
@@ -60,12 +59,6 @@ def _store_friction(lane, part, p, o, met, S: Lanes):
 
 # --- the block of the matrix ---------------------------------------------------------------------------
 @kernel
-def _column(lane, at, n, S: Lanes, i):
-    """Return column i of B (at: its offset in S) or of W, a view of n rows."""
-    return S[at + i * n : at + (i + 1) * n]
-
-
-@kernel
 def assemble(lane, part, model, par, state, u: Lanes, weights, r, S: Lanes):
     """Store B and K of the points that touch, with weights.with_matrix; `point_forces` has stored their gaps."""
     if weights.with_matrix:
@@ -79,31 +72,10 @@ def assemble(lane, part, model, par, state, u: Lanes, weights, r, S: Lanes):
             for p in range(len(part.points)):
                 if max_over_lanes(S[here_of(part, p).active]) > 0.5:
                     _store_stiffness(lane, part, p, weights, y, poses, S)
-                    _store_columns(lane, part, p, model, par, state, u, S)
-
-
-@kernel
-def _store_columns(lane, part, p, model, par, state, u: Lanes, S: Lanes):
-    """Store B of point p.
-
-    Column i is the amount by which a unit of force component i on the point lowers the arm's residual.
-    """
-    at, n, rows = here_of(part, p), size(model.arm.n), size(part.room)
-    inputs, still, moved = stack(lane, model.points), stack(lane, part.room), stack(lane, part.room)
-    for k in range(size(model.n_inputs)):
-        inputs[k] = u[k]
-    protocol.residual(lane, model.arm, par, state, inputs, still, S)
-    for i in range(len(part.axes)):
-        k = part.input + p * len(part.entries) + i
-        force = inputs[k]
-        inputs[k] = force + 1.0
-        protocol.residual(lane, model.arm, par, state, inputs, moved, S)
-        inputs[k] = force
-        column = _column(lane, at.B, rows, S, i)
-        for j in range(rows):
-            column[j] = 0.0
-        for j in range(n):
-            column[j] = still[j] - moved[j]
+                    first = part.input + p * len(part.entries)
+                    store_columns(
+                        lane, model, par, state, u, first, part.axes, part.room, S, here_of(part, p).B
+                    )  # fmt: skip
 
 
 @kernel
@@ -185,73 +157,30 @@ def after_factor(lane, part, model, S: Lanes):
 
     When a point is reached, solves with S include the blocks of the points before it.
     """
-    axes, n = len(part.axes), size(part.room)
     for p in range(len(part.points)):
         at = here_of(part, p)
         if max_over_lanes(S[at.active]) > 0.5:
-            for i in range(axes):
-                column, source = stack(lane, part.room), _column(lane, at.B, n, S, i)
-                for k in range(n):
-                    column[k] = source[k]
-                protocol.solve(lane, model, S, column)
-                # W is read by `solve` only with C, which is still 0
-                for k in range(n):
-                    S[at.W + i * n + k] = column[k]
+            # `solve` leaves this point out, because its C is still 0
+            store_solutions(lane, model, part.axes, part.room, S, at.B, at.W)
             _store_inverse(lane, part, p, S)
 
 
 @kernel
 def _store_inverse(lane, part, p, S: Lanes):
-    """Compute C = (1 + K B^T W)^-1 K of point p by Gauss-Jordan elimination without pivoting."""
+    """Compute C = (1 + K B^T W)^-1 K of point p."""
     at, axes, n = here_of(part, p), len(part.axes), size(part.room)
-    product = stack(lane, part.axes)
+    moved = stack(lane, part.axes)
     for j in range(axes):
         # column j of B^T W
         for m in range(axes):
-            product[m] = _dot(lane, n, _column(lane, at.B, n, S, m), _column(lane, at.W, n, S, j))
+            moved[m] = product(lane, n, column(lane, at.B, part.room, S, m), column(lane, at.W, part.room, S, j))
         for i in range(axes):
-            total = product[0] * 0.0 + unit_entry(i, j)
+            total = moved[0] * 0.0 + unit_entry(i, j)
             for m in range(axes):
-                total = total + S[at.K + axes * i + m] * product[m]
+                total = total + S[at.K + axes * i + m] * moved[m]
             S[at.work + axes * i + j] = total
             S[at.C + axes * i + j] = S[at.K + axes * i + j]
-    for i in range(axes):
-        inverse = 1.0 / S[at.work + axes * i + i]
-        for j in range(axes):
-            S[at.work + axes * i + j] *= inverse
-            S[at.C + axes * i + j] *= inverse
-        for m in range(axes):
-            if m != i:
-                share = S[at.work + axes * m + i]
-                for j in range(axes):
-                    S[at.work + axes * m + j] -= share * S[at.work + axes * i + j]
-                    S[at.C + axes * m + j] -= share * S[at.C + axes * i + j]
-
-
-@kernel
-def _dot(lane, n, x: Lanes, y: Lanes):
-    """Return x . y of n rows."""
-    total = 0.0
-    for k in range(n):
-        total = total + x[k] * y[k]
-    return total
-
-
-@kernel
-def _subtract(lane, part, p, S: Lanes, along, target, transposed, x: Lanes):
-    """Compute x <- x - target C (along^T x), or with C^T (transposed True); along, target: offsets of B and W in S."""
-    at, axes, n = here_of(part, p), len(part.axes), size(part.room)
-    parts = stack(lane, part.axes)
-    for j in range(axes):
-        parts[j] = _dot(lane, n, _column(lane, along, n, S, j), x)
-    for i in range(axes):
-        share = 0.0
-        for j in range(axes):
-            entry = axes * j + i if transposed else axes * i + j
-            share = share + S[at.C + entry] * parts[j]
-        column = _column(lane, target, n, S, i)
-        for k in range(n):
-            x[k] -= column[k] * share
+    divide(lane, part.axes, S, at.work, at.C)
 
 
 @kernel
@@ -262,7 +191,7 @@ def before_solve(lane, part, model, S: Lanes, x, transposed):
             p = len(part.points) - 1 - i
             at = here_of(part, p)
             if max_over_lanes(S[at.active]) > 0.5:
-                _subtract(lane, part, p, S, at.W, at.B, True, x)
+                subtract(lane, part.axes, part.room, S, at.W, at.B, at.C, True, x)
 
 
 @kernel
@@ -272,7 +201,7 @@ def after_solve(lane, part, model, S: Lanes, x, transposed):
         for p in range(len(part.points)):
             at = here_of(part, p)
             if max_over_lanes(S[at.active]) > 0.5:
-                _subtract(lane, part, p, S, at.B, at.W, False, x)
+                subtract(lane, part.axes, part.room, S, at.B, at.W, at.C, False, x)
 
 
 @kernel
@@ -286,24 +215,19 @@ def correct_increment(lane, part, model, S: Lanes, x: Lanes, fresh):
         at = here_of(part, p)
         if max_over_lanes(S[at.active] * S[at.bound]) > 0.0:
             if fresh:
+                store_solutions(lane, model, part.axes, part.room, S, at.B, at.V)
                 for i in range(axes):
-                    column, source = _column(lane, at.V, n, S, i), _column(lane, at.B, n, S, i)
-                    for k in range(n):
-                        column[k] = source[k]
-                    protocol.solve(lane, model, S, column)
-                for i in range(axes):
+                    source = column(lane, at.B, part.room, S, i)
                     for j in range(axes):
-                        S[at.D + axes * i + j] = _dot(
-                            lane, n, _column(lane, at.B, n, S, i), _column(lane, at.V, n, S, j)
-                        )
+                        S[at.D + axes * i + j] = product(lane, n, source, column(lane, at.V, part.room, S, j))
             change = stack(lane, part.axes)
             for i in range(axes):
-                change[i] = _dot(lane, n, _column(lane, at.B, n, S, i), x)
+                change[i] = product(lane, n, column(lane, at.B, part.room, S, i), x)
             solve_friction(lane, part, p, at, S, change)
             for i in range(axes):
-                column = _column(lane, at.V, n, S, i)
+                own = column(lane, at.V, part.room, S, i)
                 for k in range(n):
-                    x[k] -= column[k] * change[i]
+                    x[k] -= own[k] * change[i]
 
 
 @kernel
@@ -315,14 +239,14 @@ def multiply(lane, part, model, S: Lanes, x, y: Lanes):
         at = here_of(part, p)
         if max_over_lanes(S[at.active]) > 0.5:
             for j in range(axes):
-                parts[j] = _dot(lane, n, _column(lane, at.B, n, S, j), x)
+                parts[j] = product(lane, n, column(lane, at.B, part.room, S, j), x)
             for i in range(axes):
                 share = 0.0
                 for j in range(axes):
                     share = share + S[at.K + axes * i + j] * parts[j]
-                column = _column(lane, at.B, n, S, i)
+                own = column(lane, at.B, part.room, S, i)
                 for k in range(n):
-                    y[k] += column[k] * share
+                    y[k] += own[k] * share
 
 
 register(

@@ -36,7 +36,7 @@ HERE = Layout(
     "ContactPoint", "axes, n",
     Field("reading", (READING.length,), "", "a `READING`"),
     Field("gap", (), "m", "distance between point and nearest obstacle, negative where they touch"),
-    Field("bound", (), "N", "largest mu F_n of all obstacles; `solve_friction` solves for the friction of that obstacle"),
+    Field("bound", (), "N", "largest mu F_n of all obstacles; `solve_friction` solves for that friction"),
     Field("creep", (), "m/s", "v_s of that obstacle"),
     Field("normal", (3,), "", "its normal"),
     Field("slip", (3,), "m/s", "sliding velocity w on it"),
