@@ -353,6 +353,22 @@ def test_a_plan_that_the_arm_breaks_is_not_found():
     assert abs(motion.replay.off[0, 1]) > 0.01 and np.abs(motion.replay.rates[0]).max() > 0.2
 
 
+def test_an_arm_at_rest_stays_beside_arms_that_whip():
+    """Steps of arms that whip are refused for their energy; an arm at rest has none, and is not refused beside them."""
+    plant, rng = dynamics(LIMP, DT), np.random.default_rng(0)
+    x, refused = plant.rest(np.zeros((8, 2))), 0
+    for _ in range(60):
+        u = np.sign(rng.uniform(-1.0, 1.0, (8, 2)))
+        u[0] = 0.0
+        x = plant.advance(x, u)
+        assert not x[0].any()
+        lost = ~np.isfinite(x).all(axis=1)
+        refused += int(lost.sum())
+        x[lost] = plant.rest(np.zeros((1, 2)))
+    assert refused > 3
+
+
+
 def test_a_replay_sees_what_is_between_control_instants(strip):
     """Of a plan whose bound holds at control instants: the exact beam's deflection, to 1 % of it."""
     start, goal = strip.rest(np.zeros((1, 1))), strip.rest(np.array([[0.6]]))

@@ -42,16 +42,17 @@ def refuse_step(lane, model, drive, par, w: Work, active, h):
         turn = maximum(absolute(w.q[k] - w.q0[k]), turn)
     if max_over_lanes(turn) < TURN:
         return False
-    return _flag_unbalanced(lane, model, par, w, active, h)
+    return _flag_unbalanced(lane, model, par, w, active, turn, h)
 
 
 @noinline
-def _flag_unbalanced(lane, model, par, w: Work, active, h):
+def _flag_unbalanced(lane, model, par, w: Work, active, turn, h):
     """Flag lanes with |dE - W + D| > TOLERANCE max(T + U) over a step of h (s) under constant inputs.
 
     dE: change of the energy; W: work of the inputs; D: dissipation of mean forces (J). T, U: kinetic and strain energy
-    at either end. active: lanes that Newton has not solved (> 1/2), not flagged. D does not contain the loss by Coulomb
-    friction. With friction, therefore, only a gain of energy counts. Returns whether a lane is flagged.
+    at either end. active: lanes that Newton has not solved (> 1/2), not flagged. turn: largest change of a coordinate,
+    rad; a lane below TURN is not flagged, as a single arm is not. D does not contain the loss by Coulomb friction. With
+    friction, therefore, only a gain of energy counts. Returns whether a lane is flagged.
 
     # state     w.q0, w.v0 at the start of the step; w.q, w.v, w.u at its end
     # out       w.flag <- NEWTON_FAILED.   # scratch  w.r, w.y, w.y0
@@ -79,6 +80,6 @@ def _flag_unbalanced(lane, model, par, w: Work, active, h):
     # a NaN energy is not < and counts as lost; lanes that failed before stay as flagged
     held = maximum(kinetic + strain, kinetic0 + strain0)
     lost = select_lt(gain, held * TOLERANCE, 0.0, 1.0)
-    lost = select_lt(maximum(active, w.flag[0]), 0.5, lost, 0.0)
+    lost = select_lt(maximum(active, w.flag[0]), 0.5, select_lt(turn, TURN, 0.0, lost), 0.0)
     w.flag[0] = select_lt(0.5, lost, float(NEWTON_FAILED), w.flag[0])
     return max_over_lanes(lost) > 0.5
