@@ -175,7 +175,7 @@ function makeLegend() {
       () => `${stroke(color(), 'stroke-linecap="round"').replace('"3"', '"9"')}${stroke(COLORS["bend-none"], 'stroke-linecap="round"').replace('"3"', '"5"')}`);
   });
   if (CLIPS.some((clip) => clip.rigid)) add("ghost", "rigid arm, same joint angles", () => stroke(COLORS.ghost, 'stroke-dasharray="5 4"'));
-  if (CLIPS.some((clip) => clip.walls)) add("walls", "to be kept out of", () => `<rect x="4" y="1" width="18" height="14" fill="${COLORS.wall}" fill-opacity="0.25" stroke="${COLORS.wall}"/>`);
+  if (CLIPS.some((clip) => clip.walls)) add("walls", "obstacle", () => `<rect x="4" y="1" width="18" height="14" fill="${COLORS.wall}" fill-opacity="0.25" stroke="${COLORS.wall}"/>`);
   add("trace", "path of the tip, last second bold", () => stroke(CLIPS.length > 1 ? COLORS.soft : runColor(0)));
   if (CLIPS.some((clip) => clip.target))
     add("target", "target", () => `<circle cx="13" cy="8" r="6" fill="none" stroke="${COLORS.target}" stroke-width="2.5"/><circle cx="13" cy="8" r="1.8" fill="${COLORS.target}"/>`);
