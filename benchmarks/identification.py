@@ -121,7 +121,7 @@ IN_SPACE = ("EI", "EI_y", "GJ", "payload", "tau_d", "gear")
 
 
 def turns(rng: np.random.Generator, t: np.ndarray, rough: np.ndarray) -> np.ndarray:
-    """A smooth random motion of a hub, rad, from rest."""
+    """Return a smooth random motion of a joint, rad, that starts from rest."""
     waves = zip(rng.normal(0, 1, 9), rough + rng.uniform(-2, 2, 9), rng.uniform(0, 6, 9), strict=True)
     return np.asarray(np.minimum(t, 1.0) ** 3 * sum(a * np.sin(w * t + p) / w for a, w, p in waves))
 
@@ -129,7 +129,10 @@ def turns(rng: np.random.Generator, t: np.ndarray, rough: np.ndarray) -> np.ndar
 def drawn(
     seed: int, arm: Arm, text: str, names: Sequence[str], joints: Sequence[str], seconds: float, rough: np.ndarray
 ) -> tuple[Problem, np.ndarray]:
-    """A log of an arm whose parameters of these names are drawn, as a problem, and the drawn values."""
+    """Simulate a log of an arm with random parameters; return the fitting problem and the true parameter values.
+
+    names: names of the random parameters.
+    """
     rng, t = np.random.default_rng(seed), np.arange(round(100 * seconds) + 1) / 100
     config = read_config(text, arm)
     motions = {joint: turns(rng, t, rough) for joint in joints}
@@ -145,7 +148,8 @@ def drawn(
 
 
 def by_torques(seed: int) -> tuple[Problem, np.ndarray]:
-    """A log that the exact beam wrote, as a problem, and the values of the parameters."""
+    """Simulate a log of a torque-driven exact beam with random parameters; return the fitting problem and the true
+    values."""
     rng = np.random.default_rng(seed)
     usual = arms.named("strip_geared" if seed % 2 else "strip")
     factors = 2.0 ** rng.uniform(-0.7, 0.7, len(OF_HUB))
@@ -170,14 +174,14 @@ def by_torques(seed: int) -> tuple[Problem, np.ndarray]:
 
 
 def case_by_torques(seed: int) -> dict[str, Any]:
-    """Whether each interval holds the truth, and the verdict's deviations of channels."""
+    """Fit a log with torques; return whether each 95 % interval contains the true value, and the suspected channels."""
     problem, truth = by_torques(seed)
     row = found_of(problem, truth)[1]
     return {"seed": seed, **row}
 
 
 def found_of(problem: Problem, truth: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
-    """The values of the fit, and whether each interval holds the truth."""
+    """Solve a fitting problem; return the fitted values, and whether each 95 % interval contains the true value."""
     solver = Solver(problem)
     resolved = resolve(solver, solver.run())
     problem, worth = resolved.problem, resolved.uncertainty
@@ -194,7 +198,8 @@ def found_of(problem: Problem, truth: np.ndarray) -> tuple[np.ndarray, dict[str,
 
 
 def case(seed: int) -> dict[str, Any]:
-    """Whether each interval holds the truth, and what is named as not told."""
+    """Fit a log with a prescribed hub angle; return the fit's results and the parameters that it reports as
+    unidentifiable."""
     arm = arms.named("strip")
     problem, truth = drawn(seed, arm, CONFIG, TOLD, ["joint0"], 4.0, np.linspace(4, 65, 9))
     values, row = found_of(problem, truth)
@@ -206,13 +211,13 @@ def case(seed: int) -> dict[str, Any]:
 
 
 def case_in_space(seed: int) -> dict[str, Any]:
-    """Whether each interval holds the truth, of a boom."""
+    """Fit a log of the boom in space; return whether each 95 % interval contains the true value."""
     problem, truth = drawn(seed, BOOM, SPACE, IN_SPACE, ["joint0", "motor1"], 2.0, np.linspace(3, 40, 9))
     return {"seed": seed, **found_of(problem, truth)[1]}
 
 
 def table_of(rows: list[dict[str, Any]], names: Sequence[str]) -> list[str]:
-    """How many of the cases hold, for each parameter."""
+    """Format a table: for each parameter, the number of cases whose interval contains the true value."""
     summary = []
     for name in names:
         held = sum(row["holds"][name] for row in rows)
@@ -225,7 +230,7 @@ def table_of(rows: list[dict[str, Any]], names: Sequence[str]) -> list[str]:
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Both tables, and what is named."""
+    """Format the tables of the page."""
     rows, space, torques = found["cases"], found["space"], found["torques"]
     suspect = sum(bool(row["suspect"]) for row in torques)
     right = sum(set(row["named"]) == set(RATIOS) for row in rows)
@@ -247,7 +252,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """All cases that a run which was broken off has not left."""
+    """Run all cases that an interrupted run has not computed."""
     found = {"cases": [], "space": [], "torques": [], **pages.begun(options.out, "identification")}
     clock = time.perf_counter()
     for key, one in (("cases", case), ("space", case_in_space), ("torques", case_by_torques)):

@@ -43,7 +43,7 @@ LONG = (
 
 
 def torques(end: float, seed: int = 0) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Instants (s) and values (N m) of the torque."""
+    """Return instants (s) and values (N m) of a random bang-bang torque with zero net impulse."""
     rng = np.random.default_rng(seed)
     count = int(end / 0.2) + 2
     dwell = CONTROL * rng.integers(5, 31, count)
@@ -55,7 +55,7 @@ def torques(end: float, seed: int = 0) -> tuple[np.ndarray[Any, Any], np.ndarray
 
 
 def long_run(case: dict[str, Any]) -> dict[str, Any]:
-    """One run: steps taken, how it ended, energy that appeared or went over gross work, largest deflection."""
+    """Run one case; return its steps, status, created and lost energy over gross work, and largest deflection."""
     settings = Settings.make(case["formulation"], **DEFAULT_OPTIONS[case["formulation"]]).replace(**case["options"])
     assert settings.dt is not None
     end = case["steps"] * settings.dt
@@ -90,7 +90,7 @@ def long_run(case: dict[str, Any]) -> dict[str, Any]:
 
 
 def table_of_long_runs(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Of the page."""
+    """Format the table of long runs."""
     lines = [
         (row["case"]["label"], f"{row['dt']:g}", row["steps"], row["halvings"], f"{row['found']:.1e}",
          f"{row['taken']:.1e}", f"{100 * row['deflection']:.0f} %", row["status"].split(";")[0],

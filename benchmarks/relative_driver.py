@@ -17,7 +17,7 @@ import numpy as np
 
 
 def main(folder: str) -> None:
-    """Answer until there are no more lines."""
+    """Answer each request on standard input until the input ends."""
     for name in ("pinocchio", "pinocchio.visualize", "acados_template", "panda3d_viewer", "torch"):
         sys.modules[name] = MagicMock()
     answers = os.fdopen(os.dup(1), "w")
