@@ -3,13 +3,13 @@
 python -m benchmarks.choose_default [--env ID] [--episodes 200] [--page] [--out FOLDER]
 
 Every candidate runs the same episodes as the converged exact beam. In `episodes` episodes the torque changes randomly
-in each control period. In as many again it is a random bang-bang torque: full torque of either sign, switched after
-random times of 0.1 to 0.6 s. Two links are compared over the first 2 s only, since longer motions of theirs are
+in each control period. In further `episodes` episodes the torque is bang-bang: full torque of either sign, switched
+after random times of 0.1 to 0.6 s. Two links are compared over the first 2 s only, since their longer motions are
 chaotic. The error of an episode is the largest distance between the candidate's tip and the exact one, over L. A
 candidate is acceptable if this error is at most 0.5 % in 99 % of the episodes of each kind; the aim is 0.1 %. The
 default, one for both environments, is the cheapest candidate (sum of both costs in a vector environment) that reaches
-the aim in both. If none reaches the aim, it is the cheapest acceptable one. The exit code is 1 if the package's
-defaults are not acceptable. The script takes a few minutes of CPU time.
+the aim in both. If no candidate reaches the aim, the default is the cheapest acceptable candidate. The exit code is 1
+if the package's defaults are not acceptable. The script takes a few minutes of CPU time.
 """
 
 import argparse

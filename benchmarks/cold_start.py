@@ -4,12 +4,12 @@
 
 --only: cases whose names contain the word; the others keep their numbers.
 
-Each case runs in a fresh process: first with an empty folder of compiled code, then with the code that the first
-process left there. The smallest of the repeated times counts. Processor time includes all threads and child processes,
-from the start of the interpreter to the end of the first step (or derivative). The package is a copy with bytecode, as
-an installer makes it, so that no compiled code beside it is found. The table also shows the time of a fixed piece of
-plain Python in the same minutes, because a shared machine is slower at times. "A further kind" is the memory, MB, that
-each additional kind of arm needs in a process that has already used one kind.
+Each case runs in a fresh process: first with an empty folder of compiled code, then with the compiled code that the
+first process stored in the folder. The smallest of the repeated times counts. Processor time includes all threads and
+child processes, from the start of the interpreter to the end of the first step (or derivative). The package is a copy
+with bytecode, as an installer makes it, so that no compiled code beside it is found. The table also shows the time of a
+fixed piece of plain Python in the same minutes, because a shared machine is slower at times. "A further kind" is the
+memory, MB, that each additional kind of arm needs in a process that has already used one kind.
 """
 
 import argparse

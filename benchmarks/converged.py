@@ -4,9 +4,9 @@
 
 Each scene is run on two meshes and with two steps. The finest solution is stored as CSV in
 `flexarm_env/data/references/converged/` (columns of `Trajectory.to_csv`). `converged.json` there records how much the
-tip still changed with mesh and step, and its distance from two other solutions. One is by finite differences on a
-staggered grid in plain NumPy, without code of the package (`tests/oracle_exact.py`); the other is by Exudyn, if it is
-installed. `--check` only prints; `--cross-check` computes only the two other solutions.
+tip still changed with mesh and step, and its distance from two other solutions. The first of these solutions uses
+finite differences on a staggered grid in plain NumPy, without code of the package (`tests/oracle_exact.py`); the second
+uses Exudyn, if it is installed. `--check` only prints; `--cross-check` computes only the two other solutions.
 """
 
 import argparse

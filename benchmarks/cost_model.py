@@ -32,7 +32,7 @@ CHAINS = 12
 
 @kernel
 def _chains(lane, x, count):
-    """`count` times: each of 12 numbers (of each lane) multiplied, then added to; 24 operations."""
+    """Multiply each of 12 numbers per lane, then add to it, `count` times: 24 operations per repetition."""
     a0, a1, a2 = load(lane, x, 0), load(lane, x, 1), load(lane, x, 2)
     a3, a4, a5 = load(lane, x, 3), load(lane, x, 4), load(lane, x, 5)
     a6, a7, a8 = load(lane, x, 6), load(lane, x, 7), load(lane, x, 8)

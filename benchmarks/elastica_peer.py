@@ -4,8 +4,8 @@ PyElastica's rod has positions at nodes and directors at elements. Its step is e
 by the fastest wave. Stiffness, mass and rotary inertia equal those of the package. Its stiffnesses change with stretch,
 while the package's do not; the difference is of the order of the stretch. Forces on the root act on its first node, and
 torques on its first element. Directors are in the middle of elements. Where the root's angle is prescribed, the rod
-therefore begins half an element before the root, so that the middle of its first element is at the root. Its two-link
-systems are joined by penalty springs and are omitted.
+therefore begins half an element before the root, so that the middle of its first element is at the root. Two-link
+systems are omitted, because PyElastica joins links by penalty springs.
 """
 
 import math

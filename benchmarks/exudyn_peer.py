@@ -3,11 +3,11 @@
 The scenes need the extra `bench`; the strip is that of `FlexibleArm-v0`.
 
 In `run`, loads are switched off between two calls of the solver, so that no Python function runs inside the solver. A
-prescribed hub angle requires a function of time. Exudyn calls it from Python at least once per step, and its time
-includes these calls. `stepper` keeps the solver between control periods, writes no files, and has the fastest settings
-for a small system: dense matrices, modified Newton, linear elements, and the module without range checks. Its loop only
-sets the torque, solves the period, and reads tip and hub. It has no observation, reward or wrapper, which the package's
-environment has: the comparison favors Exudyn.
+prescribed hub angle requires a function of time, which Exudyn calls in Python at least once per step; Exudyn's time
+includes these calls. `stepper` reuses one solver object for all control periods, writes no files, and has the fastest
+settings for a small system: dense matrices, modified Newton, linear elements, and the module without range checks. The
+loop of `stepper` only sets the torque, solves the period, and reads tip and hub. The loop has no observation, reward or
+wrapper, which the package's environment has: the comparison favors Exudyn.
 """
 
 import itertools

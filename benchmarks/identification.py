@@ -4,17 +4,17 @@ python -m benchmarks.identification [--cases N] [--page] [--out FOLDER]     an i
 
 Each case draws a strip (EI, payload and tau_d within 8 % of the nominal values), a smooth hub motion of nine sines, and
 1 % of white noise on a filtered strain gauge with an offset. Three parameters are fitted, starting from the nominal
-strip. A second fit adds the mass per length. With a prescribed hub angle, only its ratios to stiffness and payload are
-identifiable.
+strip. A second fit adds the mass per length. With a prescribed hub angle, only the ratios of this mass to stiffness and
+payload are identifiable.
 
 A case with torques has the log of another solver. A strip, every second one with a gear, has EI, payload, tau_d and hub
-inertia between 0.62 and 1.62 times the nominal values. It is computed as an exact beam with a thirtieth of the sampling
-interval as step, and driven by nine sines of torque. An encoder of 4096 counts and a noisy gauge are read at 100 or
-200 Hz. The fit starts from the nominal arm, with the default step and mesh.
+inertia between 0.62 and 1.62 times the nominal values. The log's arm is an exact beam, simulated with a thirtieth of
+the sampling interval as step, and driven by nine sines of torque. An encoder of 4096 counts and a noisy gauge are read
+at 100 or 200 Hz. The fit starts from the nominal arm, with the default step and mesh.
 
 A case in space draws a boom on a rotating pillar, with yaw and shoulder joints, under gravity. The fitted parameters
-are its bending stiffnesses in both planes, its torsional stiffness, the payload, tau_d and the shoulder's gear. The log
-contains three gauges and the motors' angles.
+are the boom's bending stiffnesses in both planes, its torsional stiffness, the payload, tau_d and the shoulder's gear.
+The log contains three gauges and the motors' angles.
 """
 
 import argparse

@@ -4,7 +4,8 @@
     python -m benchmarks.instructions FILE --compare OTHER [--only ...]   prints FILE's counts over those of OTHER
 
 Each program of `PROGRAMS` runs in its own process under valgrind. Nothing is counted while the program starts, compiles
-and takes its first steps. Then its work is done ten times and counted. Instructions in memory that belongs to no file
+and takes its first steps. Then the program repeats its work ten times, and the instructions of the repetitions are
+counted. Instructions in memory that belongs to no file
 are those of the compiled code; the rest, mostly Python's interpreter, is listed separately. Counts are of one run: the
 same code gives the same number, to a few in a million.
 

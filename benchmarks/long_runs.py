@@ -1,8 +1,9 @@
 """Run a million steps of the strip under random bang-bang torque with zero net impulse, by every formulation.
 
-Each pair of torques is the full torque of one sign, then of the other, for the same random time (0.1 to 0.6 s). Some
-rows have a share of the full torque, since whole links reduced to modes are not suited to full torque. Settings are the
-environments' defaults, except those that a row names. The energy is checked each time the torque switches.
+Each pair of torques is the full torque of one sign, then of the other sign, for the same random time (0.1 to 0.6 s).
+Some rows have a share of the full torque, since links that are reduced to modes as a whole bend too far under full
+torque. Settings are the environments' defaults, except for the settings that a row names. The energy is checked each
+time the torque switches.
 """
 
 import time

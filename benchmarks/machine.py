@@ -1,4 +1,4 @@
-"""Common functions of the benchmarks: parse the command line, describe the machine, write a file atomically."""
+"""Common functions of the benchmarks: parse the command line, describe the machine, measure processor time."""
 
 import argparse
 import os

@@ -7,7 +7,7 @@ torques are held over control periods of 20 ms; half of the episodes have random
 reference is the converged exact beam. `three_dof` runs a quarter of its torques for 0.5 s in space. MuJoCo's chains are
 stepped in C (`mujoco.rollout`). The package's arms are Gymnasium environments, Python included. The error of an episode
 is the largest distance of the tip from the reference, in % of the arm's length; the worst episode counts. Times are CPU
-microseconds per arm and control period, the smallest of several rounds, all of one run; with two threads they are wall
+microseconds per arm and control period, the smallest of several rounds, all of one run; times with two threads are wall
 times. The script takes about ten CPU minutes and needs the extra `mujoco`.
 """
 

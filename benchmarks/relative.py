@@ -2,9 +2,9 @@
 
     python -m benchmarks.relative [--relative FOLDER --python PYTHON] [--runs FOLDER]
 
-FOLDER contains its files. PYTHON is an interpreter with CasADi and Gymnasium (3.10, because of its dataclasses).
-Without these flags, the recorded results of that environment are kept. Rates are of processor time; both environments
-alternate in one run.
+FOLDER contains the files of shamilmamedov/flexible_arm. PYTHON is an interpreter with CasADi and Gymnasium (3.10,
+because of the dataclasses in these files). Without these flags, the recorded results of that environment are kept.
+Rates are of processor time; both environments alternate in one run.
 """
 
 import argparse

@@ -3,11 +3,11 @@
     python -m benchmarks.stability_envs [--arms N] [--seed S] [--only KIND ...] [--workers N] [--fresh] [--page]
         [--out FOLDER]
 
-An arm, its features and its torque limits are random. Eight episodes of 100 control periods follow. Their actions are
-uniform or from {-1, 1}, and held for 1 or 8 periods. The tip is compared with two runs of the exact beam with small
-steps (`FINE`). An episode is evaluated if these runs reach their end and agree within 0.5 % of the arm's length
-throughout. An error counts as reported in four cases: `make` warned or rejected the arm, info was out of range, the
-episode ended with a reason, or `info["error_estimate"]` is at least the error.
+Arms, their features and their torque limits are random. Each arm runs eight episodes of 100 control periods, with
+actions that are uniform or from {-1, 1} and are held for 1 or 8 periods. The tip is compared with two reference runs,
+exact beams with small steps (`FINE`). An episode is evaluated if both reference runs reach the end of the episode and
+agree within 0.5 % of the arm's length throughout. An error counts as reported in four cases: `make` warned or rejected
+the arm, info was out of range, the episode ended with a reason, or `info["error_estimate"]` is at least the error.
 """
 
 import argparse

@@ -4,8 +4,9 @@
 
 Arms have length 1 m, mass 1 kg and EI = 1 N m^2, their own EI_y and torsional stiffness, and oblique axes. Times are
 multiples of the first period T1 of the clamped arm. The converged solution is that of the exact beam on two meshes with
-two steps, which agree within 0.3 % of L. For arms stiffer than `STIFF` it is the solution of an arm of stiffness
-`STIFF`, which is practically rigid. An error of 1 rad of the tip's axes counts as much as a tip error of a fifth of L.
+two steps, which agree within 0.3 % of L. An arm whose stiffness factor exceeds `STIFF` is compared with the solution of
+an arm with the factor `STIFF`, which is practically rigid. An error of 1 rad of the tip's axes counts as much as a tip
+error of a fifth of L.
 """
 
 import argparse

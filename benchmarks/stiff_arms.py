@@ -2,9 +2,8 @@
 
 The strip turns for a second under half of its torque limit. In one series EI, EA and C are multiplied by
 10^0 ... 10^14, in another EI alone, and in a third EA and C alone. With a large EI the arm is practically rigid and
-turns by T t^2 / 2 I. With EA and C alone multiplied, it moves as the strip does. A run is wrong if the tip's angle is
-off by more than 1 %, or if a kinetic energy is negative.
-A part of `benchmarks.stability`.
+turns by T t^2 / 2 I. With EA and C alone multiplied, the arm moves as the strip does. A run is wrong if the tip's angle
+is off by more than 1 %, or if a kinetic energy is negative. A part of `benchmarks.stability`.
 """
 
 import dataclasses
