@@ -11,8 +11,8 @@ motion of the last guess is the result. A plan consists of torques alone. The to
 the environment, where the settling time is measured, and then on the converged exact beam. A quicker motion may exist.
 
 The episodes are planned in lots of several episodes. A lot that docs/results/optimal.json contains is not planned
-again, so that an interrupted run can be continued. The script writes docs/results/optimal.{json,md};
-`python -m agents.table` compares the policies with these results.
+again, so that an interrupted run can be continued. The script writes docs/results/optimal.{json,md}; `python -m
+agents.table` compares the policies with these results.
 """
 
 import sys

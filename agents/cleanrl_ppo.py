@@ -4,8 +4,8 @@ repository.
     python agents/cleanrl_ppo.py --env-id FlexibleArm-v0
     python agents/cleanrl_ppo.py --env-id flexarm_env:flexarm/slew-measured-v2 --out slew.pt
 
-The trained networks are written to --out. `act` is a policy for
-`flexarm bench suite --policy agents.cleanrl_ppo:act`; `act` reads the file that the environment variable AGENT names.
+The trained networks are written to --out. `act` is a policy for `flexarm bench suite --policy agents.cleanrl_ppo:act`;
+`act` reads the file that the environment variable AGENT names.
 """
 
 import argparse

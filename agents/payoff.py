@@ -211,8 +211,7 @@ def steadiest(arms: Any, start: Array, actions: Array, policies: Sequence[Any]) 
     """Return a feedback that stabilizes each arm by its best policy, about the path under actions (T, n, N).
 
     start: states at the beginning of the path. With the best policy a disturbance of `NUDGE` in the first action
-    changes
-    an arm's observations least.
+    changes an arm's observations least.
     """
     ways = [Steady(arms, start, actions, policy) for policy in policies]
     away = []

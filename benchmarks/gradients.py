@@ -5,9 +5,9 @@ python -m benchmarks.gradients [--seeds 5] [--ppo 5] [--arms 512] [--kept] [--on
 
 `agents.train_ppo` trains with --algo gradient and --algo ppo and the default configs, in one process with one thread.
 The processor time excludes imports, compilation, evaluation and checkpoints, and ends at the evaluation in which the
-task counts as solved (95 % of the validation episodes). The run's best policy is evaluated on the test
-episodes, which neither training nor the selection uses. Finished runs are kept, so that an interrupted benchmark can be
-continued; with --kept the page shows only these runs.
+task counts as solved (95 % of the validation episodes). The run's best policy is evaluated on the test episodes, which
+neither training nor the selection uses. Finished runs are kept, so that an interrupted benchmark can be continued; with
+--kept the page shows only these runs.
 """
 
 import argparse

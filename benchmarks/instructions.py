@@ -5,9 +5,8 @@
 
 Each program of `PROGRAMS` runs in its own process under valgrind. Nothing is counted while the program starts, compiles
 and takes its first steps. Then the program repeats its work ten times, and the instructions of the repetitions are
-counted. Instructions in memory that belongs to no file
-are those of the compiled code; the rest, mostly Python's interpreter, is listed separately. Counts are of one run: the
-same code gives the same number, to a few in a million.
+counted. Instructions in memory that belongs to no file are those of the compiled code; the rest, mostly Python's
+interpreter, is listed separately. Counts are of one run: the same code gives the same number, to a few in a million.
 
 The repository contains the counts of some programs, benchmarks/instructions_record.json. A commit that changes these
 counts on purpose counts the programs again.

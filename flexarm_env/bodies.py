@@ -20,7 +20,7 @@ Z: Vector = (0.0, 0.0, 1.0)
 
 
 def vector(path: str, value: object, unit: str = "") -> Vector:
-    """Validate three finite numbers."""
+    """Validate a vector of three finite numbers and return it as a tuple."""
     x, y, z = check.numbers(path, value, f"three numbers{f' ({unit})' if unit else ''}", 3, unit)
     return x, y, z
 
@@ -100,7 +100,7 @@ def tensor(value: Inertia) -> Array:
 
 
 def about_z(value: Inertia) -> float:
-    """Return the moment of inertia about z."""
+    """Return the component of a moment of inertia (number or tensor) about the z axis, kg m^2."""
     return float(value[2][2]) if isinstance(value, tuple) else value
 
 

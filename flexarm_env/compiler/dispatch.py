@@ -83,7 +83,7 @@ class Family:
     def function(self, name: str, arguments: str) -> Callable[..., Any]:
         """Return a function that calls the kernel registered under `name` for the class of the dispatching argument.
 
-        arguments: its parameter names, "lane, model, ..."; the result belongs to the calling module.
+        arguments: parameter names of the returned function, "lane, model, ..."; its module is that of the caller.
         """
         names = [word.strip() for word in arguments.split(",")]
         place = names.index(self.argument)

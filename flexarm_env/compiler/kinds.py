@@ -96,7 +96,7 @@ class Record:
 class Stored:
     """A named tuple in memory at `address`, laid out by `layout`; fields are loaded where they are used.
 
-    lane: as of a `Record`.
+    lane: see `Record`.
     """
 
     __slots__ = ("address", "instance_class", "lane", "layout")
@@ -176,7 +176,7 @@ def described_as(part: Any, name: str) -> Any:
 
 
 def width(shape: Any) -> int:
-    """Return the number of 8-byte words that a value described by `shape` takes: an array one and its dimensions."""
+    """Return the number of 8-byte words of a value described by `shape`: for an array one, plus one per dimension."""
     if isinstance(shape, Layout):
         return shape.words
     if isinstance(shape, str):

@@ -58,7 +58,7 @@ def store(array: np.ndarray, k: int, value: float) -> None:
 
 
 def splat(lane: tuple[int, ...], x: float) -> float:
-    """Return the scalar x in every lane."""
+    """Return a vector with the scalar x in every lane."""
     _one(lane)
     return x
 

@@ -1,7 +1,7 @@
 """Cache of compiled programs on disk: one file per program, found by a key of all dependencies of its code.
 
 The key covers the sources, the argument types, llvmlite's version and the processor. A file is its SHA-256, a line of
-JSON and an object file: reading one executes nothing. A damaged file is compiled again; without a writable folder no
+JSON and an object file: reading a file executes no code. A damaged file is compiled again; without a writable folder no
 file is stored. A file that users other than the owner and root could have written is not read.
 
 For kernels from outside the package the JSON lists their dependencies (`dependencies`). Loading a file renews its time
@@ -44,7 +44,7 @@ LIMIT, ROOM = 512.0, "FLEXARM_CACHE_MB"
 """Largest total size of the files of a folder, MB, and the environment variable that sets another size."""
 
 SPARE = 0.9
-"""Above the limit files are deleted until this fraction of it is left."""
+"""Fraction of the limit to which the total size is reduced by deleting files, once it exceeds the limit."""
 
 OFTEN, FORGOTTEN = 3600.0, 30 * 86400.0
 """Seconds. The first is the least time between two renewals of a file's time, and the age from which a partial file

@@ -95,8 +95,9 @@ class Pace:
     def took(self, seconds: float) -> None:
         """Record the duration (s) of a step that ran with `threads` threads, and choose the next number.
 
-        A trial times SAMPLES steps with one thread. From their duration it estimates a number of threads and times
-        steps with this number, then with half of it, and so on, until the speedup per thread is at least WORTH.
+        A trial times SAMPLES steps with one thread. From their duration the trial estimates a number of threads and
+        times steps with this number, then with half of this number, and so on, until the speedup per thread is at least
+        WORTH.
         """
         # between trials: count down, then begin with one thread
         if self._wait > 0.0:

@@ -41,8 +41,8 @@ class Source(NamedTuple):
 def source_of(function: Any) -> Source:
     """Return the `Source` of a Python function, cached.
 
-    Refused: lambdas, async functions, other decorators, starred or keyword-only arguments, functions without source
-    text, and functions whose text has changed since they were made.
+    Raises Refused for lambdas, async functions, other decorators, starred or keyword-only arguments, functions without
+    source text, and functions whose text has changed since they were made.
     """
     code, name = function.__code__, f"{function.__module__}.{function.__qualname__}"
     at = f"{code.co_filename}:{code.co_firstlineno}"

@@ -52,7 +52,7 @@ def _table(task: str) -> dict[str, Any]:
 def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
     """Return the tuned gains of controller `name` for a task ("slew", "reach", or "space").
 
-    n_joints: number of joints; None: that of the task's own arm. Arms with three and more joints share one set of
+    n_joints: number of joints; None: that of the task's default arm. Arms with three and more joints share one set of
     gains, "chain". Returns an instance of the controller's gains class. Raises ValueError for an unknown name, or a
     controller that does not exist for the task.
     """

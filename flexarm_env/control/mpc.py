@@ -39,7 +39,7 @@ takes twice as long. Vibration before the arrival costs nothing. If the arrival 
 could grow, unless damping stops it."""
 
 STIFF = 100.0
-"""Factor on the initial penalties of `optimal`'s plans, since no multipliers are updated here."""
+"""Factor on the initial penalties of `optimal`'s plans, since receding-horizon control updates no multipliers."""
 
 MOST = 60
 """Largest number of attempts at an episode's first plan."""
