@@ -35,7 +35,7 @@ from .memory import Memory
 from .places import laws_of, places_of
 
 MOST_AT_ONCE = 3
-"""Number of columns computed side by side; more columns cost as much each and take longer to compile."""
+"""Number of columns computed side by side; with more columns a column costs as much, but compilation takes longer."""
 
 
 PASSES, MOST_PASSES = 5, 20

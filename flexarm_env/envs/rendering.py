@@ -105,7 +105,7 @@ class Renderer:
         self.links: list[str] | None = None
         """Names of the deflection bars, if not all links have a bar."""
         self.ghost = True
-        """Whether the picture shows the rigid arm and says so."""
+        """Whether the picture shows the rigid arm, with a caption."""
         self.keep_out: Sequence[Shape] = ()
         """Shapes that the arm must not enter; the picture shows them."""
         self.obstacles: Sequence[Shape] = ()

@@ -19,7 +19,7 @@ from ..validation import Array
 from .targets import ANGLE_OF_TIP, POINT, Pair, Target
 
 HOLD_TIME = 0.5
-"""Time, s: an episode is a success if the arm is within the bounds throughout this last part of it."""
+"""Time, s: an episode is a success if the arm stays within the bounds for the last HOLD_TIME of the episode."""
 
 REWARDS = ("accuracy", "settle", "distance", "effort", "vibration", "failure")
 """Names of the reward terms of slew and reach, in order."""

@@ -49,7 +49,7 @@ class Notes(Mapping[str, float]):
     def softer(self) -> float:
         """Factor on EI of a companion run: 1 / (1 + epsilon), where epsilon is the largest among the lowest modes.
 
-        The distance to that run covers motion of any size, which the linear estimate does not.
+        The distance to the companion run estimates the error for motions of any size, unlike the linear estimate.
         """
         scene, n = self._of
         modes = _Modes(scene, chain(scene.arm, n))

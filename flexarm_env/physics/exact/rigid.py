@@ -209,8 +209,8 @@ def beam_start_rows(lane, model, state: State, u: Lanes, k, tip, i, r: Lanes, we
 def last_vertex_force(lane, model, par: Lanes, state: State, tip, i, weights, S):
     """Return force (N, inertial axes) and moment (N m) on the last vertex, row i.
 
-    It is the sum from the beam (`tip`), the payload's mass and the tip lever that carries the payload. The caller adds
-    the payload's rotary inertia.
+    Beam (`tip`), the payload's mass and the tip lever that carries the payload contribute to force and moment. The
+    caller adds the payload's rotary inertia.
     """
     (fx, fy, moment), (ax, ay, alpha) = tip.force, tip.acceleration
     omega, mass, k = state.v[i + T], par[PAYLOAD_MASS], model.links - 1

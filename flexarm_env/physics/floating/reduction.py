@@ -91,9 +91,10 @@ def modal_body(
 ) -> Body:
     """Return the `Body` of a link, or of a piece of a link (whole=False), reduced to n shapes.
 
-    frame="root": clamped modes with tip_mass (kg) and tip_inertia (kg m^2) at the tip. These shape the modes but are no
-    part of the body's inertia. frame="chord": a whole link has the same modes, relative to the line through both ends.
-    A piece, which its neighbors bend by moments at both ends, has `pinned_modes`; if n is 1, it has the clamped mode.
+    frame="root": clamped modes with tip_mass (kg) and tip_inertia (kg m^2) at the tip. Tip mass and inertia shape the
+    modes but are no part of the body's inertia. frame="chord": a whole link has the same modes, relative to the line
+    through both ends. A piece, which its neighbors bend by moments at both ends, has `pinned_modes`; if n is 1, it has
+    the clamped mode.
 
     The result is cached and shared: copy it before a change.
     """
