@@ -2,7 +2,8 @@
 
 Each stress resultant is a stiffness (EA, C, EI) times a function of its strain (Gamma_1, Gamma_2, kappa) with slope 1
 at zero strain; Kelvin-Voigt damping adds stiffness times tau_d times the strain rate (theory, 5.1). The exact beam
-reads all three laws, the elastica that of M; floating frames take stiffnesses alone. Here all are linear:
+reads all three laws, the elastica that of M; floating frames use only the stiffnesses. The laws of this module are
+linear:
 
     N = EA Gamma_1,   Q = C Gamma_2,   M = EI kappa.
 

@@ -181,7 +181,7 @@ def _floating(scene: Scene, system: System, row: int, places: Sequence[tuple[int
 
 
 NOTHING = 1e-12
-"""If each arm has its own hub inertia, the model has this share of it, so that its term is compiled."""
+"""Share of the hub inertia in the model if each arm has its own hub inertia: not 0, so that the term is compiled."""
 
 
 def with_own_laws(system: System, hub: float) -> System:

@@ -412,8 +412,8 @@ def point_load_wrench(lane, model, u, k, at_tip, at, weights, S, o):
 def transmit_wrench(lane, model, r, S, k, of):
     """Add a wrench `of` = (force, N, inertial axes; moment, N m, section axes) to the section before joint k.
 
-    It is added to the section's rows of r. Where strains are coordinates only the base has rows (k = 0); for k > 0 it
-    is added to `NOTED.on` of link k - 1 in S.
+    The wrench is added to the section's rows of r. Where strains are coordinates only the base has rows (k = 0); for k
+    > 0 the wrench is added to `NOTED.on` of link k - 1 in S.
     """
     if model.strains is not None:
         if k > 0:

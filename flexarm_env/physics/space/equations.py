@@ -210,9 +210,9 @@ def conserve_momentum(lane, model, par: Lanes, before, h, q, v, u, r, S):
     """Correct velocities so that momentum changes by the impulse of weight and loads (theory, 9).
 
     The rigid translation (P_0 + h/2 (F_0 + F_1) - P) / M, which enters no other equation, is added to the velocities of
-    all sections. It is needed because positions of middles and of offset centers of mass are not linear in the
-    coordinates. P: momentum (kg m/s), F: force of weight and loads (N), 0 at the start and 1 at the end of the step h
-    (s), inertial axes; M: mass. Returns (P, F) at the end, or None where a support holds the arm. before: (P_0, F_0);
+    all sections. The correction is needed because positions of middles and of offset centers of mass are not linear in
+    the coordinates. P: momentum (kg m/s), F: force of weight and loads (N), 0 at the start and 1 at the end of the step
+    h (s), inertial axes; M: mass. Returns (P, F) at the end, or None where a support holds the arm. before: (P_0, F_0);
     None: no correction.
     """
     if model.free is None:

@@ -3,8 +3,9 @@
 Steel strips rotate far in a step and hardly stretch. If positions moved along straight lines while sections rotate by
 d, an element would be stretched by d^2/2. Damping would add c_v tau_d times the resulting force. The next iteration
 would have to remove these forces first. Therefore Newton's increment is applied to rotations and to the elements'
-section forces n, which are right to first order. Positions follow from these; rates and accelerations follow positions
-as in any step. With damping, a force is affine in the chord's components e in the axes of the element's middle:
+section forces n, which are right to first order. Positions follow from rotations and forces; rates and accelerations
+follow positions as in any step. With damping, a force is affine in the chord's components e in the axes of the
+element's middle:
 
     n / D = (1 + tau_d c_v) e + tau_d e x w + (terms without e),   w: angular velocity of the middle
 """
