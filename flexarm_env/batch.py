@@ -112,7 +112,7 @@ class Batch:
         action (n, A) float32: input of `step`. observation (n, O) float32, reward (n,), terminated, truncated (n,):
             results of the last step or start. table: entries of info, one row each, one column per arm (and spare
             columns). sheet: the table with its views. info_at: row of each entry of `INFO`. request: the next start, a
-                `REQUEST` (NaN: draw at random). address: address of the program's memory for compiled functions.
+            `REQUEST` (NaN: draw at random). address: address of the program's memory for compiled functions.
     """
 
     def __init__(

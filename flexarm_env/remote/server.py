@@ -86,9 +86,8 @@ class Session:
     Attributes:
         row: last period: time (s) and readings at its start, and the torques applied in it. counts: packets by
             `Refusal` and by "accepted", "challenged", "busy", "missing" (gaps in the peer's sequence numbers).
-        held: whether the arm is held, until a command with `ARM`. reason: why it is held. peer: served address, or
-            None. status: 0.0, or the code that stopped the arm. period: number of periods so far. notice: a sentence
-            about a peer's version, or "".
+        held: whether the arm is held, until a command with `ARM`. reason: of the hold. peer: served address or None.
+            status: 0.0, or the code that stopped the arm. period: its number. notice: on a peer's version, or "".
     """
 
     env: Any

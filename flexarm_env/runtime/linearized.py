@@ -57,8 +57,8 @@ def outputs_of(n):
 def linearize(address, first, last):
     """Compute values and derivatives of groups first ... last - 1; address: address of a `Linearization`. Returns 0.
 
-    It writes d.values (rates, or state a period later, then outputs) and d.slopes (derivatives of d.values by q, v,
-    torques).
+    The kernel writes d.values (rates, or state a period later, then outputs) and d.slopes (derivatives of d.values by
+    q, v, torques).
     """
     d = dereference(address)
     at_once = len(d.dual) // len(d.lane) - 1

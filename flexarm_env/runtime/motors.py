@@ -339,8 +339,8 @@ def record_delay(lane, p, record, live, info):
 def draw_lateness(actuator, stream, arm, record, lanes):
     """Draw the extra delay of the next period's commands into record.late; no-op without jitter.
 
-    It is a whole number of steps from 0 to actuator.jitter[0]. lanes: number of lanes of a group; arm: number in the
-    batch.
+    The extra delay is a whole number of steps from 0 to actuator.jitter[0]. lanes: number of lanes of a group; arm:
+    number in the batch.
     """
     if actuator is not None and actuator.jitter is not None:
         drawn = math.floor(uniform(stream, arm) * (actuator.jitter[0] + 1.0))

@@ -23,7 +23,6 @@ EXACT = 1e-12
 class InPlane(NamedTuple):
     """A scene that stays in a plane, expressed in that plane.
 
-    scene: the equivalent scene in the x-y plane. axes (3, 3): columns are the plane's x axis, y axis and normal in
     scene: the equivalent scene in the x-y plane. axes (3, 3): columns are the plane's x axis, y axis and normal, in
     inertial axes. height: position of the plane along its normal, m. frames (N, 3, 3): rows are each link's x axis, y
     axis and normal in the plane, in the link's own axes. signs, offsets (N,): the joint angle in the plane is offset

@@ -22,8 +22,8 @@ from .score import FIRST
 ROUNDING, UPRIGHT = 1e-6, {"swing-up-v1": 1e-3}
 """Largest differences of values in a replay. Replays are bitwise equal on every x86-64 processor tested. Other
 architectures round sines differently, and values then differ by less than these numbers. A change of the last bit of
-the models' matrices caused at most 2e-8. For arms balanced upright for seconds by open-loop torques it caused 3e-4 (of
-J 298)."""
+the models' matrices caused at most 2e-8. For arms balanced upright for seconds by open-loop torques such a change of
+the matrices caused 3e-4, at a J of 298."""
 
 
 @dataclass(frozen=True)

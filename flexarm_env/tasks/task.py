@@ -125,7 +125,7 @@ def of_base(lane, task, poses: Lanes, number):
 def hub_angle(lane, task, poses: Lanes, sine, cosine):
     """Return sine and cosine of joint 0's angle; sine, cosine: of the inertial angle of link 0's root.
 
-    If the root is held, this is the inertial angle itself. On a floating base, the base's attitude is subtracted.
+    If the root is held, joint 0's angle is the inertial angle. On a floating base, the base's attitude is subtracted.
     """
     if size(task.base) > 0:
         return sincos(poses[POSE.angle] - of_base(lane, task, poses, BASE_POSE.angle))
