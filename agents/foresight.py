@@ -1,7 +1,7 @@
 """Optimize the torques of known episodes by gradient ascent on their returns, for the best known values of the suite.
 
-The search knows more than any policy: the start, payload and target of each episode. It measures nothing, and the
-torques depend only on time. Each result is a local optimum. The search starts from the actions of controllers that
+The search knows more than any policy: the start, payload and target of each episode. The search measures nothing, and
+the torques depend only on time. Each result is a local optimum. The search starts from the actions of controllers that
 observe the whole state. The optimized torques are then played in the task itself, with its sensors, where they must
 give the return that the search computed.
 
@@ -205,7 +205,7 @@ def growing(periods: int, end: int) -> list[Array]:
 
     The first search counts the rewards of the first `2 GROWTH` periods; each later search counts `GROWTH` more periods.
     The last search counts all rewards; the last `end` periods, in which success is evaluated, have the weight
-    `STRESS`. In this way later periods cannot spoil an episode's beginning.
+    `STRESS`. Later periods therefore cannot spoil an episode's beginning.
     """
     shares = [np.arange(periods) < count for count in range(2 * GROWTH, periods + GROWTH, GROWTH)]
     return [*(np.where(share, 1.0, 0.0) for share in shares), np.where(np.arange(periods) < periods - end, 1.0, STRESS)]

@@ -7,8 +7,8 @@
 
 Hyper-parameters are those of configs/ppo/default.yml, as for Stable-Baselines3. The run folder has the layout of
 `agents.train_ppo`: policy.npz (the best on the validation episodes, for NumPy alone), config.yml, run.json,
-learning_curve.csv and .png, and tensorboard/. It also contains module.pt (weights of that policy's RLModule) and, until
-the run has finished, checkpoints/ (each with RLlib's own checkpoint in algorithm/).
+learning_curve.csv and .png, and tensorboard/. The run folder also contains module.pt (weights of that policy's
+RLModule) and, until the run has finished, checkpoints/ (each with RLlib's own checkpoint in algorithm/).
 """
 
 import contextlib

@@ -2,7 +2,8 @@
 
 python -m benchmarks.circle [--seeds N] [--steps N] [--targets N] [--page] [--out FOLDER] [--runs FOLDER]
 
-docs/tutorials/circle.md explains the steps. This script runs them at full length and for several seeds.
+docs/tutorials/circle.md explains the steps. This script runs the steps of the tutorial at full length and for several
+seeds.
 """
 
 import argparse

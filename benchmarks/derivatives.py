@@ -2,11 +2,11 @@
 
     python -m benchmarks.derivatives [--arms 256] [--only WORDS ...] [--page] [--out FOLDER]
 
-The numbers are processor times on one thread, in microseconds per arm and control period. They are minima over many
-rounds in which the compared computations alternate. The computations are a rollout of 10 periods, the gradient of its
-rewards (in addition to the rollout), the Jacobians of a period, and linear models where these are compiled. Each kind
-of arm is measured in its own process. --only: kinds whose names contain one of the words; the others keep their rows in
-the folder.
+The numbers are processor times on one thread, in microseconds per arm and control period. The numbers are minima over
+many rounds in which the compared computations alternate. The computations are a rollout of 10 periods, the gradient of
+its rewards (in addition to the rollout), the Jacobians of a period, and linear models where these are compiled. Each
+kind of arm is measured in its own process. --only: kinds whose names contain one of the words; the others keep their
+rows in the folder.
 """
 
 import argparse

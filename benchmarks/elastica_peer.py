@@ -1,11 +1,11 @@
 """Compare with PyElastica: the one-link validation scenes on its Cosserat rods in a plane (extra: bench).
 
-PyElastica's rod has positions at nodes and directors at elements. Its step is explicit position Verlet and is limited
-by the fastest wave. Stiffness, mass and rotary inertia equal those of the package. Its stiffnesses change with stretch,
-while the package's do not; the difference is of the order of the stretch. Forces on the root act on its first node, and
-torques on its first element. Directors are in the middle of elements. Where the root's angle is prescribed, the rod
-therefore begins half an element before the root, so that the middle of its first element is at the root. Two-link
-systems are omitted, because PyElastica joins links by penalty springs.
+PyElastica's rod has positions at nodes and directors at elements. PyElastica's step is explicit position Verlet and is
+limited by the fastest wave. Stiffness, mass and rotary inertia equal those of the package. PyElastica's stiffnesses
+change with stretch, while the package's do not; the difference is of the order of the stretch. Forces on the root act
+on its first node, and torques on its first element. Directors are in the middle of elements. Where the root's angle is
+prescribed, the rod therefore begins half an element before the root, so that the middle of its first element is at the
+root. Two-link systems are omitted, because PyElastica joins links by penalty springs.
 """
 
 import math

@@ -109,8 +109,8 @@ def run(
 
     Args:
         name: name of the record.
-        measure: function that returns the results. Its entry "verdicts" (requirement -> whether it holds) becomes a
-            block.
+        measure: function that returns the results. The results' entry "verdicts" (requirement -> whether it holds)
+            becomes a block.
         page: page of the blocks, see `write_page`. packages: packages whose versions the page lists.
         indent: indentation of the record's JSON.
         more: further flags: name -> keywords of `add_argument`. numbers: integer flags with their defaults.

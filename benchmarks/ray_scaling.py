@@ -4,10 +4,10 @@
 
 PPO is trained on FlexibleArm-v0 with the hyper-parameters of configs/ppo/default.yml: rollouts of 8192 steps of 64
 environments, 10 epochs, minibatches of 1024, network [64, 64], one torch thread in each process. `plain` is the same
-training loop with the same network in NumPy and torch, without Ray, on one core. All other cases are RLlib's PPO. Its
-runners are `native` (agents/rllib/runner.py) or `rllib` (RLlib's own). Runners and learners are separate processes, or
-the training process does their work. The cases alternate. Times are medians over iterations, without the first two of
-each turn.
+training loop with the same network in NumPy and torch, without Ray, on one core. All other cases are RLlib's PPO. The
+runners of RLlib's PPO are `native` (agents/rllib/runner.py) or `rllib` (RLlib's own). Runners and learners are separate
+processes, or the training process does their work. The cases alternate. Times are medians over iterations, without the
+first two of each turn.
 """
 
 import argparse

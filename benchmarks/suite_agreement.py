@@ -2,9 +2,10 @@
 
     python -m benchmarks.suite_agreement [--results docs/results/suite]
 
-The script considers all pairs of runs on the same episode of a task of which one succeeded and the other did not. It
-counts how often the successful run has the higher return (minus the task's price times cost). A pair with equal returns
-counts against the agreement. Each task in its latest version must have at least 30 pairs, of which at least 95 % agree.
+The script considers all pairs of runs on the same episode of a task of which one succeeded and the other did not. The
+script counts how often the successful run has the higher return (minus the task's price times cost). A pair with equal
+returns counts against the agreement. Each task in its latest version must have at least 30 pairs, of which at least 95
+% agree.
 """
 
 import argparse

@@ -5,7 +5,7 @@ NaN. Therefore cotangents that leave the part of the graph used only by that ope
 if the operand was chosen, otherwise 0. In forward mode this is not needed, because the select itself selects between
 tangents.
 
-A node's *path* lists the conditions under which its cotangent matters. There are two kinds of conditions: one operand
+A node's *path* lists the conditions under which its cotangent matters. A condition is of one of two kinds: one operand
 of a select was chosen (`Side`), or the node's cotangent is not 0 (`Live`). `Live` is used for a value that several
 selects use, or that is used within a branch or from memory that a select reads.
 """

@@ -1,7 +1,7 @@
 """Number of threads for the steps of a batch: measured, at most the number of processors available.
 
 The duration of a step depends on the arms. The gain by a second thread depends on the processor, on other processes and
-on the caller's work between steps. These influences are unknown in advance. Therefore a few single-threaded and
+on the caller's work between steps. The gain is therefore unknown in advance. Therefore a few single-threaded and
 threaded steps are timed occasionally. Results are bitwise the same for any number of threads.
 """
 

@@ -1,8 +1,8 @@
 """Programs: a kernel with all its callees, compiled to machine code with C's calling convention.
 
-Each program has one function int64(int64, int64, int64). Its arguments are the addresses of the kernel's arguments and
-of its result. In a direct call the arguments are the address of the kernel's one named tuple and up to two integers
-(see `entry`).
+Each program has one function int64(int64, int64, int64). The function's arguments are the addresses of the kernel's
+arguments and of the kernel's result. In a direct call the arguments are the address of the kernel's one named tuple and
+up to two integers (see `entry`).
 """
 
 import ctypes

@@ -2,7 +2,7 @@
 
 A traced function gets a `Value` for each number and a `Slots` for each array; each operation on them writes one LLVM
 instruction into the calling kernel. Python executes all loops, tables, lists and dicts, so that only operations remain
-to be compiled. Indices are constants, and `stack` memory becomes registers. Such a function accesses arrays of lanes
+to be compiled. Indices are constants, and `stack` memory becomes registers. A traced function accesses arrays of lanes
 (`lane_arrays`) at indices known at compile time, and does not branch on symbolic values. Kernels and functions of the
 same module that a traced function calls are traced with it. Tuples of zeros (lane tags, sizes) and None stand for
 themselves.

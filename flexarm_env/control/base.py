@@ -299,10 +299,10 @@ class Controller(ABC):
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> NDArray[np.float32]:
         """Compute actions in [-1, 1], (n, N), or (N,) for one observation: torques divided by their limits, saturated.
 
-        beside: actions of another policy, of the result's shape. They are added before the saturation, and the
-        controller's state estimates are advanced under the sum. Raises RuntimeError before the first `reset`. Raises
-        ValueError for an observation that is not finite, or whose shape differs from the one given to `reset`; the
-        memory is then unchanged.
+        beside: actions of another policy, of the result's shape. The actions `beside` are added before the saturation,
+        and the controller's state estimates are advanced under the sum. Raises RuntimeError before the first `reset`.
+        Raises ValueError for an observation that is not finite, or whose shape differs from the one given to `reset`;
+        the memory is then unchanged.
         """
         signals = self.read(observation)
         count, begun = len(signals.angles), len(self.goal)

@@ -81,8 +81,8 @@ TUNED_ON = "strip"
 def for_arm(gains: LQRGains, setup: Setup) -> LQRGains:
     """Scale LQR weights that were tuned on one one-link arm to another one-link arm.
 
-    The weights on rates are relative to the first flexible frequency. They are multiplied by this frequency times the
-    arm's quickest quarter turn, so that rates count relative to the slew.
+    The weights on rates are relative to the first flexible frequency. The weights are multiplied by this frequency
+    times the duration of the arm's quickest quarter turn, so that rates count relative to the slew.
     """
     # ratio of (first flexible frequency x quarter-turn time) to that of the tuning arm
     share = _tempo(setup.arm) / _tempo(arms.named(TUNED_ON))

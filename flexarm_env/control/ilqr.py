@@ -6,9 +6,9 @@ For each arm, minimize
 
 (the sum of cost_k includes k = T).
 
-Every iteration linearizes all stages of all arms together. It solves the linear-quadratic problem backwards with the
-controls' limits, and then tries several step lengths at once. State limits are enforced by penalties with multipliers
-(`Limits`).
+Every iteration linearizes all stages of all arms together. An iteration solves the linear-quadratic problem backwards
+with the controls' limits, and then tries several step lengths at once. State limits are enforced by penalties with
+multipliers (`Limits`).
 """
 
 from collections.abc import Sequence

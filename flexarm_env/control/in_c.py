@@ -55,8 +55,8 @@ def controller_source(
             which gains are tabulated; other postures use the nearest entry. None: the full range of a two-link arm.
         targets: (x, y, z), m, for an arm in space. The file contains the static equilibria at these points, which are
             searched from joint angles 0. The controller replaces any other target by the nearest of these points.
-        inside: whether NAME_act and NAME_decide have the argument `const double *beside` before the actions. It points
-            to actions (JOINTS) that are added before the saturation, as in a policy around the controller.
+        inside: whether NAME_act and NAME_decide have the argument `const double *beside` before the actions. `beside`
+            points to actions (JOINTS) that are added before the saturation, as in a policy around the controller.
     Raises:
         ValueError: the controller is MPC, which optimizes in each period; slew is missing; elbows are missing for three
             links or more; targets are missing for an arm in space, or it has no equilibrium at a target.

@@ -1,8 +1,8 @@
 """LQG: linear-quadratic control of a state estimated by a Kalman filter from sensor readings.
 
 The filter's model is the linearization of `flexarm_env.linear` about rest at the current joint angles, over a control
-period with constant torque. Its state contains the arm's state x, a constant disturbance torque d at each joint and the
-bias b of each gauge:
+period with constant torque. The model's state contains the arm's state x, a constant disturbance torque d at each joint
+and the bias b of each gauge:
 
     x+ = A x + B (u - f + d) + w,   angles = C x + v,   gauges = C x + b + v
 

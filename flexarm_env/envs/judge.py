@@ -276,7 +276,8 @@ class Worst:
     def elements(self) -> int:
         """Number of elements per link in space.
 
-        With this number, the full torque of a link's joint turns each element by at most `TURNED` (rad) at rest.
+        With this number of elements, the full torque of a link's joint turns each element by at most `TURNED` (rad) at
+        rest.
         """
         arm, most = self.arm, 1
         for k, link in enumerate(arm.links if arm.spatial else ()):

@@ -164,7 +164,7 @@ class Point(Target):
         return [(0.5 * far, 0.75 * far), (12.0 / rate, 24.0 / rate), (0.05 * far, 0.2 * far), turns]
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Check that circles, and the point of a line nearest to the root, are within reach."""
+        """Raise ValueError if a circle, or the point of a line nearest to the root, is out of reach."""
         (nearest, farthest), _, (_, radius), _ = ranges
         near, far = reach(arm)
         wide = radius if path == "circle" else 0.0

@@ -65,7 +65,7 @@ def import_arm(
 ) -> Imported:
     """Read a serial chain of hinges from a URDF (.urdf) or MJCF (.xml, .mjcf) file.
 
-    Link k's x axis points from joint k to joint k+1 or the tip. Its z axis is perpendicular to x and as near as
+    Link k's x axis points from joint k to joint k+1 or the tip. The link's z axis is perpendicular to x and as near as
     possible to the joint's axis. Bodies that are fixed to each other become one link. All angles are 0 in the initial
     posture of the file's model.
 

@@ -1,6 +1,6 @@
 """Server of a remote arm: its protocol and control periods (`Session`), and the real-time UDP loop (`Server`).
 
-This is no safety system."""
+The server is no safety system."""
 
 import csv
 import hashlib

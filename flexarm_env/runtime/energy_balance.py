@@ -57,8 +57,8 @@ def open_account(lane, p, par, record: Lanes, w):
     """Store the energy of arms that start an episode; apply payload changes that are due, with their energy as work.
 
     record.accounted (J): energy at the start of the episode plus work since then; record.exchanged (J): sum of their
-    absolute values. In an arm's first period both are set from its present energy. The energy change by a gripped or
-    dropped payload is added to both.
+    absolute values. In an arm's first period both fields are set from the arm's present energy. The energy change by
+    a gripped or dropped payload is added to both fields.
     # in        par, the arms' own parameters;  w.q, w.v;  w.flag, status codes;  record.periods
     # in, out   record.accounted, record.exchanged;  w and par where a payload changes
     """
@@ -155,9 +155,10 @@ def close_account(lane, p, par, record: Lanes, saved: Lanes, w: Work):
     """Add the period's work of constant inputs to the record; flag arms with unaccounted energy DIVERGED.
 
     Work is input times displacement. With ideal motors the inputs are torques (N m) and pushes (N). With other motors
-    (p.actuator) the inputs are only pushes, because `close_step` has added the motors' work step by step. # in saved,
-    coordinates at the start of the period;  par, the arms' own parameters;  w.q, w.v, w.u # scratch   w.y, w.y0 # out
-    record.accounted, start energy plus work (J);  record.exchanged, sum of absolute values (J);  w.flag
+    (p.actuator) the inputs are only pushes, because `close_step` has added the motors' work step by step.
+    # in        saved, coordinates at the start of the period;  par, the arms' own parameters;  w.q, w.v, w.u
+    # scratch   w.y, w.y0
+    # out       record.accounted, start energy plus work (J);  record.exchanged, sum of absolute values (J);  w.flag
     """
     model, live = p.model, _is_sound(lane, w)
     start, first = saved[: size(model.n)], 0 if p.actuator is None else size(p.task.links)

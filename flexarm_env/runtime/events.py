@@ -1,8 +1,8 @@
 """Events of an episode: pushes at the tip, a change of the payload, and the cost of exceeding limits.
 
-Pushes and payload changes begin at the start of a control period. They are drawn and applied before the state is saved
-for a repetition (`keeping`). They are not drawn or applied again if a period is repeated: the record stores which push
-acts and whether the payload change is still due.
+Pushes and payload changes begin at the start of a control period. Pushes and payload changes are drawn and applied
+before the state is saved for a repetition (`keeping`). Pushes and payload changes are not drawn or applied again if a
+period is repeated: the record stores which push acts and whether the payload change is still due.
 """
 
 from __future__ import annotations

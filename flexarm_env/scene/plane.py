@@ -45,9 +45,9 @@ class _Leaves(Exception):
 def in_plane(scene: Scene) -> InPlane | None:
     """Return the scene in its plane; None if it leaves the plane, has a rigid link, is planar or demands `space`.
 
-    The conditions hold to the accuracy `EXACT`. All joint axes have one direction. This common direction is a principal
-    axis of every section and every inertia tensor. Gravity, forces, the root's motion and velocity, and the payload's
-    offset are perpendicular to the joint axes. Moments act about the direction of the joint axes.
+    The conditions hold to the accuracy `EXACT`. All joint axes have one direction. The direction of the joint axes is a
+    principal axis of every section and every inertia tensor. Gravity, forces, the root's motion and velocity, and the
+    payload's offset are perpendicular to the joint axes. Moments act about the direction of the joint axes.
     """
     # rigid links are computed in space only
     rigid = any(link.rigid for link in scene.arm.links)

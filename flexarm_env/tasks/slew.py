@@ -56,8 +56,8 @@ def slew_observe(lane, task, poses: Lanes, record, out):
     """Write sine, cosine of the hub's angle, its rate, tip deflection and its rate over L, and the angle error; scaled.
 
     Hub: relative to a floating base. Deflection: across the root's tangent. Error: target less tip angle (rad), within
-    +-pi where task.turns is a tag, otherwise with all turns. Then the seven entries of a floating base, if there is
-    one. Units: rad/s, 1, 1/s, rad; each entry is divided by its scale and clipped to +-10. poses: pose of the link,
+    +-pi where task.turns is a tag, otherwise with all turns. The seven entries of a floating base, if the arm has one,
+    follow. Units: rad/s, 1, 1/s, rad; each entry is divided by its scale and clipped to +-10. poses: pose of the link,
     inertial axes; record: the target.
     """
     normal, along, rate, _, _, _, _, sine, cosine = deflection(lane, poses, 0)

@@ -2,9 +2,9 @@
 
 Theory, section 5. The vector from the root to an eccentric payload is sum_j w_j E_j. The unit tangents are complex
 numbers, E_j = exp(i phi_j), with real part x and imaginary part y in inertial axes. The weights w_j = along_j + i
-across_j (m) are complex; a payload at the tip has real weights. Its force A acts on node i as conj(w_i) A, and the
-matrix P_ij of the chain's masses gets m_p conj(w_i) w_j. If the root moves with the center of mass, beta is complex as
-well.
+across_j (m) are complex; a payload at the tip has real weights. The payload's force A acts on node i as conj(w_i) A,
+and the matrix P_ij of the chain's masses gets m_p conj(w_i) w_j. If the root moves with the center of mass, beta is
+complex as well.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def payload_position(lane, model, x, y):
     """Return the vector from the root to the payload's center of mass, m, inertial axes: sum_j w_j (x_j + i y_j).
 
     (x_j, y_j): unit tangent of node j; w_j = along_j + i across_j, m: complex weights of `ECCENTRIC`, real ones
-    (DATA.w) where the payload is at the tip. Given first or second rates of the tangents, it returns the same rates of
-    the vector.
+    (DATA.w) where the payload is at the tip. Given first or second rates of the tangents, the function returns the same
+    rates of the vector.
     """
     m, D = _nodes(model), model.data
     if model.eccentric is None:

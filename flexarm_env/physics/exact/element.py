@@ -1,11 +1,11 @@
 """One geometrically exact element, theory (5.1): forces, tangent, condensation, energy, for each polynomial order.
 
-An element of order p and length l joins two vertices (x, y, psi). Its p - 1 interior functions vanish at both ends and
-have the Legendre polynomials P_1 ... P_{p-1} (scaled to a largest value of 1 at the Gauss points) as derivatives. With
-the linear functions they span the space of p + 1 Lagrange nodes. With their amplitudes as interior coordinates the
-bending stiffness is diagonal and the sums below are short. With d = l r' (twice the derivative on [-1, 1]), inertial
-axes, (c, s) = (cos psi, sin psi) and g = (c d_x + s d_y, -s d_x + c d_y), section axes, all in m, the strains are
-Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = psi', and with p Gauss points of weights w the energy is
+An element of order p and length l joins two vertices (x, y, psi). The p - 1 interior functions of an element vanish at
+both ends and have the Legendre polynomials P_1 ... P_{p-1} (scaled to a largest value of 1 at the Gauss points) as
+derivatives. With the linear functions they span the space of p + 1 Lagrange nodes. With their amplitudes as interior
+coordinates the bending stiffness is diagonal and the sums below are short. With d = l r' (twice the derivative on [-1,
+1]), inertial axes, (c, s) = (cos psi, sin psi) and g = (c d_x + s d_y, -s d_x + c d_y), section axes, all in m, the
+strains are Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = psi', and with p Gauss points of weights w the energy is
 
     sum_g w/2 [k1 (g_1 - l)^2 + k2 g_2^2 + kb (l kappa)^2],   k1 = EA/2l, k2 = C/2l, kb = EI/2l,
 

@@ -118,8 +118,8 @@ def _lever_acceleration(lever, rate, second, ax, ay, share):
 def beam_start(lane, model, state: State, k, tip, i):
     """Return the `Vertex` where the beam of link k begins, behind levers and hinge, from the vertex `tip` at row i.
 
-    For k = 0 `tip` is the joint at the chain's root. The new vertex has no force. Its moment is the hub's inertia
-    torque less the hub torque (k = 0), or the elbow's inertia torque behind the hinge. `beam_start_rows` later
+    For k = 0 `tip` is the joint at the chain's root. The new vertex has no force. The vertex's moment is the hub's
+    inertia torque less the hub torque (k = 0), or the elbow's inertia torque behind the hinge. `beam_start_rows` later
     transmits the beam's force back. state: q, v, a of the arm. Theory, section 5, "Rigid ends".
     """
     (x, y, psi), (vx, vy, turning), (ax, ay, alpha), (_, _, moment) = tip.place, tip.rate, tip.acceleration, tip.force
@@ -327,7 +327,7 @@ def vertex_motion(lane, q, v, i):
 
 @kernel
 def joint_motion(lane, model, q: Lanes, v: Lanes, k):
-    """Return position (m) and velocity (m/s) of joint k, k = links: of the arm's tip; (x, y, vx, vy), inertial axes."""
+    """Return position (m) and velocity (m/s) of joint k, or of the tip for k = links: (x, y, vx, vy), inertial axes."""
     i = vertex_of(model, k)
     x, y, vx, vy = vertex_motion(lane, q, v, i)
     if model.rigid is None or k == 0:

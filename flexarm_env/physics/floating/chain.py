@@ -66,7 +66,7 @@ def _joint_at(k):
 def frame_at(lane, model, state: State, i, pose):
     """Write angle, rates and acceleration less gravity of the frame with rows i, i + 1, i + ANGLE into pose, `PASSED`.
 
-    These rows of state (q, v, a of the whole arm) are x, y (inertial axes) and angle. pose (5,): rad, rad/s, rad/s^2,
+    The three rows of `state` (q, v, a of the arm) are x, y (inertial axes) and angle. pose (5,): rad, rad/s, rad/s^2,
     then m/s^2 along inertial axes.
     """
     q, v, a = state
@@ -170,7 +170,8 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
 def add_stiffness(lane, model, S: Lanes, k, x):
     """Add x (N m/rad) to the stiffness that `factor` adds to the diagonal of row k, the hub's or an elbow's angle.
 
-    x None: mark row k, of the root (0 to 2) or of an elbow, as fixed; `factor` and `solve` treat it as the identity's.
+    x None: mark row k, of the root (0 to 2) or of an elbow, as fixed; `factor` and `solve` treat a fixed row as a row
+        of the identity matrix.
     """
     elbow = _joint_at(k - elbow_row(model, 0))
     if x is None:

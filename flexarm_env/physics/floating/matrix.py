@@ -6,7 +6,7 @@ acceleration of the origin, frame axes), then the angle (row: moment at the root
 A change of the coordinates before a body acts on the body through three numbers: the change of the acceleration at its
 root (two components) and of its angle. The change of acceleration is weighted: cm, cc, ck times the changes by
 accelerations, rates, coordinates. `tail` (9,) is the 3 x 3 matrix of force and moment by these three numbers, stored by
-rows. It represents all bodies beyond a section.
+rows. `tail` represents all bodies beyond a section.
 """
 
 from ...compiler import Lanes, kernel, size, unrolled

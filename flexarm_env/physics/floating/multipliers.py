@@ -39,9 +39,9 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
     Rows of r: force (inertial axes) and moment of each body's frame, its elastic coordinates; rows of multipliers are 0
     here (`constraint_residual` writes them). Entry (i, j) of the matrix is S[i band_width + j - i + half].
 
-    `held` (3,): force and moment lambda of the joint between two bodies, with an elbow's torque. They act at the tip of
-    the body before the joint and, with opposite sign, at the root of the body after it. Without weights.with_matrix S
-    is not changed.
+    `held` (3,): force and moment lambda of the joint between two bodies, with an elbow's torque. Force and moment act
+    at the tip of the body before the joint and, with opposite sign, at the root of the body after the joint. Without
+    weights.with_matrix S is not changed.
     """
     q, v, a = state
     cm, cc, ck, with_matrix = weights.mass, weights.damping, weights.stiffness, weights.with_matrix

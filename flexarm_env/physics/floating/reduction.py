@@ -178,8 +178,8 @@ def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, 
     """Return each body's margin of inertia (kg m^2): how far a straight link's mass matrix is from indefinite.
 
     The margin is mu of theory, section 4: the body's effective inertia for a torque on its angle, when all other parts
-    are free to move: the link's other bodies, their modes and, if it is free, the root. It is the reciprocal of the
-    angle's diagonal entry in the inverse mass matrix.
+    are free to move: the link's other bodies, their modes and, if it is free, the root. The margin is the reciprocal of
+    the angle's diagonal entry in the inverse mass matrix.
 
     bodies: rigidly joined, root to tip. payload: at the tip of the last. root_moves: the root's y is free. held: the
     root's angle is prescribed.

@@ -1,9 +1,9 @@
 """Rigid levers in a chain of floating frames: rigid ends of links, and the offset from the tip to the payload's center.
 
 A rigid end lies between a joint and the link's first or last body. The lever e = (ex, ey), inertial axes, leads from
-its near point (towards the arm's root) to its far point. It turns with the section to which it is fixed (angle, w,
-alpha). The far point's acceleration is a + alpha n - w^2 e with n = E e. A force f at the far point acts at the near
-point with the moment n.f. The lever's own mass lies at e/2, an elbow's mass at the far point.
+its near point (towards the arm's root) to its far point. The lever turns with the section to which the lever is fixed
+(angle, w, alpha). The far point's acceleration is a + alpha n - w^2 e with n = E e. A force f at the far point acts at
+the near point with the moment n.f. The lever's own mass lies at e/2, an elbow's mass at the far point.
 """
 
 from typing import Any, NamedTuple

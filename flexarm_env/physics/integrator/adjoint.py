@@ -1,8 +1,8 @@
 """Cotangents of a step, a fresh start and a jump of torques: compute the inputs' from the results' cotangents.
 
-The functions are the transposes of those in `tangents`. They solve a system with the transposed matrix and apply the
-residual's derivatives in reverse. `bar` is a work array: its q, v, a, b and u hold cotangents, its other rows are
-scratch. `w` holds the arm at the end of the step.
+The functions are the transposes of those in `tangents`. The transposed functions solve a system with the transposed
+matrix and apply the residual's derivatives in reverse. `bar` is a work array: its q, v, a, b and u hold cotangents, its
+other rows are scratch. `w` holds the arm at the end of the step.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
     """Compute consistent velocities, accelerations and multipliers at t+, after loads or motions may have jumped.
 
     Velocities jump by dv, M dv + Phi_q^T Lambda = 0, with the prescribed part known (Phi = 0: constraints, Lambda:
-    their impulses). Damping ends a part of dv within much less than a step. This part is removed
+    their impulses). Damping ends a part of dv within much less than a step. The part that damping ends is removed
     (`_remove_damping_layer`), and its damping forces change the accelerations that are kept. Work and loss of the
     impulses are accounted for in w.books.
 
@@ -38,7 +38,7 @@ def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
 
         (M + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -r,
 
-    The distance b - a stays the same. If the step resolves the motion, this equals M da = -r to third order. With M
+    The difference b - a stays the same. If the step resolves the motion, this equals M da = -r to third order. With M
     alone, stresses of strains and strain rates that are too stiff for the step would make accelerations large.
 
     # model     model, drive (None: no loads or motions in time, velocities stay), par; h: a step, s

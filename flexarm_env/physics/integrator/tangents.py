@@ -2,7 +2,8 @@
 
 A step solves r(q, v, a) = 0, with v and a functions of q and of the step's start. Consider a direction in which the
 start, the inputs or the parameters change. One residual in dual lanes, with the tangents of v and a at dq = 0, gives dr
-without the part of q. Then S dq = -dr, where S is the matrix at the step's end, in lanes without tangents.
+without the part of q. The tangent dq solves S dq = -dr, where S is the matrix at the step's end, in lanes without
+tangents.
 
 `wide` is a dual lane tag and `x` its work array, whose values are updated here; `w` is the arm's own work array.
 

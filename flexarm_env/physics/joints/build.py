@@ -128,7 +128,7 @@ def points_of(arm: Arm) -> list[AtPoint]:
 def with_points(scene: Scene) -> Scene:
     """Return the scene with a point load of no force for each contribution at a point and each point that may touch.
 
-    These loads follow the scene's own loads.
+    The added loads follow the scene's own loads.
     """
     loads = [PointLoad(*kind.place(scene.arm), constant(0.0)) for kind in points_of(scene.arm)]
     loads += loads_of(scene)

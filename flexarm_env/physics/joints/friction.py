@@ -160,7 +160,8 @@ def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
 def release_reversed_joints(lane, model, v: Lanes, S: Lanes):
     """Clear the flag `slides` in S of joints whose rate v impulses have reversed since `store_friction`.
 
-    These joints do not continue to slide in the stored direction. v: rates of all rows after the impulses.
+    Joints with reversed rates do not continue to slide in the stored direction. v: rates of all rows after the
+    impulses.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
@@ -352,7 +353,7 @@ def store_branch(lane, model, par, state, weights, ahead, r, S: Lanes):
 def change_friction(lane, model, par, weight, S: Lanes):
     """Add weight times this model's T_C, in the sliding direction, to `bound` (N m) in S of joints that slide.
 
-    This is the change of the Coulomb friction torques along a direction of the parameters.
+    The added value is the change of the Coulomb friction torques along a direction of the parameters.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):

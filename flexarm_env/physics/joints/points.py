@@ -114,7 +114,7 @@ def before_factor(lane, part, model, S: Lanes):
 def after_factor(lane, part, model, S: Lanes):
     """Compute W = S^-1 B and C = (1 + k B^T W)^-1 k from B and k in S, by Gauss-Jordan elimination without pivoting.
 
-    With them `after_solve` adds the block B k B^T of the point's stiffness k to solutions with the factors in S.
+    With W and C `after_solve` adds the block B k B^T of the point's stiffness k to solutions with the factors in S.
     Theory, (6.7).
     """
     point, axes, n = part.point, len(part.point.axes), size(part.point.room)

@@ -1,9 +1,9 @@
 """Kinematics of a segment's floating frame between two sections in space: position, rotation, rates (theory, 9).
 
-The frame begins at the left section's origin. Its x axis (the chord) passes through the right section's origin. Its
-roll about x follows both sections' y axes: z is normal to x and to the sum p of these y axes. The sections' rotation
-vectors phi_l, phi_r (rad) relative to the frame and e = |r_r - r_l| - l (m) are the elastic coordinates of a Timoshenko
-element with 12 coordinates, 6 of which are elastic:
+The frame begins at the left section's origin. The frame's x axis (the chord) passes through the right section's origin.
+The frame's roll about x follows both sections' y axes: z is normal to x and to the sum p of these y axes. The sections'
+rotation vectors phi_l, phi_r (rad) relative to the frame and e = |r_r - r_l| - l (m) are the elastic coordinates of a
+Timoshenko element with 12 coordinates, 6 of which are elastic:
 
     r(x) = (1 - x/l) r_l + x/l r_r + A n(x),   n = h_l (phi_l x e_x) + h_r (phi_r x e_x)     [41], h of either plane
     U = (phi' K phi + EA/l (e + phi' H phi / 2)^2) / 2                    (docs: theory, eq. 1.2, of both bendings)
@@ -121,8 +121,8 @@ def _turn(A, own, share):
 def frame_of(left, right):
     """Return the floating `Frame` of the segment between two sections' `Place`s, left and right.
 
-    Its x axis leads from the left to the right section's origin; z is normal to x and to the sum of both sections' y
-    axes.
+    The frame's x axis leads from the left to the right section's origin; z is normal to x and to the sum of both
+    sections' y axes.
     """
     d, own_l, own_r = right.r - left.r, matrix(left.p), matrix(right.p)
     length = square_root(dot(d, d))

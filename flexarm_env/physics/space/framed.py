@@ -1,7 +1,8 @@
 """Forces of a segment with a floating frame in space, its energy and its damping (kinematics: `frame`; theory, 9).
 
 If segments are reduced to modes, the inner modes have rows of their own, behind all other rows. Each mode has an
-amplitude (rad) about x, y, z of the frame. It rotates sections in the frame, in addition to the ends' shape functions.
+amplitude (rad) about x, y, z of the frame. A mode rotates sections in the frame, in addition to the ends' shape
+functions.
 """
 
 from __future__ import annotations

@@ -75,7 +75,7 @@ def elements_before(model, k):
 def factors(lane, n, S: Lanes, o):
     """Replace the n x n matrix at offset o of S by its L (unit diagonal) and U, with reciprocal pivots.
 
-    No row exchanges: mass dominates the diagonal.
+    No rows are exchanged, because the mass dominates the diagonal.
     """
     for k in range(n):
         inverse = 1.0 / S[o + (n + 1) * k]

@@ -3,7 +3,7 @@
 
 Between Gauss points (and from the last to the link's end) a section rotates by psi = s + s x d: s is the integral of
 the strain over the interval and d its first moment about the interval's middle, divided by the interval (Magnus' series
-to fourth order). Both are linear in the coordinates. The rotation is Cayley's of x = tan(|psi|/2) psi/|psi|, whose
+to fourth order). s and d are linear in the coordinates. The rotation is Cayley's of x = tan(|psi|/2) psi/|psi|, whose
 rates are rational:
 
     rel = 2 (x' - x x x') / (1 + x.x),   rel' = 2 (x'' - x x x'') / (1 + x.x) - 2 (x.x') rel / (1 + x.x)

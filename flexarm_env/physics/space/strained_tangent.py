@@ -7,7 +7,7 @@ With a strain, sections rotate by theta and points move by R, exactly to round-o
 
 in axes that rotate with the section at the point; w, alpha: angular velocity and acceleration of that section; cm, cd,
 ck: `Weights` of mass, damping, stiffness. Rotations of sections relative to each other within a step are neglected.
-They are of first order in the step, and the omission hardly slows Newton's iteration.
+The relative rotations are of first order in the step, and the omission hardly slows Newton's iteration.
 """
 
 from __future__ import annotations
