@@ -3,7 +3,7 @@
     python -m agents.families                        # train and publish all missing runs: an hour on two cores
     python -m agents.families --only flexible_arm    # one family
 
-Runs are written to runs/families/NAME-SEED. An interrupted run is continued; a finished one is kept. The essential
+Runs are written to runs/families/NAME-SEED. An interrupted run is continued; a finished run is kept. The essential
 files of each run are copied to agents/trained/NAME-SEED. The policy.npz of the best seed, by the validation episodes,
 is copied into the package as flexarm_env/data/policies/NAME/policy.npz. `python -m agents.table` evaluates these
 policies.
@@ -57,7 +57,7 @@ class Family:
     def best(self, home: Path) -> Path:
         """Return the run folder of the seed with the best result on the validation episodes.
 
-        Raises ValueError if there is none.
+        Raises ValueError if the family has no run.
         """
         found = self.runs(home)
         if not found:

@@ -9,7 +9,7 @@ part named d_... is a derivative or follows from one: with --within 1e-12 its nu
 largest number. Each case's result is written as soon as it is computed, so that an interrupted run can be continued.
 --only: cases whose names contain one of the words. --most N: at most N cases, since a process keeps all compiled code.
 --list: print the names alone. The cases are in `benchmarks.bits_cases` (plane) and `benchmarks.bits_space` (space). The
-repository records a small part of them: `benchmarks.bits_gate`.
+repository records the results of a few cases: `benchmarks.bits_gate`.
 """
 
 import argparse
@@ -78,7 +78,7 @@ def keep(file: Path, kept: dict[str, Any], name: str, parts: dict[str, Numbers],
 
 
 def off(known: Numbers, found: Numbers) -> float:
-    """Return the largest difference over the largest number; infinite if NaN or infinity is at other places."""
+    """Return the largest difference over the largest number; infinite if NaNs or infinities differ."""
     fine = np.isfinite(known)
     if known[~fine].tobytes() != found[~fine].tobytes() or not np.isfinite(found[fine]).all():
         return np.inf

@@ -5,10 +5,10 @@ python -m benchmarks.bits_gate --write             computes the record again (`m
 
 A commit that changes bits on purpose also changes the record, benchmarks/bits_record.json. Compiled kernels compute the
 same bits on every processor. The C library, LAPACK and NumPy choose their loops by the processor, which changes the
-last bits of models and of random starts and targets. The record therefore names its machine and versions. On any other
-machine the script computes the results of the previous commit (with uncommitted changes: the last commit) and compares
-with these results; cases whose record has changed since that commit are omitted. Without such a commit (no git, a
-shallow clone) nothing is compared, and the exit code is 0.
+last bits of models and of random starts and targets. The record therefore names the machine and the libraries'
+versions. On any other machine the script computes the results of the previous commit (with uncommitted changes: the
+last commit) and compares with these results; cases whose record has changed since that commit are omitted. Without such
+a commit (no git, a shallow clone) nothing is compared, and the exit code is 0.
 """
 
 import argparse

@@ -138,8 +138,8 @@ def tips(env_id: str, actions: Array, options: dict[str, Any]) -> tuple[Array, i
 class Stopwatch:
     """CPU time of a control period with given settings: in a vector of arms on one thread, and in one environment.
 
-    The vector has 512 arms. For the paper's formulation and for multipliers, which are not computed in lanes, it has 32
-    arms.
+    The vector has 512 arms. For the paper's formulation and for multipliers, which are not computed in lanes, the
+    vector environment has 32 arms.
     """
 
     def __init__(self, env_id: str, options: dict[str, Any], alone: bool) -> None:

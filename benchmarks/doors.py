@@ -176,7 +176,7 @@ class Slave:
 def coupled(folder: Path) -> Found:
     """Couple the FMUs of an arm and of its controller with communication steps of several lengths; compare with Python.
 
-    The results are the largest differences of the hub angle, rad.
+    Each result is the largest difference of the hub angle from Python's, rad.
     """
     env = gym.make("FlexibleArm-v0", control_dt=PERIOD, dt=PERIOD, duration=1e6, disable_env_checker=True)
     own = control.make("pd", env)

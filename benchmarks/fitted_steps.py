@@ -1,4 +1,4 @@
-"""Compare adaptive steps (fitted to a tolerance) with fixed ones: the error of a control period, and the cost.
+"""Compare adaptive steps (fitted to a tolerance) with fixed steps: the error of a control period, and the cost.
 
     python -m benchmarks.fitted_steps [--periods 400] [--page] [--out FOLDER]
 

@@ -3,8 +3,8 @@
 python -m benchmarks.formulations [--page] [--out FOLDER] [--figures FOLDER]
 
 For the exact beam the script measures orders of convergence, the center of mass, and long-run energy. For the elastica
-it measures errors on slender arms and the effects that the elastica omits. For the reduction it measures the error
-against deflection and time. The exit code is 1 if a result is outside of its bounds.
+the script measures errors on slender arms and the effects that the elastica omits. For the reduction the script
+measures the error against deflection and time. The exit code is 1 if a result is outside of its bounds.
 """
 
 import argparse

@@ -74,7 +74,7 @@ class Counted:
         return Counted(math.sin(self.x))
 
     def sqrt(self) -> Counted:
-        """Return the square root, which np.sqrt calls; it counts as a division."""
+        """Return the square root and count a division; np.sqrt calls this method."""
         COUNTS["divide"] += 1
         return Counted(math.sqrt(self.x))
 

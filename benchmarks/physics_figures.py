@@ -122,7 +122,7 @@ def free_flight(name: str, folder: Path) -> dict[str, Any]:
 def order_of_integrator(folder: Path) -> dict[str, Any]:
     """Measure rms errors on robot_arm_motion_smooth for several steps, relative to a run with a four times finer step.
 
-    The errors are corrected for the error of that run, which is of second order.
+    The errors are corrected for the error of the run with the finer step, which is of second order.
     """
     steps = [0.05 / 2**k for k in range(1, 6)]
     found = {}

@@ -69,8 +69,8 @@ def run_all(
 def periods(env: Any, count: int, clock: Callable[[], float], keep_on: bool = False) -> float:
     """Return the time, s, that `count` control periods of an environment take under prepared random actions.
 
-    clock: function that returns the time, s. keep_on: a single environment is reset when its episode ends; resets
-    count.
+    clock: function that returns the time, s. keep_on: reset a single environment when its episode ends; the time of
+    resets is included.
     """
     env.action_space.seed(0)
     actions = [env.action_space.sample() for _ in range(64)]

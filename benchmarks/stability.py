@@ -11,8 +11,9 @@ A run is silently wrong if its status is "ok" and one of two conditions holds:
   (ii) its tip is further from the converged solution than 1 % of L and than five times its `error_estimate`.
 Condition (i) is tested in every case that ended. Condition (ii) is tested in all cases about damping, and in every
 fourth of the others. Condition (ii) requires a converged solution: two meshes and steps agree within 0.3 % of L, and
-there is no drag, which the exact beam lacks. In all other cases the tip's error is unknown, and the page states their
-number. The exit code is 1 if a run was silently wrong, returned a NaN, raised an exception or took too long.
+there is no drag, which the exact beam lacks. In all other cases the tip's error is unknown, and the page states the
+number of these cases. The exit code is 1 if a run was silently wrong, returned a NaN, raised an exception or took too
+long.
 """
 
 import argparse

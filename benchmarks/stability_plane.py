@@ -6,10 +6,10 @@ The arms have one to three links: stepped, kinked, tapered and uniform strips of
 Payloads are up to three times the arm's mass. Gears are elastic, with friction and backlash. Torques, forces and
 motions are smooth, jump, or change faster than the step. Steps are between a 500th and a tenth of the first period, at
 most 20 ms. All formulations run with default and random meshes. The reference is another formulation on a mesh three
-times as fine with a sixteenth of the step. A second reference, on two thirds of that mesh with twice that step,
-estimates the error of the first. A case is not evaluated if the references differ by more than a fifth of the limit, or
-if the run's error exceeds the limit by less than this difference. A run is wrong if its status is "ok" and its error
-exceeds max(1.5 times its estimate, 1e-5 of the length).
+times as fine with a sixteenth of the step. A second reference, with two thirds of the first reference's mesh and twice
+the step, estimates the error of the first. A case is not evaluated if the references differ by more than a fifth of the
+limit, or if the run's error exceeds the limit by less than this difference. A run is wrong if its status is "ok" and
+its error exceeds max(1.5 times its estimate, 1e-5 of the length).
 """
 
 import argparse

@@ -29,7 +29,7 @@ def need_ray() -> Any:
 def connect(address: str | None, processes: int, verbose: bool = False) -> Any:
     """Start Ray on this machine, or join the cluster at `address`; return the module `ray`.
 
-    Raises ValueError if there is no cluster at the address, or if it has fewer processors than `processes`.
+    Raises ValueError if there is no cluster at the address, or if the cluster has fewer processors than `processes`.
     """
     import logging
 

@@ -142,7 +142,7 @@ def described_as(part: Any, name: str) -> Any:
     """Describe the type of an argument or field by a hashable word, tuple or `Layout`.
 
     None, truth values and numbers: "none", "truth", "integer", "unsigned", "number". Arrays: (letter, dimensions), and
-    "fixed" as a third entry for read-only ones. Lane tags and sizes: ("tag", length). Tuples: ("tuple", parts). Named
+    "fixed" as a third entry for read-only arrays. Lane tags and sizes: ("tag", length). Tuples: ("tuple", parts). Named
     tuples: their Layout, since their words lie inside those of the tuple that contains them. TypeError: anything else.
     """
     if part is None:

@@ -1,4 +1,4 @@
-"""Source text of kernels, read by `linecache` and parsed to an AST; refused if it differs from the running code."""
+"""Source text of kernels, read by `linecache` and parsed to an AST; text unlike the running code is refused."""
 
 import __future__
 

@@ -241,7 +241,7 @@ class Tape(Rooms):
         return self._made(super().fsub(x, y), (x, _same), (y, self.fneg))
 
     def fmul(self, x: Any, y: Any) -> Any:
-        """Emit x y. A cotangent g adds g y to that of x and g x to that of y; 0 times infinity gives NaN (risky)."""
+        """Emit x y. A cotangent g adds g y to x's cotangent and g x to y's; 0 times infinity gives NaN (risky)."""
         by_x, by_y = lambda g: self.fmul(g, self.back(y)), lambda g: self.fmul(g, self.back(x))
         return self._made(super().fmul(x, y), (x, by_x), (y, by_y), risky=True)
 

@@ -62,8 +62,8 @@ def load(e: Any, lane: Any, array: Any, k: Any) -> Value:
 def store(e: Any, array: Any, k: Any, value: Any) -> None:
     """Store a number in element k of every lane, with its tangents.
 
-    In a lane array (`lane_arrays`) a narrower number is widened. In other arrays only its own lanes and tangents are
-    stored.
+    In a lane array (`lane_arrays`) a narrower number is widened. In other arrays only the value's own lanes and
+    tangents are stored.
     """
     x = number(e.b, value)
     if isinstance(array, Array) and array.lane is not None:

@@ -153,7 +153,7 @@ def times(matrices: Array, vectors: Array) -> Array:
 
 
 class LQR(Controller):
-    """State feedback u = -K x with x from the observer; the gains are those of the posture at the goal."""
+    """State feedback u = -K x with x from the observer; the gains are designed at the goal's posture."""
 
     needs_bends = True
 

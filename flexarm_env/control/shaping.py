@@ -153,7 +153,7 @@ class Shaped(Controller):
 class ShapedPD(Shaped):
     """PD control along a shaped reference with the rigid arm's inverse dynamics as feedforward.
 
-    The reference is the quickest one that the rigid arm can follow with the share `effort` of its torque limits.
+    The reference is the quickest motion that the rigid arm can follow with the share `effort` of its torque limits.
     """
 
     def __init__(self, setup: Setup, gains: ShapedGains, kind: str) -> None:

@@ -119,7 +119,8 @@ def close_step(lane, p, model, par, record, w: Work, start: Lanes):
     """Add the motors' work (J) in a step to the record: sum of torque w.u (N m) times change of motor angle (rad).
 
     start (joints, lanes): motor angles at the start of the step, from `open_step`. w.y is scratch. The work is added to
-    record.accounted, its absolute value to record.exchanged. No-op if the balance of energy is not checked (p.watched).
+    record.accounted, its absolute value to record.exchanged. Do nothing if the balance of energy is not checked
+    (p.watched).
     """
     if p.watched is not None:
         # W += u (y - y_0), J: y are joint angles, or a geared motor's angle (rad), at the step's end

@@ -126,7 +126,7 @@ def change_payloads(lane, p, par: Lanes, record, w):
 def set_pushes(lane, p, record, w):
     """Write the tip force of this period, N, inertial axes, into w.u behind the joint torques; 0 where no push acts.
 
-    record.push: first period of the push, first period after it, force. No-op without pushes.
+    record.push: first period of the push, first period after it, force. Do nothing without pushes.
     """
     if p.pushes is not None:
         lanes, first = len(lane), size(p.task.links)

@@ -83,7 +83,7 @@ def record_step_error(lane, p, scratch: Lanes, live, info: Lanes):
     """Write the error of a period in fitted steps, over the arm's length, into info.step_error, where live > 1/2.
 
     The error is scratch.apart (m): distance of the tips between the kept run and the run with steps twice as long. The
-    error exceeds the tolerance if steps of h/32 were still too long. No-op with fixed steps.
+    error exceeds the tolerance if steps of h/32 were still too long. Do nothing with fixed steps.
     """
     if p.models is not None:
         at = info_of(p.task).further + FURTHER.step_error

@@ -75,7 +75,7 @@ def record_clearance(lane, p, g, q, live, info):
     """Write clearance and penetration (m) of the arms of group g into info where live > 1/2.
 
     Clearance: signed distance of the arm from the nearest shape to keep out of. Penetration: max(-clearance, 0). q (n,
-    lanes): coordinates (m, rad). No-op without such shapes (p.keep_out None).
+    lanes): coordinates (m, rad). Do nothing without such shapes (p.keep_out None).
     """
     if p.keep_out is not None:
         found = stack(lane, _ONE)

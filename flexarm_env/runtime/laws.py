@@ -175,7 +175,7 @@ def _remember(lane, laws, room, o, at, memory, stream, arm, value):
     """Draw a channel's gain and bias and fill its memory with `value`, at the start of an episode.
 
     o: offset of its law in `laws`. at: offsets of its numbers in `memory`. room: past outputs in a channel. value: the
-    true quantity, which counts as constant before the start. No-op without a stream.
+    true quantity, which counts as constant before the start. Do nothing without a stream.
     """
     if stream is not None:
         i = arm % lane_count(lane)

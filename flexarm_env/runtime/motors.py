@@ -94,8 +94,8 @@ def _amplify(lane, task, amplifier, model, par, action: Lanes, factor, w: Work):
 def command(lane, task, controller, amplifier, model, par, action: Lanes, poses, record: Lanes, w: Work):
     """Write the commanded joint torques of a control period into w.u, N m.
 
-    With an amplifier the torque is the amplifier's. Otherwise it is the action times the torque limit, plus the PD
-    controllers' torque if there are any. A drawn factor on the torque constant multiplies the torque. amplifier,
+    With an amplifier the torque is the amplifier's. Otherwise the torque is the action times the torque limit, plus the
+    PD controllers' torque if there are any. A drawn factor on the torque constant multiplies the torque. amplifier,
     controller: None if absent.
     # in        action (joints, lanes) in [-1, 1];  w.q, w.v;  record.goal, record.torque_factor
     # scratch   poses, w.y

@@ -72,7 +72,7 @@ def measure(lane, p, stream, arm, poses, record, seen, first):
     A channel is the memory of a sensor for one number. Channels are in the order encoders, accelerometer, gyroscope,
     camera, force, switch, gauges; each sensor replaces or adds its entries in `seen`. arm: number in the batch. stream:
     of random numbers; None for readings without noise and without drawn gains or biases. first: at the start of an
-    episode. poses: of the links, m, rad, inertial axes; record: channels, in and out. No-op without instruments.
+    episode. poses: of the links, m, rad, inertial axes; record: channels, in and out. Do nothing without instruments.
     """
     instruments = p.instruments
     if instruments is not None:

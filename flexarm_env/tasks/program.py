@@ -402,7 +402,7 @@ class Models(NamedTuple):
 class Program(NamedTuple):
     """A batch of n arms with its task; A joints, S entries that can be observed, O numbers in an observation, L lanes.
 
-    None: absent, compiled out.
+    A part of the program whose field is None is absent, and no code is compiled for the part.
     """
 
     lane: tuple[int, ...]

@@ -119,7 +119,7 @@ def along_the_arm(scene: Scene, rate: float) -> float:
     """Estimate the stretch of the arm as a fraction of its length L, from root motion, rotation and weight.
 
     The model is a spring of stiffness EA / L. Half of the links' mass, the elbows and the payload are at its tip. rate:
-    largest angular velocity, rad/s. For an arm that swings as a pendulum the model takes three times the weight.
+    largest angular velocity, rad/s. For an arm that swings as a pendulum the model has three times the weight.
     """
     arm, end = scene.arm, scene.duration
     length = arm.total_length

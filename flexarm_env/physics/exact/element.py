@@ -149,7 +149,7 @@ def forces(lane, order, gravity, state, left, section, r: Lanes, circle):
 
     state: q, v, a from the left vertex on. left: `Vertex`, acceleration less gravity (m/s^2; None: none). circle:
     (sine, cosine) of psi at the Gauss points. section: `Section` or `Varying`. Returns the right `Vertex`, with the
-    element's force on it, and a `Point` for each Gauss point, as one list. Theory, (5.1)."""
+    element's force on it, and a `Point` for each Gauss point, as one list. See theory, (5.1)."""
     p, sums = len(order), Sums()
     t, tau = tables(p), section.tau
     place = _nodes(lane, state.q, p, left.place)
@@ -380,7 +380,7 @@ def damping_sums(lane, order, q, v, x, psi, left, section):
     """Return x^T C v / tau_d (W/s), the power at rates x of an element's damping forces at rates v, as a list of one.
 
     psi: the left vertex's angle in q, its rate in v and in x. left: a pair, for v and for x: (x, y, vx, vy) of the left
-    end if the arrays do not hold them, otherwise None. Theory, (5.1)."""
+    end if the arrays do not hold them, otherwise None. See theory, (5.1)."""
     p, sums = len(order), Sums()
     t = tables(p)
     one, two = ((None,) * 4 if at is None else at for at in left)

@@ -104,7 +104,7 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
 def damping_power(lane, model, par: Lanes, q: Lanes, v: Lanes, x: Lanes):
     """Return x^T C(q) v, W: the power at rates x of the Kelvin-Voigt damping forces at rates v; 0 without damping.
 
-    Theory, (5.1).
+    See theory, (5.1).
     """
     if model.damped is None:
         return 0.0
@@ -156,8 +156,8 @@ for _order in range(2, 4):
 def centerline(model, q, points):
     """Write positions along the chain (m, inertial axes) at p equal steps of each element to points; return how many.
 
-    One lane. p: polynomial order; q: coordinates. Stops where `points` (n, 2) is full. The first point of a link is its
-    joint, the last one the arm's tip.
+    The kernel has one lane. p: polynomial order; q: coordinates. Writing stops when `points` (n, 2) is full. The first
+    point of a link is its joint, the last one the arm's tip.
     """
     p, rows = len(model.order), rows_of(model)
     at = element_at(0, p)

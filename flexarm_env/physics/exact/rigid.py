@@ -2,10 +2,10 @@
 
 The rows of a vertex are those of a beam's tip, or of the joint at the chain's root. If links have rigid ends, the next
 beam begins elsewhere: past the lever of the tip before it (length b along psi), the hinge, and the lever of its own
-root (length c along psi + delta). The near point of a lever is the one closer to the arm's root. A force at its far
-point acts on the near point with a moment. The lever's mass is at its middle. The matrix neglects the lever's rotation
-during its acceleration (terms in h omega, times the lever's share of the inertia). A payload with its center off the
-tip is at the far point of one more lever, behind the last one.
+root (length c along psi + delta). The near point of a lever is the lever's end closer to the arm's root. A force at a
+lever's far point acts on the near point with a moment. The lever's mass is at its middle. The matrix neglects the
+lever's rotation during its acceleration (terms in h omega, times the lever's share of the inertia). A payload with its
+center off the tip is at the far point of one more lever, behind the last one.
 
 Vectors are in inertial axes (m, m/s, m/s^2, N); moments (N m) and angles (rad) are counter-clockwise. `end`: ROOT_END
 (joint to beam start) or TIP_END (beam end to next joint). Where `model.rigid` is None there are no levers.
@@ -120,7 +120,7 @@ def beam_start(lane, model, state: State, k, tip, i):
 
     For k = 0 `tip` is the joint at the chain's root. The new vertex has no force. The vertex's moment is the hub's
     inertia torque less the hub torque (k = 0), or the elbow's inertia torque behind the hinge. `beam_start_rows` later
-    transmits the beam's force back. state: q, v, a of the arm. Theory, section 5, "Rigid ends".
+    transmits the beam's force back. state: q, v, a of the arm. See theory, section 5, "Rigid ends".
     """
     (x, y, psi), (vx, vy, turning), (ax, ay, alpha), (_, _, moment) = tip.place, tip.rate, tip.acceleration, tip.force
     # omega is for centripetal terms, `turning` for strain rates, which a damped model alone reads
@@ -149,7 +149,7 @@ def _through(lane, model, k, end, lever, motion, force, moment, far, weights, S)
     The lever's own inertia is included. k, end: the lever is at this end of link k. lever: vector e, m, inertial axes.
     motion: rate, second rate of its angle, acceleration (x, y; less gravity) of the near point. force (N), moment (N
     m): at the far point. far: mass at the far point, kg, for the matrix alone. With weights.with_matrix the lever's
-    factors are written to S. Theory, section 5, "Rigid ends".
+    factors are written to S. See theory, section 5, "Rigid ends".
     """
     rate, second, ax, ay = motion
     ex, ey = lever
@@ -233,7 +233,8 @@ def condense_to_near_point(lane, model, S, k, end, tail):
 
     Order (xx, xy, xt, yy, yt, tt), t for psi. The lever is at the `end` of link k; its `LEVER_FACTORS` are in S. With n
     = (-e_y, e_x) the far point moves by dx + n dpsi, a map T, and the lever's middle by dx + n/2 dpsi: T^T (tail + far
-    mass) T + the lever's own mass + `turn` on psi. Without levers `tail` is returned. Theory, section 5, "Rigid ends".
+    mass) T + the lever's own mass + `turn` on psi. Without levers `tail` is returned. See theory, section 5, "Rigid
+    ends".
     """
     if model.rigid is None:
         return tail
@@ -366,7 +367,7 @@ def next_vertex_motion(lane, model, q, v, i):
 def rigid_end_sums(lane, model, q: Lanes, v: Lanes, k):
     """Return kinetic energy (J) and first moments of mass (x, y; kg m, inertial axes) of the rigid ends of link k.
 
-    Theory, section 5, "Rigid ends".
+    See theory, section 5, "Rigid ends".
     """
     zero = 0.0
     kinetic, mx, my = zero, zero, zero

@@ -206,7 +206,7 @@ def factor(lane, model, S: Lanes):
     `tail` (9,), by rows, inertial axes: change of force and moment by the weighted acceleration (x, y) and the angle of
     a section, of all bodies beyond the section. Pivots are stored inverted. At a free elbow the angle of the section
     beyond is eliminated. The moment there is the joint's torque, so the elbow transmits no change of moment. A fixed
-    elbow transmits the whole change. Theory, (3.3).
+    elbow transmits the whole change. See theory, (3.3).
     """
     stride, first = _stride(model), _bodies_at(model)
     tail, (inertia, mass) = stack(lane, NINE), load_pair(lane, S, ROOT.tail)
@@ -275,7 +275,7 @@ def solve(lane, model, S: Lanes, x: Lanes):
 
     The order is forward from tip to root, then the root's 3 x 3 system, then back from root to tip. flow (3,), inertial
     axes: on the way to the root, force and moment that the reduced right sides beyond a section cause; on the way back,
-    weighted acceleration and angle of a section. Theory, (3.3).
+    weighted acceleration and angle of a section. See theory, (3.3).
     """
     mesh, stride, first = model.mesh, _stride(model), _bodies_at(model)
     flow, levers, zero = stack(lane, THREE), _levers_at(model), 0.0

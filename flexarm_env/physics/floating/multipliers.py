@@ -102,7 +102,7 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
 
 @kernel
 def _to_band(lane, mesh, own: Lanes, at, cm, half, S: Lanes):
-    """Write a body's matrix into its rows and columns of the band, those of R in inertial axes. Theory, (3.5).
+    """Write a body's matrix into its rows and columns of the band, those of R in inertial axes. See theory, (3.5).
 
     Columns of the origin's acceleration are multiplied by cm, because R enters the residual only through its
     acceleration.

@@ -126,7 +126,7 @@ def _shift_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
     """Compute the tangents of q, v and a at the step's end, with q = (predicted q) (+) d, d: the total increment.
 
     v and a follow d by `slopes`. x: in, tangents of the prediction; w.shift: d at the step's end. passes: see
-    `step_tangents`. Theory, section 9, "Derivatives".
+    `step_tangents`. See theory, section 9, "Derivatives".
     """
     n, moved, total = size(model.n), accumulated_increment(lane, w)[0], accumulated_increment(wide, x)[0]
     reset_shift(wide, model, x)
@@ -190,7 +190,7 @@ def _step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
 
 @kernel
 def restart_tangents(lane, wide, model, parx, w, x):
-    """Compute in x.r the tangents of a after a fresh start, from those of q and v in x; w.S: factors of M."""
+    """Compute in x.r the tangents of a after a fresh start, from the tangents of q and v in x; w.S: factors of M."""
     for k in range(size(model.n)):
         store(x.a, k, splat(wide, 0.0))
     copy_state(lane, wide, model, w, x)
@@ -211,7 +211,7 @@ def light_tangents(lane, wide, model, parx, w, x, h):
     """Compute tangents as `switch_tangents` for models with `NewtonPolicy.light_joints`, where S da = -(r(u) - r(u0)).
 
     S = M + h/2 C + h^2/4 K changes along the direction too; h: a step, s. w: the arm after the jump.
-    Theory, section 9, "Derivatives".
+    See theory, section 9, "Derivatives".
     """
     n = size(model.n)
     for k in range(n):

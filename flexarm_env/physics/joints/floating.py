@@ -103,7 +103,7 @@ def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, 
 
     # state     q; v: in and out, (n,) lanes.   # scratch   r, S
 
-    Theory, section 6, "A floating base".
+    See theory, section 6, "A floating base".
     """
     n, base, sums = size(model.n), part, stack(lane, _SUMS)
     a, still = stack(lane, base.room), stack(lane, base.room)

@@ -91,7 +91,7 @@ def _turn(A, own, share):
     """Return the `Turn` of a section against the frame: rotation matrix E, rotation vector phi, T^-1(phi), roll g.
 
     A, own: rotation matrices of frame and section (their axes to inertial axes); share: 1 / p_y of the `Frame`. Valid
-    for rotations below a right angle. Theory, (9.3).
+    for rotations below a right angle. See theory, (9.3).
     """
     E = A.T @ own
     # quaternion of E from its trace: cos(a/2) = sqrt(1 + tr E) / 2, sin(a/2) n = part (E - E^T)
@@ -199,7 +199,7 @@ def frame_second_rates(frame, rates, left, right):
 
     y and z components are the rates of w_y = -d_z / l and w_z = d_y / l, whose axes rotate; d: velocity of the right
     end relative to the left. The x component follows from the condition that p, the sum of both sections' y axes, keeps
-    p_z = 0 in frame axes. Theory, (9.3).
+    p_z = 0 in frame axes. See theory, (9.3).
     """
     spin, share = rates.spin, frame.over
     # y and z, from the chord's second rate

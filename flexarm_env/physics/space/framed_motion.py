@@ -65,7 +65,7 @@ def late_of(lane, model, par, frame, rates, spins, stiff, late, at):
 
     d phi' = (phi' / 2) x (dth + dbeta) - w x dth - X dbeta, X dbeta = w_x (0, dbeta_z, -dbeta_y) with the frame's spin
     w_x; strain rates follow by `framed._strained_rate`. spins: angular velocities of both sections (rad/s, section
-    axes); late: tau_d times a weight (s), see `framed_tangent.tangent`; stiff: `Stiff`. Theory, (9.3).
+    axes); late: tau_d times a weight (s), see `framed_tangent.tangent`; stiff: `Stiff`. See theory, (9.3).
     """
     x, y, spin = 0.25 * late * rates.left, 0.25 * late * rates.right, late * rates.spin
     # d phi' by the rotations of the left section, the right section, and the frame
