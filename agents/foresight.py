@@ -63,7 +63,7 @@ def played(env: Any, policy: Any, price: float = 0.0) -> tuple[Array, Array]:
 
 
 def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, Array]:
-    """Return the best actions (T, n, N) of each episode among controllers and trained policies, and the J (n,) of them.
+    """Return the best actions (T, n, N) of each episode among controllers and trained policies, and their J (n,).
 
     Controllers observe the whole state. Policies (run folders) have the task's observation or the whole state.
     """

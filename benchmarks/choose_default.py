@@ -175,7 +175,7 @@ def take_times(env_id: str, rows: list[Row], rounds: int = 7) -> None:
 
 
 def measure(env_id: str, episodes: int) -> Row:
-    """Measure all candidates in an environment, and the difference of the reference from coarser ones, % of L."""
+    """Measure all candidates in an environment, and the difference of the reference from coarser runs, % of L."""
     joints = 1 if env_id == IDS[0] else 2
     own = gym.make(env_id).unwrapped.plan
     actions = actions_of(env_id, episodes, joints)

@@ -2,9 +2,9 @@
 
     python -m benchmarks.fitted_steps [--periods 400] [--page] [--out FOLDER]
 
-`FlexibleArm-v0` moves in four ways. The error of a period is the distance of its final tip position from the one with
-256 times shorter steps, from the same state and on the same mesh. The number of steps includes the steps taken for
-comparison. The CPU time is that of the compiled control period of one arm, the smallest of five rounds.
+`FlexibleArm-v0` moves in four ways. The error of a period is the distance of its final tip position from the tip
+position with 256 times shorter steps, from the same state and on the same mesh. The number of steps includes the steps
+taken for comparison. The CPU time is that of the compiled control period of one arm, the smallest of five rounds.
 """
 
 import argparse

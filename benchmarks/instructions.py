@@ -12,7 +12,7 @@ The repository contains the counts of some programs, benchmarks/instructions_rec
 counts on purpose counts the programs again.
 
 Valgrind presents a Haswell processor, without AVX-512, to the programs. Code for that processor is compiled in advance,
-outside of valgrind, in a temporary folder (or the one of --cache).
+outside of valgrind, in a temporary folder (or in the folder of --cache).
 """
 
 import argparse

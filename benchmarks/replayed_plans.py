@@ -2,7 +2,7 @@
 
     python -m benchmarks.replayed_plans [--goals N] [--out FILE]
 
-Two packaged arms and two softer ones move to random goals, with and without a bound on deflections. Each plan is run on
+Two packaged arms and two softer arms move to random goals, with and without a bound on deflections. Each plan is run on
 the exact beam with 10 elements per link and steps of 0.5 ms. The largest deflection, the joint angles and the final
 rates of this run are compared with those of `Motion.replay`. A plan with `found` is wrong if on the exact beam it
 exceeds its bound by more than 6 % and 6e-4 of a link's length, or misses its goal by more than 0.02 rad.

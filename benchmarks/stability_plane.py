@@ -188,7 +188,7 @@ def references(scene: Scene, formulation: str) -> tuple[Trajectory, Trajectory]:
 
 
 def apart(one: Trajectory, other: Trajectory) -> float:
-    """Return the largest tip distance of two runs over the arm's length; infinity if one of them ended early."""
+    """Return the largest tip distance of two runs over the arm's length; infinity if a run ended early."""
     if one.tip.shape != other.tip.shape:
         return math.inf
     return float(np.hypot(*(one.tip - other.tip)[:, :2].T).max()) / one.scene.arm.total_length

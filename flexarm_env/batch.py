@@ -329,7 +329,7 @@ class Batch:
 
     def renew(self, keep: bool = True) -> None:
         """Let later steps write to a new table; references from outside to the present table stay unchanged. keep: copy
-        the present entries to the new table; otherwise a step must write all of them."""
+        the present entries to the new table; otherwise a step must write all entries."""
         sheets = self._sheets
         if not sheets[1].is_free():
             sheets[1] = Sheet(np.empty_like(self.table))

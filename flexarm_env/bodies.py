@@ -95,7 +95,7 @@ def inertia(path: str, value: object) -> Inertia:
 
 
 def tensor(value: Inertia) -> Array:
-    """Return the 3 x 3 inertia tensor; a number stands for that number times the identity."""
+    """Return the 3 x 3 inertia tensor; a number means the number times the identity."""
     return np.array(value) if isinstance(value, tuple) else value * np.eye(3)
 
 

@@ -191,7 +191,7 @@ def superword(function: Callable[..., Any]) -> Any:
 
 
 def noinline(function: Callable[..., Any]) -> Any:
-    """Decorate a kernel that is never inlined: a large one that is seldom called.
+    """Decorate a large and seldom called kernel, so that the kernel is never inlined.
 
     One very large function takes longer to compile than several.
     """

@@ -272,7 +272,7 @@ def _described(item: Any) -> list[str]:
 
 
 def classes_of(shape: Any) -> Iterator[Any]:
-    """Yield the named tuple classes in argument types (`kinds.described_as`), nested ones too."""
+    """Yield the named tuple classes in argument types (`kinds.described_as`), nested classes too."""
     if isinstance(shape, Layout):
         yield shape.instance_class
         for part, _ in shape.parts.values():

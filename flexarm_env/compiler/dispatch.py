@@ -54,7 +54,7 @@ class Family:
         self.names: set[str] = set()  # of the family's functions
 
     def register(self, kind: type, *named: Callable[..., Any], **functions: Callable[..., Any]) -> None:
-        """Register kernels of a class; a later call adds to them or replaces them.
+        """Register kernels of a class; a later call adds kernels or replaces kernels of the same name.
 
         Raises TypeError for a name that none of the family's functions has, because no call would ever reach it.
         """

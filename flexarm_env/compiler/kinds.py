@@ -293,7 +293,7 @@ def rebuilt(item: Any, it: Iterator[Any], builder: Any) -> Any:
 def kind(item: Any) -> Any:
     """Return the hashable specialization key of an item; items with equal keys share one compiled function.
 
-    Symbolic items give their type (lanes, tangents, element type, class), static ones their type and value.
+    Symbolic items give their type (lanes, tangents, element type, class), static items their type and value.
     """
     if isinstance(item, Value):
         return ("value", item.count, len(item.tangents))

@@ -113,7 +113,8 @@ def _former() -> str | None:
 def folders() -> list[Path]:
     """Return the folders in which programs are searched; new programs are written to the first.
 
-    The folder beside an installed package, compiled by an administrator, serves users without write access to it.
+    The folder beside an installed package, compiled by an administrator, serves users without write access to that
+    folder.
     """
     beside = PACKAGE / "__pycache__" / "objects"
     chosen = os.environ.get(VARIABLE) or _former()
@@ -140,7 +141,7 @@ def _trusted(found: os.stat_result) -> bool:
 
 
 def prepare(folder: Path) -> None:
-    """Make a folder for programs. OSError: it cannot be made, or others can write to it."""
+    """Make a folder for programs. OSError: the folder cannot be made, or other users can write to the folder."""
     folder.mkdir(mode=0o755, parents=True, exist_ok=True)
     if not _safe(folder):
         raise PermissionError(errno.EPERM, "others than you can write there")
@@ -304,7 +305,7 @@ def limit() -> int:
 
 
 def programs(folder: Path) -> list[tuple[float, int, Path]]:
-    """Return (time of last use, size in bytes, path) of all program files in a folder, partial ones too."""
+    """Return (time of last use, size in bytes, path) of all program files in a folder, partial files too."""
     found = []
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:

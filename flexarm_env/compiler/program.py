@@ -392,7 +392,7 @@ def _door() -> tuple[Any, Any]:
 
 
 def python_function(address: int) -> Callable[[int, int, int], int]:
-    """Return a callable of up to three integers (missing ones 0) for the code at an address; it releases the GIL."""
+    """Return a callable of up to three integers (default 0) for the code at an address; a call releases the GIL."""
     method, make = _door()
     made: Callable[[int, int, int], int] = make(ctypes.addressof(method), address, None)
     return made

@@ -184,7 +184,7 @@ class Writer(Expressions):
         return item
 
     def meet(self, block: Any, ends: Sequence[Names]) -> None:
-        """Continue at `block` with the names that stand for the same item at the end of all paths in `ends`.
+        """Continue at `block` with the names that denote the same item at the end of all paths in `ends`.
 
         Without any path the block is unreachable.
         """
@@ -268,7 +268,7 @@ class Writer(Expressions):
     def on_If(self, node: ast.If) -> None:
         """Emit an if statement: only the branch taken if the condition is static, otherwise two basic blocks.
 
-        After the statement a name has a value if it stands for the same item or slots in all branches that reach the
+        After the statement a name has a value if the name denotes the same item or slots in all branches that reach the
         end.
         """
         # a static condition: the other branch is not compiled, and may contain anything

@@ -297,7 +297,7 @@ class Tape(Rooms):
         return self.select(self.fcmp_ordered("<", x, _all(g.type)), self.fneg(g), g)
 
     def insert_element(self, into: Any, x: Any, k: Any) -> Any:
-        """Emit a vector with lane k replaced by x; lane k's cotangent goes to x, that of other lanes to the vector."""
+        """Emit a vector with lane k replaced by x; lane k's cotangent goes to x, other lanes' to the vector."""
         by_into, by_x = (
             lambda g: self.insert_element(g, _all(DOUBLE), k),
             lambda g: self.extract_element(g, k),
@@ -329,7 +329,7 @@ class Tape(Rooms):
         return Value(self, self._made(made, (by, lambda g: self.fmul(g, self.back(own))), risky=True), count)
 
     def constant(self, x: Value) -> Value:
-        """Return x without derivative: a new LLVM value x + (-0) that no node stands for."""
+        """Return x without derivative: a new LLVM value x + (-0) without a node."""
         return Value(self, super().fadd(x.value, _all(x.value.type)), x.count)
 
     # --- memory ------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ A traced function gets a `Value` for each number and a `Slots` for each array; e
 instruction into the calling kernel. Python executes all loops, tables, lists and dicts, so that only operations remain
 to be compiled. Indices are constants, and `stack` memory becomes registers. A traced function accesses arrays of lanes
 (`lane_arrays`) at indices known at compile time, and does not branch on symbolic values. Kernels and functions of the
-same module that a traced function calls are traced with it. Tuples of zeros (lane tags, sizes) and None stand for
+same module that a traced function calls are traced, too. Tuples of zeros (lane tags, sizes) and None stand for
 themselves.
 
 `@unrolled` is for a kernel with loops over the Model's size `n`. If n is a tag, a tuple of zeros, the kernel is traced.
@@ -129,7 +129,7 @@ class Tracer:
             array[k] = self.value(value)
 
     def on_symbols(self, function: Any) -> Any:
-        """Return a copy of a function, and of those traced with it, in which `self.words` replace global names.
+        """Return a copy of a function, and of the functions traced with it, in which `self.words` replace global names.
 
         Members of families are chosen by argument class at each call. Global names are recorded for the cache key.
         """

@@ -67,7 +67,7 @@ def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
 def gains_from(name: str, values: Mapping[str, Any], space: bool = False) -> Any:
     """Build the gains of controller `name` from values by key.
 
-    space: whether the arm is one in space. Raises ValueError for an unknown key; the message lists the known ones.
+    space: whether the arm is one in space. Raises ValueError for an unknown key; the message lists the known keys.
     """
     kind, _ = (_SPACE if space else _KINDS)[name]
     needed = [field.name for field in dataclasses.fields(kind) if field.default is dataclasses.MISSING]

@@ -45,7 +45,7 @@ class Replay:
 
 @lru_cache(maxsize=16)
 def finer(plant: Dynamics) -> Dynamics:
-    """Return a plant whose period is a quarter of the plan's step; planar ones have twice as many nodes, at most 12."""
+    """Return a plant whose period is a quarter of the plan's step; planar plants have twice as many nodes, up to 12."""
     assert plant.settings.dt is not None
     period = plant.settings.dt / FINER
     if plant.arm.spatial:

@@ -328,7 +328,7 @@ class Renderer:
 
 # ----------------------------------------------------------------------- parts
 def end_of_scale(largest: float) -> float:
-    """Return the smallest of FULL_SCALES that is at least `largest`, or the last of them."""
+    """Return the smallest of FULL_SCALES that is at least `largest`, or the last entry of FULL_SCALES."""
     return next((end for end in FULL_SCALES if end >= largest * (1.0 - 1e-9)), FULL_SCALES[-1])
 
 

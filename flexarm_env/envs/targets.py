@@ -72,7 +72,7 @@ class Target(ABC):
         return shape, self.narrowed(ranges, options, arm, shape)
 
     def narrowed(self, ranges: list[Pair], options: Mapping[str, Any], arm: Arm, path: str) -> list[Pair]:
-        """Check the ranges of drawn paths; return these ranges or narrower ones that fit.
+        """Check the ranges of drawn paths; return these ranges or narrower ranges that fit.
 
         options: the ranges given by the user.
         """
@@ -84,7 +84,7 @@ class Target(ABC):
 
     @abstractmethod
     def path(self, reference: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        """Return a given reference as one function of time per number. t: instants, s, at which it is read."""
+        """Return a given reference as one function of time per number. t (n,): instants of reading, s."""
 
 
 class Angle(Target):

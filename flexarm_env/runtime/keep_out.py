@@ -25,7 +25,7 @@ SPACING = 1.0 / 16.0
 def with_room(given: KeepOut | None, model: Any, q: Array, room: Array, groups: int, length: float) -> KeepOut | None:
     """Return the `KeepOut` with memory for centerline points, and with the subdivision of the intervals between points.
 
-    given: a `KeepOut`, or None, for which None is returned. q: a state of the model. room (many, 2 or 3): scratch for
+    given: a `KeepOut`, or None; for None the result is None. q: a state of the model. room (many, 2 or 3): scratch for
     the points, m. groups: number of groups of the batch. length: length of the arm, m; intervals are subdivided to at
     most SPACING of it.
     """

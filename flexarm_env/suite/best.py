@@ -53,7 +53,7 @@ class Actions(Policy):
         self.k = 0
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the next actions (n, N); after the end, repeat the last ones."""
+        """Return the next actions (n, N); after the end, repeat the last actions."""
         self.k += 1
         now: NDArray[np.float32] = self.actions[min(self.k, len(self.actions)) - 1].astype(np.float32)
         return now

@@ -155,7 +155,7 @@ def reach_target(task, angles, first, second):
 
 @kernel
 def reach_aim(task, record):
-    """Write the goal angles (rad) of two links into record[GOAL:]: of two solutions, the one that is reached first.
+    """Write the goal angles (rad) of two links into record[GOAL:]: of two solutions, the solution reached first.
 
     record: record of one arm. The record's target (m, inertial axes) is read. The record's goal holds the present joint
     angles at entry and the angles that bring the tip to the target at return (`angles.sooner_angles`).

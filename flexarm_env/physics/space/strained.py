@@ -405,7 +405,7 @@ def _stiff_sum(lane, model, par, k, x, y):
 def strained_damping(lane, model, par: Lanes, k, v, x):
     """Return x^T C v (W), the power of link k's damping forces C v (N m) at the strain rates x.
 
-    v, x: rates of all rows; C: stiffness of the strains times tau_d and the link's share of it.
+    v, x: rates of all rows; C: stiffness of the strains times tau_d and the link's share of tau_d.
     """
     tau = par[TAU_D] * model.strains[strained_at(model, k).damping]
     return _stiff_sum(lane, model, par, k, x, v) * tau
