@@ -374,7 +374,7 @@ def truncated(b: Any, x: Any) -> Any:
 
 
 def truncated_unsigned(b: Any, x: Any, signed: Any) -> Any:
-    """Convert a float x to an unsigned integer: from 2^63 on truncated and saturated; below 2^63 it is `signed`."""
+    """Convert a float x to an unsigned integer: from 2^63 on truncated and saturated; below 2^63 return `signed`."""
     value, kind = number(b, x).value, ir.FunctionType(WORD, [DOUBLE])
     above = b.call(b.module.declare_intrinsic("llvm.fptoui.sat.i64.f64", (), kind), [value])
     return b.select(b.fcmp_ordered(">=", value, ir.Constant(DOUBLE, 2.0**63)), above, signed.value)

@@ -43,7 +43,8 @@ def _comparable(measured: Array, predicted: Array) -> tuple[Array, Array]:
 class Ringing:
     """Damped cosine fitted to an interval of a signal.
 
-    start: s. frequency: undamped, Hz. damping: ratio. amplitude: at the interval's start, in the signal's unit. error:
+    start: start of the interval, s. frequency: undamped frequency, Hz. damping: damping ratio. amplitude: amplitude at
+        the interval's start, in the signal's unit. error:
     root mean square of the fit's residual, divided by the interval's standard deviation.
     """
 

@@ -192,7 +192,7 @@ def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
 
 
 def find_rest(equations: Equations, start: Point, held: Sequence[int], spin: float = 0.0) -> tuple[Point, float]:
-    """Return the equilibrium near a start, and the share of the loads up to which the path to it was followed.
+    """Return the equilibrium near a start, and the share of the loads that the path to the equilibrium reached.
 
     With a spin (rad/s), the equilibrium is a steady rotation about the origin.
 

@@ -47,7 +47,7 @@ Reverse derivatives, where `Jointed.derived` does not leave them to the compiler
     multiply(lane, part, model, S, x, y)                    Add the contribution's part of S x to y, before
                                                             `factor`.
 
-Coulomb friction is not a function of the state. The integrator solves for it with functions of its own
+Coulomb friction is not a function of the state. The integrator solves for Coulomb friction with functions of its own
 (`joints.friction`).
 """
 

@@ -86,7 +86,7 @@ class Session:
     Attributes:
         row: last period: time (s) and readings at its start, and the torques applied in it. counts: packets by
             `Refusal` and by "accepted", "challenged", "busy", "missing" (gaps in the peer's sequence numbers).
-        held: whether the arm is held, until a command with `ARM`. reason: of the hold. peer: served address or None.
+        held: whether the arm is held, until a command with `ARM`. reason: reason for holding. peer: served address.
             status: 0.0, or the code that stopped the arm. period: its number. notice: on a peer's version, or "".
     """
 

@@ -71,7 +71,7 @@ def linearize(address, first, last):
 def room(work, lanes, links):
     """Return the length of a block: a work array, own parameters, poses and outputs.
 
-    work: length of the work array. lanes: length of the lane tag. links: of an arm.
+    work: length of the work array. lanes: length of the lane tag. links: number of an arm's links.
     """
     return work + (PARAMETERS + POSE.end * links + outputs_of(links)) * lanes
 

@@ -315,7 +315,7 @@ def draw_delay(actuator, task, stream, arm, record, lanes):
 def draw_lag(p, arm, record, info, lanes):
     """Draw the motors' lag for an arm's episode: share and mean into the record, s into info; no-op if none is drawn.
 
-    share = 1 - exp(-h / lag): fraction of the way to the command in a step; mean: of that fraction over the step.
+    share = 1 - exp(-h / lag): fraction of the way to the command in a step; mean: mean of the fraction over the step.
     lanes: number of lanes of a group; arm: number in the batch.
     """
     if p.actuator is not None and p.actuator.lag is not None:

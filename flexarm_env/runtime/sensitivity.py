@@ -90,7 +90,7 @@ def room_of(model, par):
 def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, behind, moved, passes, room, out):
     """Write the derivatives of q and v at the steps' ends by theta into out (rows, 2 n).
 
-    wide: `lane` with one tangent. here, ahead, behind: `Neighbour`s; here is the unmodified model. factors: of
+    wide: `lane` with one tangent. here, ahead, behind: `Neighbour`s; here is the unmodified model. factors: result of
     `factor_rows`. moved (rows, motions, 3): derivatives of the prescribed motions. passes: 1 where the factored matrix
     is the exact derivative of the residual; otherwise the remainder is solved for again.
     # in, out   room: `room_of` numbers of scratch, first a `Work` whose q, v, a, b hold the state and its tangents

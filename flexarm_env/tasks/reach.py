@@ -177,7 +177,7 @@ def chain_aim(task, record):
 def chain_pursue(task, record):
     """Write the goal angles (rad) of N links into record[GOAL:]: as `chain_aim`, near the present goal angles.
 
-    record: of one arm: target (m, inertial axes) in; goal: in and out.
+    record: record of one arm: target (m, inertial axes) in; goal: in and out.
     """
     next_angles(task.lengths, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 

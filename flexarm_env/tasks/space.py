@@ -136,9 +136,10 @@ def space_aim(task, record):
 
 @kernel
 def space_pursue(task, record):
-    """Move the goal angles (rad), record[GOAL:], so that they reach the moved target; no-op if targets rest.
+    """Move the goal angles (rad), record[GOAL:], so that they reach the moved target; do nothing if targets rest.
 
-    record: of one arm: target (m, inertial axes) in; goal: in and out. task.chain: a `JOINT` per joint, None where
+    record: record of one arm: target (m, inertial axes) in; goal: in and out. task.chain: a `JOINT` per joint, None
+        where
     targets rest.
     """
     if task.chain is not None:

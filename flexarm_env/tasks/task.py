@@ -97,8 +97,8 @@ def deflection(lane, poses: Lanes, k):
     """Return the tip of link k relative to its root: (normal, along, normal rate, dx, dy, dvx, dvy, sine, cosine).
 
     normal, along: m, across and along the tangent of the root section; normal rate: m/s, in the frame that turns with
-    that section; dx, dy (m), dvx, dvy (m/s): the same vector and its velocity in inertial axes; sine, cosine: of the
-    root section's angle.
+    that section; dx, dy (m), dvx, dvy (m/s): the same vector and its velocity in inertial axes; sine, cosine: sine and
+    cosine of the root section's angle.
     """
     # tip less root, inertial axes
     o = POSE.end * k
@@ -123,7 +123,7 @@ def of_base(lane, task, poses: Lanes, number):
 
 @kernel
 def hub_angle(lane, task, poses: Lanes, sine, cosine):
-    """Return sine and cosine of joint 0's angle; sine, cosine: of the inertial angle of link 0's root.
+    """Return sine and cosine of joint 0's angle, given `sine` and `cosine` of the inertial angle of link 0's root.
 
     If the root is held, joint 0's angle is the inertial angle. On a floating base, the base's attitude is subtracted.
     """

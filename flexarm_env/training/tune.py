@@ -98,7 +98,7 @@ class Arguments:
 
 
 class SearchProgress:
-    """Cost function that reports a search's progress on standard error: in place on a terminal, elsewhere now and then.
+    """Cost function that reports a search's progress on standard error: on one line in a terminal.
 
     Args:
         cost: cost function of gains. name: name of the controller. total: largest number of evaluations of the search.

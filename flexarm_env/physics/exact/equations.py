@@ -266,7 +266,7 @@ def _eliminate(lane, S, o, tail):
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Add x (N m/rad) to the angle of joint row k: at the hub in S at once, at an elbow in `factor`.
+    """Add the stiffness x (N m/rad) to the angle of joint row k: of the hub in S now, of an elbow in `factor`.
 
     None: flag row k, of the root or of a hinge, so that `factor` and `solve` keep it fixed."""
     factors, hinge = factors_of(model), factors_of(model).hinges + OF_HINGE.end * (k - rows_of(model).hinges)

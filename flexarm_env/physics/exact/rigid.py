@@ -96,7 +96,8 @@ def _payload_force(lane, model, psi, motion, mass, weights, S):
 def lever_end_velocity(lane, lever, rate, x, y, vx, vy):
     """Return position (m) and velocity (m/s) of a lever's far point, (x, y, vx, vy), inertial axes.
 
-    lever: vector from near to far point, m; rate: of its angle, rad/s; x, y, vx, vy: of the near point.
+    lever: vector from near to far point, m; rate: rate of the lever's angle, rad/s; x, y, vx, vy: motion of the near
+        point.
     """
     ax, ay = lever
     return x + ax, y + ay, vx - rate * ay, vy + rate * ax
@@ -176,7 +177,8 @@ def beam_start_rows(lane, model, state: State, u: Lanes, k, tip, i, r: Lanes, we
 
     In: r[i : i + 3], force (N, inertial axes) and moment (N m) on the start of the beam of link k. Out: the same rows
     for the vertex `tip`, which is the near point of the tip lever before the hinge (k = 0: of the root lever), and the
-    hinge's row, moment less joint torque u[k]. state: q, v, a. The levers' factors go to S with weights.with_matrix.
+    hinge's row, moment less joint torque u[k]. state: q, v, a. With weights.with_matrix the levers' factors are written
+    to S.
     """
     _, _, psi = tip.place
     (ax, ay, alpha), (gx, gy, moment) = tip.acceleration, tip.force

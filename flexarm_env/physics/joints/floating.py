@@ -78,8 +78,8 @@ def poses(lane, part, model, q: Lanes, v: Lanes, out: Lanes):
 def vjp_residual(lane, part, model, par, state, bar, u_bar: Lanes, r_bar: Lanes):
     """Add to bar.a and u_bar the cotangents that the base's row of r_bar causes; that row of r_bar <- 0.
 
-    r_bar: derivative of a scalar by the residual, whose row is J psi'' + u_0. bar: cotangents of q, v, a; u_bar: of
-    inputs.
+    r_bar: derivative of a scalar by the residual, whose row is J psi'' + u_0. bar: cotangents of q, v, a; u_bar:
+    cotangents of the inputs.
     """
     add_to(lane, bar.a, part.row, r_bar[part.row] * part.inertia)
     u_bar[0] += r_bar[part.row]

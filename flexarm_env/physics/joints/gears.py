@@ -305,7 +305,8 @@ def set_joint_configuration(lane, part, model, live, rates: Lanes | None, q: Lan
 def vjp_residual(lane, part, model, par, state: State, bar, u_bar: Lanes, r_bar: Lanes):
     """Add to bar and u_bar the cotangents that r_bar causes through the joints' rows of r; motor rows of r_bar <- 0.
 
-    Eq. (6.5). r_bar: derivative of a scalar by the residual; bar (a `State`): by q, v, a; u_bar: by the inputs.
+    Eq. (6.5). r_bar: derivative of a scalar by the residual; bar (a `State`): derivatives by q, v, a; u_bar: derivative
+    by the inputs.
     """
     if model.hub is not None:
         row = model.table[PLACE.row]

@@ -201,7 +201,7 @@ def has_mount(model, k):
 
 @kernel
 def has_lever(model, k):
-    """Return whether joint k is off the origins of its two sections; None, known at compile time, if no joint is."""
+    """Return whether joint k is off the origins of its two sections; None (at compile time) if no joint has a lever."""
     if model.levers is None:
         return None
     return model.levers[k] != 0
@@ -213,7 +213,8 @@ def joint_placement(lane, model, q: Lanes, v: Lanes, k, tip):
 
         E = mount exp(theta axis),  r_L = r + A (t + E o),  A_L = A E,  w_L = E^T w + axis theta'
 
-    theta: joint angle; t, o: `JOINT.before`, `beyond`; r, A, w: of tip. Returns E (root axes to section before), t + E
+    theta: joint angle; t, o: `JOINT.before`, `beyond`; r, A, w: fields of `tip`. Returns E (root axes to section
+        before), t + E
     o (m, axes of the section before; None if no joint has a lever), the `Place` of the link's first section (r_L, A_L,
     w_L), and axis theta' (rad/s, root axes).
     """
@@ -385,8 +386,8 @@ def point_load_wrench(lane, model, u, k, at_tip, at, weights, S, o):
 
     Inputs u hold force F and moment M of each load along inertial axes, behind the joint torques. force = -F (inertial
     axes), moment = -(A^T M + c x A^T F) (section axes) with the load's lever c; at: `Vertex`; at_tip: True for loads on
-    the tip. With weights.with_matrix the moment's derivative by the section's rotation goes to the 6 x 6 matrix at o of
-    S. See theory, section 9.
+    the tip. With weights.with_matrix the moment's derivative by the section's rotation is added to the 6 x 6 matrix at
+    o of S. See theory, section 9.
     """
     zero = 0.0
     force, moment = Vector(zero, zero, zero), Vector(zero, zero, zero)
