@@ -138,7 +138,7 @@ class Job:
         return EPISODES if self.method.algorithm == "foresight" else MANY.get(self.task.id, EPISODES)
 
     def done(self, results: Path) -> bool:
-        """Return whether the results file contains the job's result, or the reason why there is none."""
+        """Return whether the results file contains the job's result, or the reason why the result is missing."""
         known = begun(results, self.method.name, self.seed)
         entry = known.tasks.get(self.task.id)
         if entry is None:

@@ -117,7 +117,7 @@ def git(*words: str) -> bytes | None:
 
 
 def commit_before() -> Hashes | str:
-    """Return the hashes that the previous commit's code gives on this machine, or a text that says why there are none.
+    """Return the hashes that the previous commit's code gives on this machine, or a text with the reason why not.
 
     Cases whose record has changed since that commit are omitted.
     """

@@ -419,7 +419,7 @@ def front_table(found: Row) -> list[str]:
 
 
 def quickest(rows: Sequence[Row], kinds: Sequence[str], target: float, key: str) -> Row | None:
-    """Return the quickest row whose error is at most `target`, % of L; None if there is none."""
+    """Return the quickest row whose error is at most `target`, % of L, or None."""
     good = [row for row in rows if key in row and error_of(row, kinds) <= target]
     return min(good, key=lambda row: float(row[key])) if good else None
 

@@ -255,7 +255,7 @@ def behind(row: dict[str, Any], best: Sequence[dict[str, Any]]) -> float:
 
 
 def advice(rows: Sequence[dict[str, Any]], target: float) -> dict[str, Any] | None:
-    """Return the package's quickest run with an error of at most `target`, % of L; None if there is none."""
+    """Return the package's quickest run with an error of at most `target`, % of L, or None."""
     good = [row for row in rows if row["case"]["label"] not in PEERS and row["max_error"] <= target]
     return min(good, key=lambda row: row["cpu"]) if good else None
 

@@ -126,7 +126,7 @@ class Writer(Expressions):
         self.b.ret(whole_result)
 
     def fit(self, name: str, item: Any, template: Any) -> Any:
-        """Convert an item to a template; raise Widen if it needs a wider one, Refused if there is none."""
+        """Convert an item to a template; raise Widen if a wider template is needed, Refused if none fits."""
         wider = joined(template, item)
         if wider is APART:
             what = "it returns" if name == "return" else f"{name!r} is"

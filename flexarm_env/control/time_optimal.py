@@ -78,7 +78,7 @@ def plan(A: Array, B: Array, start: Array, limits: Array, least: int = 1, most: 
 
 
 def _feasible(A: Array, B: Array, start: Array, limits: Array, periods: int) -> Array | None:
-    """Find torques (periods, N), N m, that lead from `start` to zero, by a linear program; None if there are none."""
+    """Find torques (periods, N), N m, that lead from `start` to zero, by a linear program; None if no torques do."""
     from scipy.optimize import linprog
 
     n_inputs = B.shape[1]

@@ -180,7 +180,7 @@ def check_parameters(
     """Check an arm with factors (see `stiffnesses`), its own tau_d = damping (s) and gear stiffness = spring (N m/rad).
 
     Raises:
-        ValueError: its stiffness ratio is above `MOST`; names `path` and the parameter to change.
+        ValueError: the arm's stiffness ratio is above `MOST`; the message names `path` and the parameter to change.
     """
     torque, h = min(arm.torque_limits or (math.inf,)), settings.dt
     assert h is not None

@@ -156,7 +156,8 @@ class Weights(NamedTuple):
     """Factors of the residual's derivatives in a matrix: mass dr/da + damping dr/dv + stiffness dr/dq.
 
     A Newton matrix may leave out terms or add approximate ones, because the iteration corrects the errors of its
-    matrix. The matrix of a jump of accelerations or velocities may not: a single solution defines the jump.
+    matrix. The matrix of a jump of accelerations or velocities must be exact, because a single solution defines the
+    jump.
     """
 
     mass: float

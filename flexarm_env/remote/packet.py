@@ -111,7 +111,7 @@ def pack(packet: Packet, key: bytes | None = None) -> bytes:
 
 
 def unpack(content: bytes, key: bytes | None = None) -> Packet | Refusal:
-    """Decode bytes to a `Packet`, or return the `Refusal` with the reason why this is impossible. Never raises."""
+    """Decode bytes to a `Packet`, or return the `Refusal` with the reason; never raise an exception."""
     tail = 0 if key is None else DIGEST
     size = len(content) - HEAD.size - tail
     if size < 0 or size % 8 or size // 8 > MOST_NUMBERS:

@@ -98,7 +98,7 @@ def draw_pushes(lane, p, g, record, w):
 def change_payloads(lane, p, par: Lanes, record, w):
     """Apply the payload changes that are due in this period: mass (kg), inertia (kg m^2), jump of velocities.
 
-    A change is due in an arm that moves (w.flag OK) if record.change is the number of periods done; it is -1
+    A change is due in an arm that moves (w.flag OK) if record.change is the number of periods done; record.change is -1
     afterwards. Arms whose change is not due keep all numbers bit for bit. par: each arm's own parameters, in and out;
     w: state, in and out. `impact.change_payload` has the momentum balance.
     """

@@ -365,7 +365,7 @@ def begun(folder: Path, name: str, run: int) -> Results:
 
 
 def folder_of(folder: Path, *, earlier: bool = False) -> list[Results]:
-    """Read all results files of a folder. ValueError if one is damaged, or there is none."""
+    """Read all results files of a folder. ValueError if a file is damaged, or the folder has no results file."""
     files = sorted(folder.glob("*.json")) if folder.is_dir() else []
     if not files:
         raise ValueError(f"{folder}: no results files (*.json) there; flexarm bench suite --out {folder} writes them")
@@ -396,7 +396,7 @@ def chosen_tasks(words: str | None) -> tuple[Task, ...]:
 
 
 def listed(flag: str, words: str) -> list[str]:
-    """Split words separated by commas. ValueError if there is none."""
+    """Split words separated by commas. ValueError if the text has no word."""
     found = [word.strip() for word in words.split(",") if word.strip()]
     if not found:
         raise check.InvalidValue(flag, words, "must name at least one, or several with commas between them")

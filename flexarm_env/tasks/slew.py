@@ -82,9 +82,10 @@ def slew_judge(lane, task, poses, action, record: Lanes, live, info):
         in half turns), effort -sum action^2, vibration -min(rate^2, 1)
 
     Each term is multiplied by its weight. A floating base adds a term for its attitude. If changes of actions have a
-    price, they add another term. If task.paid is a tag, settle is 1 / (1 + s^2) (`settled`). s is the sum of squares of
-    e, slip and rate (and of a base's attitude), each over its success band. poses: pose of the link, inertial axes;
-    info is written where live > 1/2. Joint limit passed: 1.0 where the joint is beyond its limits, otherwise 0.0.
+    price, the price adds another term. If task.paid is a tag, settle is 1 / (1 + s^2) (`settled`). s is the sum of
+    squares of e, slip and rate (and of a base's attitude), each over its success band. poses: pose of the link,
+    inertial axes; info is written where live > 1/2. Joint limit passed: 1.0 where the joint is beyond its limits,
+    otherwise 0.0.
     """
     # tip less root: polar angle and its rate (inertial axes), deflection (root axes)
     normal, along, rate, dx, dy, dvx, dvy, _, _ = deflection(lane, poses, 0)

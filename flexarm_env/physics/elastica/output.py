@@ -15,7 +15,7 @@ from .layout import X, Y, constants, load_at, node_angles, weighted_sum
 def _tangents(lane, model, q, x: Lanes, c: Lanes, s: Lanes):
     """Compute the nodes' tangent angles x_j = phi_j (rad) and unit tangents (c_j, s_j) = (cos phi_j, sin phi_j).
 
-    q: coordinates, rad. Inertial axes.
+    q: coordinates, rad. Vectors are in inertial axes.
     """
     node_angles(lane, model, q, x)
     for i in range(size(model.links) * size(model.nodes)):
@@ -167,8 +167,8 @@ def energy(lane, model, par: Lanes, q, v):
 def link_poses(lane, model, par, q, v, out, tasks=None):
     """Write `layout.POSES` of each link to out: x, y (m), angle (rad) and their rates at its root, then at its tip.
 
-    Inertial axes. Root and tip are the joints, beyond rigid ends; angles are those of the beam's tangents there. q, v:
-    coordinates and their rates. par and tasks are not used. See theory, section 5.
+    Vectors are in inertial axes. Root and tip are the joints, beyond rigid ends; angles are those of the beam's
+    tangents there. q, v: coordinates and their rates. par and tasks are not used. See theory, section 5.
     """
     D = model.data
     at = constants(model)

@@ -424,7 +424,7 @@ def rotate_by_small_angle(lane, order, x, w):
 
 @traced
 def propagate_positions(lane, order, start: Lanes, q: Lanes, psi, new_psi, x, y):
-    """Write the interior and right positions in q (m) from the left one (x, y), the angles in q and `start`'s strains.
+    """Write the interior and right positions in q (m) from the left (x, y), the angles in q and `start`'s strains.
 
     At each Gauss point d of `start` rotates by the change of psi. psi, new_psi: left angle in start and in q, rad.
     Returns the right position (x, y)."""

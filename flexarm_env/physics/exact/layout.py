@@ -179,7 +179,7 @@ def vertex_of(model, k):
 def root_angle(lane, model, x: Lanes, k):
     """Return the angle (rad) of the section at link k's root from x = q, or its rate (rad/s) from x = v.
 
-    For k = 0 this is psi of the root vertex; for k > 0 it is psi plus the hinge angle delta.
+    For k = 0 the angle is psi of the root vertex; for k > 0 the angle is psi plus the hinge angle delta.
     """
     i = vertex_of(model, k)
     if k > 0:

@@ -130,8 +130,8 @@ def damping_power(lane, model, par: Lanes, q: Lanes, v: Lanes, x: Lanes):
 def link_poses(lane, model, par, q: Lanes, v: Lanes, out, tasks=None):
     """Write `layout.POSES` of each link to out: x, y (m), angle (rad) and their rates at its root, then at its tip.
 
-    Inertial axes. Root and tip are the joints, beyond rigid ends; angles are those of the beam's sections there. q, v:
-    coordinates and their rates. par and tasks are not used.
+    Vectors are in inertial axes. Root and tip are the joints, beyond rigid ends; angles are those of the beam's
+    sections there. q, v: coordinates and their rates. par and tasks are not used.
     """
     for k in range(model.links + 1):
         # r, psi and their rates at joint k (inertial axes): the root of link k and the tip of link k - 1

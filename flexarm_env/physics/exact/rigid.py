@@ -108,7 +108,7 @@ def _lever_acceleration(lever, rate, second, ax, ay, share):
     """Return the acceleration (x, y; m/s^2) of a point on a lever e, a + share (second e' - rate^2 e).
 
     e' = (-e_y, e_x); a = (ax, ay): acceleration of the near point; share: 0 there, 1/2 in the middle, 1 at the far
-    point; rate, second: of the lever's angle, rad/s and rad/s^2. Inertial axes.
+    point; rate, second: first and second rate of the lever's angle, rad/s and rad/s^2. Vectors are in inertial axes.
     """
     ex, ey = lever
     square = rate * rate

@@ -94,7 +94,7 @@ def transmit_inward(lane, lever, force, weights, S: Lanes, first):
         f_near = f + m_far a_far + m a_mid,   M_near = M + e x (f + m_far a_far) + (e/2) x m a_mid + J alpha
 
     e: lever, near to far point; J: inertia of its own mass m; alpha: angular acceleration; a_far, a_mid: accelerations
-    less gravity at e and e/2. Inertial axes. Do nothing without a lever (None).
+    less gravity at e and e/2. Vectors are in inertial axes. Do nothing without a lever (None).
 
     # in       S: written by `propagate_outward`; weights: `Weights`; first: index in S of lever 0's `LEVER_FACTORS`
     # in, out  force (3,): force (N) and moment (N m) required at the far point, then at the near point
@@ -132,7 +132,8 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
         tail <- N' (tail + m_far) W + own mass at e/2,   N = [1, 0, nx; 0, 1, ny; 0, 0, 1], W: with (wx, wy)
 
     (nx, ny): derivative of the far point by the angle; (wx, wy): derivative of its acceleration, weighted by cm, cc, ck
-    (`Weights`); e: lever; m_far: mass at the far point. Do nothing without a lever (None). Inertial axes.
+    (`Weights`); e: lever; m_far: mass at the far point. Do nothing without a lever (None). Vectors are in inertial
+    axes.
 
     # in       S: `LEVER_FACTORS` of `transmit_inward`; first: index of lever 0's
     # in, out  tail (9,), by rows: force x, y, moment; columns: acceleration x, y (weighted), angle
@@ -181,8 +182,8 @@ def far_point_change(lane, lever, S, first, arm, flow: Lanes):
 
         (x, y) += angle times the change of the far point's acceleration by the angle
 
-    Inertial axes. arm: SWEPT for that change; ACROSS (n) for solutions with the transposed matrix. first: index in S of
-    lever 0's `LEVER_FACTORS`; no-op without a lever (None).
+    Vectors are in inertial axes. arm: SWEPT for that change; ACROSS (n) for solutions with the transposed matrix.
+    first: index in S of lever 0's `LEVER_FACTORS`; no-op without a lever (None).
     """
     if lever is not None:
         x, y = load_pair(lane, S, _factors_at(first, lever) + arm)

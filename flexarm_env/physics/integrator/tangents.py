@@ -34,7 +34,7 @@ from .work import accumulated_increment, copy_rows, remove_known_rows, reset_shi
 
 @kernel
 def copy_values(lane, wide, rows, values, both):
-    """Copy the values of `rows` rows to dual lanes `both`, whose tangents stay as they are."""
+    """Copy the values of `rows` rows to dual lanes `both`, whose tangents do not change."""
     many = len(wide) // len(lane)
     for k in range(rows):
         store(both, k * many, load(lane, values, k))
