@@ -210,7 +210,7 @@ def constraint_residual(lane, model, psi: Lanes, state: State, level, scale, r: 
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Add x (N m/rad) to the diagonal entry k of the band; with None row and column k become those of the identity."""
+    """Add x (N m/rad) to the diagonal entry k of the band, or fix row and column k (x None)."""
     half, zero = model.half, 0.0
     width = band_width(half)
     if x is not None:

@@ -379,7 +379,7 @@ def friction_tangents(lane, model, change, weights, ahead, S: Lanes, x):
 
 @kernel
 def friction_cotangents(lane, model, weights, ahead, S: Lanes, x: Lanes, v_bar: Lanes, a_bar: Lanes):
-    """Compute the reverse derivative of `friction_tangents`: x, cotangents after friction is applied, <- those before.
+    """Compute the reverse derivative of `friction_tangents`: x: cotangents after friction in, cotangents before out.
 
     Adds the cotangents of the rates w = v + ahead a to v_bar and a_bar. The cotangents W^T x of the torques (W: columns
     of S^-1) must vanish for sticking joints, a system with the transposed minors of W; torques of sliding joints are

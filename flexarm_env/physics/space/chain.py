@@ -438,7 +438,7 @@ def fill_zeros(lane, S: Lanes, o, n):
 def body_sums(lane, model, array, o, mass, share, at):
     """Return ((kinetic, strain = 0, gravitational) energy in J, momentum in kg m/s, inertial axes) of a rigid `BODY`.
 
-    array, o: where the `BODY` is; at: `Place` of the section it is fixed to; mass, share: `mass_of`, `inertia_of`.
+    array, o: where the `BODY` is; at: `Place` of the body's section; mass, share: `mass_of`, `inertia_of`.
     """
     c, I, A = three_of(lane, array, o + P.centre), inertia_of(lane, array, o, share), matrix(at.p)
     # center of mass and its velocity, inertial axes
