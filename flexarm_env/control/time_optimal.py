@@ -99,7 +99,7 @@ def slew_plan(setup: Setup, angle: float, effort: float = 1.0, flexible: int | N
     """Find the shortest rest-to-rest plan of one link.
 
     setup: arm, period and torque limit. angle: rad. effort: share of the torque limit. flexible: see `LQRGains`.
-    Raises ValueError if there is no plan.
+    Raises ValueError if `plan` finds no plan.
     """
     model, limits = arm_model(setup.arm, (), flexible), np.asarray(setup.torque_limits)
     least = int(rigid_time(float(model.inertia[0, 0]), angle, float(limits[0])) / setup.control_dt)
