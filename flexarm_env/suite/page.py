@@ -238,10 +238,8 @@ def _table(task: Task, lines: Sequence[Line], learnt: set[int]) -> Iterator[str]
     known = reference(task)
     yield from (" ".join(task.hard.split()), "")
     if known is not None:
-        yield from (
-            f"PD has the value J_PD = {known.pd:.1f}; `{known.by}` has the best known value, J_best = {known.best:.1f}.",
-            "",
-        )
+        own = f"PD has the value J_PD = {known.pd:.1f}; "
+        yield from (f"{own}`{known.by}` has the best known value, J_best = {known.best:.1f}.", "")
     if task.id in best.known():
         yield from (_record(task, lines), "")
     # the best policy, to which the others are compared
