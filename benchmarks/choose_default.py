@@ -214,7 +214,8 @@ def table_of(env_id: str, found: Row) -> list[str]:
     return [
         f"Each kind of torque has {found['episodes']} episodes of {HORIZON[env_id]:g} s. The reference is "
         f"{label(EXACT)}. "
-        f"With twice the step of the reference the tip moves by at most {coarser['step']:.4f} % of L, and with a mesh of "
+        f"With twice the step of the reference the tip moves by at most {coarser['step']:.4f} % of L, and with a "
+        "mesh of "
         f"{COARSER['mesh']['elements']} elements by {coarser['mesh']:.4f} % (in {SHARE:g} % of the episodes).", "",
         *table(f"{heads} | us, vector | us, single | good enough", rows),
     ]  # fmt: skip

@@ -211,8 +211,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
         f"The {found['cases']} scenes took {found['case_seconds']:.0f} s. In runs with an error above 1e-5 of the "
         "length, "
         f"the estimate divided by the true error has these percentiles: {ratios}. {found['needlessly_inaccurate']} "
-        "runs "
-        f"were `inaccurate` although their tip was within 1 % of the length; {found['negative_dissipation']} runs "
+        f"runs were `inaccurate` although their tip was within 1 % of the length; {found['negative_dissipation']} runs "
         "dissipated a negative energy between two samples.",
     ]}  # fmt: skip
 

@@ -129,8 +129,7 @@ def saved(rows: list[dict[str, Any]], tolerance: float = 1e-4) -> list[str]:
         lines.append(f"- With `{formulation}` and an error of at most {100 * tolerance:g} % of the length per "
                      "control period, "
                      f"fixed steps must be {1e3 * max(enough):.3g} ms in all motions. The CPU times per control "
-                     "period, in "
-                     f"µs, of fitted against fixed steps are {', '.join(pairs)}.")  # fmt: skip
+                     f"period, in µs, of fitted against fixed steps are {', '.join(pairs)}.")  # fmt: skip
     return lines
 
 

@@ -233,13 +233,11 @@ def blocks(found: pages.Found) -> pages.Blocks:
     return {
         "intervals": table_of(rows, TOLD),
         "untold": [f"The report names exactly these three parameters in {right} of {len(rows)} cases, and a "
-                   "parameter that "
-                   f"the log determines in {rash} cases."],
+                   f"parameter that the log determines in {rash} cases."],
         "torques": [
             *table_of(torques, OF_HUB), "",
             f"The report suspected a column of the log or the clock in {suspect} of {len(torques)} cases. The fit "
-            "halved "
-            f"the step {np.mean([row['refinements']['step'] for row in torques]):.1f} times on average.",
+            f"halved the step {np.mean([row['refinements']['step'] for row in torques]):.1f} times on average.",
         ],
         "space": [
             *table_of(space, IN_SPACE), "",

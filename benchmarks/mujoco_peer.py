@@ -485,8 +485,7 @@ def finding(found: pages.Found) -> str:
     best = min((error_of(row) for row in own["rows"]), default=np.nan)
     if words:
         text = (f"On `FlexibleArm-v0` MuJoCo's fastest chain with an error within 2 % of L under both kinds of "
-                "torque takes "
-                f"{', '.join(words)} times as long as the package's fastest default.")  # fmt: skip
+                f"torque takes {', '.join(words)} times as long as the package's fastest default.")  # fmt: skip
     else:
         text = (f"On `FlexibleArm-v0` no setting of MuJoCo within {LONGEST:g} µs a period reaches 2 % under both kinds "
                 "of torque.")  # fmt: skip

@@ -261,10 +261,10 @@ def table_of_cases(found: pages.Found) -> list[str]:
     ratios = ", ".join(f"{k}: {v:g}" for k, v in found["estimate_over_error"].items())
     counted = [[key, *(counts.get(name, 0) for name in OUTCOMES)] for key, counts in found["outcomes"].items()]
     return [
-        f"The {found['cases']} cases took {found['case_seconds']:.0f} s, the longest {found['longest_case']:.1f} s. The "
-        f"energy (criterion i) was checked for all {found['energy_checked']} cases with status `ok`, and the tip "
-        f"(criterion ii) for {found['tip_checked']} of these cases. The tip was not checked for these reasons, with the "
-        f"numbers of cases: {reasons}.",
+        f"The {found['cases']} cases took {found['case_seconds']:.0f} s, the longest {found['longest_case']:.1f} s. "
+        f"The energy (criterion i) was checked for all {found['energy_checked']} cases with status `ok`, and the tip "
+        f"(criterion ii) for {found['tip_checked']} of these cases. The tip was not checked for these reasons, with "
+        f"the numbers of cases: {reasons}.",
         "", *table(" | ".join(["", *OUTCOMES]), counted), "",
         "In cases with an error above 0.1 % of L, the estimate divided by the true error has these percentiles: "
         f"{ratios}. {found['needlessly_inaccurate']} runs were `inaccurate` although their tip was within 1 % of L.",

@@ -393,7 +393,8 @@ def blocks(found: pages.Found) -> pages.Blocks:
     rows, known = found["rows"], json.loads((CONVERGED / "converged.json").read_text())
     by_scene = {name: [row for row in rows if row["case"]["scene"] == name] for name in (*names(), *ENVIRONMENTS)}
     return {
-        "runs": [f"The tables have the results of {len(rows)} runs. The last measurement took {found['seconds']:.0f} s of "
+        "runs": [f"The tables have the results of {len(rows)} runs. The last measurement took "
+                 f"{found['seconds']:.0f} s of "
                  "wall time; results of earlier measurements were kept."],
         "advice": advised(rows), "defaults": defaults(rows), "joined": floating_frames(rows),
         "formulations": all_formulations(rows, {name: known[name] for name in names()}),
