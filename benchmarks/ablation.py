@@ -195,8 +195,8 @@ def blocks(found: pages.Found) -> pages.Blocks:
     }
     if found["absent"]:
         whole, cut = found["absent"]["whole"], found["absent"]["cut"]
-        more = f"{100 * (whole / cut - 1):+.2f} %"
-        lines["absent"] = [f"A period takes {whole:,.0f} instructions with these lines, {cut:,.0f} without ({more})."]
+        less = f"{cut:,.0f} without the code of these features ({100 * (whole / cut - 1):+.2f} %)"
+        lines["absent"] = [f"A period takes {whole:,.0f} instructions, or {less}."]
     return lines
 
 
