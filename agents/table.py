@@ -287,8 +287,8 @@ def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | No
         f"![tip error](../figures/control_{family.name}.png)", "",
         f"![learning curves](../figures/control_{family.name}_learning.png)", "",
         f"### {family.env}: randomized payload (x 0.5 to 2) and stiffness (x 0.7 to 1.3)", "",
-        f"Controllers named `{DRAWN}` are tuned on such arms, policies named `_robust` are trained on them. The others "
-        "know only the nominal arm.", "",
+        f"Controllers named `{DRAWN}` are tuned on randomized arms, and policies named `_robust` are trained on "
+        "randomized arms. All other controllers and policies know only the nominal arm.", "",
         *short_table("success, median settling", both), "",
         f"On the converged exact beam (4 cubic elements a link, 1 ms), the first {FEWER_EPISODES} episodes:", "",
         *short_table("policy", own["models"]), "",
