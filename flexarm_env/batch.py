@@ -1,7 +1,7 @@
 """Many arms of one kind; one compiled call advances all arms by a control period. A single arm is a batch of one.
 
 The arms share a Model and a task; each arm has its own payload, stiffness, damping and torque constant. Arms are stored
-in lane groups, which threads divide among themselves. An arm's bits do not depend on the batch or the threads.
+in lane groups, which threads share. An arm's results do not depend on batch size or threads.
 """
 
 from __future__ import annotations
@@ -111,8 +111,8 @@ class Batch:
     Attributes:
         action (n, A) float32: input of `step`. observation (n, O) float32, reward (n,), terminated, truncated (n,):
             results of the last step or start. table: entries of info, one row each, one column per arm (and spare
-            columns). sheet: the table with its views. info_at: row of each entry of `INFO`. request: a `REQUEST`; NaN:
-            draw. address: address of the program's memory, argument of the compiled functions.
+            columns). sheet: the table with its views. info_at: row of each entry of `INFO`. request: the next start, a
+            `REQUEST` (NaN: draw at random). address: address of the program's memory for compiled functions.
     """
 
     def __init__(
@@ -210,8 +210,8 @@ class Batch:
     @property
     def estimate(self) -> float:
         """Estimated error of the tip over the arm's length, due to mesh, step, and the elastica's neglect of stretch
-        and shear. The last part is a linear estimate, too small for links that whip round (theory, section 5). inf:
-        unknown; nan would differ from itself in checks of determinism."""
+        and shear. The last part is a linear estimate, too small for links that whip round (theory, section 5). An
+        unknown error is inf, since nan would differ from itself in checks of determinism."""
         return self.left + self.system.notes.get("stretch_and_shear", 0.0)
 
     # --- one arm's entries -----------------------------------------------------------------------
@@ -329,7 +329,7 @@ class Batch:
 
     def renew(self, keep: bool = True) -> None:
         """Let later steps write to a new table; references from outside to the present table stay unchanged. keep: copy
-        the present entries to the new table; otherwise a step must write all of them."""
+        the present entries to the new table; otherwise a step must write all entries."""
         sheets = self._sheets
         if not sheets[1].is_free():
             sheets[1] = Sheet(np.empty_like(self.table))

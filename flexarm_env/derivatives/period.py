@@ -35,7 +35,7 @@ from .memory import Memory
 from .places import laws_of, places_of
 
 MOST_AT_ONCE = 3
-"""Number of columns computed side by side; more columns cost as much each and take longer to compile."""
+"""Number of columns computed side by side; with more columns a column costs as much, but compilation takes longer."""
 
 
 PASSES, MOST_PASSES = 5, 20
@@ -289,9 +289,9 @@ class Periods:
 
         Kernels for cotangents (`backwards`) cost a few times as much as a period. The kernels exist for elasticas.
         Without controllers the kernels exist for exact beams and for floating frames of at most eight elastic
-        coordinates a segment. Both may have gears, without derivatives by the gears' parameters and without Coulomb
-        friction in floating frames. The kernels require targets at rest and ideal sensors. In all other cases the
-        Jacobians are used.
+        coordinates a segment. Arms of both kinds may have gears, without derivatives by the gears' parameters and
+        without Coulomb friction in floating frames. The kernels require targets at rest and ideal sensors. In all other
+        cases the Jacobians are used.
         """
         given = checked("state_bar", state_bar, (self.n, self.state_size))
         seen = checked("observation_bar", observation_bar, (self.n, self.observation_size))

@@ -33,7 +33,7 @@ BANDS: dict[str, tuple[float, str]] = {"force": (0.1, ""), "path": (0.002, "m")}
 
 
 class Wall(NamedTuple):
-    """A wall in the plane. distance: from the root, m. bearing: direction of its point nearest to the root, rad."""
+    """A wall in the plane. distance: m from the root. bearing: direction of the nearest point, rad."""
 
     distance: float
     bearing: float

@@ -8,8 +8,8 @@ e_1, small motions. Largest distance, over L, between the tip of small motions (
     h and the tip on a fine mesh without steps. The motions last 100 periods with bang-bang torques, which are held for
     1 and for 8 periods. The small motions include the first frequencies of the links, payload, hub, rotors on elastic
     gears, jumps and tapers of sections, and viscous friction. The inner PD loop, and the amplifier with its back-emf,
-    act on these motions at control instants. Linear elements have their stiffness, and Newmark's scheme its damping.
-    Source: linear theory.
+    act on these motions at control instants. The motions also include the stiffness of linear elements and the
+    numerical damping of Newmark's scheme. Source: linear theory.
 G = 1 + (theta / 0.55 rad)^3, large bends. theta is the largest angle between the ends of a link in these motions; it
     depends on torque over EI/L and on resonance. Measured over random arms: the error is up to 4 e_1 for theta below
     0.4 rad; for theta of 0.8, 1.2 and 2 rad, the median error is 2, 6 and 20 e_1. Above theta = 1.6 and 3 rad the

@@ -228,7 +228,7 @@ def refined(
     trial: Trial, rule: Rule, first: Settings, meshes: Sequence[Settings], at: Callable[[Settings, float], Settings],
     least: float, length: float, most: int,
 ) -> tuple[Settings, float]:  # fmt: skip
-    """Return the settings whose trial is good enough, or the best ones tried, and the trial's error over L.
+    """Return the settings whose trial is good enough, or the best settings tried, and the trial's error over L.
 
     The search starts from `first`. A trial is good enough if its error is at most `TRIED`. meshes: settings with finer
     meshes, from the coarsest. at: function of (settings, step, s) that returns the settings with this step and a

@@ -192,9 +192,9 @@ def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
 
 
 def find_rest(equations: Equations, start: Point, held: Sequence[int], spin: float = 0.0) -> tuple[Point, float]:
-    """Return the equilibrium near a start, and the share of the loads up to which the path to it was followed.
+    """Return the equilibrium near a start, and the share of the loads that the path to the equilibrium reached.
 
-    With a spin (rad/s), it is a steady rotation about the origin.
+    With a spin (rad/s), the equilibrium is a steady rotation about the origin.
 
     start: the unloaded arm at its initial angles; its u contains the loads. held: joints that stay at their angles; the
     point's u contains the torques that hold them.

@@ -32,7 +32,8 @@ def assemble(scene: Scene, settings: Settings) -> System:
     """Return the scene's System in the formulation that the settings name.
 
     Raises:
-        ValueError: the arm has a property that the formulation, or this variant of it, does not take into account.
+        ValueError: the arm has a property that the formulation, or the chosen variant of the formulation, does not take
+            into account.
     """
     if scene.spatial:
         return _in_space(scene, settings)
@@ -185,8 +186,8 @@ def _rates(scene: Scene, settings: Settings) -> Array:
 def physical(model: Any) -> Any:
     """Return the model with the arm's physical inertia and without Coulomb friction, which has no derivative.
 
-    The elastica's correction of the integrator's period error (5.3) changes its inertia; equations of continuous time
-    need the inertia without it.
+    The elastica's correction of the integrator's period error (5.3) changes the elastica's inertia; equations of
+    continuous time need the inertia without this correction.
     """
     if isinstance(model, Jointed):
         return smooth(model)._replace(arm=physical(model.arm))
@@ -231,7 +232,7 @@ def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) 
     """Return the table (n, 1 + 3 N) with q = table @ (1, alpha_k, cos alpha_k, sin alpha_k) for straight links.
 
     n: coordinates of the planar arm in the formulation of the settings; N links. alpha_k (rad): angle of link k from
-    the inertial x axis, k < N. gravity: m/s^2 or None. Entries within 1e-12 of an integer are rounded to it.
+    the inertial x axis, k < N. gravity: m/s^2 or None. Entries within 1e-12 of an integer are rounded to the integer.
     """
     assert settings.dt is not None
     count = arm.n_links

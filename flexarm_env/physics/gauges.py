@@ -47,7 +47,7 @@ def curvatures(
 
 
 def over(rows: Array, sizes: Array, space: bool) -> Array:
-    """Divide gauge rows by `sizes` (G,), 1/m, so that readings are relative to them; rows of `curvature_rows`.
+    """Divide gauge rows (from `curvature_rows`) by `sizes` (G,), 1/m, so that readings are relative to these sizes.
 
     space: rows hold `GAUGE` records, of which the entries from `near` on scale.
     """

@@ -84,7 +84,7 @@ def look_ahead(lane, reference, task, period, first, poses, record, seen: Lanes)
     """Write the observation's entries for a moving target: its rate, then its displacement at each time ahead.
 
     Points and rates are in the axes of link 0's root; scaled and clipped to +-10. first: True for the observation of a
-    reset, before any period is done. period: s. poses: poses of the links, inertial axes. No-op where targets rest
+    reset, before any period is done. period: s. poses: poses of the links, inertial axes. Do nothing where targets rest
     (reference None).
     # in        record: periods done, target, path
     # out       seen (entries, lanes), entries that follow the task's

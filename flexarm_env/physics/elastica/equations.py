@@ -307,7 +307,7 @@ def _root_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
 
     cm: weight of M; n_j = (-sin phi_j, cos phi_j); m: number of nodes. sum_j moment_j e_j (kg m), moment_j = payload
     w_j + b_j - mass beta_j, is the first moment about the point (x, y), 0 up to round-off about the center of mass.
-    Theory, (5.2).
+    See theory, (5.2).
     """
     D = model.data
     at = constants(model)

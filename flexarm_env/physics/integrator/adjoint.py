@@ -1,8 +1,8 @@
 """Cotangents of a step, a fresh start and a jump of torques: compute the inputs' from the results' cotangents.
 
-The functions are the transposes of those in `tangents`. They solve a system with the transposed matrix and apply the
-residual's derivatives in reverse. `bar` is a work array: its q, v, a, b and u hold cotangents, its other rows are
-scratch. `w` holds the arm at the end of the step.
+The functions are the transposes of those in `tangents`. The transposed functions solve a system with the transposed
+matrix and apply the residual's derivatives in reverse. `bar` is a work array: its q, v, a, b and u hold cotangents, its
+other rows are scratch. `w` holds the arm at the end of the step.
 """
 
 from __future__ import annotations
@@ -103,7 +103,8 @@ def _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, ahead
     """Transform the cotangents of q, v, a in bar from the step's end back to its prediction; D: increment in w.shift.
 
     The total cotangent of q at the end must vanish, so that forces of stiff strains, which cancel, are not summed up.
-    The cotangent of the prediction is -T(D)^-1 (s_v v_bar + s_a a_bar + s_b b_bar). Theory, section 9, "Derivatives".
+    The cotangent of the prediction is -T(D)^-1 (s_v v_bar + s_a a_bar + s_b b_bar). See theory, section 9,
+    "Derivatives".
     """
     n, moved = size(model.n), accumulated_increment(lane, w)[0]
     first, before = splat(lane, 0.0), splat(lane, 0.0)
@@ -183,7 +184,7 @@ def vjp_light(lane, model, par, par_bar, w, bar, h, first):
     """Transform cotangents as `vjp_switch` for models with `NewtonPolicy.light_joints` whose inputs are torques alone.
 
     Cotangents of q belong to increments in body axes. first: lanes > 1/2 that have no residual before the jump. The
-    derivative of the matrix M + h/2 C + h^2/4 K is included. Theory, section 9, "Derivatives".
+    derivative of the matrix M + h/2 C + h^2/4 K is included. See theory, section 9, "Derivatives".
     """
     n, zero, one = size(model.n), splat(lane, 0.0), State(w.q, w.v, w.a0)
     after, before = State(bar.q0, bar.v0, bar.a0), State(w.q0, w.v0, w.b0)
@@ -237,7 +238,8 @@ def vjp_switch(lane, model, par, par_bar, w, bar, h):
 def vjp_restart(lane, model, par, par_bar, w, bar, fresh, h):
     """Transform the cotangents of q and v in bar from after a fresh start to before it, in lanes with fresh > 1/2.
 
-    w.S: factors of its matrix M; h: a step, s, for friction half a step ahead. Other lanes keep their cotangents.
+    w.S: factors of the arm's mass matrix M; h: a step, s, for friction half a step ahead. Other lanes keep their
+    cotangents.
     """
     zero = splat(lane, 0.0)
     for k in range(size(model.n)):

@@ -2,7 +2,8 @@
 
 A step solves r(q, v, a) = 0, with v and a functions of q and of the step's start. Consider a direction in which the
 start, the inputs or the parameters change. One residual in dual lanes, with the tangents of v and a at dq = 0, gives dr
-without the part of q. Then S dq = -dr, where S is the matrix at the step's end, in lanes without tangents.
+without the part of q. The tangent dq solves S dq = -dr, where S is the matrix at the step's end, in lanes without
+tangents.
 
 `wide` is a dual lane tag and `x` its work array, whose values are updated here; `w` is the arm's own work array.
 
@@ -33,7 +34,7 @@ from .work import accumulated_increment, copy_rows, remove_known_rows, reset_shi
 
 @kernel
 def copy_values(lane, wide, rows, values, both):
-    """Copy the values of `rows` rows to dual lanes `both`, whose tangents stay as they are."""
+    """Copy the values of `rows` rows to dual lanes `both`, whose tangents do not change."""
     many = len(wide) // len(lane)
     for k in range(rows):
         store(both, k * many, load(lane, values, k))
@@ -125,7 +126,7 @@ def _shift_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
     """Compute the tangents of q, v and a at the step's end, with q = (predicted q) (+) d, d: the total increment.
 
     v and a follow d by `slopes`. x: in, tangents of the prediction; w.shift: d at the step's end. passes: see
-    `step_tangents`. Theory, section 9, "Derivatives".
+    `step_tangents`. See theory, section 9, "Derivatives".
     """
     n, moved, total = size(model.n), accumulated_increment(lane, w)[0], accumulated_increment(wide, x)[0]
     reset_shift(wide, model, x)
@@ -189,7 +190,7 @@ def _step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
 
 @kernel
 def restart_tangents(lane, wide, model, parx, w, x):
-    """Compute in x.r the tangents of a after a fresh start, from those of q and v in x; w.S: factors of M."""
+    """Compute in x.r the tangents of a after a fresh start, from the tangents of q and v in x; w.S: factors of M."""
     for k in range(size(model.n)):
         store(x.a, k, splat(wide, 0.0))
     copy_state(lane, wide, model, w, x)
@@ -210,7 +211,7 @@ def light_tangents(lane, wide, model, parx, w, x, h):
     """Compute tangents as `switch_tangents` for models with `NewtonPolicy.light_joints`, where S da = -(r(u) - r(u0)).
 
     S = M + h/2 C + h^2/4 K changes along the direction too; h: a step, s. w: the arm after the jump.
-    Theory, section 9, "Derivatives".
+    See theory, section 9, "Derivatives".
     """
     n = size(model.n)
     for k in range(n):
