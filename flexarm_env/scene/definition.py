@@ -218,14 +218,12 @@ class Scene:
                 raise check.InvalidValue(f"loads[{i}]", load, "must be a JointTorque or a PointLoad")
 
     def _check_contacts(self) -> None:
-        """Check that the root is held, and that obstacles have two dimensions in the plane and three in space."""
+        """Check that obstacles have two dimensions in the plane and three in space, and move in these."""
         contacts_of("contacts", self.contacts, self.arm, self.spatial)
         for i, contact in enumerate(self.contacts):
             if contact.displacement_z is not None and not self.spatial:
                 what = "must be left out in the plane"
                 raise check.InvalidValue(f"contacts[{i}].displacement_z", contact.displacement_z, what)
-        if self.contacts and self.root == "free":
-            raise check.InvalidValue("contacts", self.contacts, "must be empty where the root is free")
 
     def _join_instants(self) -> None:
         """Set instants of different functions that differ by round-off to one value; this avoids tiny steps."""

@@ -18,6 +18,7 @@ from tests.refusals import refusal
 LINK = Link(0.5, Section(EI=5.0, EA=1e5, C=1e5, m=0.3))
 TWO = Arm("two", (LINK, LINK), payload=Payload(mass=0.1, radius=0.02), tau_d=1e-3)
 BOX = Box((0.8, -0.2), (0.6, 0.3), 0.1)
+FLOOR = HalfSpace((0.0, -0.3), (0.0, 1.0))
 SPEED, ACCELERATION = 0.3, 4.0
 
 
@@ -63,7 +64,7 @@ def test_a_moving_obstacle_is_a_moving_root_in_its_frame(formulation: str, obsta
     here, there, way = in_both_frames(TWO, contact)
     runs = [simulate(scene, formulation, rho_inf=1.0, estimate_error=False) for scene in (here, there)]
     assert all(run.finished for run in runs)
-    moved = SPEED * runs[0].t + 0.5 * ACCELERATION * runs[0].t**2
+    moved = SPEED * runs[0].t + 0.5 * ACCELERATION * runs[0].t ** 2
     assert abs(runs[0].tip[-1, :2] - runs[0].tip[0, :2]).max() > 0.05
     assert abs(runs[0].tip[:, :2] - runs[1].tip[:, :2] - np.outer(moved, way)).max() < 1e-8
     for run in runs:
@@ -74,20 +75,19 @@ def test_a_moving_obstacle_is_a_moving_root_in_its_frame(formulation: str, obsta
 @pytest.mark.parametrize("formulation", ["elastica", "geometrically_exact", "floating_frame"])
 def test_a_moving_obstacle_in_space_is_a_moving_root_in_its_frame(formulation: str) -> None:
     arm = dataclasses.replace(arms.named("three_dof"), payload=Payload(mass=0.2, radius=0.02))
-    contact = Contact(HalfSpace((0.0, 0.0, -0.03), (0.0, 0.2, 1.0)), 2e4, damping=0.5, friction=0.3)
-    here, there, way = in_both_frames(arm, contact)
+    # the tip begins at (0.966, 0.196, 0.072)
+    contact = Contact(HalfSpace((0.966, 0.196, 0.03), (0.0, 0.2, 1.0)), 2e4, damping=0.5, friction=0.3)
+    here, there, way = in_both_frames(arm, contact, (0.2, 1.5, 0.3))
     runs = [simulate(scene, formulation, rho_inf=1.0, estimate_error=False) for scene in (here, there)]
     assert all(run.finished for run in runs)
-    moved = SPEED * runs[0].t + 0.5 * ACCELERATION * runs[0].t**2
+    moved = SPEED * runs[0].t + 0.5 * ACCELERATION * runs[0].t ** 2
     assert abs(runs[0].tip[-1] - runs[0].tip[0]).max() > 0.02
     assert abs(runs[0].tip - runs[1].tip - np.outer(moved, way)).max() < 1e-6
 
 
 def test_the_work_of_a_shaking_wall_is_what_the_arm_gains_and_loses() -> None:
     """The remainder of the balance falls with the square of the step."""
-    wall = Contact(
-        HalfSpace((0.0, -0.03), (0.0, 1.0)), 1e4, damping=0.5, friction=0.3, displacement_y=sine(0.03, 12.0)
-    )
+    wall = Contact(HalfSpace((0.0, -0.03), (0.0, 1.0)), 1e4, damping=0.5, friction=0.3, displacement_y=sine(0.03, 12.0))
     rest = []
     for dt in (5e-4, 2.5e-4):
         scene = Scene("shaken", TWO, duration=0.6, dt=dt, sample=0.01, contacts=(wall,), start="held")
@@ -112,7 +112,7 @@ def test_an_arm_rests_on_an_obstacle_where_it_is_at_the_start() -> None:
 
 
 def test_moving_obstacles_in_files() -> None:
-    wall = Contact(HalfSpace((0.0, -0.3), (0.0, 1.0)), 1e4, displacement_y=sine(0.03, 12.0), displacement_x=constant(0.1))
+    wall = Contact(FLOOR, 1e4, displacement_y=sine(0.03, 12.0), displacement_x=constant(0.1))
     scene = Scene("moved", TWO, duration=0.6, dt=5e-4, contacts=(wall,))
     assert Scene.from_toml(scene.to_toml()) == scene
     text = scene.to_toml().replace('kind = "sine"', 'kind = "sinus"')
@@ -120,7 +120,7 @@ def test_moving_obstacles_in_files() -> None:
 
 
 def test_what_moving_obstacles_refuse() -> None:
-    floor = HalfSpace((0.0, -0.3), (0.0, 1.0))
+    floor = FLOOR
     told = refusal(lambda: Contact(floor, 1e4, displacement_y=0.1))  # type: ignore[arg-type]
     assert told.startswith("displacement_y = 0.1: must be a TimeFunction")
     jump = TimeFunction([[0.0, *(0.0,) * 5, 1.0, 0.0], [1.0, 0.1, *(0.0,) * 4, 1.0, 0.0]])

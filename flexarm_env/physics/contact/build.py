@@ -74,7 +74,9 @@ def touching(scene: Scene, entry: int, at: int, rows: int) -> tuple[Touching, Wa
         masses=np.zeros(len(links)), moving=np.array(moving, np.int64) if names else None,
     )  # fmt: skip
     # a weighted increment of 1 in every row moves a point by at most the arm's length each
-    watch = Watch((0,) * len(links), at, READ.end, size, rows * arm.total_length)
+    watch = Watch(
+        (0,) * len(links), at, READ.end, size, rows * arm.total_length, (0,) if scene.root == "free" else None
+    )
     return part, watch, size * len(links)
 
 

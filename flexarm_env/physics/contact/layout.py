@@ -98,3 +98,4 @@ class Watch(NamedTuple):
     gap: int  # offset of the gap (m) in it
     stride: int  # numbers from one `HERE` to the next
     reach: float  # m: largest motion of a point per weighted increment of 1 in every row
+    free: tuple[int, ...] | None = None  # a tag where no support holds the arm
