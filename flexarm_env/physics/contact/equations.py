@@ -59,7 +59,7 @@ def _store_friction(lane, part, p, o, met, S: Lanes):
 
 @kernel
 def _store_reactions(lane, part, model, par, state, r: Lanes, S: Lanes):
-    """Write the rows of moving obstacles in r: the sum of the obstacle's forces on the arm (N), which its drive applies.
+    """Write the rows of moving obstacles in r: the sum of the obstacle's forces on the arm, N.
 
     The rows are prescribed, so the energy account finds the work of these forces as that of other motions.
     """
