@@ -39,6 +39,7 @@ from .settings import Settings
 from .simulation import fitted_systems
 from .tasks.attainable import Attainable, attainable, draw_attainable, first_unattainable
 from .tasks.contact_info import CONTACT
+from .tasks.land import Land, LandChain
 from .tasks.own_terms import TERM_ARGUMENTS, with_terms
 from .tasks.press import Press, PressChain
 from .tasks.program import (
@@ -442,7 +443,8 @@ class Batch:
 __all__ = [
     "ACTION_NOT_FINITE", "ALWAYS", "Actuator", "Amplifier", "Attainable", "Batch", "CLIP", "CONTACT", "CROWDED",
     "Chain", "Controller", "Cost", "Extras", "FACTOR_NAMES", "FLOOR", "FRESH", "FURTHER", "GOAL", "GUIDED", "INFO",
-    "Instruments", "KeepOut", "LAW_SIZE", "MODE", "OVER", "OneAtATime", "PERIODS", "PERIODS_ALLOWED",
+    "Instruments", "KeepOut", "LAW_SIZE", "Land", "LandChain", "MODE", "OVER", "OneAtATime", "PERIODS",
+    "PERIODS_ALLOWED",
     "PayloadChange", "Press", "PressChain", "Pushes", "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS",
     "SUCCESS", "Selection", "Sensors", "Sheet", "Slew", "SpaceReach", "Starts", "TARGET", "TERM_ARGUMENTS", "Task",
     "View", "attainable", "gauge_table", "info_places", "is_unbalanced", "law_of", "one_at_a_time", "packed",

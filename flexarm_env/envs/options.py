@@ -47,7 +47,7 @@ from .pressing import pressing
 from .resolution_warnings import warn, warn_of_times
 from .small_motions import Drive
 from .space import check_arm
-from .task import COST, PRESS, RULES, Entry, Kind, afloat, info_entries, priced, reward_weights, with_own_terms
+from .task import COST, LAND, PRESS, RULES, Entry, Kind, afloat, info_entries, priced, reward_weights, with_own_terms
 from .trials import Trial, amplification, shipped, trials_of
 from .vibration import shake, swing
 
@@ -226,7 +226,7 @@ def plan(
     level = check.choice("info_level", info_level, INFO_LEVELS)
     full, words = level == "full", level != "numbers"
     word = check.choice("task", kind.task if task is None else task, (kind.task, "track", "replay"))
-    moves = word in ("track", PRESS)
+    moves = word in ("track", PRESS, LAND)
     _only_with("reference", reference, "track" if moves else word, "track")
     _only_with("motion", motion, word, "replay")
     frame = Frame(kind, own, settings, period, down)
