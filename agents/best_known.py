@@ -35,7 +35,7 @@ from flexarm_env import control
 from flexarm_env.control import optimal
 from flexarm_env.control.dynamics import Dynamics, dynamics
 from flexarm_env.control.mpc import MPC, MPCGains, regulator
-from flexarm_env.suite.best import Actions
+from flexarm_env.episodes import Actions, measures
 from flexarm_env.training import episodes as fixed
 from flexarm_env.training.policies import choose
 from flexarm_env.training.runs import command, read_json, versions, write_json
@@ -167,8 +167,8 @@ def lot_of(env: Any, first: int) -> Lot:
     target = np.array(info["target"])
     if setup.task == "slew":
         way = np.abs(target - x[:, 0])
-        return Lot(plant, x, target, np.maximum(fixed.SLEW_BAND * way, fixed.SLEW_BAND_LEAST))
-    return Lot(plant, x, target, np.full(len(x), fixed.reach_band(setup)))
+        return Lot(plant, x, target, measures.settling_band(setup, way))
+    return Lot(plant, x, target, measures.settling_band(setup, np.zeros(len(x))))
 
 
 class Guess(NamedTuple):

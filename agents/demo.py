@@ -139,7 +139,7 @@ def judged(out: Path, controllers: Sequence[str], others: Mapping[str, Any] | No
 
 def judge(out: Path) -> list[str]:
     """Evaluate the trained policy, an untrained one and controllers on the same episodes; return the report's lines."""
-    from flexarm_env.suite.best import Actions
+    from flexarm_env.episodes import Actions
     from flexarm_env.training import episodes
     from flexarm_env.training.statistics import summary
 

@@ -20,9 +20,9 @@ import numpy as np
 
 from agents import payoff
 from flexarm_env import suite
+from flexarm_env.episodes import Actions, History, measures, play
 from flexarm_env.files import write_npz
-from flexarm_env.suite.best import Actions
-from flexarm_env.suite.judge import checked
+from flexarm_env.suite.judge import Checked
 from flexarm_env.suite.policies import Chosen, choose, fingerprint
 from flexarm_env.suite.score import EPISODES, FIRST
 from flexarm_env.training.runs import read_json, write_json
@@ -48,18 +48,10 @@ ALIKE = 1e-6
 
 def played(env: Any, policy: Any, price: float = 0.0) -> tuple[Array, Array]:
     """Play a policy in a vector environment's episodes; return its actions (T, n, N) and J (n,)."""
-    limit, n = int(env.unwrapped.plan.limit), int(env.num_envs)
-    actions = np.zeros((limit, *env.action_space.shape), np.float32)
-    returns, costs, alive = np.zeros(n), np.zeros(n), np.ones(n, bool)
-    observation, _ = env.reset(seed=FIRST)
-    policy.reset(observation)
-    for k in range(limit):
-        actions[k] = checked(policy.act(observation), env.action_space.shape)
-        observation, reward, terminated, truncated, info = env.step(actions[k])
-        returns += np.where(alive, reward, 0.0)
-        costs += np.where(alive, info.get("cost", 0.0), 0.0)
-        alive &= ~(terminated | truncated)
-    return actions, returns - price * costs
+    history = History("cost", limit=int(env.unwrapped.plan.limit), actions=True)
+    play(env, Checked(policy, env.action_space.shape), range(FIRST, FIRST + int(env.num_envs)), [history])
+    # zeros after an episode's end
+    return np.nan_to_num(history.actions), measures.returns(history) - price * measures.cost(history)
 
 
 def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, Array]:

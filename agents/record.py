@@ -26,6 +26,7 @@ from agents import foresight
 from agents.suite import RESULTS, ROOT, of_run
 from flexarm_env import control, suite
 from flexarm_env import validation as check
+from flexarm_env.episodes import Actions
 from flexarm_env.files import write_npz
 from flexarm_env.suite import best, results
 from flexarm_env.suite.frozen import instants
@@ -68,7 +69,7 @@ def candidates(task: suite.Task, home: Path) -> Iterator[tuple[str, Any, bool]]:
     """Yield the candidates: name, function that makes the policy, and whether the policy observes the whole state."""
     if task.id in best.known():
         kept = best.record(task)
-        yield "", lambda env: best.Actions(kept.actions), False
+        yield "", lambda env: Actions(kept.actions), False
     for name in control.NAMES:
         for whole in (False, True) if set(foresight.SENSED) & set(task.keywords) else (False,):
             yield name, lambda env, name=name: choose(name, task).make(env), whole
@@ -121,7 +122,7 @@ def made(task: suite.Task, arguments: Arguments) -> str:
     """
     kept, judged, by = gathered(task, arguments.home)
     env = suite.make_vec(task.id, EPISODES)
-    values, successes = best.played(task, env, best.Actions(kept))
+    values, successes = best.played(task, env, Actions(kept))
     if not (values >= judged).all():
         raise ValueError(f"{task.id}: other values in the task, by {np.abs(values - judged).max()}")
     trained = foresight.beside(task, arguments.home)
@@ -138,7 +139,7 @@ def made(task: suite.Task, arguments: Arguments) -> str:
             )
             tried = kept.copy()
             tried[:, only] = more
-            found, good = best.played(task, env, best.Actions(tried))
+            found, good = best.played(task, env, Actions(tried))
             gain, stages = found - values, []
             kept[:, gain > 0.0], values = tried[:, gain > 0.0], np.maximum(values, found)
             successes = np.where(gain > 0.0, good, successes)
@@ -149,11 +150,11 @@ def made(task: suite.Task, arguments: Arguments) -> str:
     least = np.maximum(values - LOST, np.minimum(published(task), values))
     for grid in GRIDS:
         rounded = foresight.search(task, trained, steps=0, start=begun, steadied=True, grid=grid)[0].astype(np.float32)
-        found, _ = best.played(task, env, best.Actions(rounded))
+        found, _ = best.played(task, env, Actions(rounded))
         fine = whole & (found >= least)
         kept[:, fine] = rounded[:, fine]
         whole &= ~fine
-    values, successes = best.played(task, env, best.Actions(kept))
+    values, successes = best.played(task, env, Actions(kept))
     env.close()
     write(task, arguments.out, kept, values, by)
     return f"{task.id}: J {values.mean():.3f} ({judged.mean():.3f} before the search), success {successes.mean():.0%}"

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from flexarm_env import control, suite
-from flexarm_env.control import NAMES
+from flexarm_env.control import FORCE_NAMES, NAMES
 from flexarm_env.suite.page import page
 from flexarm_env.suite.policies import Chosen, choose, fingerprint
 from flexarm_env.suite.results import (
@@ -46,6 +46,9 @@ REFERENCES = ROOT / "flexarm_env" / "data" / "suite" / "references.json"
 
 FEW = ("slew-unknown-v2", "slew-geared-v2", "reach-measured-v1")
 """Tasks on which methods with memory, and methods that learn from earlier data, should have an advantage."""
+
+PRESSED = ("press-v1",)
+"""Tasks for controllers of the contact force."""
 
 MANY = {
     "slew-measured-v2": 9000, "slew-unknown-v2": 2600, "slew-limited-v2": 2000, "slew-handling-v2": 10_000,
@@ -75,7 +78,7 @@ class Method:
 
 
 METHODS = (
-    *(Method(name) for name in NAMES),
+    *(Method(name, tasks=PRESSED if name in FORCE_NAMES else None) for name in NAMES),
     Method("ppo", 5, "ppo"),
     Method("gradient", 3, "gradient"),
     Method("sac", 1, "sac", ("slew-measured-v2", "slew-unknown-v2", "slew-geared-v2")),

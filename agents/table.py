@@ -27,6 +27,7 @@ from agents.families import ROOT, TRAINED, Family
 from benchmarks.machine import table, told
 from benchmarks.pages import write_page
 from flexarm_env import control
+from flexarm_env.episodes import Timed, play
 from flexarm_env.training import episodes as fixed
 from flexarm_env.training.evaluate import Arguments as Judged
 from flexarm_env.training.evaluate import evaluate
@@ -225,17 +226,10 @@ def decisions(judge: Judge, family: Family, content: dict[str, Any]) -> None:
         if judge.asked is not None and name not in judge.asked:
             continue
         env = fixed.make_episodes(family.env, 1)
-        controller = control.make(name, env)
-        times = []
-        for seed in range(fixed.TEST, fixed.TEST + TIMED):
-            observation, _ = env.reset(seed=seed)
-            controller.reset(observation)
-            for _ in range(int(env.unwrapped.plan.limit)):
-                began = time.thread_time()
-                action = controller.act(observation)
-                times.append(1e3 * (time.thread_time() - began))
-                observation = env.step(action)[0]
+        controller = Timed(control.make(name, env), time.thread_time)
+        play(env, controller, range(fixed.TEST, fixed.TEST + TIMED))
         env.close()
+        times = 1e3 * np.array(controller.seconds)
         own[name] = dict(zip(("median", "p99", "most"), np.percentile(times, (50, 99, 100)).tolist(), strict=True))
 
 
@@ -289,8 +283,8 @@ def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | No
         f"![tip error](../figures/control_{family.name}.png)", "",
         f"![learning curves](../figures/control_{family.name}_learning.png)", "",
         f"### {family.env}: randomized payload (x 0.5 to 2) and stiffness (x 0.7 to 1.3)", "",
-        f"Controllers named `{DRAWN}` are tuned on such arms, policies named `_robust` are trained on them. The others "
-        "know only the nominal arm.", "",
+        f"Controllers named `{DRAWN}` are tuned on randomized arms, and policies named `_robust` are trained on "
+        "randomized arms. All other controllers and policies know only the nominal arm.", "",
         *short_table("success, median settling", both), "",
         f"On the converged exact beam (4 cubic elements a link, 1 ms), the first {FEWER_EPISODES} episodes:", "",
         *short_table("policy", own["models"]), "",

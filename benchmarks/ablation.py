@@ -195,7 +195,8 @@ def blocks(found: pages.Found) -> pages.Blocks:
     }
     if found["absent"]:
         whole, cut = found["absent"]["whole"], found["absent"]["cut"]
-        lines["absent"] = [f"{whole:,.0f} instructions, {cut:,.0f} in the cut copy: {100 * (whole / cut - 1):+.2f} %."]
+        less = f"{cut:,.0f} without the code of these features ({100 * (whole / cut - 1):+.2f} %)"
+        lines["absent"] = [f"A period takes {whole:,.0f} instructions, or {less}."]
     return lines
 
 

@@ -219,9 +219,11 @@ def table_of(env_id: str, found: Row) -> list[str]:
         rows.append((name, *errors, row["failed"], f"{row['microseconds_vector']:.3f}", alone, mark))
     coarser, heads = found["reference_spread"], f"settings | random {SHARE:g} % | bang-bang {SHARE:g} % | failed"
     return [
-        f"{found['episodes']} episodes of {HORIZON[env_id]:g} s of each kind. Reference: {label(EXACT)}; twice its "
-        f"step moves the tip by {coarser['step']:.4f} % of L, a mesh of {COARSER['mesh']['elements']} elements by "
-        f"{coarser['mesh']:.4f} % ({SHARE:g} % of the episodes).", "",
+        f"Each kind of torque has {found['episodes']} episodes of {HORIZON[env_id]:g} s. The reference is "
+        f"{label(EXACT)}. "
+        f"With twice the step of the reference the tip moves by at most {coarser['step']:.4f} % of L, and with a "
+        "mesh of "
+        f"{COARSER['mesh']['elements']} elements by {coarser['mesh']:.4f} % (in {SHARE:g} % of the episodes).", "",
         *table(f"{heads} | us, vector | us, single | good enough", rows),
     ]  # fmt: skip
 

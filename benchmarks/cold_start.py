@@ -191,10 +191,10 @@ def blocks(found: dict[str, Any]) -> dict[str, list[str]]:
 
     cases = found["cases"]
     rows = [[name, *(f"{row[key]:.2f}" for key in COLUMNS)] for name, row in cases.items() if name != FURTHER]
-    grows = ", ".join(f"{one:.1f}" for one in cases[FURTHER]["grows_mb"])
+    *grows, last = (f"{one:.1f}" for one in cases[FURTHER]["grows_mb"])
     return {
         "table": table(f"kind | {' | '.join(COLUMNS.values())}", rows, numbers=True),
-        "further": [f"Each further kind in the same process adds {grows} MB of memory."],
+        "further": [f"Further kinds of arms in the same process add {', '.join(grows)} and {last} MB of memory."],
     }
 
 

@@ -127,7 +127,9 @@ def blocks(found: pages.Found) -> pages.Blocks:
         single = f"{scalar:.2f}", f"{r['single_us']:.2f}", f"{r['single_us'] / scalar:.1f}"
         rows.append([r["case"], f"{r['iterations']:.1f}", counts, *single, *wide, f"{r['state_bytes']:.0f}"])
     heads = "case | iterations | operations (of them divisions) | ceiling, us | one arm, us | ratio | "
-    ceilings = f"Ceiling: {one:.2f} billion operations a second for one arm, {eight:.1f} billion in eight lanes."
+    ceilings = (
+        f"The ceiling is {one:.2f} billion operations per second for one arm, {eight:.1f} billion in eight lanes."
+    )
     return {"steps": [ceilings, "", *table(heads + "ceiling in lanes, us | an arm in lanes, us | ratio | bytes", rows)]}
 
 

@@ -211,10 +211,11 @@ def blocks(found: pages.Found) -> pages.Blocks:
     counted = [[key, *(counts.get(name, 0) for name in OUTCOMES)] for key, counts in found["outcomes"].items()]
     return {"estimates in space": [
         *table(" | ".join(["", *OUTCOMES]), counted), "",
-        f"{found['cases']} scenes, {found['case_seconds']:.0f} s. Percentiles of estimate over true error, for runs "
-        f"with an error above 1e-5 of the length: {ratios}. {found['needlessly_inaccurate']} runs were `inaccurate` "
-        f"although they were within 1 % of the length; {found['negative_dissipation']} dissipated a negative energy "
-        "between two samples.",
+        f"The {found['cases']} scenes took {found['case_seconds']:.0f} s. In runs with an error above 1e-5 of the "
+        "length, "
+        f"the estimate divided by the true error has these percentiles: {ratios}. {found['needlessly_inaccurate']} "
+        f"runs were `inaccurate` although their tip was within 1 % of the length; {found['negative_dissipation']} runs "
+        "dissipated a negative energy between two samples.",
     ]}  # fmt: skip
 
 

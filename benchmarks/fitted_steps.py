@@ -126,9 +126,10 @@ def saved(rows: list[dict[str, Any]], tolerance: float = 1e-4) -> list[str]:
             or ("step_tolerance" not in row["options"] and row["options"].get("dt") == max(enough))
         }
         pairs = [f"{cpu[motion, True]:.2g} against {cpu[motion, False]:.2g} in {motion!r}" for motion in MOTIONS]
-        lines.append(f"- `{formulation}`, at most {100 * tolerance:g} % of the length a period: fixed steps must be "
-                     f"{1e3 * max(enough):.3g} ms in all motions. CPU µs a period, fitted against fixed: "
-                     f"{', '.join(pairs)}.")  # fmt: skip
+        lines.append(f"- With `{formulation}` and an error of at most {100 * tolerance:g} % of the length per "
+                     "control period, "
+                     f"fixed steps must be {1e3 * max(enough):.3g} ms in all motions. The CPU times per control "
+                     f"period, in µs, of fitted against fixed steps are {', '.join(pairs)}.")  # fmt: skip
     return lines
 
 

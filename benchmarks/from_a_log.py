@@ -91,7 +91,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
     heads = "trained on the ... arm | success on the true one | settling time, s | residual vibration, mm"
     return {
         "fit": table("parameter | before | fitted | true", fitted),
-        "ranges": [f"Factors for `randomization`: {ranges}."],
+        "ranges": [f"The fit gives the ranges {ranges} for `randomization`."],
         "policies": table(heads, judged),
     }
 

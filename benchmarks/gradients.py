@@ -144,8 +144,8 @@ def blocks(found: pages.Found) -> pages.Blocks:
         (f"`{row['env']}`", f"{row['tolerance']:.0e}", *(f"{row['gaps'][str(k)]:.1e}" for k in PERIODS))
         for row in found["gaps"]
     ]
-    sizes = ", ".join(f"{size:.0f} (`{env_id}`)" for env_id, size in found["bytes"].items())
-    lines = {"bytes": [f"A rollout stores per arm and period, in bytes: {sizes}."]}
+    sizes = ", ".join(f"{size:.0f} bytes (`{env_id}`)" for env_id, size in found["bytes"].items())
+    lines = {"bytes": [f"Per arm and control period a rollout stores {sizes}."]}
     lines["gaps"] = table("environment | tolerance | " + " | ".join(f"over {k}" for k in PERIODS), gaps_of)
     heads = (
         "algorithm | seed | solved after, steps | s | whole run, steps | s | success | settling, median, s | mean, s"

@@ -146,13 +146,15 @@ def blocks(found: pages.Found) -> pages.Blocks:
     single = ", ".join(f"{f:.2f} Hz ({z:.3f})" for f, z in found["oscillators"])
     return {
         "fit": table("parameter | initial | fitted | 95 % interval | determined by the log", rows),
-        "condition": [f"Condition number of the derivatives: {found['condition']:.3g}.", *blind],
+        "condition": [f"The fit's derivatives have the condition number {found['condition']:.3g}.", *blind],
         "prediction": table("run | use | fitted | vendor | baseline | NRMSE", judged),
         "variants": table("fitted parameters | first 24 s | rest | `ladder_hinf_jun`", variants),
         "frequencies": [
-            f"Fitted arm with both motors held: {own}. Measured while the joints rest: {seen['frequency']:.2f} Hz "
-            f"(ratio {seen['damping']:.3f}), medians of {seen['count']} intervals, which range from "
-            f"{seen['least']:.2f} to {seen['most']:.2f} Hz. Oscillators of the baseline: {single}."
+            f"With both motors held, the fitted arm has the frequencies (and damping ratios) {own}. While the "
+            "joints of "
+            f"the robot rest, the measured frequency is {seen['frequency']:.2f} Hz (ratio {seen['damping']:.3f}), the "
+            f"median of {seen['count']} intervals, which range from {seen['least']:.2f} to {seen['most']:.2f} Hz. The "
+            f"oscillators of the baseline have {single}."
         ],
     }  # fmt: skip
 

@@ -237,11 +237,12 @@ def blocks(found: pages.Found) -> pages.Blocks:
     rash, missed = (sum(bool(row["untold"]) for row in of) for of in (rows, space))
     return {
         "intervals": table_of(rows, TOLD),
-        "untold": [f"Exactly these three are named in {right} of {len(rows)} cases, and a determined one in {rash}."],
+        "untold": [f"The report names exactly these three parameters in {right} of {len(rows)} cases, and a "
+                   f"parameter that the log determines in {rash} cases."],
         "torques": [
             *table_of(torques, OF_HUB), "",
-            f"The report suspected a column or the clock in {suspect} of {len(torques)} cases. The step was halved "
-            f"{np.mean([row['refinements']['step'] for row in torques]):.1f} times on average.",
+            f"The report suspected a column of the log or the clock in {suspect} of {len(torques)} cases. The fit "
+            f"halved the step {np.mean([row['refinements']['step'] for row in torques]):.1f} times on average.",
         ],
         "space": [
             *table_of(space, IN_SPACE), "",

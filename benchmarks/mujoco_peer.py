@@ -479,8 +479,8 @@ def finding(found: pages.Found) -> str:
     own = found[IDS[0]]
     words = []
     pairs = (
-        ("alone", "gym", "one arm, MuJoCo in C and ours in Gymnasium"), ("gym", "gym", "one arm, both in Gymnasium"),
-        ("batch", "batch", "an arm of a batch"),
+        ("alone", "gym", "one arm, MuJoCo in C, the package in Gymnasium"),
+        ("gym", "gym", "one arm, both in Gymnasium"), ("batch", "batch", "an arm of a batch"),
     )  # fmt: skip
     for theirs, ours, what in pairs:
         a, b = quickest(own["timed"], KINDS, 2.0, theirs), quickest(own["ours"], KINDS, 2.0, ours)
@@ -489,12 +489,12 @@ def finding(found: pages.Found) -> str:
     coarse = quickest(own["timed"], ("random",), 1.0, "alone")
     best = min((error_of(row) for row in own["rows"]), default=np.nan)
     if words:
-        text = (f"On `FlexibleArm-v0` MuJoCo's quickest chain within 2 % under both kinds of torque takes "
-                f"{', '.join(words)} times as long as the package's quickest default.")  # fmt: skip
+        text = (f"On `FlexibleArm-v0` MuJoCo's fastest chain with an error within 2 % of L under both kinds of "
+                f"torque takes {', '.join(words)} times as long as the package's fastest default.")  # fmt: skip
     else:
         text = (f"On `FlexibleArm-v0` no setting of MuJoCo within {LONGEST:g} µs a period reaches 2 % under both kinds "
                 "of torque.")  # fmt: skip
-    text += f" Its smallest error under both is {best:.2g} %."
+    text += f" The smallest error of MuJoCo's chains under both kinds of torque is {best:.2g} %."
     if coarse is not None:
         gyms = ", ".join(f"{row['gym']:.3g} ({row['label']}, {row['random']:.2g} %)" for row in own["ours"])
         text += (f" At a coarse accuracy MuJoCo is fast: under random torques alone one arm in C takes "

@@ -206,9 +206,10 @@ def blocks(found: pages.Found) -> pages.Blocks:
         eighths = ", ".join(f"{rms:.1e}" for rms in long["energy_wobble_rms_of_eighths"])
         length = f"{long['duration']:g} s, step {long['dt']:g} s"
         lines[name] = [
-            f"{name}, {row['segments']} segments a link, energy {row['energy']:.3f} J:", "",
+            f"`{name}` has {row['segments']} segments per link and the energy {row['energy']:.3f} J:", "",
             *table("step, s | centre of mass: largest error, m | energy: rms wobble, J", rows), "",
-            f"Wobble in each eighth of a run eight times as long ({length}): {eighths} J.",
+            f"In a run eight times as long ({length}), the wobble of the energy in each eighth of the run is "
+            f"{eighths} J.",
         ]  # fmt: skip
     return lines
 

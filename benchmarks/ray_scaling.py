@@ -220,7 +220,8 @@ def blocks(found: pages.Found) -> pages.Blocks:
     heads = "runners | steps an iteration | steps/s | while sampling | iteration, ms | sampling, ms | learning, ms"
     parts_of = "environments | policy | building episodes | transfer to the training process | learning"
     return {
-        "load": [f"Load average at the start: {found['load_average']:.1f}."], "rates": table(heads, rows, True),
+        "load": [f"The machine's load average was {found['load_average']:.1f} at the "
+                 "start."], "rates": table(heads, rows, True),
         "cost": _cost(found["found"], found["bare_us"]), "shares": table(f"| {parts_of}", shares, True),
     }  # fmt: skip
 

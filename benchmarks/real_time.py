@@ -206,7 +206,7 @@ def blocks(found: Found) -> pages.Blocks:
             arms.append((one["arm"], what, *cells))
     heads = "beside it | Hz | periods | took, s | begins late, ms | latency, ms | off, ms | missed | lost | us a period"
     quiet = found["load"] < 0.5
-    load = f"Load average {found['load']:.1f} before the first run, {found['load_after']:.1f} after the last."
+    load = f"The load average was {found['load']:.1f} before the first run, {found['load_after']:.1f} after the last."
     return {
         "kept": table(heads, rows),
         "arms": table(f"arm | what | {' | '.join(f'{r} Hz' for r in RATES)}", arms),

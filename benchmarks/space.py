@@ -296,7 +296,7 @@ def blocks(found: Found) -> pages.Blocks:
             found["floating"],
         ),
         "OMISSION": table(heads, rows),
-        "MODES": ["Modes, Hz: " + ", ".join(f"{x:.2f}" for x in found["omission"]["modes"]) + "."],
+        "MODES": ["The modes have " + ", ".join(f"{x:.2f}" for x in found["omission"]["modes"]) + " Hz."],
     }
 
 

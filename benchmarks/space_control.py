@@ -10,6 +10,7 @@ import numpy as np
 from benchmarks import pages
 from benchmarks.machine import DOCS, table
 from flexarm_env import control, suite
+from flexarm_env.episodes import Actions, History, play
 from flexarm_env.suite import best
 
 GAUGES = [{"link": k, "measures": what} for k in (1, 2) for what in ("xy", "xz", "torsion")]
@@ -31,14 +32,11 @@ def settled(name: str, episodes: int, seed: int, **keywords: Any) -> list[float 
     """Return the times, s, from which the tips rest at their targets for 0.5 s; None for an episode without success."""
     env = gym.make_vec("SpatialFlexArm-v0", num_envs=episodes, **keywords)
     known = best.record(suite.task("space-reach-v1")).actions[:, :episodes]
-    controller: Any = best.Actions(known) if name == BEST else control.make(name, env)
-    seen, _ = env.reset(seed=seed)
-    controller.reset(seen)
-    found = np.full(episodes, np.nan)
-    for k in range(1, 501):
-        seen, *_, info = env.step(controller.act(seen))
-        found[info["is_success"] & np.isnan(found)] = 0.01 * (k - HOLD)
-    return [None if np.isnan(t) else float(t) for t in found]
+    controller: Any = Actions(known) if name == BEST else control.make(name, env)
+    history = History("is_success")
+    play(env, controller, range(seed, seed + episodes), [history])
+    good = history.info("is_success")
+    return [0.01 * (int(one.argmax()) - HOLD) if one.any() else None for one in good.T]
 
 
 def measure(options: argparse.Namespace) -> pages.Found:

@@ -154,8 +154,8 @@ def blocks(found: pages.Found) -> pages.Blocks:
         "accuracy": table("torques | a link | dt | after 0.1 s | 0.2 s | 0.3 s | 0.5 s", errors),
         "books": table("elements | dt | under `pd` | full torques of random sign", kept),
         "rates": [
-            f"Steps a second over those of `Pendulum-v1`, {base:,.0f} in the same run: one arm "
-            f"{rates['one'] / base:.2f}; of 1024:",
+            f"The rates are steps per second, divided by the {base:,.0f} steps per second of `Pendulum-v1` in the same "
+            f"run. One arm has the rate {rates['one'] / base:.2f}. The table has the rates of 1024 arms:",
             "",
             *table("torques | a link | dt | on one thread | on two", fast),
         ],

@@ -259,19 +259,30 @@ def write_rows(path: Path, rows: Sequence[dict[str, Any]], errors: Sequence[str]
         print(json.dumps(row))
 
 
+REASONS = {
+    "not among those asked": "the case was not selected for the check",
+    "converged solution: failed": "the run of the converged solution failed",
+    "converged solution: not converged": "the converged solution is too uncertain",
+    "drag, which the exact beam has not": "the exact beam has no drag",
+}
+"""Reasons for unchecked tips in a record, in the words of the page."""
+
+
 def table_of_cases(found: pages.Found) -> list[str]:
     """Format the table of cases: how many were checked, and their outcomes."""
-    reasons = ", ".join(f"{k}: {v}" for k, v in found["tip_not_asked"].items())
+    reasons = "; ".join(f"{REASONS.get(k, k)} ({v})" for k, v in found["tip_not_asked"].items())
     ratios = ", ".join(f"{k}: {v:g}" for k, v in found["estimate_over_error"].items())
     counted = [[key, *(counts.get(name, 0) for name in OUTCOMES)] for key, counts in found["outcomes"].items()]
     return [
-        f"{found['cases']} cases, {found['case_seconds']:.0f} s in all, the longest {found['longest_case']:.1f} s. "
-        f"The energy (criterion i) was checked for all {found['energy_checked']} with status `ok`, the tip (criterion "
-        f"ii) for {found['tip_checked']} of them. The other tips are unchecked ({reasons}).",
+        f"The {found['cases']} cases took {found['case_seconds']:.0f} s, the longest {found['longest_case']:.1f} s. "
+        f"The energy (criterion i) was checked for all {found['energy_checked']} cases with status `ok`, and the tip "
+        f"(criterion ii) for {found['tip_checked']} of these cases. The tip was not checked for these reasons, with "
+        f"the numbers of cases: {reasons}.",
         "", *table(" | ".join(["", *OUTCOMES]), counted), "",
-        f"Percentiles of estimate over true error, for cases with an error above 0.1 % of L: {ratios}. "
-        f"{found['needlessly_inaccurate']} runs were `inaccurate` although their tip was within 1 % of L.",
-        "", f"Statuses: {', '.join(f'{k} {v}' for k, v in sorted(found['statuses'].items()))}.",
+        "In cases with an error above 0.1 % of L, the estimate divided by the true error has these percentiles: "
+        f"{ratios}. {found['needlessly_inaccurate']} runs were `inaccurate` although their tip was within 1 % of L.",
+        "", "The runs ended with the statuses "
+            f"{', '.join(f'{k} ({v})' for k, v in sorted(found['statuses'].items()))}.",
     ]  # fmt: skip
 
 

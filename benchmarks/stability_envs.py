@@ -273,7 +273,8 @@ def measured(options: argparse.Namespace) -> pages.Found:
 def blocks(found: pages.Found) -> pages.Blocks:
     """Format the table of the page."""
     rows = [[key, *map(pages.short, counts)] for key, counts in {**found["counts"], "all": found["all"]}.items()]
-    return {"counts": [f"{found['arms']} arms, seed {found['seed']}, eight episodes each under each formulation.", "",
+    return {"counts": [f"The {found['arms']} arms were drawn from seed {found['seed']}; each ran eight episodes "
+                       "under each formulation.", "",
                        *table(HEAD, rows)]}  # fmt: skip
 
 

@@ -254,8 +254,9 @@ def blocks(found: pages.Found) -> pages.Blocks:
     ratios = ", ".join(f"{k}: {v:g}" for k, v in found["error over estimate"].items())
     return {
         "plane": [
-            f"{found['cases']} scenes, {found['cpu']:.0f} s in all. Percentiles of error over estimate, for judged "
-            f"runs with status `ok`: {ratios}.", "", *table(" | ".join(["", *OUTCOMES]), counted),
+            f"The {found['cases']} scenes took {found['cpu']:.0f} s. In judged runs with status `ok`, the error "
+            "divided by "
+            f"the estimate has these percentiles: {ratios}.", "", *table(" | ".join(["", *OUTCOMES]), counted),
         ],
         "plans": found["plans"],
     }  # fmt: skip

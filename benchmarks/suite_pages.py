@@ -42,7 +42,7 @@ def earlier() -> str:
     before = [task for task in suite.tasks(earlier=True) if task.id not in latest]
     cells = ([f"[`{task.id}`]({task.id}.md)", task.title, f"`{task.environment}`"] for task in before)
     rows = table("task | title | environment", cells)
-    head = "Superseded versions of the tasks. They never change, so results obtained on them stay valid."
+    head = "Superseded versions of the tasks never change, so results obtained on these versions stay valid."
     tree = ["```{toctree}", ":hidden:", "", *(task.id for task in before), "```"]
     return "\n".join(["# Earlier versions", "", head, "", *rows, "", *tree]) + "\n"
 
@@ -80,18 +80,19 @@ def page(task: suite.Task, players: Path) -> str:
     """Return the page docs/suite/ID.md of a task."""
     plan = resolved(task)
     entries = ", ".join(f"`{name}`" for name in plan.names)
-    several = f"The observation contains the last {plan.history} readings, oldest first. Each has these entries"
+    several = f"The observation contains the last {plan.history} readings, oldest first. Each reading has these entries"
     order = several if plan.history > 1 else "Observation entries, in order"
     player = [f"```{{player}} {task.id}", "```", ""] if (players / f"{task.id}.json").is_file() else []
     latest = next(one for one in suite.tasks() if one.name == task.name)
-    later = [] if latest == task else [f"Superseded by [`{latest.id}`]({latest.id}.md).", ""]
+    newer = f"This version of the task is superseded by [`{latest.id}`]({latest.id}.md)."
+    later = [] if latest == task else [newer, ""]
     lines = [
         f"# {task.title}" + (f" (version {task.version})" if later else ""), "", *later, fill(task.hard, WIDTH), "",
         *player, *table(f"`{task.id}` | ", facts(task, plan)), "",
         fill(f"{order}: {entries}.", WIDTH, break_on_hyphens=False), "",
-        "The task is this environment:", "",
+        "The task is the environment that this code makes:", "",
         "```python", "import gymnasium as gym", "", f"env = {keywords(task)}", "```", "",
-        "Reward and success are defined on [](../suite.md).",
+        "The page [](../suite.md) defines reward and success.",
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
 

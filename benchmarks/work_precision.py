@@ -386,7 +386,8 @@ def front_of(name: str, rows: Sequence[dict[str, Any]]) -> list[str]:
         ratio = f"{row['cpu'] / min(ours):.0f} times the front's time" if ours else "beyond our front"
         found.append((describe(row["case"]), f"{row['max_error']:.3g}", "–", "–", f"{1e3 * row['cpu']:.3g}", ratio))
     return [
-        f"{len(rows)} runs, {len(rows) - len(good)} ended early (with a status).", "",
+        f"The scene was run with {len(rows)} settings. {len(rows) - len(good)} of the runs ended early, with a "
+        "status that states the reason.", "",
         *table("settings | error, max | rms | energy | CPU, ms per s | iterations a step", found),
     ]  # fmt: skip
 
@@ -396,7 +397,9 @@ def blocks(found: pages.Found) -> pages.Blocks:
     rows, known = found["rows"], json.loads((CONVERGED / "converged.json").read_text())
     by_scene = {name: [row for row in rows if row["case"]["scene"] == name] for name in (*names(), *ENVIRONMENTS)}
     return {
-        "runs": [f"{len(rows)} runs, {found['seconds']:.0f} s by the clock for what was not kept from before."],
+        "runs": [f"The tables have the results of {len(rows)} runs. The last measurement took "
+                 f"{found['seconds']:.0f} s of "
+                 "wall time; results of earlier measurements were kept."],
         "advice": advised(rows), "defaults": defaults(rows), "joined": floating_frames(rows),
         "formulations": all_formulations(rows, {name: known[name] for name in names()}),
         "corrected": corrected(rows), "converged": checked(known),

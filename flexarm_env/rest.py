@@ -47,7 +47,8 @@ def resting(scene: Scene) -> Scene:
             if k not in scene.rigid_joints and not pair and not (k == 0 and scene.root == "free"):
                 held.append(f"{'motor' if scene.arm.joint(k).elastic else 'joint'}{k}")
     joints = {int(name[5:]) for name in [*names, *held] if not name.startswith("root")}
-    moved = replace(scene, motions=(), loads=(), start="unloaded")
+    contacts = tuple(contact.held() for contact in scene.contacts)
+    moved = replace(scene, motions=(), loads=(), start="unloaded", contacts=contacts)
     motions = tuple(Motion(name, constant(moved.initial_value(name))) for name in (*names, *held))
     acting = [load for load in scene.loads if not (isinstance(load, JointTorque) and load.joint in joints)]
     return replace(moved, motions=motions, loads=tuple(_at_start(load) for load in acting))

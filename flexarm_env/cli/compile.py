@@ -151,7 +151,7 @@ def _commands() -> list[Use]:
 
     def controllers(env_id: str) -> None:
         for name in control.NAMES:
-            if name == "time_optimal" and env_id != ENVIRONMENTS[0]:
+            if name in control.FORCE_NAMES or (name == "time_optimal" and env_id != ENVIRONMENTS[0]):
                 continue
             plays(name, env_id, **({"observation": "measured"} if name == "lqg" else {}))
 

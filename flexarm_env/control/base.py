@@ -65,7 +65,7 @@ class Setup:
     """Facts about an environment that a controller may use: the nominal arm and the observation's layout, SI.
 
     Args:
-        task: "slew" (one link, tip angle) or "reach" (two links or more, tip position).
+        task: "slew" (one link, tip angle), "reach" (two links or more, tip position), "press" or "land" (at a wall).
         arm: the nominal arm. control_dt: control period, s. torque_limits (N,): N m at an action of 1.
         names, scales: names and scales of the observation's entries, in order; entry = value / scale.
         history: number of instants in an observation, the oldest first.
@@ -75,6 +75,7 @@ class Setup:
         gravity: m/s^2; None: no gravity. keep_out: shapes that the arm has to avoid.
         delay: total delay of torques and readings, s; a random delay counts with its maximum. lag: time constant of the
             motors, s.
+        wall: bearing, rad, of the point nearest to the root of the wall of task "press" or "land"; None: no such wall.
     """
 
     task: str
@@ -92,6 +93,7 @@ class Setup:
     keep_out: tuple[Shape, ...] = ()
     delay: float = 0.0
     lag: float = 0.0
+    wall: float | None = None
 
     @classmethod
     def of(cls, env: Any) -> Setup:
@@ -109,9 +111,11 @@ class Setup:
             own = np.concatenate([extras.sensors.noise, np.zeros(plan.arm.n_links)])
             noise = tuple((own[chosen][: len(plan.scales)] * plan.scales).tolist())
         share = None if extras.controller is None else float(extras.controller.share)
+        wall = getattr(plan.kind.target, "wall", None)
         return cls(
             plan.kind.task, plan.arm, plan.period, limits, names, scales, plan.history, plan.sensors, noise,
             plan.action_mode, share, plan.gravity, plan.keep_out, *lateness(plan),
+            None if wall is None else float(wall.bearing),
         )  # fmt: skip
 
     @property

@@ -33,6 +33,9 @@ CHANGE, COST = "change", "cost"
 PRESS = "press"
 """Name of the task in which the tip slides along a wall under a commanded normal force."""
 
+LAND = "land"
+"""Name of the task in which the tip touches a wall with little impulse and stays."""
+
 ATTITUDE = "attitude"
 """Name of the reward term for a floating base's attitude, and of the attitude's bound in a success."""
 

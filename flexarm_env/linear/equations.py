@@ -65,7 +65,7 @@ class Equations:
         self.n = int(size(model.n))
         self._most_points = room_for_points(simulation.settings, self.n_links)
         self._room = np.zeros(
-            int(uncompiled(slopes_room)(WITH_SLOPES, model, len(self.par), len(simulation.scene.motions)))
+            int(uncompiled(slopes_room)(WITH_SLOPES, model, len(self.par), simulation.n_motions))
         )
         # rows that can move
         self.algebraic = np.asarray(() if model.algebraic is None else model.algebraic, np.int64)

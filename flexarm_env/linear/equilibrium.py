@@ -179,7 +179,8 @@ def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
         steady = all(len(f.pieces) == 1 and not f.pieces[0, 2:6].any() for f in load.functions)
         return steady and not (hold_joints and isinstance(load, JointTorque))
 
-    moved = replace(scene, motions=(), start="unloaded", **changes)
+    contacts = tuple(contact.held() for contact in scene.contacts)
+    moved = replace(scene, motions=(), start="unloaded", contacts=contacts, **changes)
     prescribed = [m.coordinate for m in scene.motions]
     if hold_joints:  # a motor without inertia cannot be held by a torque that goes on acting
         massless = [k for k, joint in enumerate(scene.arm.joints) if joint.elastic and joint.rotor == 0.0]

@@ -74,9 +74,7 @@ energy = CONTRIBUTIONS.function("energy", "lane, part, model, par, q, v, sums")
 damping_power = CONTRIBUTIONS.function("damping_power", "lane, part, model, par, q, v, x, total")
 input_displacements = CONTRIBUTIONS.function("input_displacements", "lane, part, model, q, y")
 inertia_forces = CONTRIBUTIONS.function("inertia_forces", "lane, part, model, par, a, r")
-conserve_momentum = CONTRIBUTIONS.function(
-    "conserve_momentum", "lane, part, model, par, before, h, q, v, u, r, S"
-)
+conserve_momentum = CONTRIBUTIONS.function("conserve_momentum", "lane, part, model, par, before, h, q, v, u, r, S")
 after_step = CONTRIBUTIONS.function("after_step", "lane, part, model, par, q, v, S, h")
 set_joint_configuration = CONTRIBUTIONS.function("set_joint_configuration", "lane, part, model, live, rates, q, v")
 poses = CONTRIBUTIONS.function("poses", "lane, part, model, q, v, out")

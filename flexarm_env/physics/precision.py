@@ -119,7 +119,11 @@ def largest(drawn: Mapping[str, tuple[float, float]]) -> dict[str, float]:
 
 
 def ratio(
-    arm: Arm, settings: Settings, torque: float, factors: Mapping[str, float] = ALIKE, damping: float = 1.0,
+    arm: Arm,
+    settings: Settings,
+    torque: float,
+    factors: Mapping[str, float] = ALIKE,
+    damping: float = 1.0,
     space: bool = False,
 ) -> float:
     """Return sigma = S / T of an arm moved by a torque T (N m), S its largest stiffness; 0 if it has none.

@@ -18,7 +18,7 @@ from ..physics.integrator.drive import set_inputs, set_motions
 from ..physics.integrator.newton import newmark_slopes
 from ..physics.integrator.step import newmark_predict
 from ..physics.integrator.work import copy_rows, remove_known_rows, state_of, unpack, work_size
-from ..physics.joints.friction import change_friction, friction_tangents, store_branch
+from ..physics.joints.friction_derivatives import change_friction, friction_tangents, store_branch
 from ..physics.layout import OF_MOTION
 from ..physics.protocol import State, Weights, assemble, factor, link_poses, local_difference, residual, retract, solve
 

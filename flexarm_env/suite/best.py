@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..episodes import Policy
 from ..validation import Array
 from .data import Task, tasks
-from .judge import Policy, judge
+from .judge import judge
 from .score import FIRST
 
 ROUNDING, UPRIGHT = 1e-6, {"swing-up-v1": 1e-3}
@@ -40,23 +41,6 @@ class Record:
     by: tuple[str, ...]
     digest: str
     date: str
-
-
-class Actions(Policy):
-    """Open-loop policy that plays actions (T, n, N) of n episodes over time."""
-
-    def __init__(self, actions: NDArray[Any]) -> None:
-        self.actions = actions
-
-    def reset(self, observation: NDArray[np.float32]) -> None:
-        """Start at the first actions."""
-        self.k = 0
-
-    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the next actions (n, N); after the end, repeat the last actions."""
-        self.k += 1
-        now: NDArray[np.float32] = self.actions[min(self.k, len(self.actions)) - 1].astype(np.float32)
-        return now
 
 
 @cache

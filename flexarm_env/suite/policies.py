@@ -14,10 +14,10 @@ from .. import control
 from .. import validation as check
 from ..control.catalogue import controller as by_name
 from ..control.catalogue import tuned_gains
+from ..episodes import Policy
 from ..files import read_json
 from . import second
 from .data import NAMESPACE, Task
-from .judge import Policy
 
 PLACE = "{task}"
 """Placeholder of the task's id in a policy's name, for methods with one policy per task."""

@@ -242,7 +242,7 @@ def all_values(task: Task, entry: Mapping[str, Any]) -> NDArray[np.float64]:
 
 
 def settling(task: Task, entry: Mapping[str, Any]) -> float | None:
-    """Return the mean time, s, after which the bounds of success hold to the end.
+    """Return the mean time, s, after which the bounds of success hold to the end (`episodes.measures.success_period`).
 
     A failed episode counts with a full episode's length. The result is None if the entry does not record the time.
     """

@@ -85,7 +85,7 @@ class Arguments:
 
     env: str
     env_kwargs: dict[str, Any] = field(default_factory=dict)
-    controllers: str = ",".join(name for name in control.NAMES if name != "mpc")
+    controllers: str = ",".join(name for name in SEARCHED if name != "mpc")
     samples: int = 80
     refinements: int = 120
     episodes: int = 64
@@ -254,7 +254,7 @@ def search_all(arguments: Arguments) -> None:
         check.integer(f"--{name}", getattr(arguments, name), minimum=least)
     check.number("--margin", arguments.margin, minimum=0.0)
     for name in chosen:
-        check.choice("--controllers", name, control.NAMES)
+        check.choice("--controllers", name, tuple(SEARCHED))
     drawn = arguments.env_kwargs | ({"randomization": episodes.RANDOMIZED} if arguments.randomized else {})
     env = episodes.make_episodes(arguments.env, arguments.episodes, **drawn)
     setup = control.Setup.of(env)

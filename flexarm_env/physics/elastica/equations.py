@@ -13,7 +13,6 @@ so that steps conserve momentum to round-off. Coordinates are the angles of the 
 coordinate of a link k > 0 is the joint's angle, phi of the link's first node less phi of the previous link's tip.
 """
 
-
 from ...compiler import Lanes, kernel, sincos, size, stack, unrolled, vjp_of
 from ..arithmetic import scaled_by_share
 from ..layout import OF_LOAD

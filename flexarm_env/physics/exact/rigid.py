@@ -164,9 +164,7 @@ def _through(lane, model, k, end, lever, motion, force, moment, far, weights, S)
     if weights.with_matrix:
         pull = (ex * fx + ey * fy) + (ex * mx + ey * my) * 0.5
         turn = inertia * weights.mass - pull * weights.stiffness
-        _store_lever_factors(
-            lane, S, _factors_at(model, k, end), lever, far * weights.mass, mass * weights.mass, turn
-        )
+        _store_lever_factors(lane, S, _factors_at(model, k, end), lever, far * weights.mass, mass * weights.mass, turn)
     moment = moment + (ex * fy - ey * fx) + (ex * my - ey * mx) * 0.5 + second * inertia
     return fx + mx, fy + my, moment
 
@@ -335,9 +333,7 @@ def joint_motion(lane, model, q: Lanes, v: Lanes, k):
     x, y, vx, vy = vertex_motion(lane, q, v, i)
     if model.rigid is None or k == 0:
         return x, y, vx, vy
-    return lever_end_velocity(
-        lane, lever_vector(lane, model, k - 1, TIP_END, q[i + T]), v[i + T], x, y, vx, vy
-    )
+    return lever_end_velocity(lane, lever_vector(lane, model, k - 1, TIP_END, q[i + T]), v[i + T], x, y, vx, vy)
 
 
 @kernel

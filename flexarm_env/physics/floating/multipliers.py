@@ -256,6 +256,16 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
 
 
 register(
-    FloatingFrame, assemble, constraint_residual, add_stiffness, factor, solve, input_displacements, damping_power,
-    energy, link_poses, out_of_range, centerline
+    FloatingFrame,
+    assemble,
+    constraint_residual,
+    add_stiffness,
+    factor,
+    solve,
+    input_displacements,
+    damping_power,
+    energy,
+    link_poses,
+    out_of_range,
+    centerline,
 )

@@ -8,7 +8,7 @@ arm.
 from __future__ import annotations
 
 from ...compiler import Lanes, kernel, size, stack
-from .. import protocol
+from .. import contributions, protocol
 from ..arithmetic import add_to
 from ..contributions import register
 from ..layout import BASE_POSE
@@ -18,10 +18,13 @@ from ..protocol import RESIDUAL_ALONE, State
 _X, _Y, _TURN, _MOTIONS = range(4)
 """Rigid motions of base and arm: 1 m/s along inertial x, along y, 1 rad/s about the origin."""
 
-_REST, _MOVING, _TURNED, _CASES = range(4)
-"""Residuals projected on the rigid motions: at rest (v = a = 0); with a = v; with a = rates of a turn at 1 rad/s."""
+_REST, _MOVING, _TURNED, _PUSHED, _CASES = range(5)
+"""Residuals projected on the rigid motions: at rest (v = a = 0); with a = v; with a = rates of a turn at 1 rad/s.
 
-# t^T r of each case (rest, moving, turned) for each rigid motion (x, y, psi)
+_PUSHED, with contacts: at rest, with the contact forces of the moving arm.
+"""
+
+# t^T r of each case for each rigid motion (x, y, psi)
 _SUMS = (0,) * (_CASES * _MOTIONS)
 
 
@@ -110,7 +113,7 @@ def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, 
     for k in range(_MOTIONS):
         sums[k] = 0.0
     # residuals with a = 0, a = v, a = rates of a turn; M times these is their difference from that at rest
-    for k in range(_first(model), _TURNED if before is None else _CASES):
+    for k in range(_first(model), _TURNED if before is None else _PUSHED):
         for j in range(n):
             still[j] = 0.0
             a[j] = 0.0 if k != _MOVING else v[j]
@@ -122,6 +125,10 @@ def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, 
     x, y, turn = _sums(lane, sums, _REST)
     moving = _sums(lane, sums, _MOVING)
     now, push = (moving[0] - x, moving[1] - y, moving[2] - turn), (-x, -y, -turn)
+    if model.newton.contact is not None:
+        _project_contact_forces(lane, base, model, par, State(q, v, v), u, still, r, S, sums)
+        px, py, about = _sums(lane, sums, _PUSHED)
+        push = -px, -py, -about
     if before is None:
         return now, push
     was, pushed = before
@@ -143,6 +150,28 @@ def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, 
         v[base.places[j]] += dx
         v[base.places[j + 1]] += dy
     return wanted, push
+
+
+@kernel
+def _project_contact_forces(lane, base, model, par, state: State, u: Lanes, still: Lanes, r: Lanes, S, sums: Lanes):
+    """Project the residual at rest with the contact forces at q, v on the rigid motions: the case `_PUSHED` of sums.
+
+    Damping and friction of contacts are external forces that depend on v, the inertia forces of the arm's own motion
+    are not external. Therefore only the forces are those of the moving arm. still: scratch, n rows; u: inputs; scratch:
+    r, S.
+    """
+    inputs = stack(lane, model.points)
+    for k in range(size(model.n_inputs)):
+        inputs[k] = u[k]
+    for part in model.contributions:
+        contributions.point_forces(lane, part, model, par, state, S, inputs)
+    for j in range(size(model.n)):
+        still[j] = 0.0
+        r[j] = 0.0
+    protocol.assemble(lane, model.arm, par, State(state.q, still, still), inputs, RESIDUAL_ALONE, r, S)
+    # the hub's torque acts on the base, too; torques in gears have no resultant
+    r[base.row] = 0.0 + u[0]
+    _take_part(lane, base, state.q, r, sums[_MOTIONS * _PUSHED :])
 
 
 @kernel

@@ -264,9 +264,7 @@ def store_spin_lag(lane, model, par: Lanes, S, k, spin, weights):
     """
     if model.damped is not None and model.strains is None:
         tau = par[TAU_D]
-        store_vector(
-            lane, S, hinge_at(k) + H.lag, (tau / (tau * weights.damping + 1.0) * weights.newton_share) * spin
-        )
+        store_vector(lane, S, hinge_at(k) + H.lag, (tau / (tau * weights.damping + 1.0) * weights.newton_share) * spin)
 
 
 @kernel
