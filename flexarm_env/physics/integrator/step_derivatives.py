@@ -1,4 +1,4 @@
-"""Derivatives of a time step, forward and backward, by the equation that it solves: the rules of `transitions`.
+"""Derivatives of a time step, forward and backward, by the equation that the step solves: the rules of `transitions`.
 
 The unknown is q+, of which v+, a+ and b+ are linear functions, eq. (6.1). With rotations the unknown is the increment
 D of the prediction p, q+ = p (+) D. Unknowns differ because round-off does: if q+ is the unknown, forces of stiff
