@@ -143,7 +143,7 @@ class TimeOptimal(LQR):
             self.plan_states[: p.periods, i] = p.states[:-1]
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Return the plan's torques plus LQR feedback on the deviation from its states, (n, N), N m."""
+        """Return the plan's torques plus LQR feedback on the deviation from the plan's states, (n, N), N m."""
         self.observer.update(signals.outputs(-to_go))
         # after its end the plan is zero: LQR about the goal
         k = min(self.step, len(self.plan_torques) - 1)

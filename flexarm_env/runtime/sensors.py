@@ -1,7 +1,7 @@
 """From the true state to the observation: sensor readings, strain gauges, noise, delay, selection and history.
 
-A reading is a quantity that a sensor measures by a law (`laws.read`); each has a channel, which stores its past.
-Entries of the observation are divided by their scales and clipped to +-CLIP.
+A reading is a quantity that a sensor measures by a law (`laws.read`); each reading has a channel, which stores past
+quantities. Entries of the observation are divided by their scales and clipped to +-CLIP.
 """
 
 from __future__ import annotations

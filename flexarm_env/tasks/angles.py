@@ -4,7 +4,7 @@ At entry the first N numbers of `angles` are the present joint angles, rad; at r
 N,): low and high of each joint, rad. If a target is out of reach, the tip is brought near it, on the line from the root
 to the target.
 
-    sooner_angles    two links: the one of two solutions that the joints reach first
+    sooner_angles    two links: of two solutions, the solution reached first
     least_angles     N links: the solution with the least sum of squares
     next_angles      N links: the solution with the least sum of squares near the present angles
 
