@@ -39,7 +39,7 @@ def nearest_turn(angle, now):
 def _within(hub, limits):
     """Return the hub's angle (rad), moved within limits[0] to limits[1] by whole turns if this is possible.
 
-    hub: angle of joint 0, rad. It is returned unchanged if no whole turns bring it within its limits.
+    hub: angle of joint 0, rad. The angle is returned unchanged if no whole turns bring it within the limits.
     """
     found = hub
     if hub < limits[0]:
