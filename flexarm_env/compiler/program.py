@@ -401,8 +401,7 @@ def python_function(address: int) -> Callable[[int, int, int], int]:
 def _door_text() -> str:
     """Return LLVM assembly of PyObject *door(PyObject *self, PyObject *const *args, Py_ssize_t nargs).
 
-    The function converts self (an address) and the arguments to int64, calls the address without the GIL, and returns
-    the int64.
+    The door converts self (an address) and the arguments to int64, calls the address without the GIL, returns int64.
     """
     module = ir.Module("door")
     thing = ir.IntType(8).as_pointer()
