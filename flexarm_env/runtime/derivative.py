@@ -73,8 +73,8 @@ class Derivative(NamedTuple):
 def step(address, first, last):
     """Advance groups first ... last - 1 by one control period, from d.state and d.action; no derivatives. Returns 0.
 
-    address: address of a `Derivative` d; it writes d.after, observation, reward, failed, past (1: joint limit passed)
-    and, with fitted steps, level.
+    address: address of a `Derivative` d. The function writes d.after, observation, reward, failed, past (1: joint limit
+    passed) and, with fitted steps, level.
     """
     return _values(dereference(address), first, last, (0,))
 

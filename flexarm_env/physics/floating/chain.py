@@ -105,9 +105,9 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
     """Compute the residual r of eq. [64] and, with weights.with_matrix, the blocks of the Newton matrix.
 
     Rows of r: force (N, inertial axes) and moment (N m) at the root less the hub's torque; each body's elastic
-    coordinates (theory, eq. 3.2); at each elbow the moment less its torque, N m. u: joint torques (N m), then point
-    loads; weights: `Weights` of dr/da, dr/dv, dr/dq. S receives the bodies' `FACTORS.matrix` and lever arms; `factor`
-    eliminates them. See `protocol.assemble`.
+    coordinates (theory, eq. 3.2); at each elbow the moment less the elbow's torque, N m. u: joint torques (N m), then
+    point loads; weights: `Weights` of dr/da, dr/dv, dr/dq. S receives the bodies' `FACTORS.matrix` and lever arms;
+    `factor` eliminates them. See `protocol.assemble`.
     """
     q, v, a = state
     cm, cc, ck, with_matrix = weights.mass, weights.damping, weights.stiffness, weights.with_matrix
