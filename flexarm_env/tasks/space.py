@@ -139,8 +139,7 @@ def space_pursue(task, record):
     """Move the goal angles (rad), record[GOAL:], so that they reach the moved target; do nothing if targets rest.
 
     record: record of one arm: target (m, inertial axes) in; goal: in and out. task.chain: a `JOINT` per joint, None
-        where
-    targets rest.
+    where targets rest.
     """
     if task.chain is not None:
         point = (record[TARGET], record[TARGET + 1], record[TARGET + 2])
