@@ -171,7 +171,7 @@ def add_stiffness(lane, model, S: Lanes, k, x):
     """Add x (N m/rad) to the stiffness that `factor` adds to the diagonal of row k, the hub's or an elbow's angle.
 
     x None: mark row k, of the root (0 to 2) or of an elbow, as fixed; `factor` and `solve` treat a fixed row as a row
-        of the identity matrix.
+    of the identity matrix.
     """
     elbow = _joint_at(k - elbow_row(model, 0))
     if x is None:
