@@ -491,7 +491,7 @@ def finding(found: pages.Found) -> str:
                 "of torque.")  # fmt: skip
     text += f" The smallest error of MuJoCo's chains under both kinds of torque is {best:.2g} %."
     if coarse is not None:
-        gyms = ", ".join(f"{row['gym']:.3g} ({row['label']}, {row['random']:.2g} %)" for row in own["ours"])
+        gyms = ", ".join(f"{row['gym']:.3g} µs ({row['label']}, error {row['random']:.2g} %)" for row in own["ours"])
         text += (f" At a coarse accuracy MuJoCo is fast: under random torques alone one arm in C takes "
                  f"{coarse['alone']:.3g} µs with an error of {coarse['random']:.2g} %; the package's Gymnasium "
                  f"environments take {gyms}.")  # fmt: skip
