@@ -23,13 +23,13 @@ PAGES = {
 
 
 def row(task: suite.Task) -> list[str]:
-    """Of the overview."""
+    """Return a task's row in the overview table."""
     link = f"[`{task.id}`](suite/{task.id}.md)"
     return [str(task.number), link, task.title, f"`{task.environment}`", f"{task.budget / 1e6:g} million"]
 
 
 def overview() -> str:
-    """docs/suite.md with its table and the list of pages; the rest stands there alone."""
+    """Return docs/suite.md with a new table and list of pages; the other text is unchanged."""
     rows = table("# | task | title | environment | training budget (control periods)", map(row, suite.tasks()))
     latest = [f"suite/{task.id}" for task in suite.tasks()]
     tree = ["```{toctree}", ":hidden:", "", *latest, "suite/earlier", "```"]
@@ -37,7 +37,7 @@ def overview() -> str:
 
 
 def earlier() -> str:
-    """docs/suite/earlier.md: the tasks in versions before the latest, apart from those in the sidebar."""
+    """Return docs/suite/earlier.md, the list of superseded versions of tasks."""
     latest = {task.id for task in suite.tasks()}
     before = [task for task in suite.tasks(earlier=True) if task.id not in latest]
     cells = ([f"[`{task.id}`]({task.id}.md)", task.title, f"`{task.environment}`"] for task in before)
@@ -48,13 +48,13 @@ def earlier() -> str:
 
 
 def keywords(task: suite.Task) -> str:
-    """As `gymnasium.make` takes them."""
+    """Return the call of `gymnasium.make` that makes a task's environment."""
     lines = [f"    {name}={value!r},".replace("'", '"') for name, value in task.arguments.items()]
     return "\n".join(["gym.make(", f'    "flexarm_env:{task.environment}",', *lines, ")"])
 
 
 def facts(task: suite.Task, plan: Plan) -> list[list[str]]:
-    """What the task's table has."""
+    """Return the rows of a task's table: name and value."""
     bands = ", ".join(
         f"{name} below {bound:.4g} {unit}".strip()
         for (name, (_, unit)), bound in zip(plan.kind.bands.items(), plan.record.bands, strict=True)
@@ -77,7 +77,7 @@ def facts(task: suite.Task, plan: Plan) -> list[list[str]]:
 
 
 def page(task: suite.Task, players: Path) -> str:
-    """docs/suite/ID.md."""
+    """Return the page docs/suite/ID.md of a task."""
     plan = resolved(task)
     entries = ", ".join(f"`{name}`" for name in plan.names)
     several = f"The observation contains the last {plan.history} readings, oldest first. Each reading has these entries"
@@ -98,13 +98,13 @@ def page(task: suite.Task, players: Path) -> str:
 
 
 def pages() -> dict[Path, str]:
-    """All pages, by their places below docs/."""
+    """Return all pages by their paths below docs/."""
     found = {Path("suite.md"): overview(), Path("suite") / "earlier.md": earlier()}
     return found | {Path("suite") / f"{task.id}.md": page(task, DOCS / "players") for task in suite.tasks(earlier=True)}
 
 
 def main() -> None:
-    """Write them."""
+    """Write all pages."""
     for path, text in pages().items():
         (DOCS / path).parent.mkdir(exist_ok=True)
         write_text(DOCS / path, text)

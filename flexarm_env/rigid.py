@@ -159,8 +159,8 @@ def rate_scale(arm: Arm, joint: int) -> float:
 def centre_shift(arm: Arm) -> float:
     """Return the hub's largest distance from the center of mass of arm and floating base, m; 0 without a base.
 
-    If the base floats freely, this center of mass is a fixed point. The hub stays within the returned distance of
-    it, and the tip within the arm's length less this distance.
+    If the base floats freely, this center of mass is a fixed point. The hub stays within the returned distance of the
+    center of mass, and the tip within the arm's length less this distance.
     """
     if arm.base is None:
         return 0.0

@@ -30,8 +30,8 @@ _DESCRIPTION = {*_BASICS, "arms", "scene", "scenes", "shapes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "accuracy_space", "simulation", "batch", "linear"}
 _PUBLIC = {
-    *_PHYSICS - {"physics"}, "comparison", "control", "derivatives", "envs", "exchange", "identification", "library",
-    "plotting", "recording", "remote", "sb3", "suite", "torch", "training", "view", "__init__",
+    *_PHYSICS - {"physics"}, "comparison", "control", "derivatives", "envs", "episodes", "exchange", "identification",
+    "library", "plotting", "recording", "remote", "sb3", "suite", "torch", "training", "view", "__init__",
 }  # fmt: skip
 
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
@@ -73,15 +73,16 @@ ROOMS: dict[str, set[str]] = {
     "comparison": {"validation", "accuracy"},
     "derivatives": {*_COMPILED, "batch", "simulation", "trajectory", "validation"},
     "control": {*_PHYSICS, "tasks", "derivatives"},
+    "episodes": {"validation", "control"},
     "exchange": {*_DESCRIPTION, "simulation", "linear"},
     "envs": {*_PHYSICS, "compiler", "control", "view"},
     "torch": {"derivatives", "validation"},
     "plotting": {*_PHYSICS, "comparison", "view"},
-    "recording": {*_DESCRIPTION, "trajectory", "batch", "envs", "view"},
+    "recording": {*_DESCRIPTION, "trajectory", "batch", "envs", "episodes", "view"},
     "sb3": {*_DESCRIPTION, "envs"},
-    "suite": {*_DESCRIPTION, "control", "envs", "trajectory"},
+    "suite": {*_DESCRIPTION, "control", "envs", "episodes", "trajectory"},
     "remote": {"validation", "files", "control", "envs"},
-    "training": {*_DESCRIPTION, "control", "derivatives", "envs", "plotting", "sb3", "suite"},
+    "training": {*_DESCRIPTION, "control", "derivatives", "envs", "episodes", "plotting", "sb3", "suite"},
     "library": {*_DESCRIPTION, *_COMPILED, "layout", "batch", "control", "derivatives"},
     "identification": {*_PHYSICS - {"batch"}, "derivatives", "plotting"},
     "cli": {*_PUBLIC, "data", "compiler"},

@@ -12,6 +12,7 @@ from flexarm_env import suite
 from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE, FAILED
 from flexarm_env.cli.progress import show
+from flexarm_env.episodes import Actions
 from flexarm_env.files import to_folder, write_text
 from flexarm_env.suite import best
 from flexarm_env.suite.data import Task
@@ -116,7 +117,7 @@ def _best(wanted: Sequence[Task], as_json: bool) -> int:
     for task in wanted:
         kept = best.record(task)
         env = suite.make_vec(task.id, kept.actions.shape[1])
-        values, successes = best.played(task, env, best.Actions(kept.actions))
+        values, successes = best.played(task, env, Actions(kept.actions))
         env.close()
         found[task.id] = {
             "date": kept.date, "value": float(values.mean()), "success_rate": float(successes.mean()),
