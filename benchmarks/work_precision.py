@@ -438,7 +438,7 @@ if __name__ == "__main__":
     flags: dict[str, dict[str, Any]] = {
         "full": {"action": "store_true", "help": "more values of rho_inf"},
         "scene": {"nargs": "*", "choices": every, "default": every, "help": "scenes to run (default: all)"},
-        "fresh": {"action": "store_true", "help": "forget what an earlier run has left"},
+        "fresh": {"action": "store_true", "help": "delete the intermediate results of an earlier run"},
     }
     sys.exit(pages.run("work_precision", __doc__, measured, blocks, packages=("exudyn", "pyelastica"), indent=None,
                        more=flags))  # fmt: skip

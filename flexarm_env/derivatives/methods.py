@@ -8,8 +8,8 @@
 | change of the payload | – | `integrator.impact`: a fixed number of solutions |
 | kinks of prescribed motions | – | `runtime.guided` |
 
-What leads from one transition to the next (commands, motors, observation, reward) has no unknown. Dual lanes or
-`compiler.vjp_of` differentiate it.
+The computations between two transitions (commands, motors, observation, reward) have no unknown. Dual lanes or
+`compiler.vjp_of` differentiate these computations.
 """
 
 from typing import Any, NamedTuple
@@ -39,7 +39,7 @@ class Method(NamedTuple):
 
 
 def method_of(model: Any, program: Any, extras: Any, kept: bool, alone: str, parameters: bool) -> Method:
-    """Return the method for a model with these parts of a program."""
+    """Return the method for a model and parts of a program."""
     # what a period does beside the equations of its steps and jumps
     beside = (
         program.models is not None,  # numbers of halvings are found by the run

@@ -401,7 +401,7 @@ OF_JOINTS = ("friction", "backlash", "motor_inertia", "hub_inertia")
 OF_SPACE = ("EI_y", "GJ")
 """Factors on properties that links have in space only."""
 LATER = FACTOR_NAMES[FACTOR_NAMES.index("hub_inertia") :]
-"""Factors that are drawn only if at least one of them is given."""
+"""Factors that are drawn only if at least one of these factors is given."""
 
 
 def _factors(value: Any, arm: Arm) -> dict[str, events.Pair]:

@@ -79,7 +79,7 @@ _kept: dict[Any, Trial] = {}
 
 @lru_cache(1)
 def shipped() -> frozenset[Arm]:
-    """Return the arms of the package. They keep the usual settings, and their trials have been run beforehand."""
+    """Return the arms of the package, which keep the usual settings and whose trials have been run beforehand."""
     return frozenset(arms.named(name) for name in arms.names())
 
 
@@ -99,7 +99,7 @@ AMPLIFICATIONS = {
 
 
 def amplification(arm: Arm, formulation: str) -> float:
-    """Return the entry of `AMPLIFICATIONS` for a packaged arm; 0 if small motions tell its error."""
+    """Return the entry of `AMPLIFICATIONS` for a packaged arm; 0 if small motions give the arm's error."""
     return next((x for (name, own), x in AMPLIFICATIONS.items() if own == formulation and arms.named(name) == arm), 0.0)
 
 
