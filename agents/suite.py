@@ -48,7 +48,7 @@ FEW = ("slew-unknown-v2", "slew-geared-v2", "reach-measured-v1")
 """Tasks for methods with memory, and for methods that learn from earlier data: tasks on which these should have an
 advantage."""
 
-PRESSED = ("press-v1",)
+PRESSED = ("press-v1", "land-v1")
 """Tasks for controllers of the contact force."""
 
 MANY = {
@@ -87,6 +87,7 @@ METHODS = (
     Method("tqc", 2, "tqc", FEW),
     Method("recurrent_ppo", 2, "recurrent_ppo", FEW),
     Method("ppo_around", 5, "ppo", ("reach-measured-v1",), "around"),
+    Method("ppo_press", 1, "ppo", ("press-v1",), "press"),
     Method("foresight", 1, "foresight"),
 )
 
