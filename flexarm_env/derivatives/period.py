@@ -153,8 +153,10 @@ class Periods:
         self.n = program.n
         if parameters or whole:
             program = complete(program)
-        if parameters and isinstance(program.model, Jointed) and program.model.own is None:
-            program = program._replace(model=program.model._replace(own=(0,) * len(batch.system.par)))
+        if parameters and isinstance(program.model, Jointed):
+            # joint laws of each arm, whose cotangents the contributions' own functions leave out
+            own = program.model.own or (0,) * len(batch.system.par)
+            program = program._replace(model=program.model._replace(own=own, derived=(0,)))
         model, fitted = program.model, program.models is not None
         self.action_size = len(task.links)
         lanes, layout = len(batch.lane), batch.layout
@@ -164,7 +166,7 @@ class Periods:
         self._memory = Memory(batch, core)
         self.names, self.moving = self._memory.names(names), self._memory.moving
         self.state_size = len(self.names)
-        method = method_of(model, program, extras, kept, alone, parameters)
+        method = method_of(model, program, extras, kept, alone)
         joined = model.algebraic is not None  # by multipliers, whose matrix has no lanes
         lane = SINGLE if joined or guided or alone == "all" else WIDEST
         lanes, columns = len(lane), core + self.action_size
