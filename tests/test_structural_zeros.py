@@ -87,15 +87,17 @@ QUICK = {("none", "elastica"), ("gears", "elastica"), ("motors", "elastica")}
 
 TABLE: dict[str, tuple[str, ...]] = {
     "elastica": (
-        "none", "gravity", "gears", "gears, viscous friction", "gears, dry friction", "gears with play", "rigid gears, rotors", "levers",
-        "motors", "sensors", "targets that move",
+        "none", "gravity", "gears", "gears, viscous friction", "gears, dry friction", "gears with play",
+        "rigid gears, rotors", "levers", "motors", "sensors", "targets that move",
     ),
     "elastica, two links": ("floating base", "controllers"),
     "floating frame": ("none", "gears, viscous friction"),
     "modes": ("none", "gears, viscous friction", "motors"),
     "root frames": ("none",),
     "multipliers": ("none",),
-    "exact beam": ("none", "gears, viscous friction", "gears, dry friction", "motors", "floating base", "levers", "controllers"),
+    "exact beam": (
+        "none", "gears, viscous friction", "gears, dry friction", "motors", "floating base", "levers", "controllers",
+    ),
     "exact beam in space": ("none", "gears, viscous friction", "levers", "motors", "controllers"),
     "floating frame in space": ("none",),
     "modes in space": ("none", "motors"),
