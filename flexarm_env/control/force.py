@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..geometry.plane import tip_in_hub_frame, wrapped
 from ..parameters import Arm
 from ..validation import Array
 from .arm_model import postures
 from .base import Controller, Gains, Setup, Signals
-from .kinematics import tip_in_hub_frame, wrapped
 from .lqr import LQRGains, design, times
 
 ENTRIES = ("to_target_x", "to_target_y", "target_velocity_x", "target_velocity_y", "target_force", "tip_force_normal")

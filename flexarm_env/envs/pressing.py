@@ -10,7 +10,7 @@ import numpy as np
 from .. import sensors as description
 from .. import validation as check
 from ..batch import Press, PressChain, Starts
-from ..control.kinematics import goal_angles
+from ..geometry.plane import goal_angles
 from ..parameters import Arm
 from ..scene import Contact, contacts_of
 from ..shapes import HalfSpace
