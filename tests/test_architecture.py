@@ -101,13 +101,15 @@ ROOMS: dict[str, set[str]] = {
     "__init__": {*_PHYSICS, "control", "envs", "identification", "suite"},
 }
 
+_ENTRANCES = {"__init__", "cli"}
+
 # other packages that only some rooms may import, anywhere in their code
 EXTERNALS: dict[str, set[str]] = {
     "torch": {"sb3", "torch", "training"},
     "stable_baselines3": {"sb3", "training"},
     "numba": set(),
     "llvmlite": {"compiler"},
-    "gymnasium": set("__init__ around cli derivatives envs recording remote sb3 suite training".split()),
+    "gymnasium": {*_ENTRANCES, "around", "derivatives", "envs", "recording", "remote", "sb3", "suite", "training"},
     "pygame": {"envs"},
     "matplotlib": {"plotting"},
     "minari": {"recording"},

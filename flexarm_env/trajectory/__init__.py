@@ -1,6 +1,7 @@
 """Recorded runs of scenes: `Trajectory` in the plane, `SpatialTrajectory` in space."""
 
-from .recorded import COLUMNS, MOST_SAMPLES, MOST_STEPS, Trajectory, check_work, placed, recorded, tips_of
+from ..scenes import COLUMNS
+from .recorded import MOST_SAMPLES, MOST_STEPS, Trajectory, check_work, placed, recorded, tips_of
 from .space import SpatialTrajectory
 
 __all__ = [
