@@ -131,7 +131,7 @@ def without_units(header: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def listed(header: tuple[str, ...]) -> str:
-    """Return column names as one phrase of at most 300 characters; "none" if there are none."""
+    """Return column names as one phrase of at most 300 characters; "none" for an empty list."""
     text = ", ".join(header) or "none"
     return text if len(text) <= 300 else text[:297] + "..."
 

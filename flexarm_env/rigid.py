@@ -32,6 +32,13 @@ def reach(arm: Arm) -> tuple[float, float]:
     return max(0.0, 2.0 * max(lengths) - sum(lengths)), sum(lengths)
 
 
+def largest_force(arm: Arm) -> float:
+    """Return the largest tip force, N, for which every motor can balance the force at the straight arm's lever."""
+    levers = np.cumsum([link.span for link in arm.links][::-1])[::-1]
+    assert arm.torque_limits is not None
+    return float(min(np.array(arm.torque_limits) / levers))
+
+
 def link_inertia(arm: Arm) -> ComplexOrReal:
     """Return the constants C (N, N), kg m^2, of the inertia matrix in the links' absolute angles alpha.
 
@@ -167,8 +174,8 @@ def rate_scale(arm: Arm, joint: int) -> float:
 def centre_shift(arm: Arm) -> float:
     """Return the hub's largest distance from the center of mass of arm and floating base, m; 0 without a base.
 
-    If the base floats freely, this center of mass is a fixed point. The hub stays within the returned distance of
-    it, and the tip within the arm's length less this distance.
+    If the base floats freely, this center of mass is a fixed point. The hub stays within the returned distance of the
+    center of mass, and the tip within the arm's length less this distance.
     """
     if arm.base is None:
         return 0.0

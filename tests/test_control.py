@@ -173,7 +173,8 @@ def test_the_plan_is_bang_bang_and_the_quickest(angle, seconds):
 
 
 # ------------------------------------------------------------------ in the environment
-FULL = [name for name in control.NAMES if name not in ("lqg", "mpc")]  # lqg: test_lqg.py; mpc: test_optimal.py
+TO_TARGETS = [name for name in control.NAMES if name not in control.FORCE_NAMES]  # forces: test_force_control.py
+FULL = [name for name in TO_TARGETS if name not in ("lqg", "mpc")]  # lqg: test_lqg.py; mpc: test_optimal.py
 
 
 @pytest.mark.parametrize("name", FULL)
@@ -237,7 +238,7 @@ def test_errors_say_what_is_allowed(reach):
     refuses("one link", lambda: control.make("time_optimal", reach, tuned_gains("time_optimal", "slew")))
 
 
-@pytest.mark.parametrize("name", control.NAMES)
+@pytest.mark.parametrize("name", TO_TARGETS)
 def test_what_controllers_cannot_read_is_told(name):
     env = gym.make(IDS["slew"], **({"observation": "measured"} if name == "lqg" else {}))
     controller, again = (control.make(name, env) for _ in range(2))

@@ -27,6 +27,9 @@ FORMULATIONS: dict[str, tuple[str, dict[str, Any]]] = {
     "root frames": (ONE, {"formulation": "floating_frame", "frame": "root", "segments": 2}),
     "multipliers": (TWO, {"formulation": "floating_frame", "multipliers": True, "segments": 1, "elements": 1}),
     "exact beam": (ONE, {"formulation": "geometrically_exact", "elements": 2}),
+    "exact beam in space": (SPACE, {"formulation": "geometrically_exact", "elements": 1, "dt": 0.0025}),
+    "floating frame in space": (SPACE, {"formulation": "floating_frame", "segments": 1, "dt": 0.0025}),
+    "modes in space": (SPACE, {"formulation": "floating_frame", "modes": 2, "segments": 1, "dt": 0.0025}),
 }
 """Environment and keywords of each formulation."""
 
@@ -90,6 +93,9 @@ TABLE: dict[str, tuple[str, ...]] = {
     "root frames": ("none",),
     "multipliers": ("none",),
     "exact beam": ("none", "gears, viscous friction", "motors", "floating base", "levers", "controllers"),
+    "exact beam in space": ("none", "gears, viscous friction", "levers", "motors", "controllers", "targets that move"),
+    "floating frame in space": ("none",),
+    "modes in space": ("none", "motors"),
 }  # fmt: skip
 """Features that each formulation is tried with."""
 

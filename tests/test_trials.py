@@ -161,6 +161,39 @@ def test_shipped_arms_are_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
         assert gym.make("TwoLinkFlexArm-v0", arm=arm).unwrapped.plan.settings.dt == 0.02 / 3.0  # type: ignore[attr-defined]
 
 
+CHAINS = [
+    (name, form, "SpatialFlexArm-v0" if arms.named(name).spatial else "MultiLinkFlexArm-v0")
+    for name in ("three_dof", "three_dof_loaded", "turret_boom", "de_luca_siciliano", "quanser_2dsfl",
+                 "quanser_2dsfl@design", "three_strips", "two_link_geared", "two_link_upright")
+    for form in ("elastica", "geometrically_exact", "floating_frame")
+    if not (arms.named(name).spatial and form == "elastica")
+]  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "form", "env_id"), CHAINS)
+def test_estimates_of_shipped_chains_cover_their_trials(
+    name: str, form: str, env_id: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A trial in steps of h and h/2 under full bang-bang torques stays below `error_estimate`, or that says 1."""
+    plan = gym.make(env_id, arm=name, formulation=form).unwrapped.plan  # type: ignore[attr-defined]
+    apart: list[float] = []
+
+    def first(trial: Any, rule: Any, settings: Settings, finer: Settings, length: float) -> tuple[float, float]:
+        assert settings == plan.settings
+        tips = trial(settings), trial(finer)
+        apart.append(float(np.nan_to_num(np.linalg.norm(tips[0] - tips[1], axis=2)).max() / length))
+        return 0.0, 1.0  # good enough: no further trial
+
+    monkeypatch.setattr(trials, "error", first)
+    monkeypatch.setattr(options, "shipped", frozenset)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResolutionWarning)
+        gym.make(env_id, arm=name, formulation=form)
+    assert len(apart) == 1 and apart[0] > 0.0
+    assert min(apart[0], 1.0) <= plan.estimate
+
+
 def test_reward_terms_of_the_user_are_no_part_of_a_trial(monkeypatch: pytest.MonkeyPatch) -> None:
     """A trial is kept for its arm: a term that does not compile would fail every later environment of that arm."""
 

@@ -29,7 +29,7 @@ from flexarm_env.view import Clip, SpaceClip
 from flexarm_env.view import Player as Page
 
 OF_THE_POLICY = ("action_mode", "residual_share", "observation", "history", "sensors")
-"""Keywords of a policy's environment that define its observation and action. Controllers on the page use others."""
+"""Keywords of a policy's environment that define observation and action; controllers on the page do not use them."""
 KINDS = {
     "episodes": "a file of recorded episodes", "scene": "a scene", "player": "a controller, a policy or a task",
 }  # fmt: skip

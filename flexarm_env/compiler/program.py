@@ -1,8 +1,8 @@
 """Programs: a kernel with all its callees, compiled to machine code with C's calling convention.
 
-Each program has one function int64(int64, int64, int64). Its arguments are the addresses of the kernel's arguments and
-of its result. In a direct call they are the address of the kernel's one named tuple and up to two integers (see
-`entry`).
+Each program has one function int64(int64, int64, int64). The function's arguments are the addresses of the kernel's
+arguments and of the kernel's result. In a direct call the arguments are the address of the kernel's one named tuple and
+up to two integers (see `entry`).
 """
 
 import ctypes
@@ -392,7 +392,7 @@ def _door() -> tuple[Any, Any]:
 
 
 def python_function(address: int) -> Callable[[int, int, int], int]:
-    """Return a callable of up to three integers (missing ones 0) for the code at an address; it releases the GIL."""
+    """Return a callable of up to three integers (default 0) for the code at an address; a call releases the GIL."""
     method, make = _door()
     made: Callable[[int, int, int], int] = make(ctypes.addressof(method), address, None)
     return made

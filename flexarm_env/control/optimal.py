@@ -292,7 +292,7 @@ def soonest(
     Args:
         start: states (n, S). high: first periods (n,) to be tried. tried: (arms, periods, initial guess) -> `Motion`.
         most: largest number of periods. guess: initial guess (T, n, N). tail: periods of a motion after the counted
-            ones. low: periods (n,) known to be too few; None: 0.
+            periods. low: periods (n,) known to be too few; None: 0.
     An arm without a motion of at most `most` periods has `periods` 0 and an infinite `missed`.
     """
     n = len(start)

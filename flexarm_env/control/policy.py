@@ -107,7 +107,7 @@ class NumpyPolicy:
 class AroundPolicy(NumpyPolicy):
     """Network with a controller inside: action = clip(controller's action + share * network's action).
 
-    The controller is made for the environment by `bound`. Its memory begins at `reset`.
+    The controller is made for the environment by `bound`. The controller's memory begins at `reset`.
     """
 
     def __init__(

@@ -47,7 +47,7 @@ def plan(A: Array, B: Array, start: Array, limits: Array, least: int = 1, most: 
         A (m, m), B (m, N): discrete model. start (m,): the state. limits (N,): N m.
         least, most: bounds on the number of periods; most=None: 1000, or four times `least` if that is larger.
     Raises:
-        ValueError: there is no plan of at most that many periods.
+        ValueError: there is no plan of at most `most` periods.
     """
     A, start = check.array("A", A, ("m", "m")), check.array("start", start, (len(A),))
     B = check.array("B", B, (len(A), "N"))
@@ -78,7 +78,7 @@ def plan(A: Array, B: Array, start: Array, limits: Array, least: int = 1, most: 
 
 
 def _feasible(A: Array, B: Array, start: Array, limits: Array, periods: int) -> Array | None:
-    """Find torques (periods, N), N m, that lead from `start` to zero, by a linear program; None if there are none."""
+    """Find torques (periods, N), N m, that lead from `start` to zero, by a linear program; None if no torques do."""
     from scipy.optimize import linprog
 
     n_inputs = B.shape[1]

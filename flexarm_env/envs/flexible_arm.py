@@ -76,10 +76,10 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
 
     ## Starting state
 
-    The link is straight and at rest. The hub angle is drawn from -pi to pi, the target within +-pi/2 of it. All draws
-    are uniform. A target is drawn again if the joint limits exclude it or if the motor cannot hold the arm there
-    against gravity; if no target is possible, `make` raises an error. To set starts and targets, or to begin with a
-    vibrating link: [Starts and resets](options.md#starts-and-resets).
+    The link is straight and at rest. The hub angle is drawn from -pi to pi, the target within +-pi/2 of the hub angle.
+    All draws are uniform. A target is drawn again if the joint limits exclude it or if the motor cannot hold the arm
+    there against gravity; if no target is possible, `make` raises an error. To set starts and targets, or to begin with
+    a vibrating link: [Starts and resets](options.md#starts-and-resets).
 
     ## Episode end
 

@@ -231,7 +231,8 @@ class Guide:
         return bool(uncompiled(is_unbalanced)(SINGLE, kinetic + strain, gravity, accounted, exchanged, floor))
 
     def report(self) -> dict[str, Array]:
-        """Return the arm's position as `Batch.take_report` stores it.
+        """Return poses, joint torques, motor angles, energies and gauges of the arm, as `Batch.take_report` stores
+        them.
 
         If gears are rigid, the motor angles equal the joint angles.
         """

@@ -42,7 +42,7 @@ class Equations:
 
     Attributes:
         free: rows of q that can move (no multiplier, not fixed, not prescribed). algebraic: rows of multipliers.
-        independent, dependent: positions in `free`; the floating frame after a joint depends on the one before the
+        independent, dependent: positions in `free`; the floating frame after a joint depends on the frame before the
             joint. joints: joints that can turn, each with its position among the independent coordinates.
         turned: joints that a torque can turn, each with the position of the angle on which the torque acts. With an
             elastic gear the torque acts on the motor's angle, otherwise on the joint's angle. rows_turned: row of the
@@ -65,7 +65,7 @@ class Equations:
         self.n = int(size(model.n))
         self._most_points = room_for_points(simulation.settings, self.n_links)
         self._room = np.zeros(
-            int(uncompiled(slopes_room)(WITH_SLOPES, model, len(self.par), len(simulation.scene.motions)))
+            int(uncompiled(slopes_room)(WITH_SLOPES, model, len(self.par), simulation.n_motions))
         )
         # rows that can move
         self.algebraic = np.asarray(() if model.algebraic is None else model.algebraic, np.int64)

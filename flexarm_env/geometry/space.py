@@ -129,7 +129,7 @@ def lost_at(
 
 
 def angles_at(arm: Arm, point: Array, gravity: Sequence[float] | None = None) -> Array | None:
-    """Return joint angles (N,), rad, within limits, with the rigid arm's tip at point (3,), m; None if there are none.
+    """Return joint angles (N,), rad, within limits, with the rigid arm's tip at point (3,), m; None if no angles do.
 
     The tip is within 1e-9 of the arm's length. The search has many initial postures and returns the solution with the
     least sum of squares. gravity (3,): m/s^2, inertial axes. Solutions that the torque limits can hold against gravity

@@ -19,8 +19,9 @@ FIRST = 8
 """Number of evaluations per initial guess, after which only the best fit is continued."""
 
 HORIZONS = (0.05, 0.15, 0.4)
-"""Shares of the readings' variance. The first part of a run with such a share is fitted before the whole run. A long
-vibration has many local minima that differ by whole periods; a few periods have only one."""
+"""Shares of the readings' variance. The first part of a run that contains this share is fitted before the whole run.
+The cost of a long vibration has many local minima that differ by whole periods; that of a few periods has only one
+minimum."""
 
 SPREAD = 0.5
 """Further initial guesses are random, within this many sizes around the first one."""

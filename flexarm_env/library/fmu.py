@@ -72,7 +72,7 @@ def write_fmu(env: Any, path: Path, name: str, form: str = "3.0", cpu: str | Non
     Args:
         env, name, cpu: as in `build.write`. path: path of the file. form: version of the standard, a key of `FORMS`.
     Raises:
-        ValueError: as `build.write`; no C compiler is found.
+        ValueError: as `build.write` raises it, or no C compiler is found.
     """
     _check_form(form)
     with tempfile.TemporaryDirectory() as folder:
@@ -107,7 +107,7 @@ def write_controller_fmu(
     Args:
         controller, slew, elbows, targets: as in `control.in_c.controller_source`. path, form: as in `write_fmu`.
     Raises:
-        ValueError: as `controller_source`; no C compiler is found.
+        ValueError: as `controller_source` raises it, or no C compiler is found.
     """
     _check_form(form)
     check_name(name)

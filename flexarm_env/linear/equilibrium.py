@@ -171,7 +171,8 @@ def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
         steady = all(len(f.pieces) == 1 and not f.pieces[0, 2:6].any() for f in load.functions)
         return steady and not (hold_joints and isinstance(load, JointTorque))
 
-    moved = replace(scene, motions=(), start="unloaded", **changes)
+    contacts = tuple(contact.held() for contact in scene.contacts)
+    moved = replace(scene, motions=(), start="unloaded", contacts=contacts, **changes)
     prescribed = [m.coordinate for m in scene.motions]
     if hold_joints:  # a motor without inertia cannot be held by a torque that goes on acting
         massless = [k for k, joint in enumerate(scene.arm.joints) if joint.elastic and joint.rotor == 0.0]
@@ -184,9 +185,9 @@ def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
 
 
 def find_rest(equations: Equations, start: Point, held: Sequence[int], spin: float = 0.0) -> tuple[Point, float]:
-    """Return the equilibrium near a start, and the share of the loads up to which the path to it was followed.
+    """Return the equilibrium near a start, and the share of the loads that the path to the equilibrium reached.
 
-    With a spin (rad/s), it is a steady rotation about the origin.
+    With a spin (rad/s), the equilibrium is a steady rotation about the origin.
 
     start: the unloaded arm at its initial angles; its u contains the loads. held: joints that stay at their angles; the
     point's u contains the torques that hold them.

@@ -158,7 +158,7 @@ def simulation_of(
 
 
 def without_friction(simulation: Simulation) -> Simulation:
-    """Return the simulation; if it has Coulomb friction, which has no derivative, return a view without it."""
+    """Return the simulation, or a view without Coulomb friction, which has no derivative."""
     model = smooth(simulation.model)
     if model is simulation.model:
         return simulation

@@ -252,7 +252,7 @@ def record_torques(lane, p, par, record: Lanes, w: Work, live, info):
 def record_energies(lane, p, par, w: Work, live, info):
     """Write energies (J), motor angles and rates (over the gear ratio; rad, rad/s) into info, if they are recorded.
 
-    They are recorded if p.books is a tag, in lanes where live > 1/2.
+    Energies, angles and rates are recorded if p.books is a tag, in lanes where live > 1/2.
     # in        w.q (m, rad), w.v;  w.books, energy account, J;  par, the arms' own parameters
     # scratch   w.y
     # out       info.energies: kinetic, strain, gravity, dissipated, work;  info.motors (2, joints): angles, then rates

@@ -23,8 +23,8 @@ from .score import FIRST
 ROUNDING, UPRIGHT = 1e-6, {"swing-up-v1": 1e-3}
 """Largest differences of values in a replay. Replays are bitwise equal on every x86-64 processor tested. Other
 architectures round sines differently, and values then differ by less than these numbers. A change of the last bit of
-the models' matrices caused at most 2e-8. For arms balanced upright for seconds by open-loop torques it caused 3e-4 (of
-J 298)."""
+the models' matrices caused at most 2e-8. For arms balanced upright for seconds by open-loop torques such a change of
+the matrices caused 3e-4, at a J of 298."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def unpacked(planes: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def record(task: Task) -> Record:
-    """Read the record of a task. ValueError if there is none."""
+    """Read the record of a task. ValueError if the task has no record."""
     path = _path(task)
     if not path.is_file():
         raise check.InvalidValue("--best", task.id, "has no record")

@@ -99,7 +99,7 @@ def _gains(name: str, env: Any) -> Any:
 
 
 def default_name(word: str) -> str:
-    """Return the default name of a method's results: that of the controller, file, file's folder, or function."""
+    """Return the default name of a method's results: the name of the controller, file, file's folder, or function."""
     name, _, gains = word.partition("@")
     if gains and name in control.NAMES:
         return f"{name}-{Path(gains).stem}"

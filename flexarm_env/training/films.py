@@ -74,7 +74,7 @@ def film(env_id: str, chosen: NamedPolicy, kwargs: Mapping[str, Any], seed: int,
 
 
 def beside(films: Sequence[Iterator[Picture]], labels: Sequence[str], size: int) -> Iterator[Picture]:
-    """Yield pictures of several episodes side by side under their labels; a finished one keeps its last picture."""
+    """Yield pictures of several episodes side by side under their labels; a finished episode shows its last picture."""
     from PIL import Image, ImageDraw, ImageFont
 
     head = round(0.09 * size)

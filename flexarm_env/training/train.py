@@ -44,7 +44,8 @@ class Arguments(Training):
         config: file of hyperparameters in RL Zoo format, or the name of a config of the package, such as robust;
             default configs/ALGO/default.yml, or suite.yml for tasks of the suite.
         around: controller inside the policy, such as pd: its torque plus the network's share is the action. pd@FILE
-            has the gains of a file of `flexarm tune`. Default the config's, which usually has none.
+            has the gains of a file of `flexarm tune`. The default is the config's controller; most configs have no
+            controller.
         share: share of the torque limits that the network commands with --around; default 0.7.
     """
 
@@ -132,7 +133,7 @@ def train(arguments: Arguments) -> Any:
 
 
 def controller_inside(config: configs.Config, arguments: Arguments, env: Any) -> Inside | None:
-    """Return the controller inside the policy, from the flags or otherwise from the config; None if there is none.
+    """Return the controller inside the policy, from the flags or otherwise from the config; None without a controller.
 
     env: an environment of the training. Raises ValueError for an invalid or an unsupported controller.
     """

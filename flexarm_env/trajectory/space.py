@@ -20,7 +20,9 @@ _QUATERNION = "wxyz"
 
 @dataclass(repr=False)
 class SpatialTrajectory(Trajectory):
-    """A recorded run of n instants and N links in space, SI units. These attributes differ from :class:`Trajectory`:
+    """A recorded run of n instants and N links in space, SI units.
+
+    The attributes below differ from those of :class:`Trajectory`.
 
     Attributes:
         start, tip (n, 3): x, y, z of the root of link 0 and of the tip of the last link, m.

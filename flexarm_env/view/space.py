@@ -52,7 +52,7 @@ class SpaceClip:
     skipped: int = field(default=1)
 
     def every(self, step: int) -> SpaceClip:
-        """Return the clip with every `step`-th instant and the last one."""
+        """Return the clip with every `step`-th instant and the last instant."""
         names = [name for name in ("t", "points", "across", "rigid", "target") if getattr(self, name) is not None]
         thin: SpaceClip = thinner(self, names, step)
         return thin

@@ -162,7 +162,7 @@ def _limits(scene: Scene, bodies: list[Body], reduced: bool) -> list[float]:
 
 
 def build(scene: Scene, settings: Settings) -> System:
-    """Assemble a scene in the floating-frame formulation: with multipliers where the settings ask for them."""
+    """Assemble a scene in the floating-frame formulation: with multipliers where the settings require multipliers."""
     return _joined(scene, settings) if settings.multipliers else _chain(scene, settings)
 
 

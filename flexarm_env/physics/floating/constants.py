@@ -2,8 +2,8 @@
 
 Frame "root" is clamped to the body's first node. The node's (u, v, phi) vanish, so the frame's angle is the root
 section's angle. Frame "chord" goes through both ends of the body. All inertia enters through constants (theory, eq.
-2.1) that are computed here once and that kernels read. A body reduced to modes has, in addition, the constants of its
-foreshortening (`reduction`).
+2.1) that this module computes once and that kernels read. A body reduced to modes has, in addition, the constants of
+its foreshortening (`reduction`).
 """
 
 from dataclasses import dataclass, field

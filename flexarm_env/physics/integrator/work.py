@@ -165,8 +165,8 @@ def solve_unknown_rows(lane, model, drive, w, matrix):
 def store_reactions(lane, known, algebraic, r: Lanes, multipliers: Lanes, reaction: Lanes):
     """Store the generalized forces (N, N m) that enforce the prescribed motions, one per motion, in `reaction`.
 
-    For a coordinate row k >= 0 this is row k of the residual r. For known[i] = -1 - j it is multiplier j, read from
-    `multipliers` (an array of n rows) at row algebraic[j].
+    For a coordinate row k >= 0 this is row k of the residual r. For known[i] = -1 - j the reaction is multiplier j,
+    read from `multipliers` (an array of n rows) at row algebraic[j].
     """
     for i in range(known.shape[0]):
         k = known[i]
