@@ -85,11 +85,8 @@ from .tasks.starts import ALWAYS, FACTOR_NAMES, Starts
 from .tasks.task import Task
 from .validation import Array
 
-LANES_FROM = 3
-"""Smallest batch that is stored in lanes of eight arms; smaller batches advance their arms one by one."""
-
-ALONE_AFTER = 1
-"""Number of steps after which a single arm's program is also compiled, for arms whose Newton iteration fails."""
+LANES_FROM = 3  # smallest batch that is stored in lanes of eight arms; smaller batches advance arms one by one
+ALONE_AFTER = 1  # steps after which a single arm's program is compiled, for arms whose Newton iteration fails
 
 
 def gauge_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, places: Sequence[Spot]) -> Array:

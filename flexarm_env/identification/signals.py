@@ -56,7 +56,7 @@ class Ringing:
 
 
 def ringing(t: Array, y: Array, low: float = 0.0, high: float = np.inf) -> Ringing | None:
-    """Fit the strongest damped cosine of a signal y (n,) between two frequencies, Hz; None if the signal has no power there.
+    """Fit the strongest damped cosine of a signal y (n,) between two frequencies, Hz; None if y has no power there.
 
     The initial guess is a peak of the spectrum. Then offset + exp(-d t) (a cos w t + b sin w t) is fitted by least
     squares.
