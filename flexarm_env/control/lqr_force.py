@@ -12,13 +12,13 @@ from functools import lru_cache
 import numpy as np
 
 from .. import validation as check
+from ..geometry.plane import tip_in_hub_frame
 from ..linear.state_space import held
 from ..parameters import Arm
 from ..validation import Array
 from .arm_model import GRID, ArmModel, arm_model, postures
 from .base import Setup
 from .force import Approach, PressController, View, feedback
-from .kinematics import tip_in_hub_frame
 from .lqr import LQRGains, riccati
 
 
