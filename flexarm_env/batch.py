@@ -17,6 +17,7 @@ from .compiler import SINGLE, WIDEST, Beside, Placed, entry, native, uncompiled
 from .compiler.crew import CROWDED, OneAtATime, one_at_a_time
 from .compiler.pace import Team, default_threads
 from .compiler.sheets import Sheet
+from .geometry.poses import joint_angles
 from .parameters import Arm
 from .physics import assembly, precision
 from .physics.gauges import Spot, curvature_rows
@@ -82,7 +83,6 @@ from .tasks.slew import Slew
 from .tasks.space import SpaceReach
 from .tasks.starts import ALWAYS, FACTOR_NAMES, Starts
 from .tasks.task import Task
-from .trajectory import joint_angles
 from .validation import Array
 
 LANES_FROM = 3  # smallest batch that is stored in lanes of eight arms; smaller batches advance arms one by one

@@ -27,8 +27,8 @@ from .runtime.layout import fit_rooms
 from .runtime.sampling import ANEW, AT_KINK, GOES_ON, NEAR, SAMPLE, STRETCH, has_gained_energy, observe_arm, sample_rows
 from .scene import Scene, computed, resolving_step
 from .settings import Settings, steps_in
-from .spatial import placed
 from .trajectory import Trajectory, check_work, recorded, tips_of
+from .trajectory.space import placed
 from .validation import Array
 
 Start = tuple[float, float, bool]

@@ -18,7 +18,7 @@ from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.catalogue import tuned_gains
 from flexarm_env.control.lqr import design
 from flexarm_env.control.margins import margins
-from flexarm_env.control.timescales import timescales
+from flexarm_env.rigid import timescales
 
 HEAVY = Arm(
     "heavy", (Link(3.0, Section(EI=2000.0, EA=1e7, C=1e7, m=1.0)),), hub_inertia=0.5, payload=Payload(5.0),

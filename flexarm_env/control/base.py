@@ -14,16 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..geometry.plane import goal_angles, tip_in_hub_frame, wrapped
 from ..parameters import Arm
 from ..rigid import rigid_inertia
 from ..sensors import Sensors
 from ..shapes import Shape
+from ..tasks import RESIDUAL_SHARE as RESIDUAL_SHARE
 from ..validation import Array
-from .kinematics import goal_angles, tip_in_hub_frame, wrapped
-
-RESIDUAL_SHARE = 0.7
-"""Default share of the torque limit that the action adds in action_mode="residual_pd"."""
-
 
 WHOLE = {"flexible": 1, "modes": 0, "block": 1, "horizon": 1, "iterations": 1, "first": 1}
 """Integer fields of gains and their minima."""

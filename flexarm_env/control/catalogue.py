@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .. import arms
 from .. import validation as check
 from ..parameters import Arm
+from ..rigid import timescales
 from .arm_model import arm_model
 from .base import Controller, Setup
 from .force import ForceGains, HybridForce, Impedance, ImpedanceGains
@@ -24,7 +25,6 @@ from .mpc import MPC, MPCGains, SpatialMPC
 from .pd import PD, PDGains, SpatialPD, SpatialPDGains
 from .shaping import SHAPERS, ShapedGains, ShapedPD, SpatialShapedGains, SpatialShapedPD
 from .time_optimal import TimeOptimal, TimeOptimalGains
-from .timescales import timescales
 
 _Kind = tuple[type[Any], Callable[[Setup, Any], Controller]]
 _KINDS: dict[str, _Kind] = {

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..geometry.plane import tip_in_hub_frame, wrapped
 from ..parameters import Arm
-from ..rigid import rigid_inertia
+from ..rigid import largest_force, rigid_inertia
 from ..validation import Array
 from .arm_model import postures
 from .base import Controller, Gains, Setup, Signals
-from .kinematics import tip_in_hub_frame, wrapped
 from .lqr import LQRGains, design, times
 
 ENTRIES = ("to_target_x", "to_target_y", "target_velocity_x", "target_velocity_y", "target_force", "tip_force_normal")
@@ -279,13 +279,6 @@ class Impedance(PressController):
             pull = K * (lever * off[:, :n]).sum(axis=1) + D * (lever * off[:, n : 2 * n]).sum(axis=1)
             found = found - lever * pull[:, None]
         return found
-
-
-def largest_force(arm: Arm) -> float:
-    """Return the largest tip force, N, for which every motor can balance the force at the straight arm's lever."""
-    levers = np.cumsum([link.span for link in arm.links][::-1])[::-1]
-    assert arm.torque_limits is not None
-    return float(min(np.array(arm.torque_limits) / levers))
 
 
 def feedback(setup: Setup, weights: LQRGains, goals: Array, off: Array) -> Array:

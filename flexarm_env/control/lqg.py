@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.space import holding
 from ..linear.point import gauge_name
 from ..linear.state_space import held
 from ..parameters import Arm
@@ -27,7 +28,7 @@ from ..validation import Array
 from .arm_model import linear_model, postures
 from .base import Controller, Setup, Signals
 from .lqr import SENSOR, StateWeights, riccati
-from .space import AboutRest, held_model, holding
+from .space import AboutRest, held_model
 
 FINEST_ANGLE = 1e-4
 """Smallest standard deviation, rad, that the filter assumes for an encoder's angle."""

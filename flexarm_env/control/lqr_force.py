@@ -12,13 +12,13 @@ from functools import lru_cache
 import numpy as np
 
 from .. import validation as check
+from ..geometry.plane import tip_in_hub_frame
 from ..linear.state_space import held
 from ..parameters import Arm
 from ..validation import Array
 from .arm_model import GRID, ArmModel, arm_model, postures
 from .base import Setup
 from .force import Approach, PressController, View, feedback
-from .kinematics import tip_in_hub_frame
 from .lqr import LQRGains, riccati
 
 
@@ -33,12 +33,12 @@ class LQRForceGains(Approach):
         stiffness: assumed stiffness of the wall, times the arm's length over the largest tip force.
     """
 
-    angle: float = 2.919
-    rate: float = 12.65
+    angle: float = 10.0
+    rate: float = 5.0
     bend: float = 0.1562
     bend_rate: float = 0.3423
-    path: float = 3.0
-    force: float = 0.5
+    path: float = 5.0
+    force: float = 0.2
     stiffness: float = 400.0
 
 

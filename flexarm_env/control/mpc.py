@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.plane import rigid_times
 from ..parameters import Arm
 from ..rigid import rigid_inertia
 from ..validation import Array
@@ -29,7 +30,6 @@ from .arm_model import GRID
 from .base import Controller, Setup, Signals
 from .bounds import Bounds, within
 from .dynamics import Dynamics, SpatialDynamics, dynamics
-from .kinematics import rigid_times
 from .lqr import SENSOR, StateWeights, riccati
 from .space import AboutRest
 

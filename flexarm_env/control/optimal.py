@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation as check
+from ..geometry.plane import rigid_times
 from ..validation import Array
 from . import ilqr
 from .bounds import TOLERANCE, Bounds, kept_by, within
 from .dynamics import Dynamics
-from .kinematics import rigid_times
 from .replay import Replay, replay
 
 Counts = NDArray[np.int64]

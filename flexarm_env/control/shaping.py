@@ -13,14 +13,15 @@ from functools import lru_cache
 import numpy as np
 
 from .. import validation as check
+from ..geometry.plane import rigid_times
+from ..geometry.space import holding
 from ..parameters import Arm
 from ..rigid import coriolis, rigid_inertia
 from ..validation import Array
 from .arm_model import arm_model, postures
 from .base import Controller, Setup, Signals
-from .kinematics import rigid_times
 from .pd import PDGains, SpatialPD, SpatialPDGains
-from .space import held_model, holding
+from .space import held_model
 
 LIGHT = 0.5
 """Largest damping ratio of the modes that a shaper suppresses; modes with more damping decay by themselves."""

@@ -10,7 +10,7 @@ import numpy as np
 from .. import validation as check
 from ..batch import GOAL, Attainable, Starts, Task, attainable, draw_attainable, first_unattainable
 from ..compiler import uncompiled
-from ..control.space import INVERSE, chain_of, holding, lost_at, lumps
+from ..geometry.space import INVERSE, chain_of, holding, lost_at, lumps
 from ..parameters import Arm
 from ..rigid import mass_moments
 from .features import Frame

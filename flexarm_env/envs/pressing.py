@@ -10,9 +10,9 @@ import numpy as np
 from .. import sensors as description
 from .. import validation as check
 from ..batch import Land, LandChain, Press, PressChain, Starts
-from ..control.force import largest_force
-from ..control.kinematics import goal_angles
+from ..geometry.plane import goal_angles
 from ..parameters import Arm
+from ..rigid import largest_force
 from ..scene import Contact, contacts_of
 from ..shapes import HalfSpace
 from .targets import Pair, Point

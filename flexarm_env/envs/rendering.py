@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..geometry.outlines import outline_of
 from ..shapes import Shape
 from ..validation import Array
-from ..view.outlines import outline_of
 from .drawing import (
     FAINT,
     INK,

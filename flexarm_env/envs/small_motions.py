@@ -24,12 +24,12 @@ import numpy as np
 
 from ..batch import Amplifier
 from ..bodies import about_z
-from ..control.base import RESIDUAL_SHARE
 from ..parameters import Arm
 from ..physics.elastica.build import payload_arm, phase_correction
 from ..physics.elastica.chain import Chain, Line, basis, chain, chain_of, gauss
 from ..sections import Link
 from ..settings import Settings
+from ..tasks import RESIDUAL_SHARE
 from ..validation import Array
 
 CARRIED = 1e13

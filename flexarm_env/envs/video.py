@@ -14,10 +14,9 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..geometry.ribbons import cuts_of, ribbons_of, sides
 from ..physics.space.reading import straight
 from ..trajectory import Trajectory
-from ..view.clip import cuts_of
-from ..view.ribbons import ribbons_of, sides
 from .pictures import bending, bent
 from .rendering import Renderer, end_of_scale
 from .space_rendering import SpaceRenderer

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from .. import validation as check
+from ..equations import Equations, Point, at_rest_of
 from ..physics.model import OK, has_play
 from ..rest import NoEquilibrium, out_of_range, resting
 from ..scene import JointTorque, Load, Motion, Scene
@@ -24,8 +25,6 @@ from ..settings import Settings
 from ..simulation import Simulation
 from ..time_functions import constant
 from ..validation import Array
-from .equations import Equations
-from .reduced import Point
 from .stability import Stability, at_rest
 
 AT_REST = 1e-6
@@ -151,13 +150,6 @@ def _in_space(scene: Scene, settings: Settings, hold_joints: bool) -> Equilibriu
     found.followed = 0.0
     found.stability = at_rest(*at_rest_of(found), turning if hold_joints else [])
     return found
-
-
-def at_rest_of(simulation: Simulation) -> tuple[Equations, Point]:
-    """Return a simulation's equations, and the equilibrium at its coordinates under its inputs."""
-    equations, w = Equations(simulation), simulation.work
-    zero = np.zeros(equations.n)
-    return equations, Point(w.q.copy(), zero, zero, w.u.copy(), w.psi.copy())
 
 
 def warn_unstable(stability: Stability, refuse: bool) -> None:

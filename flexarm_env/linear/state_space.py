@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..equations import Equations, Point
 from ..parameters import Link
 from ..physics.assembly import smooth
 from ..physics.gauges import Spot
@@ -16,9 +17,7 @@ from ..scene import Scene
 from ..sensors import MEASURES
 from ..simulation import Simulation
 from ..validation import Array
-from .equations import Equations
 from .point import ArmAtPoint
-from .reduced import Point
 from .stability import eigenpairs, growing
 
 METHODS = ("solver", "zoh")

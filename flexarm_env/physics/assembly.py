@@ -1,7 +1,6 @@
 """Assemble the System of a scene and its settings (by the formulation's `build`) and the Drive (functions of time)."""
 
 import dataclasses
-import importlib
 from typing import Any
 
 import numpy as np
@@ -20,12 +19,6 @@ from .model import Drive, Elastica, Honours, Jointed, Scheme, System, scheme
 from .space.chain import SpatialElastica
 
 Array = NDArray[np.float64]
-
-_BUILDERS = {
-    "floating_frame": "floating.build",
-    "geometrically_exact": "exact.build",
-    "elastica": "elastica.build",
-}
 
 
 def assemble(scene: Scene, settings: Settings) -> System:
@@ -87,17 +80,27 @@ def _in_space(scene: Scene, settings: Settings) -> System:
 
     Raises ValueError for a property of the arm that this formulation in space does not take into account.
     """
-    builder = importlib.import_module(".space.build", __package__)
-    _check_honoured(scene.arm, "", f"{settings.formulation} in space", with_contributions(builder.HONOURS))
-    builder.check_scene(scene, settings)
-    if settings.formulation == "elastica":
-        builder = importlib.import_module(".space.elastica_build", __package__)
+    from .space import build, elastica_build
+
+    _check_honoured(scene.arm, "", f"{settings.formulation} in space", with_contributions(build.HONOURS))
+    build.check_scene(scene, settings)
+    builder: Any = elastica_build if settings.formulation == "elastica" else build
     return with_masses(scene, settings, with_joints(scene, settings, builder.build(with_points(scene), settings)))
 
 
 def _builder(formulation: str) -> Any:
     """Return the `build` module of a formulation in the plane, imported when first used."""
-    return importlib.import_module(f".{_BUILDERS[formulation]}", __package__)
+    if formulation == "floating_frame":
+        from .floating import build as floating
+
+        return floating
+    if formulation == "geometrically_exact":
+        from .exact import build as exact
+
+        return exact
+    from .elastica import build as elastica
+
+    return elastica
 
 
 _NOT_MECHANICS: dict[type, tuple[str, ...]] = {

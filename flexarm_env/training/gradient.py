@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 
+from flexarm_env.around import AroundControllerVector
 from flexarm_env.control.around import linear_law
 from flexarm_env.derivatives import Arms
-from flexarm_env.envs.around import AroundControllerVector
 from flexarm_env.training.networks import of_policy
 from flexarm_env.validation import Array, Array32
 

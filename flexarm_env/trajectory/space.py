@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from . import rotations
-from . import validation as check
-from .physics.gauges import Spot, curvatures
-from .scene import Scene, in_plane
-from .sensors import MEASURES, Sensors
-from .trajectory import ARRAYS, Trajectory
-from .validation import Array
+from .. import rotations
+from .. import validation as check
+from ..physics.gauges import Spot, curvatures
+from ..scene import Scene, in_plane
+from ..sensors import MEASURES, Sensors
+from ..validation import Array
+from .recorded import ARRAYS, Trajectory
 
 _QUATERNION = "wxyz"
 
@@ -93,6 +93,7 @@ class SpatialTrajectory(Trajectory):
         return inputs + ([self.tip, np.arcsin(np.clip(A[:, 1:, 0], -1.0, 1.0))] if sensors.camera is not None else [])
 
 
+Trajectory.kinds[True] = SpatialTrajectory
 SpatialTrajectory.arrays = {
     **{name: shape for name, shape in ARRAYS.items() if name != "link_angles"},
     "tip_velocity": ("n", 6), "hinges": ("n", "joints - 1", 3), "tip_deflection": ("n", "links", 2),

@@ -21,6 +21,7 @@ import numpy as np
 
 from .. import rotations
 from ..compiler import SINGLE, UNCOMPILED, size, uncompiled
+from ..geometry.poses import joint_angles
 from ..physics.assembly import assemble, physical, room_for_points, smooth
 from ..physics.equations import WITH_SLOPES, Directions, pose_slopes, residual_slopes, slopes_room
 from ..physics.floating.layout import LINK, MULTIPLIERS, SIZE, START
@@ -31,7 +32,6 @@ from ..physics.space.build import axis_of, mount_of
 from ..physics.space.layout import AXES
 from ..physics.space.reading import read
 from ..simulation import Simulation
-from ..trajectory import joint_angles
 from ..validation import Array
 from .differences import derivative, step_along
 from .reduced import Frame, Point, Reduced, Rows, check_mass
@@ -401,3 +401,10 @@ def motor_rows(simulation: Simulation) -> dict[int, int]:
     """Return the row of each motor that drives an elastic gear."""
     found = {k: simulation.system.coordinates.get(f"motor{k}") for k in range(simulation.scene.arm.n_links)}
     return {k: row for k, row in found.items() if row is not None}
+
+
+def at_rest_of(simulation: Simulation) -> tuple[Equations, Point]:
+    """Return a simulation's equations, and the equilibrium at its coordinates under its inputs."""
+    equations, w = Equations(simulation), simulation.work
+    zero = np.zeros(equations.n)
+    return equations, Point(w.q.copy(), zero, zero, w.u.copy(), w.psi.copy())
