@@ -57,7 +57,7 @@ OUTCOMES = ("right", "reported", "failed with a reason", "refused", "silently wr
 
 
 def outcome(kind: str, k: float, formulation: str) -> Found:
-    """Run a hard case with 1 ms or the longest permitted step; classify the case by a run with a quarter of the step."""
+    """Run a hard case with 1 ms or the longest permitted step; classify the case by a run with shorter steps."""
     dt, refused = 1e-3, False
     while True:
         try:

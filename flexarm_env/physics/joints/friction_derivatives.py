@@ -90,7 +90,7 @@ def friction_residual_tangents(lane, wide, model, parx, S: Lanes, r, first):
 def change_friction(lane, model, par, weight, S: Lanes):
     """Add weight times this model's T_C, in the sliding direction, to `bound` (N m) in S of joints that slide.
 
-    This is the change of the Coulomb friction torques along a direction of the parameters.
+    The added value is the change of the Coulomb friction torques along a direction of the parameters.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
