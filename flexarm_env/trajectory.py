@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -27,8 +27,9 @@ from .scenes import COLUMNS
 from .sensors import Sensors, StrainGauge, from_table
 from .settings import Settings
 from .validation import Array
-from .view import Clip, Player, SpaceClip
-from .view.sources import of_trajectory
+
+if TYPE_CHECKING:
+    from .view import Clip, Player, SpaceClip
 
 MOST_STEPS, MOST_SAMPLES = 10**9, 10**6
 """Largest number of steps (half an hour for the fastest arm) and of recorded instants (some GB) of a run."""
@@ -204,6 +205,8 @@ class Trajectory:
 
         Raises ValueError if the run has no samples or has inconsistent arrays.
         """
+        from .view.sources import of_trajectory
+
         self.check_arrays()
         if not len(self.t):
             raise check.InvalidValue("t", self.t, "must hold one instant at least to be shown")
@@ -214,6 +217,8 @@ class Trajectory:
 
         labels: names of all runs; the default is the scenes' names.
         """
+        from .view import Player
+
         return Player.of((self, *others), labels)
 
     def _repr_html_(self) -> str:
@@ -233,17 +238,14 @@ class Trajectory:
         """
         self.check_arrays()
         arm = self.scene.arm
-        own = arm.sensors if sensors is None else sensors
-        own = Sensors.ideal(arm.links) if own is None else own
+        own = (arm.sensors or Sensors.ideal(arm.links)) if sensors is None else sensors
         own = own if isinstance(own, Sensors) else from_table(check.table_of("sensors", own))
         with check.under("sensors"):
             own.check_for(arm.links, self.scene.spatial, touches=False)
         steps = np.diff(self.t)
         if not len(steps) or np.ptp(steps) > 1e-6 * steps[0]:
-            what = (
-                f"must be at even distances to be measured, so `sample` a part of duration = {self.scene.duration:g} s"
-            )
-            raise ValueError(f"t: {len(self.t)} samples {what}")
+            what = f"be at even distances to be measured, so `sample` a part of duration = {self.scene.duration:g} s"
+            raise ValueError(f"t: {len(self.t)} samples must {what}")
         return self._read(own, float(self.t[-1] - self.t[0]) / len(steps), seed)
 
     def _read(self, sensors: Sensors, period: float, seed: int) -> dict[str, Array]:
@@ -397,8 +399,7 @@ SINGLE: dict[str, tuple[str, check.Shape]] = {
 ABOUT: dict[str, Reader] = {
     "message": check.text, "steps": _count, "iterations": _count, "factorizations": _count, "halvings": _count,
     "cpu_seconds": partial(check.number, minimum=0.0), "notes": _shares, "error_parts": _shares,
-    "deflection_bound": _share, "gross_work": check.number, "step_levels": _levels,
-    "step_error": _share,
+    "deflection_bound": _share, "gross_work": check.number, "step_levels": _levels, "step_error": _share,
 }  # fmt: skip
 """Fields of a trajectory that `to_npz` writes as JSON, each with the function that reads it."""
 
@@ -437,8 +438,7 @@ def recorded(simulation: Any, fields: Mapping[str, Array], shapes: Array, cpu_se
         common["unresolved_damping"] = fields["beyond"]
         return kind_of(scene)(**common, **read_in_space(scene.arm, simulation.settings, fields["q"], fields["v"]))
     links = scene.arm.links
-    lengths = np.array([link.span for link in links])
-    bows = np.array([link.far.imag for link in links])
+    lengths, bows = np.array([link.span for link in links]), np.array([link.far.imag for link in links])
     return Trajectory(
         **common,
         start=poses[:, 0, ROOT],

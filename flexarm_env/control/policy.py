@@ -274,7 +274,7 @@ def policy_from(meta: dict[str, Any], arrays: Mapping[str, NDArray[Any]], bound:
     return of_network(meta, weights, normaliser)
 
 
-def names() -> tuple[str, ...]:
+def policy_names() -> tuple[str, ...]:
     """Return the names of the policies that ship with the package."""
     entries = HOME.iterdir() if HOME.is_dir() else ()
     return tuple(sorted(entry.name for entry in entries if (entry / "policy.npz").is_file()))

@@ -30,7 +30,7 @@ from ..validation import Array32
 from .base import Setup
 from .catalogue import NAMES, controller, gains_from
 from .models import load_model
-from .policy import HOME, AroundPolicy, NumpyPolicy, fitted, load_npz, names
+from .policy import HOME, AroundPolicy, NumpyPolicy, fitted, load_npz, policy_names
 
 KINDS = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 """Supported input types of ONNX models, with their NumPy types."""
@@ -105,10 +105,10 @@ def find_policy(word: str, flag: str = "--policy") -> NamedPolicy:
         function = FunctionPolicy(word, function_named(word, flag), flag)
         return NamedPolicy(word, "", {}, function.fitted, "function", function)
     # a policy of the package
-    if not path.exists() and word in names():
+    if not path.exists() and word in policy_names():
         return _of_network(word, load_npz(Path(str(HOME / word / "policy.npz"))), path)
     if not path.exists():
-        known = ", ".join((*NAMES, *names()))
+        known = ", ".join((*NAMES, *policy_names()))
         what = f"must be a run folder, a file (.npz, .zip, .onnx) that exists, module:name, or one of {known}"
         raise check.InvalidValue(flag, word, what)
     # a run folder, then a file of Stable-Baselines3 or of this package

@@ -1,14 +1,15 @@
 """Arms in space for controllers: rigid kinematics, weight, inertia, inverse kinematics, and the flexible arm's rest."""
 
+from __future__ import annotations
+
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..bodies import tensor
-from ..linear import Equilibrium, LinearModel, linearize, static_equilibrium
 from ..parameters import Arm, Link
 from ..physics.gauges import Spot
 from ..physics.space.build import Body, X, axis_of, far_body, mount_of, near_body, tip_end, tip_lever
@@ -17,6 +18,9 @@ from ..scene import Scene
 from ..tasks.space_angles import JOINT, follow_point, seek_point
 from ..validation import Array
 from .base import Controller, Setup, Signals
+
+if TYPE_CHECKING:
+    from ..linear import Equilibrium, LinearModel
 
 NEAR, MOST = 5e-4, 12
 """Accepted distance of the resting tip from its target, divided by the arm's length; largest number of rests computed
@@ -226,6 +230,8 @@ def holding(
 
 def rest(arm: Arm, gravity: Array, angles: Array) -> Equilibrium:
     """Compute the flexible arm's static equilibrium with its joints held at angles (N,), rad; gravity: m/s^2."""
+    from ..linear import static_equilibrium
+
     where: dict[str, Any] = {"gravity": tuple(gravity.tolist()), "angles": tuple(angles.tolist())}
     scene = Scene("rest", arm, duration=1.0, dt=1e-3, **where)
     return static_equilibrium(scene, elements=2, hold_joints=True, require_stable=False)
@@ -239,6 +245,8 @@ def held_model(
     Returns the model, the rows (N, S) of its joint angles, and A. In A the rigid arm's weight is compensated at every
     angle.
     """
+    from ..linear import linearize
+
     # x' = A x + B u about the rest, and rows of the joint angles
     free = linearize(rest(arm.taut, gravity, angles), gauges=list(gauges))
     joints = free.C[[free.outputs.index(f"joint{k}") for k in range(arm.n_links)]]
