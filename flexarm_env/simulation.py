@@ -400,7 +400,7 @@ def simulate(
     there = computed(scene)
     settings = dataclasses.replace(settings, dt=resolving_step(there, settings, end))
     simulation = Simulation(there, accuracy.in_steps(there, settings, end, interval))
-    physics.contact.build.check_steps(there, simulation.settings, simulation.system)
+    physics.contact.build.check_steps(there, simulation.settings, simulation.system, start=True)
     simulation.compile()
     clock = time.thread_time()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed

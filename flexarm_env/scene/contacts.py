@@ -39,7 +39,7 @@ class Contact:
         speed: impact speed, m/s, positive, at which time steps must resolve the contact: an impact on the effective
             mass at the point must last 8 steps.
         bodies: points of the arm that may touch. "tip" is the center of a sphere of radius `Payload.radius`; "joint1",
-            "joint2", ... are points at the elbows.
+            "joint2", ... are centers of spheres of radius `Elbow.radius`.
         displacement_x, displacement_y, displacement_z: displacement of the obstacle from its given place over time, m;
             None: none along this axis. A displacement must not jump.
     """
