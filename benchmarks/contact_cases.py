@@ -46,7 +46,7 @@ def hard(kind: str, k: float, dt: float) -> Scene:
         moving = wall(0.05, up=False, displacement_y=ramp(-0.2, 0.1))
         walls = [wall(-0.05), moving]
     elif kind == "huge torque":
-        walls, more["loads"] = [wall(-0.05)], (JointTorque(0, constant(-100.0)),)
+        walls, more["loads"] = [wall(-0.05)], (JointTorque(0, constant(-20.0)),)
     else:
         walls = [wall(-0.1, friction=1.0, creep=1e-7)]
     return Scene(kind, arm, duration=0.15, dt=dt, sample=0.005, contacts=tuple(walls), **more)

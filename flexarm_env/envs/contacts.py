@@ -45,8 +45,6 @@ def framed(
             path = f"contacts[{i}].displacement_{'xyz'[contact.displacements[0][0]]}"
             what = "must be None in an environment; scenes (flexarm_env.Scene) have moving obstacles"
             raise check.InvalidValue(path, contact.displacements[0][1], what)
-    if arm.base is not None:
-        raise check.InvalidValue("contacts", value, "must be left out for an arm whose base floats")
     if task == "replay":
         refuse_motion(contacts, "task", task)
     if settings.step_tolerance is not None:
