@@ -316,3 +316,25 @@ def test_radius_of_an_elbow_in_files() -> None:
     assert arms.from_table(arms.to_table(arm)) == arm
     with pytest.raises(ValueError, match=r"radius = -1\.0"):
         Elbow(radius=-1.0)
+
+
+@pytest.mark.parametrize(
+    "formulation", ["elastica", *(pytest.param(name, marks=pytest.mark.slow) for name in FORMULATIONS[1:])]
+)
+@pytest.mark.parametrize("space", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_a_point_along_a_link_is_a_rigid_joint(formulation: str, space: bool) -> None:
+    """A cantilever on a prop in its middle under a small force P at its tip: the prop carries 5/2 P."""
+    push, k, out = 1e-3, 1e3, (0.0,) * space
+    half = Link(0.5, Section(EI=1.0, EA=1e6, C=1e6, m=0.2, EI_y=1.0, GJ=1.0, C_y=1e6, J_y=1e-6, J=1e-6))
+    arm = Arm("propped", (half, half), tau_d=0.1)
+    contact = Contact(HalfSpace((0.0, 0.0, *out), (0.0, 1.0, *out)), k, exponent=1.0, bodies=("joint1",))
+    scene = Scene(
+        "propped", arm, duration=2.0, dt=5e-3, rigid_joints=(1,), motions=(Motion("joint0", constant(0.0)),),
+        loads=(PointLoad(1, "tip", None, constant(-push)),), contacts=(contact,), space=space,
+    )  # fmt: skip
+    run = moved(scene, formulation, rho_inf=0.5)
+    # the prop of stiffness k gives by R / k: R (a^3 / 3 EI + 1 / k) = P a^2 (3 L - a) / 6 EI
+    a = 0.5
+    wanted = push * a * a * (3.0 - a) / 6.0 / (a**3 / 3.0 + 1.0 / k)
+    assert reading(run)["normal"] == pytest.approx(wanted, rel=2e-3)
+    assert wanted == pytest.approx(2.5 * push, rel=0.03)
