@@ -38,6 +38,9 @@ class Elbow:
     In space the root axes of the link after the joint are R_tip mount exp(angle axis), with the axes R_tip of the tip
     before the joint. ``axis`` is a unit vector in the axes of the link after the joint. ``mount`` is a rotation matrix,
     (axis, angle in rad) or None.
+
+    ``radius`` (m) is the radius of the sphere about the joint that touches obstacles (`Contact`); 0 stands for a point.
+    The sphere turns with the link before the joint.
     """
 
     mass: float = 0.0
@@ -45,6 +48,7 @@ class Elbow:
     inertia_right: Inertia = 0.0
     axis: Vector = bodies.Z
     mount: Any = None
+    radius: float = 0.0
 
     def __post_init__(self) -> None:
         """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
@@ -55,6 +59,7 @@ class Elbow:
             inertia_right=bodies.inertia("inertia_right", self.inertia_right),
             axis=bodies.unit_vector("axis", self.axis),
             mount=bodies.mount("mount", self.mount),
+            radius=check.number("radius", self.radius, "m", minimum=0.0),
         )
 
     @property
