@@ -27,14 +27,14 @@ _BESIDE = ("randomization", "identification")
 
 
 def names() -> tuple[str, ...]:
-    """Names of the arms that come with the package."""
+    """Return the names of the arms that come with the package."""
     folder = resources.files("flexarm_env") / "data" / "arms"
     return tuple(sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".toml")))
 
 
 @cache
 def named(name: str) -> Arm:
-    """A named arm. Return a packaged arm; raise ValueError if the name is unknown."""
+    """Return the packaged arm with this name; raise ValueError if the name is unknown."""
     check.choice("arm", name, names())
     return from_toml((resources.files("flexarm_env") / "data" / "arms" / f"{name}.toml").read_text("utf-8"))
 

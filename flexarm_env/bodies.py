@@ -20,7 +20,7 @@ Z: Vector = (0.0, 0.0, 1.0)
 
 
 def vector(path: str, value: object, unit: str = "") -> Vector:
-    """Validate three finite numbers."""
+    """Validate a vector of three finite numbers and return it as a tuple."""
     x, y, z = check.numbers(path, value, f"three numbers{f' ({unit})' if unit else ''}", 3, unit)
     return x, y, z
 
@@ -95,12 +95,12 @@ def inertia(path: str, value: object) -> Inertia:
 
 
 def tensor(value: Inertia) -> Array:
-    """Return the 3 x 3 inertia tensor; a number stands for that number times the identity."""
+    """Return the 3 x 3 inertia tensor; a number means the number times the identity."""
     return np.array(value) if isinstance(value, tuple) else value * np.eye(3)
 
 
 def about_z(value: Inertia) -> float:
-    """Return the moment of inertia about z."""
+    """Return the component of a moment of inertia (number or tensor) about the z axis, kg m^2."""
     return float(value[2][2]) if isinstance(value, tuple) else value
 
 

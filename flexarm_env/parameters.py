@@ -32,8 +32,8 @@ class Elbow:
     """Masses and axis of the joint between two links.
 
     ``mass`` (kg) and ``inertia_left`` (kg m^2) belong to the tip of the link before the joint, ``inertia_right`` (kg
-    m^2) to the root of the link after the joint. All are zero or positive. Inertias may be tensors (three rows) in the
-    axes of their link; a number holds for any axis.
+    m^2) to the root of the link after the joint. All three values are zero or positive. Inertias may be tensors (three
+    rows) in the axes of their link; a number holds for any axis.
 
     In space the root axes of the link after the joint are R_tip mount exp(angle axis), with the axes R_tip of the tip
     before the joint. ``axis`` is a unit vector in the axes of the link after the joint. ``mount`` is a rotation matrix,

@@ -27,8 +27,8 @@ from .runtime.layout import fit_rooms
 from .runtime.sampling import ANEW, AT_KINK, GOES_ON, NEAR, SAMPLE, STRETCH, has_gained_energy, observe_arm, sample_rows
 from .scene import Scene, computed, resolving_step
 from .settings import Settings, steps_in
-from .spatial import placed
 from .trajectory import Trajectory, check_work, recorded, tips_of
+from .trajectory.space import placed
 from .validation import Array
 
 Start = tuple[float, float, bool]
@@ -76,8 +76,8 @@ class Simulation:
         self._systems = fitted_systems(scene, settings)
         self.follow: Sequence[int] = ()
         self.system = rested(self._systems[-1], scene, settings, Simulation)
-        self.drive, self.n_motions = assembly.drive(scene, self.system), len(scene.motions)
-        self.scheme = assembly.scheme_of(settings, precision.of_scene(scene, settings))
+        self.n_motions = len((drive := assembly.drive(scene, self.system)).known)
+        self.drive, self.scheme = drive, assembly.scheme_of(settings, precision.of_scene(scene, settings))
         self.model, self.par = self.system.model, self.system.par.copy()
         # _flat holds the whole state; work gives views of it
         self._flat = np.zeros(int(uncompiled(work_size)(1, self.model, self.n_motions)))

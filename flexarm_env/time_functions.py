@@ -36,7 +36,7 @@ class TimeFunction:
 
         value(t) = c0 + c1 s + c2 s^2 + c3 s^3 + A sin(w s + p),   s = t - t0,   for t0 <= t < next t0
 
-    The first piece also holds before its ``t0``, and the last piece extends to infinity. ``kind`` and ``parameters``
+    The first piece is also valid before its ``t0``, and the last piece extends to infinity. ``kind`` and ``parameters``
     record how the function was made, as in a TOML file. Two functions are equal if their pieces are equal.
     """
 

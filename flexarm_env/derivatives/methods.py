@@ -8,8 +8,8 @@
 | change of the payload | – | `integrator.impact`: a fixed number of solutions |
 | kinks of prescribed motions | – | `runtime.guided` |
 
-What leads from one transition to the next (commands, motors, observation, reward) has no unknown. Dual lanes or
-`compiler.vjp_of` differentiate it.
+The computations between two transitions (commands, motors, observation, reward) have no unknown. Dual lanes or
+`compiler.vjp_of` differentiate these computations.
 """
 
 from typing import Any, NamedTuple

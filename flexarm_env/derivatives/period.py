@@ -26,7 +26,7 @@ from .methods import method_of
 from .places import laws_of, places_of
 
 MOST_AT_ONCE = 3
-"""Number of columns computed side by side; more columns cost as much each and take longer to compile."""
+"""Number of columns computed side by side; with more columns a column costs as much, but compilation takes longer."""
 
 
 Found = TypeVar("Found", bound=tuple[Array, ...])

@@ -40,6 +40,11 @@ def framed(
     contacts = contacts_of("contacts", value, arm, frame.kind.space)
     if not contacts:
         return frame
+    for i, contact in enumerate(contacts):
+        if contact.displacements:
+            path = f"contacts[{i}].displacement_{'xyz'[contact.displacements[0][0]]}"
+            what = "must be None in an environment; scenes (flexarm_env.Scene) have moving obstacles"
+            raise check.InvalidValue(path, contact.displacements[0][1], what)
     if arm.base is not None:
         raise check.InvalidValue("contacts", value, "must be left out for an arm whose base floats")
     if task == "replay":

@@ -47,7 +47,7 @@ def _undamped(arm: Arm) -> Arm:
 def calibrated(chain: Chain) -> tuple[Chain, float]:
     """Scale the springs so that the chain's lowest frequency with held joints is the arm's; return chain and factor.
 
-    If the arm's first mode does not oscillate, the undamped frequency counts.
+    If the arm's first mode does not oscillate, the undamped frequency is used.
 
     Raises:
         ValueError: double precision does not resolve the first frequency.

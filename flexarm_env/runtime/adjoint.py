@@ -1,10 +1,10 @@
 """Reverse derivative of a control period: transform cotangents of its outcome into those of its state and action.
 
-The period is run once more with the end of each step stored on a tape. Then the steps are processed in reverse order.
-One reverse pass computes all derivatives of one scalar, for a few times the cost of the period. A block with the layout
-of the arms' block holds cotangents. x_bar is the cotangent of x, the derivative of the scalar by x. Accelerations start
-anew with each period (elasticas) or jump with the torques (stiff arms). If torques change within a period, they do so
-at each step.
+The period is run once more with the end of each step stored on a tape. After the run the steps are processed in reverse
+order. One reverse pass computes all derivatives of one scalar, for a few times the cost of the period. A block with the
+layout of the arms' block holds cotangents. x_bar is the cotangent of x, the derivative of the scalar by x.
+Accelerations start anew with each period (elasticas) or jump with the torques (stiff arms). If torques change within a
+period, the torques change at each step.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """One control period and its derivative by state and action, on rows of numbers instead of a batch's blocks.
 
-A row of `Derivative.state` holds all numbers that an arm's period depends on. The first X numbers are the moving ones:
-derivatives are taken of them and by them. Constants follow. The period is that of `episode`, without info: it computes
-torques, steps, observation and reward from the action. Its derivative, `jacobian`, has D = X + A columns, one per
-moving number and action, and X + O + 1 rows per arm: the moving numbers at the end, the observation's entries and the
-reward.
+A row of `Derivative.state` holds all numbers that an arm's period depends on. The first X numbers are the moving
+numbers, of which and by which derivatives are computed. Constants follow. The period is that of `episode`, without
+info: it computes torques, steps, observation and reward from the action. The period's derivative, `jacobian`, has D = X
++ A columns, one per moving number and action, and X + O + 1 rows per arm: the moving numbers at the end, the
+observation's entries and the reward.
 
 `tangents` runs the period in dual lanes, some columns at a time. Every operation is differentiated when it is computed.
 Newton's solution is differentiated by the implicit function theorem (`physics.integrator.newton`). `implicit` is faster

@@ -1,6 +1,6 @@
 """Derivative of a control period step by step: values in plain lanes, tangents by the implicit function theorem.
 
-The caller passes groups that no other thread uses. The memory of the first group serves all of them. All columns
+The caller passes groups that no other thread uses. The memory of the first group serves all groups. All columns
 advance together: each step is computed once, its matrix is factored once more at its end, and each dual block holds a
 chunk of the columns (`physics.integrator.transitions`).
 """

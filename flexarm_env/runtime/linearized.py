@@ -58,8 +58,8 @@ def outputs_of(n):
 def linearize(address, first, last):
     """Compute values and derivatives of groups first ... last - 1; address: address of a `Linearization`. Returns 0.
 
-    It writes d.values (rates, or state a period later, then outputs) and d.slopes (derivatives of d.values by q, v,
-    torques).
+    The kernel writes d.values (rates, or state a period later, then outputs) and d.slopes (derivatives of d.values by
+    q, v, torques).
     """
     d = dereference(address)
     at_once = len(d.dual) // len(d.lane) - 1
@@ -72,7 +72,7 @@ def linearize(address, first, last):
 def room(work, lanes, links):
     """Return the length of a block: a work array, own parameters, poses and outputs.
 
-    work: length of the work array. lanes: length of the lane tag. links: of an arm.
+    work: length of the work array. lanes: length of the lane tag. links: number of an arm's links.
     """
     return work + (PARAMETERS + POSE.end * links + outputs_of(links)) * lanes
 

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm
 from flexarm_env.shapes import Shape, shape_of
+from flexarm_env.time_functions import TimeFunction, constant
+
+DISPLACEMENTS = ("displacement_x", "displacement_y", "displacement_z")
+"""Fields of `Contact` with the displacement of a moving obstacle along x, y and z."""
 
 EXPONENTS = (1.0, 1.5, 2.0, 2.5, 3.0)
 """Exponents of the normal force; their powers require only products and square roots."""
@@ -36,6 +40,8 @@ class Contact:
             mass at the point must last 8 steps.
         bodies: points of the arm that may touch. "tip" is the center of a sphere of radius `Payload.radius`; "joint1",
             "joint2", ... are points at the elbows.
+        displacement_x, displacement_y, displacement_z: displacement of the obstacle from its given place over time, m;
+            None: none along this axis. A displacement must not jump.
     """
 
     obstacle: Shape
@@ -46,6 +52,9 @@ class Contact:
     creep: float = 1e-3
     speed: float = 1.0
     bodies: tuple[str, ...] = ("tip",)
+    displacement_x: TimeFunction | None = None
+    displacement_y: TimeFunction | None = None
+    displacement_z: TimeFunction | None = None
 
     def __post_init__(self) -> None:
         """Validate the fields; an `InvalidValue` names the field."""
@@ -63,6 +72,10 @@ class Contact:
                 raise check.InvalidValue(f"bodies[{i}]", name, 'must be "tip", "joint1", "joint2", ...')
             if name in bodies[:i]:
                 raise check.InvalidValue(f"bodies[{i}]", name, "must not be given twice")
+        for name in DISPLACEMENTS:
+            if getattr(self, name) is not None:
+                with check.under(name):
+                    check.instance("", getattr(self, name), TimeFunction).check_no_jump()
         check.store(
             self, exponent=exponent, bodies=bodies,
             stiffness=check.number("stiffness", self.stiffness, f"N/m^{exponent:g}", above=0.0),
@@ -76,6 +89,17 @@ class Contact:
     def spatial(self) -> bool:
         """Whether the obstacle is in space."""
         return self.obstacle.dimension == 3
+
+    @property
+    def displacements(self) -> tuple[tuple[int, TimeFunction], ...]:
+        """Axes (0, 1, 2) along which the obstacle moves, with its displacement (m) over time."""
+        found = [(axis, getattr(self, name)) for axis, name in enumerate(DISPLACEMENTS)]
+        return tuple((axis, function) for axis, function in found if function is not None)
+
+    def held(self) -> Contact:
+        """Return the contact with the obstacle at rest at its place for t = 0."""
+        still = {DISPLACEMENTS[axis]: constant(float(function(0.0))) for axis, function in self.displacements}
+        return replace(self, **still) if still else self
 
     def links(self, arm: Arm) -> tuple[int, ...]:
         """Return the links of the arm whose tips are the points in `bodies`.

@@ -84,7 +84,7 @@ def look_ahead(lane, reference, task, period, first, poses, record, seen):
     """Write the observation's entries for a moving target: its rate, then its displacement at each time ahead.
 
     Points and rates are in the axes of link 0's root; scaled and clipped to +-10. first: True for the observation of a
-    reset, before any period is done. period: s. poses: poses of the links, inertial axes. No-op where targets rest
+    reset, before any period is done. period: s. poses: poses of the links, inertial axes. Do nothing where targets rest
     (reference None).
     # in        record: periods done, target, path
     # out       seen (entries, lanes), entries that follow the task's
@@ -105,7 +105,7 @@ def list_ahead(lane, reference, task, period, first, record, seen: Lanes):
 
 @kernel
 def turn_ahead(lane, reference, task, poses, seen: Lanes):
-    """Turn the entries of `list_ahead` from inertial axes into those of link 0's root, scale and clip them."""
+    """Turn entries of `list_ahead` from inertial axes into the axes of link 0's root; scale and clip the entries."""
     if reference is not None:
         at = size(task.entries)
         turn_in(lane, task, poses, seen, at, at + reference.scales.shape[0])

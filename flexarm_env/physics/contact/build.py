@@ -18,7 +18,7 @@ from flexarm_env.physics.obstacles import packed
 from flexarm_env.physics.protocol import State, Weights
 from flexarm_env.scene import Contact, PointLoad, Scene
 from flexarm_env.settings import Settings
-from flexarm_env.time_functions import constant
+from flexarm_env.time_functions import TimeFunction, constant
 
 Array = NDArray[np.float64]
 
@@ -33,11 +33,20 @@ def loads_of(scene: Scene) -> list[PointLoad]:
     return [PointLoad(k, "tip", constant(0.0)) for k in links_of(scene)]
 
 
+def obstacle_rows(scene: Scene) -> dict[str, TimeFunction]:
+    """Return the rows that the Model has for moving obstacles: name and displacement (m) of each, in order."""
+    return {
+        f"obstacle{i}_{'xyz'[axis]}": function
+        for i, contact in enumerate(scene.contacts)
+        for axis, function in contact.displacements
+    }
+
+
 def touching(scene: Scene, entry: int, at: int, rows: int) -> tuple[Touching, Watch, int]:
     """Return the contribution of the contacts, its `Watch` for the integrator, and the number of its entries in S.
 
     entry: first of the points' inputs. at: offset of the contribution's entries in S. rows: number of rows of the
-    Model.
+    Model; the last rows are those of moving obstacles.
     """
     arm, contacts, links = scene.arm, scene.contacts, links_of(scene)
     space = 3 if scene.spatial else 2
@@ -54,15 +63,20 @@ def touching(scene: Scene, entry: int, at: int, rows: int) -> tuple[Touching, Wa
     ]  # fmt: skip
     meets = [[float(k in contact.links(arm)) for contact in contacts] for k in links]
     size = int(HERE.offsets(0, axes, rows).end)
+    names = list(obstacle_rows(scene))
+    row_of = {name: rows - len(names) + k for k, name in enumerate(names)}
+    moving = [row_of.get(f"obstacle{i}_{axis}", -1) for i in range(len(contacts)) for axis in "xyz"]
     part = Touching(
         input=entry, at=at, points=(0,) * len(links), entries=(0,) * (3 if space == 2 else 6), space=(0,) * space,
         axes=(0,) * axes, room=(0,) * rows, poses=(0,) * ((POSE.end if space == 2 else SPACE_POSE.end) * arm.n_links),
         links=np.array(links, np.int64), radii=radii, meets=np.array(meets).ravel(),
         shapes=packed([contact.obstacle for contact in contacts]), laws=np.concatenate(laws),
-        masses=np.zeros(len(links)),
+        masses=np.zeros(len(links)), moving=np.array(moving, np.int64) if names else None,
     )  # fmt: skip
     # a weighted increment of 1 in every row moves a point by at most the arm's length each
-    watch = Watch((0,) * len(links), at, READ.end, size, rows * arm.total_length)
+    watch = Watch(
+        (0,) * len(links), at, READ.end, size, rows * arm.total_length, (0,) if scene.root == "free" else None
+    )
     return part, watch, size * len(links)
 
 
@@ -90,9 +104,9 @@ def largest_stiffness(contact: Contact, mass: float, dt: float) -> float:
 def effective_masses(system: System, dt: float) -> Array:
     """Return the least effective mass (kg) of each point that may touch, over all directions, in a step of dt (s).
 
-    1 / (c_m b^T S^-1 b) with the generalized force b of 1 N on the point and the Newton matrix S = c_m M + c_v C + K of
-    the arm at its start. This is the mass that a step moves at once. Links bend away from a sudden force, so the mass
-    is less than with rigid links, and the shorter the step, the smaller it is.
+    The mass is 1 / (c_m b^T S^-1 b) with the generalized force b of 1 N on the point and the Newton matrix S = c_m M +
+    c_v C + K of the arm at its start. A step moves the effective mass at once. Links bend away from a sudden force,
+    so the mass is less than with rigid links, and a shorter step gives a smaller mass.
     """
     model = system.model
     part = _touching_part(system)

@@ -1,9 +1,9 @@
-"""Derivatives of a time step, forward and backward, by the equation that it solves: the rules of `transitions`.
+"""Derivatives of a time step, forward and backward, by the equation that the step solves: the rules of `transitions`.
 
 The unknown is q+, of which v+, a+ and b+ are linear functions, eq. (6.1). With rotations the unknown is the increment
-D of the prediction p, q+ = p (+) D. Unknowns differ because round-off does: if q+ is the unknown, forces of stiff
-strains appear only in S; increments of rotations do not add up, so that q+ cannot be one. Arguments as in
-`transitions`.
+D of the prediction p, q+ = p (+) D. The two unknowns have different round-off: if q+ is the unknown, forces of stiff
+strains appear only in S; increments of rotations do not add up, so that with rotations q+ cannot be the unknown.
+Arguments as in `transitions`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Derivatives of steps and jumps, forward and backward: differentiate the equation, not the iteration that solves it.
 
-A transition leads from a start (q, v, a, b), inputs u and parameters to an end. It solves an equation for an unknown z,
-and its end follows from start and z.
+A transition leads from a start (q, v, a, b), inputs u and parameters to an end. A transition solves an equation for an
+unknown z, and the end follows from start and z.
 
     transition           z    equation, solved with the matrix S
     jump                 da   r(q, v, a + da, u) - r(q, v, a, u0) = 0,  S = M. In lanes that start afresh a = 0, and
@@ -16,8 +16,8 @@ Both rules use the factors of S at the solution, in lanes without tangents:
     backward   lambda = -S^-T z_bar;  cotangents of start, u and parameters += (dr)^T lambda (`protocol.vjp_residual`)
 
 If S is approximate, the remaining error is solved for again. Coulomb friction corrects the solution by torques that are
-linear in it, for the branch of the values (`joints.friction_derivatives`). The period correction of a step is no part
-of its equation: periods with it are differentiated as executed (`runtime.derivative`).
+linear in the solution, for the branch of the values (`joints.friction_derivatives`). The period correction is no part
+of a step's equation: periods with this correction are differentiated as executed (`runtime.derivative`).
 
 Arguments that recur: `w`, the arm's own work array; `wide`, a dual lane tag, and `x`, its work array with tangents,
 whose values are copied from w; `parx`, parameters in dual lanes; `bar`, a work array whose q, v, a, b and u hold

@@ -131,7 +131,7 @@ def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
     # out       r (n,); `GEAR` fields before: the torque (N m), slides: 1 or 0, free: 1 if the joint does not slide and
     #           friction balances the other forces of its row, within T_C, otherwise 0
 
-    Theory, (6.6).
+    See theory, (6.6).
     """
     if model.newton.friction is not None:
         protocol.assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
@@ -160,7 +160,8 @@ def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
 def release_reversed_joints(lane, model, v: Lanes, S: Lanes):
     """Clear the flag `slides` in S of joints whose rate v impulses have reversed since `store_friction`.
 
-    These joints do not continue to slide in the stored direction. v: rates of all rows after the impulses.
+    Joints with reversed rates do not continue to slide in the stored direction. v: rates of all rows after the
+    impulses.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
@@ -265,8 +266,8 @@ def solve_torques(lane, model, S: Lanes, transposed):
     """Solve for friction torques T (N m): sum_j W_ij T_j = gap_i where joint i sticks, T_i = bound_i where it slides.
 
     `GEAR` fields: gap (`find_gaps`: change of the increment x_i that leaves joint i at rest) and bound (N m), in;
-    torque: T, out. W_ij: entry of S^-1 in the friction rows of joints i and j. transposed: True uses W^T,
-    for cotangents, where all bounds are 0. Gaussian elimination without pivoting. Theory, (6.6).
+    torque: T, out. W_ij: entry of S^-1 in the friction rows of joints i and j. transposed: True uses W^T, for
+    cotangents, where all bounds are 0. The elimination is Gaussian, without pivoting. See theory, (6.6).
     """
     joints, one, zero = count(model), 1.0, 0.0
     for i in range(joints):
@@ -298,7 +299,7 @@ def solve_torques(lane, model, S: Lanes, transposed):
 def add_torques(lane, model, S: Lanes, x: Lanes):
     """Add the friction torques T (N m) to the solution, x <- x + W T; sticking joints get their exact value.
 
-    W: columns of S^-1. The exact value is the increment gap + x_i that brings the joint to rest. Theory, (6.6).
+    W: columns of S^-1. The exact value is the increment gap + x_i that brings the joint to rest. See theory, (6.6).
     """
     n = size(model.n)
     # gap + x_i = w/c, before x changes
@@ -319,8 +320,8 @@ def add_torques(lane, model, S: Lanes, x: Lanes):
 def hold_sticking_joints(lane, model, S: Lanes, x: Lanes):
     """Hold the joints that stuck in the last `apply_friction` at rest: x <- x + W T, their rows of x become 0.
 
-    x: in, a solution S^-1 y without friction, (n,). W: columns of S^-1; T: torques. S: its factors and the `GEAR`
-    records.
+    x: in, a solution S^-1 y without friction, (n,). W: columns of S^-1; T: torques. S: factors of the matrix, and the
+    `GEAR` records.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):

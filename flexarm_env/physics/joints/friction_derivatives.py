@@ -1,4 +1,4 @@
-"""Derivatives of Coulomb friction, eq. (6.6), for the branch of the values: sticking joints stick, sliding ones slide.
+"""Derivatives of Coulomb friction, eq. (6.6), for the branch of the values: no joint starts or stops sliding.
 
 `transitions` and `runtime.sensitivity` call these functions after the friction of the values (`joints.friction`), which
 has left its torques and branches in the matrix array S.
@@ -70,10 +70,10 @@ def change_friction_tangents(lane, wide, model, parx, j, S: Lanes):
 
 @kernel
 def friction_residual_tangents(lane, wide, model, parx, S: Lanes, r, first):
-    """Apply `store_friction` to the tangents of r (n dual rows), with the branches that it has stored in S.
+    """Apply `store_friction` to the tangents of r (n dual rows), with the branches of the values in S.
 
-    A joint that sticks with a torque within T_C has residual 0 for any other forces. In other joints friction is
-    +-T_C. Lanes `first` > 1/2 have no residual before the jump and are left out.
+    A joint that sticks with a torque within T_C has residual 0 for any other forces. In other joints friction is +-T_C.
+    Lanes with `first` > 1/2 have no residual before the jump and are skipped.
     """
     if model.newton.friction is not None:
         many = len(wide) // len(lane)

@@ -131,6 +131,4 @@ def noted_inverse(lane, model, d, share: Lanes, x):
     for k in range(model.links):
         for e in range(vertices_of(model, k)):
             i = vertex_row(model, k, e) + 3
-            store_vector(
-                lane, x, i, rotations.inverse_map(load_vector(lane, d, i), share[i], load_vector(lane, x, i))
-            )
+            store_vector(lane, x, i, rotations.inverse_map(load_vector(lane, d, i), share[i], load_vector(lane, x, i)))

@@ -7,20 +7,22 @@ from typing import Any
 
 import numpy as np
 
-from . import rotations
-from . import validation as check
-from .physics.gauges import Spot, curvatures
-from .scene import Scene, in_plane
-from .sensors import MEASURES, Sensors
-from .trajectory import ARRAYS, Trajectory
-from .validation import Array
+from .. import rotations
+from .. import validation as check
+from ..physics.gauges import Spot, curvatures
+from ..scene import Scene, in_plane
+from ..sensors import MEASURES, Sensors
+from ..validation import Array
+from .recorded import ARRAYS, Trajectory
 
 _QUATERNION = "wxyz"
 
 
 @dataclass(repr=False)
 class SpatialTrajectory(Trajectory):
-    """A recorded run of n instants and N links in space, SI units. These attributes differ from :class:`Trajectory`:
+    """A recorded run of n instants and N links in space, SI units.
+
+    The attributes below differ from those of :class:`Trajectory`.
 
     Attributes:
         start, tip (n, 3): x, y, z of the root of link 0 and of the tip of the last link, m.
@@ -91,6 +93,7 @@ class SpatialTrajectory(Trajectory):
         return inputs + ([self.tip, np.arcsin(np.clip(A[:, 1:, 0], -1.0, 1.0))] if sensors.camera is not None else [])
 
 
+Trajectory.kinds[True] = SpatialTrajectory
 SpatialTrajectory.arrays = {
     **{name: shape for name, shape in ARRAYS.items() if name != "link_angles"},
     "tip_velocity": ("n", 6), "hinges": ("n", "joints - 1", 3), "tip_deflection": ("n", "links", 2),

@@ -17,7 +17,7 @@ from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
-from ..control.around import Inside, restarting
+from .control.around import Inside, restarting
 
 Memory = dict[str, Any]
 
