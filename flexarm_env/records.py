@@ -66,7 +66,7 @@ def number(
     minimum: float | None = None, above: float | None = None, maximum: float | None = None,
 ) -> Any:  # fmt: skip
     """Declare a field with a finite number; bounds as in `validation.number`."""
-    bounds = {"minimum": minimum, "above": above, "maximum": maximum}
+    bounds: dict[str, Any] = {"minimum": minimum, "above": above, "maximum": maximum}
     words = {"minimum": "minimum", "above": "exclusiveMinimum", "maximum": "maximum"}
     json = {"type": "number"} | {words[key]: bound for key, bound in bounds.items() if bound is not None}
     return value(partial(check.number, unit=unit, **bounds), json, text, unit, default, optional=optional)
@@ -121,11 +121,13 @@ def _required(kind: Any) -> list[str]:
 def described(kind: type[T]) -> type[T]:
     """Append the fields with sentence, unit and bounds to the docstring of a class, as its arguments.
 
-    Arguments that the docstring describes itself are at its end and come first.
+    Arguments that the docstring describes itself are at its end and come first; they replace the sentences of fields.
     """
     text = inspect.cleandoc(kind.__doc__ or "")
     lines = [] if "\nArgs:\n" in text else ["", "Args:"]
     for name, rule in rules(kind).items():
+        if f"\n    {name}: " in text:
+            continue
         words = ", ".join([*filter(None, [rule.unit]), *_bounds(rule)])
         lines.append(f"    {name}: {rule.text}{f' ({words})' if words else ''}.")
     kind.__doc__ = "\n".join([text, *lines]) + "\n"
@@ -186,6 +188,6 @@ def by_key(cases: Mapping[str, Schema], otherwise: Schema) -> Schema:
     A validator then reports the fault in this kind of table, and not that none of several kinds fits.
     """
     found = otherwise
-    for key, one in reversed(cases.items()):
+    for key, one in reversed(list(cases.items())):
         found = {"if": {"type": "object", "required": [key]}, "then": one, "else": found}
     return found

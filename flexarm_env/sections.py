@@ -12,7 +12,7 @@ import numpy as np
 from flexarm_env import curves, meshing
 from flexarm_env import validation as check
 from flexarm_env.curves import Curvature
-from flexarm_env.records import described, number, validate
+from flexarm_env.records import described, number, validate, value
 from flexarm_env.validation import Array
 
 
@@ -196,7 +196,7 @@ class Link:
     """
 
     length: float = number("length of the beam", "m", above=0.0)
-    section: Section | Taper | Points
+    section: Section | Taper | Points = value(lambda path, given: given, {}, "section, or sections along the link")
     tau_d: float | None = number(
         "Kelvin-Voigt time constant of this link; None: the arm's", "s", None, minimum=0.0, optional=True
     )
