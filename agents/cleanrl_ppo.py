@@ -33,7 +33,7 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--total-timesteps", type=int, default=800_000)
     parser.add_argument("--num-envs", type=int, default=64)
     parser.add_argument("--num-steps", type=int, default=128)
-    parser.add_argument("--duration", type=float, default=1.5, help="of an episode of training, s")
+    parser.add_argument("--duration", type=float, default=1.5, help="duration of a training episode, s")
     parser.add_argument("--learning-rate", type=float, default=2e-3)
     parser.add_argument("--gamma", type=float, default=0.98)
     parser.add_argument("--gae-lambda", type=float, default=0.95)

@@ -29,7 +29,7 @@ from flexarm_env.training.runs import read_json, write_json
 from flexarm_env.validation import Array
 
 SENSED = ("observation", "history", "sensors")
-"""Environment keywords of the observation. They do not affect the motion under given torques."""
+"""Environment keywords of the observation. These keywords do not affect the motion under given torques."""
 CONTROLLERS = ("pd", "zv", "zvd", "lqr", "lqg", "mpc", "time_optimal")
 """Controllers whose actions start the search; each episode starts from the actions of its best controller. In space mpc
 is omitted, because each decision of mpc takes at least 10 ms."""

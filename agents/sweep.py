@@ -115,7 +115,7 @@ def check(arguments: Arguments, wanted: list[dict[str, Any]]) -> None:
 
 
 def trial(config: Mapping[str, Any], told: Mapping[str, Any]) -> None:
-    """Run one trial in its own process: train, resume or keep its run, evaluate the policy, and report the result."""
+    """Run one trial in its own process: train, resume or keep the run, evaluate the policy, and report the result."""
     from ray import tune
 
     from agents.train_rllib import Arguments as Training

@@ -5,7 +5,7 @@
 For arms that have the feature, the script times a control period of 64 arms on one thread, and of a single environment,
 alternately with and without the feature. For arms that lack it, the cost should be zero, because features are
 compile-time tags. The step of an arm without these features is compiled twice: from the present kernels, and from a
-copy without the lines for the features. Callgrind counts the instructions of both.
+copy without the lines for the features. Callgrind counts the instructions of both copies.
 """
 
 import argparse

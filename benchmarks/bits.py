@@ -115,9 +115,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("file", type=Path)
     parser.add_argument("--compare", action="store_true")
-    parser.add_argument("--only", nargs="+", default=[""], help="words: cases whose names hold one of them")
-    parser.add_argument("--most", type=int, default=10**6, help="cases computed, at most")
-    parser.add_argument("--within", type=float, default=0.0, help="what derivatives may be off by, of their largest")
+    parser.add_argument("--only", nargs="+", default=[""], help="only cases whose names contain one of the words")
+    parser.add_argument("--most", type=int, default=10**6, help="largest number of cases to compute")
+    parser.add_argument("--within", type=float, default=0.0, help="largest difference of derivatives (relative)")
     parser.add_argument("--list", action="store_true")
     options = parser.parse_args(arguments)
     kept: dict[str, Any] = json.loads(options.file.read_text("utf-8")) if options.file.exists() else {}

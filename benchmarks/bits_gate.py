@@ -151,8 +151,8 @@ def difference(known: dict[str, str], found: dict[str, str]) -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Compare the cases with the record, or write the record; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", type=Path, nargs="?", const=RECORD, help="compute a record instead")
-    parser.add_argument("--only", nargs="+", default=[""], help="words: cases whose names hold one of them")
+    parser.add_argument("--write", type=Path, nargs="?", const=RECORD, help="compute and write the record")
+    parser.add_argument("--only", nargs="+", default=[""], help="only cases whose names contain one of the words")
     parser.add_argument("--names", nargs="+", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     names = options.names or [name for name in GATE if any(word in name for word in options.only)]

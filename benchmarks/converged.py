@@ -119,7 +119,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scene", nargs="*", choices=names(), help="scenes to run (default: all)")
     parser.add_argument("--check", action="store_true", help="print the study, write nothing")
-    parser.add_argument("--cross-check", action="store_true", help="only compare what is kept with the two others")
+    parser.add_argument("--cross-check", action="store_true", help="only compare the stored with two other solutions")
     options = parser.parse_args(arguments)
     index_path = FOLDER / "converged.json"
     index = json.loads(index_path.read_text()) if index_path.exists() else {}

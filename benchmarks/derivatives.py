@@ -134,7 +134,7 @@ def main(arguments: list[str] | None = None) -> int:
         kind, links = words[words.index("--one") + 1 :]
         print(json.dumps(measure(kind, int(links), int(words[words.index("--arms") + 1]))))
         return 0
-    flags = {"only": {"nargs": "+", "default": [""], "help": "words of the kinds' names"}}
+    flags = {"only": {"nargs": "+", "default": [""], "help": "only kinds whose names contain one of the words"}}
     return pages.run("derivatives", __doc__, measured, blocks, words, more=flags, arms=256)
 
 

@@ -184,11 +184,11 @@ def measure(options: argparse.Namespace) -> pages.Found:
 
 
 if __name__ == "__main__":
-    what = "only these environments, the others as they are; so is what is told of an algorithm with no seeds"
+    what = "train in these environments only; the other results stay, as do those of an algorithm without seeds"
     flags: dict[str, dict[str, Any]] = {
         "runs": {"type": Path, "default": Path("runs/gradients"), "help": "folder of the runs"},
         "only": {"nargs": "+", "choices": ENVS, "help": what},
-        "kept": {"action": "store_true", "help": "tell of runs that have finished, start none"},
+        "kept": {"action": "store_true", "help": "evaluate finished runs only, start no run"},
     }
     sys.exit(pages.run("gradients", __doc__, measure, blocks, page="results/derivatives", more=flags, seeds=5, ppo=5,
                        arms=512))  # fmt: skip

@@ -128,9 +128,9 @@ def main(arguments: list[str] | None = None) -> int:
     """Count the programs or compare two files of counts; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("file", type=Path)
-    parser.add_argument("--only", nargs="+", default=[""], help="words: cases whose names hold one of them")
-    parser.add_argument("--cache", type=Path, help="folder of compiled code; none: one that goes again")
-    parser.add_argument("--compare", type=Path, help="counts made before")
+    parser.add_argument("--only", nargs="+", default=[""], help="only cases whose names contain one of the words")
+    parser.add_argument("--cache", type=Path, help="folder of compiled code; default: a temporary folder")
+    parser.add_argument("--compare", type=Path, help="file of earlier counts")
     parser.add_argument("--run", help=argparse.SUPPRESS)
     given = parser.parse_args(arguments)
     if given.run:

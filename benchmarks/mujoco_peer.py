@@ -456,9 +456,9 @@ def frequency_table(found: pages.Found) -> list[str]:
 
 def blocks(found: pages.Found) -> pages.Blocks:
     """Format the tables of the page."""
-    seconds = f"{found['cpu_seconds']:.0f} s of CPU time."
-    tried = ", ".join(f"{len(found[env_id]['rows'])} stable settings of MuJoCo on {env_id}" for env_id in IDS)
-    made: dict[str, list[str]] = {"runs": [f"{tried}; {seconds}"], "checks": check_table(found)}
+    tried = " and ".join(f"{len(found[env_id]['rows'])} stable settings on `{env_id}`" for env_id in IDS)
+    runs = f"MuJoCo was measured with {tried}, which took {found['cpu_seconds']:.0f} s of CPU time."
+    made: dict[str, list[str]] = {"runs": [runs], "checks": check_table(found)}
     for env_id in IDS:
         made |= {env_id: front_table(found[env_id]), f"{env_id} ratios": ratio_table(found[env_id])}
     made["policy"] = table(
@@ -496,7 +496,7 @@ def finding(found: pages.Found) -> str:
                 "of torque.")  # fmt: skip
     text += f" The smallest error of MuJoCo's chains under both kinds of torque is {best:.2g} %."
     if coarse is not None:
-        gyms = ", ".join(f"{row['gym']:.3g} ({row['label']}, {row['random']:.2g} %)" for row in own["ours"])
+        gyms = ", ".join(f"{row['gym']:.3g} µs ({row['label']}, error {row['random']:.2g} %)" for row in own["ours"])
         text += (f" At a coarse accuracy MuJoCo is fast: under random torques alone one arm in C takes "
                  f"{coarse['alone']:.3g} µs with an error of {coarse['random']:.2g} %; the package's Gymnasium "
                  f"environments take {gyms}.")  # fmt: skip

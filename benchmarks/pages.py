@@ -81,7 +81,7 @@ def parts(options: argparse.Namespace, name: str, measures: Mapping[str, Callabl
     known = kept(options.out, name) if options.only else {}
     missing = [part for part in measures if part not in wanted and part not in known]
     if missing:
-        raise SystemExit(f"{options.out / name}.json has no {', '.join(missing)}, which --only leaves as they are")
+        raise SystemExit(f"{options.out / name}.json has no {', '.join(missing)}, which --only does not measure")
     found = {part: measure() if part in wanted else known[part] for part, measure in measures.items()}
     if options.only:
         today = describe_machine()["date"]
@@ -116,7 +116,7 @@ def run(
         more: further flags: name -> keywords of `add_argument`. numbers: integer flags with their defaults.
     """
     parser = command(description, **numbers)
-    parser.add_argument("--page", action="store_true", help="measure nothing: the page from the numbers that are kept")
+    parser.add_argument("--page", action="store_true", help="write the page from the record, measure nothing")
     for flag, keywords in (more or {}).items():
         parser.add_argument(f"--{flag}", **keywords)
     options = parser.parse_args(arguments)

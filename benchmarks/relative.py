@@ -233,7 +233,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 if __name__ == "__main__":
     flags: dict[str, dict[str, Any]] = {
-        "relative": {"type": Path, "help": "folder of its files; without it, what is kept of it stays"},
+        "relative": {"type": Path, "help": "folder of shamilmamedov/flexible_arm; default: keep the recorded results"},
         "python": {"default": "python3.10", "help": "interpreter that has CasADi"},
         "runs": {"type": Path, "default": Path("runs/relative"), "help": "folder of the trained policy"},
     }

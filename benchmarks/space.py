@@ -301,5 +301,5 @@ def blocks(found: Found) -> pages.Blocks:
 
 
 if __name__ == "__main__":
-    only = {"nargs": "+", "choices": PARTS, "help": "only these parts of the page, the others as they are"}
+    only = {"nargs": "+", "choices": PARTS, "help": "measure only these parts of the page"}
     pages.run("space", __doc__, measure, blocks, more={"only": only})

@@ -163,6 +163,6 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 
 if __name__ == "__main__":
-    only = {"only": {"nargs": "+", "choices": ("accuracy", "books", "rates"), "help": "only these parts anew"}}
+    only = {"only": {"nargs": "+", "choices": ("accuracy", "books", "rates"), "help": "measure only these parts"}}
     page = "environments/spatial_results"
     sys.exit(pages.run("space_envs", __doc__, measure, blocks, page=page, more=only, episodes=32))

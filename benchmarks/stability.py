@@ -361,11 +361,11 @@ def measured(options: argparse.Namespace) -> pages.Found:
 
 FLAGS: dict[str, dict[str, Any]] = {
     "limit": {"type": int, "help": "only about this many cases"},
-    "fresh": {"action": "store_true", "help": "forget what an earlier run has left"},
+    "fresh": {"action": "store_true", "help": "delete the intermediate results of an earlier run"},
 }
 FULL: dict[str, dict[str, Any]] = {
-    "full": {"action": "store_true", "help": "more than twice the cases, all of them against (ii)"},
-    "no-long-runs": {"action": "store_true", "help": "leave the runs of a million steps out"},
+    "full": {"action": "store_true", "help": "more than twice as many cases, all tested for condition (ii)"},
+    "no-long-runs": {"action": "store_true", "help": "skip the runs of a million steps"},
 }
 
 

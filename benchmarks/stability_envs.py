@@ -279,7 +279,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 
 MORE: dict[str, dict[str, Any]] = {
-    "fresh": {"action": "store_true", "help": "forget what an earlier run has left"},
+    "fresh": {"action": "store_true", "help": "delete the intermediate results of an earlier run"},
     "only": {"nargs": "+", "choices": tuple(IDS), "help": "only these kinds of arms"},
 }
 

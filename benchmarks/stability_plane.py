@@ -281,7 +281,7 @@ def measured(options: argparse.Namespace) -> dict[str, Any]:
     return found
 
 
-FLAGS: dict[str, dict[str, Any]] = {"fresh": {"action": "store_true", "help": "forget what an earlier run has left"}}
+FLAGS: dict[str, dict[str, Any]] = {"fresh": {"action": "store_true", "help": "delete results of an earlier run"}}
 
 
 if __name__ == "__main__":

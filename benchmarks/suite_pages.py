@@ -12,6 +12,7 @@ from benchmarks.machine import DOCS, table, write_text
 from benchmarks.pages import filled
 from flexarm_env import suite
 from flexarm_env.envs.options import Plan
+from flexarm_env.envs.task import PRESS
 from flexarm_env.suite.frozen import resolved
 
 WIDTH = 120
@@ -61,6 +62,11 @@ def facts(task: suite.Task, plan: Plan) -> list[list[str]]:
         if bound < float("inf")
     )
     once = ", and lasts to the end of the episode" if plan.record.once is not None else ""
+    lasting = f"for {(plan.record.hold - 1.0) * plan.period:g} s"
+    if plan.kind.task == PRESS:
+        lasting = (
+            "in the last two thirds of the episode (root mean square of the relative force error; path in all periods)"
+        )
     price = [["[price](../suite.md#price) of a unit of cost", f"{task.price:g}"]] if task.price else []
     return [
         ["id for `gymnasium.make`", f"`{task.env_id}`"],
@@ -69,7 +75,7 @@ def facts(task: suite.Task, plan: Plan) -> list[list[str]]:
         ["actions", f"{plan.arm.n_links}, torques"],
         ["size of an observation", f"{len(plan.names) * plan.history} = {len(plan.names)} entries × {plan.history}"],
         ["control period, episode", f"{plan.period:g} s, {plan.limit} periods"],
-        ["success", f"{bands}, for {(plan.record.hold - 1.0) * plan.period:g} s{once}"],
+        ["success", f"{bands}, {lasting}{once}"],
         ["training budget", f"{task.budget:,} control periods"],
         *price,
         ["digest", f"`{task.digest}`"],

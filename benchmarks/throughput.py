@@ -154,7 +154,7 @@ def measure(options: argparse.Namespace) -> pages.Found:
 
 if __name__ == "__main__":
     flags: dict[str, dict[str, Any]] = {
-        "seconds": {"type": float, "default": 0.5, "help": "of one case in one round"},
+        "seconds": {"type": float, "default": 0.5, "help": "duration of a case in a round, s"},
         "quick": {"action": "store_true", "help": "two sizes, one formulation, no memory"},
     }
     sys.exit(pages.run("throughput", __doc__, measure, blocks, packages=("envpool", "exudyn"), more=flags, rounds=5))

@@ -385,9 +385,10 @@ def front_of(name: str, rows: Sequence[dict[str, Any]]) -> list[str]:
                 and other["max_error"] <= row["max_error"]]  # fmt: skip
         ratio = f"{row['cpu'] / min(ours):.0f} times the front's time" if ours else "beyond our front"
         found.append((describe(row["case"]), f"{row['max_error']:.3g}", "–", "–", f"{1e3 * row['cpu']:.3g}", ratio))
+    early = len(rows) - len(good)
+    ended = f"{early} of the runs ended early, with a status that states the reason"
     return [
-        f"The scene was run with {len(rows)} settings. {len(rows) - len(good)} of the runs ended early, with a "
-        "status that states the reason.", "",
+        f"The scene was run with {len(rows)} settings. {ended if early else 'None of the runs ended early'}.", "",
         *table("settings | error, max | rms | energy | CPU, ms per s | iterations a step", found),
     ]  # fmt: skip
 
@@ -437,7 +438,7 @@ if __name__ == "__main__":
     flags: dict[str, dict[str, Any]] = {
         "full": {"action": "store_true", "help": "more values of rho_inf"},
         "scene": {"nargs": "*", "choices": every, "default": every, "help": "scenes to run (default: all)"},
-        "fresh": {"action": "store_true", "help": "forget what an earlier run has left"},
+        "fresh": {"action": "store_true", "help": "delete the intermediate results of an earlier run"},
     }
     sys.exit(pages.run("work_precision", __doc__, measured, blocks, packages=("exudyn", "pyelastica"), indent=None,
                        more=flags))  # fmt: skip

@@ -24,7 +24,7 @@ SHEARED = 1e-4
 LAYER = 2.0
 """Element length over sqrt(EI/N), the bending length of a link under an axial force N.
 
-Above this ratio any run in space is compared with a finer exact beam.
+If the ratio exceeds LAYER, any run in space is compared with a finer exact beam.
 """
 
 AT_LEAST, AT_MOST = 12, 200

@@ -137,7 +137,7 @@ def listed(header: tuple[str, ...]) -> str:
 
 
 def numbers(k: int, name: str, lines: list[list[str]], columns: int) -> Array:
-    """Return the numbers of column k as (n,); raise ValueError that names row and column if one is invalid."""
+    """Return the numbers of column k as (n,); raise ValueError that names row and column of an invalid number."""
     values = []
     for i, line in enumerate(lines):
         if len(line) != columns:

@@ -131,7 +131,7 @@ def keywords(text: str | None) -> dict[str, Any]:
 def _environment(args: argparse.Namespace, player: NamedPolicy, mode: str | None) -> Any:
     """Make the environment, with recording.
 
-    Its keywords are the policy's own; those of the user override them.
+    The environment's keywords are the policy's keywords; the user's keywords override them.
     """
     env_id = args.env or player.env_id or DEFAULT_ENV
     if player.env_id and env_id != player.env_id:

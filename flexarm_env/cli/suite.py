@@ -75,7 +75,7 @@ def _suite(words: Sequence[str]) -> int:
     parser.add_argument("--out", default="runs/suite", metavar="FOLDER", help="folder of results files (runs/suite)")
     parser.add_argument("--name", metavar="NAME", help="name of the method; default: from the policy")
     parser.add_argument("--run", type=int, metavar="K", help="number of the run; default: the policy's seed, or 0")
-    parser.add_argument("--episodes", type=int, default=EPISODES, metavar="N", help="fewer: a preview; more: see above")
+    parser.add_argument("--episodes", type=int, default=EPISODES, metavar="N", help="number (100); fewer: a preview")
     parser.add_argument("--again", action="store_true", help="repeat evaluations that are already in FOLDER")
     parser.add_argument("--best", metavar="ID[,ID...]", help="only play the best known results of these tasks")
     parser.add_argument("--list", action="store_true", help="list the tasks")

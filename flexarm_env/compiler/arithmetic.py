@@ -161,8 +161,8 @@ def binary(b: Any, op: str, x: Any, y: Any) -> Any:
 def _of_tuples(op: str, x: Any, y: Any) -> Any:
     """Concatenate two tuples, or repeat a tuple a known number of times. Raises Refused for other operations.
 
-    Two tuples that both contain run-time numbers are refused too: Python would join them, but the sum of vectors is
-    meant.
+    Two tuples that both contain run-time numbers are refused, too: Python would join the tuples, but the sum of vectors
+    is meant.
     """
     if op == "Add" and is_tuple(x) and is_tuple(y):
         if all(any(isinstance(item, Value) for item in one) for one in (x, y)):
@@ -184,7 +184,7 @@ def _unsigned(x: Any, y: Any) -> bool:
 
 
 def _wholes(b: Any, op: str, x: Any, y: Any) -> Any:
-    """Write an integer operation, as an `Integer`; of two truth values only &, |, ^ are defined, as a `Truth`."""
+    """Emit an integer operation and return an `Integer`; for two truth values only &, | and ^, with a `Truth`."""
     unsigned = _unsigned(x, y)
     p, q = whole(b, x, unsigned), whole(b, y, unsigned)
     if isinstance(x, Truth) and isinstance(y, Truth):

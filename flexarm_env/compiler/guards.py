@@ -2,7 +2,7 @@
 
 In the reverse sweep the operand that a select did not choose gets the cotangent 0, and 0 times an infinite slope is
 NaN. Therefore cotangents that leave the part of the graph used only by that operand are selected once more: unchanged
-if the operand was chosen, otherwise 0. In forward mode this is not needed, because the select itself selects between
+if the operand was chosen, otherwise 0. In forward mode guards are not needed, because the select itself selects between
 tangents.
 
 A node's *path* lists the conditions under which its cotangent matters. A condition is of one of two kinds: one operand

@@ -51,7 +51,7 @@ OFTEN, FORGOTTEN = 3600.0, 30 * 86400.0
 counts as abandoned. The second is the time without loading after which files of other package versions are deleted."""
 
 _NAME = re.compile(rf"[^/]+-\d+\.[0-9a-f]{{16}}\.[0-9a-f]{{24}}{re.escape(SUFFIX)}(\.[0-9a-f]{{16}})?")
-"""Names of program files, complete and partial ones; no other file is deleted."""
+"""Names of complete and partial program files; no other file is deleted."""
 
 _said = False
 """True after this process has warned that nothing can be stored."""

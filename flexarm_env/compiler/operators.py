@@ -1,7 +1,7 @@
 """Operators of named tuples: `a + b`, `R @ a`, `-a`, `R.T` call the methods and properties of their classes.
 
-A method is a kernel without a decorator: a Python function of the class body. The compiler reads it for an operator or
-a property in a kernel. Python calls the same functions in uncompiled mode and in traced code.
+A method is a kernel without a decorator: a Python function of the class body. The compiler reads the method for an
+operator or a property in a kernel. Python calls the same function in uncompiled mode and in traced code.
 """
 
 from __future__ import annotations

@@ -246,7 +246,7 @@ class Tape(Rooms):
         return self._made(super().fmul(x, y), (x, by_x), (y, by_y), risky=True)
 
     def fdiv(self, x: Any, y: Any) -> Any:
-        """Emit x / y. A cotangent g adds g / y to that of x and -(g (x / y)) / y to that of y (risky, steep)."""
+        """Emit x / y. A cotangent g adds g / y to x's cotangent and -(g (x / y)) / y to y's (risky, steep)."""
         ratio = super().fdiv(x, y)
 
         def by_y(g: Any) -> Any:
@@ -274,7 +274,7 @@ class Tape(Rooms):
         return self._made(super().select(test, x, y), (x, by_x, True), (y, by_y, False), test=test)
 
     def call(self, function: Any, values: Any) -> Any:
-        """Emit a call. Reverse rules: sqrt, fabs; 0 for floor, ceil, rint, fptosi. Refused is raised for others."""
+        """Emit a call. Reverse rules: sqrt, fabs; 0 for floor, ceil, rint, fptosi. Raises Refused otherwise."""
         found, name = super().call(function, values), function.name.split(".")
         if not self.recording or not any(id(x) in self.nodes for x in values):
             return found

@@ -60,7 +60,7 @@ def controller_source(
             points to actions (JOINTS) that are added before the saturation, as in a policy around the controller.
     Raises:
         ValueError: the controller is MPC, which optimizes in each period, or one of a contact force; slew is missing;
-            elbows are missing for three links or more; targets are missing for an arm in space, or it has no
+            elbows are missing for three links or more; targets are missing for an arm in space, or the arm has no
             equilibrium at a target.
     """
     kind = type(controller)

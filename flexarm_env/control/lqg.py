@@ -236,7 +236,7 @@ def _encoders(setup: Setup) -> list[Encoder]:
 def _variances(setup: Setup, encoders: list[Encoder]) -> list[float]:
     """Return the measurement variances of joint angles and gauges.
 
-    They include sensor noise, quantization, observation noise and model error.
+    The variances include sensor noise, quantization, observation noise and model error.
     """
     gauges, added = gauges_of(setup), setup.noise or (0.0,) * len(setup.names)
     places = [*(setup.names.index(f"{joint}_error") for joint in setup.arm.joint_names), *gauges]

@@ -1,8 +1,9 @@
 """LQR with integral errors of contact force and path (task "press").
 
 The linear model contains the arm about rest, a spring between tip and wall with sliding friction, and two integrators.
-Sliding friction couples the directions: without it in the model the loop is unstable for one direction of the path. One
-Riccati equation yields all gains. The integral action in linear quadratic control follows Young & Willems (1972).
+Sliding friction couples the directions: without sliding friction in the model the loop is unstable for one direction of
+the path. One Riccati equation yields all gains. The integral action in linear quadratic control follows Young & Willems
+(1972).
 """
 
 from dataclasses import dataclass
@@ -29,15 +30,15 @@ class LQRForceGains(Approach):
         angle, rate, bend, bend_rate: weights of the state; see `LQRGains`.
         path: weight, 1/s, of the integral of the distance from the path over the arm's length.
         force: weight, 1/s, of the integral of the force error over the largest tip force that the motors can hold.
-        stiffness: assumed stiffness of the wall, times the arm's length over that force.
+        stiffness: assumed stiffness of the wall, times the arm's length over the largest tip force.
     """
 
-    angle: float = 2.919
-    rate: float = 12.65
+    angle: float = 10.0
+    rate: float = 5.0
     bend: float = 0.1562
     bend_rate: float = 0.3423
-    path: float = 3.0
-    force: float = 0.5
+    path: float = 5.0
+    force: float = 0.2
     stiffness: float = 400.0
 
 
@@ -100,7 +101,7 @@ def wall_gains(
 ) -> Array:  # fmt: skip
     """Compute gains (N, 4 N + 2) for the outputs of an arm that touches a wall and the integrals of both errors.
 
-    The integrals are those of the error along the wall and of the force error. The state follows from the outputs as in
+    The integrated errors are the error along the wall and the force error. The state follows from the outputs as in
     `force.posture_gains`.
 
     limits (N,): torque limits, N m. dt: control period, s. posture: elbow angles, rad. bearing: direction of the wall's

@@ -1,4 +1,4 @@
-"""Gain and delay margins of the controllers' loops, and a warning if an environment's delay exceeds them."""
+"""Gain and delay margins of the controllers' loops, and a warning if an environment's delay exceeds a margin."""
 
 import warnings
 from dataclasses import dataclass

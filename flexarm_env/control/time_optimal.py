@@ -99,7 +99,7 @@ def slew_plan(setup: Setup, angle: float, effort: float = 1.0, flexible: int | N
     """Find the shortest rest-to-rest plan of one link.
 
     setup: arm, period and torque limit. angle: rad. effort: share of the torque limit. flexible: see `LQRGains`.
-    Raises ValueError if there is no plan.
+    Raises ValueError if `plan` finds no plan.
     """
     model, limits = arm_model(setup.arm, (), flexible), np.asarray(setup.torque_limits)
     least = int(rigid_time(float(model.inertia[0, 0]), angle, float(limits[0])) / setup.control_dt)
@@ -143,7 +143,7 @@ class TimeOptimal(LQR):
             self.plan_states[: p.periods, i] = p.states[:-1]
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Return the plan's torques plus LQR feedback on the deviation from its states, (n, N), N m."""
+        """Return the plan's torques plus LQR feedback on the deviation from the plan's states, (n, N), N m."""
         self.observer.update(signals.outputs(-to_go))
         # after its end the plan is zero: LQR about the goal
         k = min(self.step, len(self.plan_torques) - 1)

@@ -8,13 +8,13 @@
 | change of the payload | – | `integrator.impact`: a fixed number of solutions |
 | kinks of prescribed motions | – | `runtime.guided` |
 
-What leads from one transition to the next (commands, motors, observation, reward) has no unknown. Dual lanes or
-`compiler.vjp_of` differentiate it.
+The computations between two transitions (commands, motors, observation, reward) have no unknown. Dual lanes or
+`compiler.vjp_of` differentiate these computations.
 """
 
 from typing import Any, NamedTuple
 
-from ..physics.model import Elastica, ExactBeam, Floating, FloatingChain, Jointed
+from ..physics.model import Elastica, ExactBeam, Floating, FloatingChain
 from ..physics.space.chain import SpatialBeam, SpatialElastica
 
 PASSES, MOST_PASSES = 5, 20
@@ -38,7 +38,7 @@ class Method(NamedTuple):
     passes: int
 
 
-def method_of(model: Any, program: Any, extras: Any, kept: bool, alone: str, parameters: bool) -> Method:
+def method_of(model: Any, program: Any, extras: Any, kept: bool, alone: str) -> Method:
     """Return the method for a model with these parts of a program."""
     # what a period does beside the equations of its steps and jumps
     beside = (
@@ -52,8 +52,7 @@ def method_of(model: Any, program: Any, extras: Any, kept: bool, alone: str, par
     by_equations = not any(beside)
     # memory of sensors and impacts have no cotangents
     forwards_alone = extras.instruments is not None or extras.payload_change is not None
-    controls = extras.controller is not None or extras.amplifier is not None
-    backwards = by_equations and not forwards_alone and _goes_back(model, controls, parameters)
+    backwards = by_equations and not forwards_alone and _goes_back(model)
     return Method(by_equations, backwards, _passes(model))
 
 
@@ -66,16 +65,12 @@ def _passes(model: Any) -> int:
     return PASSES if touches or isinstance(arm, ExactBeam | SpatialElastica) else 1
 
 
-def _goes_back(model: Any, controls: bool, parameters: bool) -> bool:
-    """Return whether a model has kernels for cotangents. controls: controllers or amplifiers read the model's state."""
-    if isinstance(model, Elastica):
-        return isinstance(model.n, tuple)
-    if controls:
-        return False
-    if isinstance(model, FloatingChain):
-        return isinstance(model.mesh.n, tuple) and model.loads is None
-    if isinstance(model, Jointed):
-        dry = model.newton.friction is not None and isinstance(model.arm, FloatingChain)
-        return not parameters and not dry and _goes_back(model.arm, controls, parameters)
-    in_space = isinstance(model, SpatialBeam) and model.frames is None and model.loads is None
-    return in_space or isinstance(model, ExactBeam)
+def _goes_back(model: Any) -> bool:
+    """Return whether a model has kernels for cotangents."""
+    arm = getattr(model, "arm", model)
+    if isinstance(arm, Elastica):
+        return isinstance(arm.n, tuple)
+    if isinstance(arm, FloatingChain):
+        return isinstance(arm.mesh.n, tuple) and arm.loads is None
+    in_space = isinstance(arm, SpatialBeam) and arm.frames is None and arm.loads is None
+    return in_space or isinstance(arm, ExactBeam)

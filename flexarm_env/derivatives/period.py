@@ -2,9 +2,10 @@
 
 import math
 import warnings
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import Batch
@@ -123,6 +124,41 @@ class Jacobians(NamedTuple):
         return self.vjp(*items)
 
 
+class Differentiable(Protocol):
+    """n arms whose control periods have derivatives: `Arms`, `Periods`, or a class with the same methods.
+
+    Attributes:
+        n, state_size (S), action_size (A), observation_size (O): sizes. moving: number of a state's leading entries
+            whose derivatives are not those of constants. failed (n,): whether the solver failed in the
+            last call. past (n,): whether a joint was beyond its limits at the end of the last call.
+    """
+
+    n: int
+    state_size: int
+    action_size: int
+    observation_size: int
+    moving: int
+    failed: NDArray[np.bool_]
+    past: NDArray[np.bool_]
+
+    def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
+        """Return next state (n, S), observation (n, O) and reward (n,)."""
+
+    def jacobians(self, state: Array, action: Array) -> Jacobians:
+        """Return the results of `step` with their derivatives."""
+
+    def vjp(
+        self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
+    ) -> tuple[Array, Array]:
+        """Return the cotangents of state and action, given those of the results of `step`."""
+
+    def observe(self, state: Array) -> Array:
+        """Return the observations (n, O) of states."""
+
+    def observe_jacobian(self, state: Array) -> tuple[Array, Array]:
+        """Return the observations (n, O) and their derivatives (n, O, S)."""
+
+
 class Periods:
     """Control periods of a batch's arms, with exact derivatives; see `Arms` for states, steps and failures.
 
@@ -153,8 +189,10 @@ class Periods:
         self.n = program.n
         if parameters or whole:
             program = complete(program)
-        if parameters and isinstance(program.model, Jointed) and program.model.own is None:
-            program = program._replace(model=program.model._replace(own=(0,) * len(batch.system.par)))
+        if parameters and isinstance(program.model, Jointed):
+            # joint laws of each arm, whose cotangents the contributions' own functions leave out
+            own = program.model.own or (0,) * len(batch.system.par)
+            program = program._replace(model=program.model._replace(own=own, derived=(0,)))
         model, fitted = program.model, program.models is not None
         self.action_size = len(task.links)
         lanes, layout = len(batch.lane), batch.layout
@@ -164,7 +202,7 @@ class Periods:
         self._memory = Memory(batch, core)
         self.names, self.moving = self._memory.names(names), self._memory.moving
         self.state_size = len(self.names)
-        method = method_of(model, program, extras, kept, alone, parameters)
+        method = method_of(model, program, extras, kept, alone)
         joined = model.algebraic is not None  # by multipliers, whose matrix has no lanes
         lane = SINGLE if joined or guided or alone == "all" else WIDEST
         lanes, columns = len(lane), core + self.action_size
@@ -263,11 +301,8 @@ class Periods:
     ) -> tuple[Array, Array]:
         """Return cotangents (n, S), (n, A) of state and action, from those of a period's state, observation and reward.
 
-        Kernels for cotangents (`backwards`) cost a few times as much as a period. The kernels exist for elasticas.
-        Without controllers the kernels exist for exact beams and for floating frames of at most eight elastic
-        coordinates a segment. Arms of both kinds may have gears, without derivatives by the gears' parameters and
-        without Coulomb friction in floating frames. The kernels require targets at rest and ideal sensors. In all other
-        cases the Jacobians are used.
+        Kernels for cotangents (`backwards`, chosen by `methods.method_of`) cost a few times as much as a period. In all
+        other cases the Jacobians are used.
         """
         given = checked("state_bar", state_bar, (self.n, self.state_size))
         seen = checked("observation_bar", observation_bar, (self.n, self.observation_size))

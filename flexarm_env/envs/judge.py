@@ -27,7 +27,7 @@ MESHES: Mapping[str, tuple[str, tuple[int, ...]]] = {
     "geometrically_exact": ("elements", (3, 5, 8, 12)),
     "floating_frame": ("segments", (2, 4, 6, 10)),
 }
-"""Mesh option of each formulation and its sizes, from the usual size to finer ones."""
+"""Mesh option of each formulation and its sizes, from the usual size to finer sizes."""
 
 AMPLIFIED, AMPLIFIED_IN_SPACE, POWER = 0.55, 1.1, 3
 """Constants of G: bend in the plane and in space, rad, and exponent.

@@ -48,7 +48,7 @@ from .resolution_warnings import warn, warn_of_times
 from .small_motions import Drive
 from .space import check_arm
 from .task import COST, LAND, PRESS, RULES, Entry, Kind, afloat, info_entries, priced, reward_weights, with_own_terms
-from .trials import Trial, amplification, shipped, trials_of
+from .trials import Trial, amplification, is_known, trials_of
 from .vibration import shake, swing
 
 INFO_LEVELS = ("standard", "full", "numbers")
@@ -206,7 +206,7 @@ def plan(
     # one link is tried under a PD loop alone, which may chatter
     tried = own.n_links > 1 or drive.residual is not None
     named = arms.resolve(kind.arm if arm is None else arm)
-    packaged, trial = (named if named in shipped() else None), None
+    packaged, trial = (named if is_known(named, factors) else None), None
     if tried and packaged is None:
         trial = trials_of(of_trials, own, period, down, action_mode, residual_share, amplifier, factors)
     settings, estimate, coarse = _settings(kind, formulation, period, options, own, drive, factors, trial, packaged)
@@ -401,7 +401,7 @@ OF_JOINTS = ("friction", "backlash", "motor_inertia", "hub_inertia")
 OF_SPACE = ("EI_y", "GJ")
 """Factors on properties that links have in space only."""
 LATER = FACTOR_NAMES[FACTOR_NAMES.index("hub_inertia") :]
-"""Factors that are drawn only if at least one of them is given."""
+"""Factors that are drawn only if at least one of these factors is given."""
 
 
 def _factors(value: Any, arm: Arm) -> dict[str, events.Pair]:

@@ -33,7 +33,8 @@ from ..tasks import RESIDUAL_SHARE
 from ..validation import Array
 
 CARRIED = 1e13
-"""Largest squared frequency, rad^2/s^2; with larger ones round-off (1e-16) would give rigid rotations a frequency."""
+"""Largest squared frequency, rad^2/s^2; with larger squared frequencies round-off (1e-16) would give rigid rotations a
+frequency."""
 
 FINE = 12
 """Number of nodes of a reference link: FINE minus 2 for each link of the arm, at least 6."""

@@ -79,7 +79,7 @@ _kept: dict[Any, Trial] = {}
 
 @lru_cache(1)
 def shipped() -> frozenset[Arm]:
-    """Return the arms of the package. They keep the usual settings, and their trials have been run beforehand."""
+    """Return the arms of the package, which keep the usual settings and whose trials have been run beforehand."""
     return frozenset(arms.named(name) for name in arms.names())
 
 
@@ -98,8 +98,18 @@ AMPLIFICATIONS = {
 """Factor d / d_1 of a trial with the usual settings, by packaged arm and formulation, where it raises the estimate."""
 
 
+MILD = {"EI": (0.5, math.inf), "payload": (0.0, 2.0), "torque_constant": (0.0, 1.5)}
+"""Ranges of drawn factors (`starts.FACTORS`) within which a packaged arm keeps the usual settings without a trial."""
+
+
+def is_known(arm: Arm, drawn: Mapping[str, tuple[float, float]]) -> bool:
+    """Return whether the package has the arm, and drawn factors stay within `MILD`, so that no trial is needed."""
+    mild = all(low <= drawn[name][0] and drawn[name][1] <= high for name, (low, high) in MILD.items() if name in drawn)
+    return mild and arm in shipped()
+
+
 def amplification(arm: Arm, formulation: str) -> float:
-    """Return the entry of `AMPLIFICATIONS` for a packaged arm; 0 if small motions tell its error."""
+    """Return the entry of `AMPLIFICATIONS` for a packaged arm; 0 if small motions give the arm's error."""
     return next((x for (name, own), x in AMPLIFICATIONS.items() if own == formulation and arms.named(name) == arm), 0.0)
 
 

@@ -29,7 +29,7 @@ Draw = Callable[[int, Any], Any]
 FEWEST = 1e-3
 """Smallest number of pictures per second in a film."""
 LONGEST = 655.0
-"""Longest .gif, s: a .gif cannot show one picture, or several equal ones, for longer."""
+"""Longest .gif, s: a .gif cannot show one picture, or equal pictures, for longer."""
 
 ROOM = 1 << 20
 """Free space, bytes, below which a disk counts as full."""

@@ -6,7 +6,7 @@
     measures.returns(history), measures.settling_time(history, control.Setup.of(env))
 
 `play` and its generator `periods` are the only loops that play episodes of policies. The suite, evaluation and tuning,
-films, `flexarm play` and replays use them.
+films, `flexarm play` and replays use these loops.
 """
 
 from .history import History

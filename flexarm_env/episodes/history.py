@@ -15,12 +15,12 @@ from .loop import Instant
 class History:
     """Recorder of n episodes: rewards, ends, actions and entries of `info` as arrays.
 
-    T is the number of periods of the longest episode, or `limit` if that is larger. After an episode's end rewards are
-    0, floating-point entries and actions nan, and flags False.
+    T is the number of periods of the longest episode, or `limit` if `limit` is larger. After an episode's end rewards
+    are 0, floating-point entries and actions nan, and flags False.
 
     Args:
-        names: entries of `info` to record. Entries that the environment does not have are left out. limit: smallest T.
-        actions: record the actions too.
+        names: entries of `info` to record. Entries that the environment does not have are left out. limit: smallest
+        value of T. actions: record the actions too.
     """
 
     def __init__(self, *names: str, limit: int = 0, actions: bool = False) -> None:
@@ -109,7 +109,7 @@ class History:
         return np.asarray(self._array("terminated").any(axis=0), np.bool_)
 
     def info(self, name: str) -> NDArray[Any]:
-        """Return an entry of `info`, (T + 1, n, ...), the start included; ValueError if it was not recorded."""
+        """Return an entry of `info`, (T + 1, n, ...), the start included; ValueError if the entry was not recorded."""
         return self._array(f"info.{name}")
 
     def has(self, name: str) -> bool:

@@ -13,7 +13,8 @@ from .. import validation as check
 class Policy(Protocol):
     """Policy for one episode, or for n episodes that begin together.
 
-    `reset` receives the first observations; `act` then receives every observation in turn, the first included.
+    `reset` receives the first observations; `act` then receives each period's observation, the first observations
+    included.
     """
 
     def reset(self, observation: NDArray[np.float32]) -> Any:
@@ -34,7 +35,7 @@ class Instant:
         seeds: seeds of the episodes. period: number of the control period, from 1; 0 at the start. action: action of
             the period; None at the start. observation, reward, terminated, truncated, info: results of the
             environment's `reset` or `step`; no reward and no end at the start. running: whether the period belongs to
-            the episode. It is False from the period after the episode's end.
+            the episode; False after the episode's end.
     """
 
     seeds: Sequence[int | None]
@@ -57,13 +58,13 @@ def periods(
 ) -> Iterator[Instant]:
     """Play an episode of each seed and yield the start and the end of each control period.
 
-    A single environment plays the episodes in turn. A vector environment of n arms plays n at a time. It continues
-    until the last of them has ended; `Instant.running` masks the episodes that have ended before.
+    A single environment plays the episodes in turn. A vector environment of n arms plays n episodes at a time and
+    continues until all n have ended; `Instant.running` masks episodes that have ended before.
 
     Args:
-        env: an environment, wrapped or not. A vector environment has autoreset mode "NextStep", its default. policy: is
-            reset at the start of each episode, or of each n episodes. seeds: one of each episode; their number is a
-            multiple of n; None: the environment's generator continues. options: options of all resets.
+        env: an environment, wrapped or not. A vector environment has autoreset mode "NextStep", its default. policy:
+            policy, reset at the start of each episode, or of each n episodes. seeds: a seed for each episode, a
+            multiple of n in number; None: the environment's generator continues. options: options of all resets.
     Raises:
         ValueError: a number of seeds that is no multiple of n, or another autoreset mode.
     """
@@ -124,7 +125,7 @@ class Actions(Policy):
         self.k = 0
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the next actions; after the end, repeat the last ones."""
+        """Return the next actions; after the end, repeat the last actions."""
         self.k += 1
         now: NDArray[np.float32] = self.actions[min(self.k, len(self.actions)) - 1].astype(np.float32)
         return now

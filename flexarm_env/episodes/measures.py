@@ -52,7 +52,7 @@ def success(history: History) -> NDArray[np.bool_]:
 def success_period(history: History) -> NDArray[np.int64]:
     """Return the first control period (n,), from 1, from which info["is_success"] is true to the end; 0: no success.
 
-    A task reports success after its bounds have held for its `hold` periods.
+    A task reports success after the tip has stayed within the task's bounds for `hold` periods.
     """
     failed = ~history.info("is_success")[1:].astype(bool) & history.running
     # the success at the end began one period after the last period without success
@@ -78,7 +78,7 @@ def _sum(rows: Array) -> Array:
 def tip_errors(history: History, setup: Setup) -> Array:
     """Return target minus tip at each instant: (T + 1, n, 1), rad, of slews, else (T + 1, n, 2 or 3), m, inertial axes.
 
-    Angles continue over full turns. Needs `TIP`. After an episode's end the errors are nan.
+    Angles continue over full turns. The history must contain `TIP`. After an episode's end the errors are nan.
     """
     tip, target = history.info("tip_position"), history.info("target")
     if setup.task != "slew":
@@ -103,7 +103,7 @@ def settling_time(history: History, setup: Setup) -> tuple[Array, NDArray[np.boo
     """Return settling times (n,), s, and whether each episode settled (n,).
 
     The tip has settled when its error stays in `settling_band` to the end of an episode that is not terminated early.
-    Without settling the time is the full duration, T periods. Needs `TIP`.
+    Without settling the time is the full duration, T periods. The history must contain `TIP`.
     """
     errors = np.linalg.norm(tip_errors(history, setup), axis=2)
     steps = len(errors) - 1
@@ -118,7 +118,7 @@ def settling_time(history: History, setup: Setup) -> tuple[Array, NDArray[np.boo
 def overshoot(history: History, setup: Setup) -> Array:
     """Return the largest excursion beyond the target along the initial direction, (n,), over the initial error.
 
-    Needs `TIP`.
+    The history must contain `TIP`.
     """
     misses = tip_errors(history, setup)
     way = np.linalg.norm(misses[0], axis=1)
@@ -131,8 +131,8 @@ def overshoot(history: History, setup: Setup) -> Array:
 def residual_vibration(history: History, setup: Setup) -> Array:
     """Return half the peak-to-peak tip deflection (n,), m, over the last second of each episode.
 
-    Of several links the largest value counts. In space the deflection's magnitude counts. Needs info["tip_deflection"],
-    the deflection over the link's length.
+    Of several links the largest value is returned. In space the deflection is a magnitude. The history must contain
+    info["tip_deflection"], the deflection over the link's length.
     """
     relative, joints = history.info("tip_deflection"), setup.n_joints
     bend: Any = relative.reshape(*relative.shape[:2], -1, joints)

@@ -33,7 +33,8 @@ UNITS: dict[str, dict[str, int]] = {
 """Units of variables, as exponents of SI base units."""
 
 UNIT = "co-simulation.c"
-"""File name of the FMU's C source. It is not a C identifier, so that it cannot collide with the library's files."""
+"""File name of the FMU's C source. The name is not a C identifier and therefore cannot collide with the library's
+files."""
 
 LEFT_OUT = ("target", "terms", "reason", "reward", "truncated", "further")
 """Entries of `info` that the FMU does not export: entries of the task, and the status, which makes a step fail."""

@@ -97,7 +97,7 @@ def _damped(squares: Array, K: Array, C: Array) -> tuple[Complex, Complex]:
     """Return the 2n eigenvalues of x'' + C x' + K x = 0, by magnitude, and their vectors x; K is about diag(squares).
 
     The fast poles of a damped stiff beam are up to 1e14 times as large as the slow poles, and the round-off of the fast
-    poles would hide the slow ones. The slow poles are therefore computed from the inverse problem, (A - shift)^-1, in
+    poles would hide the slow poles. The slow poles are therefore computed from the inverse problem, (A - shift)^-1, in
     coordinates whose squares are energies.
     """
     from scipy.linalg import eig

@@ -1,7 +1,7 @@
 """Strain gauges: curvature of a link at a point, in the plane a linear function of the coordinates.
 
 For bodies with floating frames the reading is the mean curvature between two drawing stations. For the other
-formulations it is the curvature at the point.
+formulations the reading is the curvature at the point.
 """
 
 from collections.abc import Sequence

@@ -35,11 +35,11 @@ SHARE = 100.0
 If the forces would be larger (not in metal arms), the tolerance is `LEFT` over sigma."""
 
 TURNED = 10.0
-"""rad: angle up to which an elastica may turn. Its angles are absolute and lose digits as they grow."""
+"""rad: angle up to which an elastica may turn. The angles of an elastica are absolute and lose digits as they grow."""
 
 LEFT, FINEST = 1e-2, 1e-13
-"""Forces that the smaller tolerance leaves, over the torques, and the smallest tolerance. Increments still reach that
-tolerance after a dozen turns of a joint."""
+"""Forces that remain under the smaller tolerance, over the torques, and the smallest tolerance. Increments still reach
+the smallest tolerance after a dozen turns of a joint."""
 
 STILL = 1e-12
 """rad: an arm that turns by less in a scene counts as standing still."""

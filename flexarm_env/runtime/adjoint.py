@@ -80,6 +80,7 @@ def _see(lane, p, q, poses, record, action, seen, outcome):
     store(outcome, 0, reward)
 
 
+@kernel
 def _ask(lane, model, task, controller, amplifier, par, q, v, record, action, u):
     """Write the commanded joint torques (N m) into u, from state, record and action (`motors.command`).
 

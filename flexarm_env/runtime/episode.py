@@ -179,7 +179,7 @@ def find_sound(lane, entries, flag: Lanes, seen: Lanes):
     """Return 1.0 in lanes that were moved and whose observation is finite, otherwise 0.0.
 
     flag (lanes,): status code, 0 (OK) where the arm was moved without error; NOT_FINITE is written if an entry of seen
-    is not finite. A code other than OK is kept. entries: how many rows of `seen` are checked.
+    is not finite. A code other than OK is kept. entries: number of rows of `seen` that are checked.
     """
     code = flag[0]
     for k in range(entries):

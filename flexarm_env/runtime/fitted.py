@@ -121,8 +121,8 @@ def start_run(lane, k, saved, scratch, record, w):
     """Return whether an arm needs a run of k halvings; if so, restore all lanes to the start of the period.
 
     Runs are compared in pairs of fine - 1 and fine halvings. An arm needs a run of k halvings as the coarser run
-    (scratch.fine = k + 1) or as the finer run (scratch.fine = k) of its pair. w.flag becomes OK in its lane and RETRY
-    (not moved) in others.
+    (scratch.fine = k + 1) or as the finer run (scratch.fine = k) of its pair. w.flag becomes OK in the arm's lane and
+    RETRY (not moved) in other lanes.
     """
     lanes, asked = len(lane), False
     for i in range(lanes):

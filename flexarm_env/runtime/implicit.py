@@ -13,6 +13,7 @@ from ..physics.integrator.step import advance
 from ..physics.integrator.step_derivatives import factor_step_end, step_tangents
 from ..physics.integrator.transitions import before_jump, copy_state, jump_tangents
 from ..physics.integrator.work import copy_rows, unpack
+from ..physics.joints.friction_derivatives import store_directions
 from ..tasks.program import sections
 from .derivative import at_once, close, fill, seed, take_columns, write_outcome
 from .events import change_payloads
@@ -155,6 +156,7 @@ def _jump(lane, d, chunks, par, s, record, saved, block, scratch, w):
         both, x = _chunk(d, c, scratch)
         before_jump(lane, d.dual, model, _parameters(d, both), w, x, is_starting(d.dual, s, _record(d, both)))
     jump_with_torques(lane, d.program, model, par, s, record, saved, block, w)
+    store_directions(lane, model, w.S)
     for c in range(chunks):
         both, x = _chunk(d, c, scratch)
         jump_tangents(lane, d.dual, model, _parameters(d, both), w, x, h, is_starting(lane, s, record))

@@ -207,8 +207,8 @@ def read_encoder(lane, laws, room, c, memory, base, stream, arm, angle, first):
 
 
 GAUSS = math.sqrt(0.6)
-"""The outer two of three Gauss points on [-1, 1] are +-GAUSS. Their weights for a mean are 5/18 each, and 8/18 in the
-middle."""
+"""The outer two of three Gauss points on [-1, 1] are +-GAUSS. For a mean the outer points have the weight 5/18 each,
+and the middle point has 8/18."""
 
 
 @kernel

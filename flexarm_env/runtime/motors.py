@@ -245,10 +245,9 @@ def update_motor_torques(lane, task, actuator, s, record: Lanes, w: Work):
 
         tau+ = clip(tau + share (c - tau)),     mean = clip(tau + mean_share (c - tau))
 
-    with share = 1 - exp(-h / lag), mean_share its mean over the step. The command is `age` periods old, one more in the
-    first `late` steps of a period; with jitter it comes later by a drawn number of steps.
-    # in        record.commands (rows, joints), newest first;  record.late, record.delays, steps
-    # out       w.u, record.torque
+    with share = 1 - exp(-h / lag), mean_share the mean of the share over the step. The command is `age` periods old,
+    one more in the first `late` steps of a period; with jitter it comes later by a drawn number of steps. # in
+    record.commands (rows, joints), newest first;  record.late, record.delays, steps # out       w.u, record.torque
     """
     n, at = size(task.links), motors_at(task, actuator)
     share, mean = _lag(lane, task, actuator, record)

@@ -47,7 +47,7 @@ class Steps(NamedTuple):
 def drive_rows(lane, drive, times, h, u, psi):
     """Write inputs u (rows, inputs) and prescribed motions psi (rows, motions, `MOTION`) at the ends of steps.
 
-    times, h (rows,): ends and lengths of the steps, s. At a kink the values before it count.
+    times, h (rows,): ends and lengths of the steps, s. At a kink the values before the kink are written.
     """
     for k in range(times.shape[0]):
         before = times[k] - 1e-6 * h[k]

@@ -1,7 +1,7 @@
 """From the true state to the observation: sensor readings, strain gauges, noise, delay, selection and history.
 
-A reading is a quantity that a sensor measures by a law (`laws.read`); each has a channel, which stores its past.
-Entries of the observation are divided by their scales and clipped to +-CLIP.
+A reading is a quantity that a sensor measures by a law (`laws.read`); each reading has a channel, which stores past
+quantities. Entries of the observation are divided by their scales and clipped to +-CLIP.
 """
 
 from __future__ import annotations
@@ -182,9 +182,9 @@ def _encoders(lane, p, instruments, who, poses, record, seen):
 def _turned(lane, p, instruments, who, poses, record, seen):
     """Rotate the entries of a moving target from the frame of the true hub angle to that of the measured hub angle.
 
-    Entries are vectors (target rate and displacements ahead, over their scales) in axes that turn with the hub. They
-    were written for the true angle; the observer knows only the measured one. Angular targets of one number do not
-    turn. who: the arm, a `Who`. poses: the links' poses, inertial axes. seen: in and out, clipped to +-CLIP.
+    Entries are vectors (target rate and displacements ahead, over their scales) in axes that turn with the hub. The
+    entries were written for the true angle; the observer knows only the measured angle. Angular targets of one number
+    do not turn. who: the arm, a `Who`. poses: the links' poses, inertial axes. seen: in and out, clipped to +-CLIP.
     """
     if instruments.encoders is not None:
         if p.reference is not None:

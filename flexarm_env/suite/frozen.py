@@ -79,6 +79,10 @@ def digest_of(one: Task) -> str:
         "observation": [list(pair) for pair in zip(made.names, made.scales, strict=True)],
         "history": made.history,
     }
+    if made.contacts:
+        what["contacts"] = [contact.to_table() for contact in made.contacts]
+    if made.contacts and made.extras.reference is not None:
+        what["reference"] = made.extras.reference.ranges
     if one.rules != 1:
         what["rules"] = one.rules
     return hashlib.sha256(json.dumps(_plain(what), sort_keys=True).encode()).hexdigest()[:16]

@@ -64,7 +64,7 @@ def attainable(task, needs, angles, x, y):
 
 @kernel
 def first_unattainable(task, needs, angles, points):
-    """Return the number of the first path point at which the arm cannot follow the target, or -1 if it can follow all.
+    """Return the number of the first path point at which the arm cannot follow the target, or -1 without such a point.
 
     points: (x, y; x, y; ...), m, or (angle, unused; ...), rad. angles: joint angles before the first point, rad;
     `pursue` then moves the posture from point to point. At a returned point the posture does not reach the target,

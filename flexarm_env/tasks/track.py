@@ -105,7 +105,7 @@ def list_ahead(lane, reference, task, period, first, record, seen: Lanes):
 
 @kernel
 def turn_ahead(lane, reference, task, poses, seen: Lanes):
-    """Turn the entries of `list_ahead` from inertial axes into those of link 0's root, scale and clip them."""
+    """Turn entries of `list_ahead` from inertial axes into the axes of link 0's root; scale and clip the entries."""
     if reference is not None:
         at = size(task.entries)
         turn_in(lane, task, poses, seen, at, at + reference.scales.shape[0])

@@ -74,8 +74,8 @@ def root_position(lane, model, q: Lanes, x, y):
     """Return the root's position (m, inertial axes): the last two rows of q minus sum_j beta_j (x_j + i y_j).
 
     (x_j, y_j): unit tangent of node j; beta_j (m): real weight of DATA, for an eccentric payload with the imaginary
-    part ECCENTRIC.beta. With rates v and the tangents' rates it returns the root's velocity, with second rates its
-    acceleration.
+    part ECCENTRIC.beta. With rates v and the tangents' rates the function returns the root's velocity, with second
+    rates the root's acceleration.
     """
     D, m, at = model.data, _nodes(model), constants(model)
     root_x = q[m + X] - weighted_sum(lane, D, at.beta, x, m)

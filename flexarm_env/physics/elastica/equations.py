@@ -349,7 +349,7 @@ def _to_relative(lane, model, S: Lanes):
 def add_stiffness(lane, model, S: Lanes, k, x):
     """Add x (N m/rad) to the diagonal entry k of the dense matrix S, or fix coordinate k (x None).
 
-    x None: row and column k become those of the identity.
+    With x None, row and column k become those of the identity matrix.
     """
     rows = size(model.n)
     if x is None:

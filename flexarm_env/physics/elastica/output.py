@@ -112,7 +112,7 @@ def damping_power(lane, model, par: Lanes, q, v, x):
 
 @kernel
 def energy(lane, model, par: Lanes, q, v):
-    """Return (kinetic, strain, gravitational) energy, J; gravity's is 0 with the center of mass at the origin.
+    """Return (kinetic, strain, gravitational) energy, J; gravitational 0 with the center of mass at the origin.
 
     par: the arm's payload mass (kg), payload inertia (kg m^2) and EI factor; q, v: coordinates and their rates.
     See theory, (5.2).

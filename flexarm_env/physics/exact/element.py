@@ -214,7 +214,7 @@ def tangent(lane, order, points, section, weights, S: Lanes):
     """Write to S the factors of the interior with their couplings to both vertices, then the condensed matrix.
 
     The element's matrix is weights.mass M + weights.damping C + weights.stiffness K; points: `Point` fields that
-    `forces` returned; S: `layout.ELEMENT_FACTORS`. Computed at first use: entries outnumber the registers."""
+    `forces` returned; S: `layout.ELEMENT_FACTORS`. Entries are computed at first use, to save registers."""
     p, sums = len(order), Sums()
     t = tables(p)
     ck, tau, length = weights.stiffness, section.tau, length_of(section)

@@ -2,10 +2,10 @@
 
 Rows (`layout.CHAIN`): x, y (m, inertial axes) and psi (rad) of each vertex, interior amplitudes, hinge angles delta.
 Each element passes its right vertex's state and force to the next element, so each row is written once. A link hinged
-to the tip before it shares that vertex's position. The root section of a hinged link has the angle psi + delta, so a
-moment on the root section acts on psi and on delta. Interiors are condensed as soon as an element's tangent is known;
-vertices are eliminated from tip to root without pivoting: the matrix is symmetric, and cm M outweighs its indefinite
-part. A free hinge transmits forces, no moment: its angle is eliminated on the way. S is laid out as `layout.FACTORS`.
+to the tip of the link before shares the position of the tip's vertex. The root section of a hinged link has the angle
+psi + delta, so a moment on the root section acts on psi and on delta. Interiors are condensed as soon as an element's
+tangent is known; vertices are eliminated from tip to root without pivoting: the matrix is symmetric, and cm M outweighs
+its indefinite part. A free hinge transmits no moment: its angle is eliminated on the way. Layout of S: `FACTORS`.
 """
 
 from ...compiler import Lanes, kernel, load_lane, sincos

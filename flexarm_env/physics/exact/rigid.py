@@ -75,8 +75,8 @@ def _payload_force(lane, model, psi, motion, mass, weights, S):
     """Return the payload's inertia force at the tip and its moment about the tip: (fx, fy, moment, mass).
 
     N (inertial axes), N m, kg. psi: angle of the tip section. motion: its rate, second rate and the acceleration (x, y;
-    less gravity) of the tip. mass: of the payload, kg. The returned mass is the matrix's mass at the tip. It is 0 if
-    the payload has a lever of its own; the lever's factors are then written to S with weights.with_matrix.
+    less gravity) of the tip. mass: the payload's mass, kg. The returned mass is the matrix's mass at the tip, 0 if the
+    payload has a lever of its own; the lever's factors are then written to S with weights.with_matrix.
     """
     rate, second, ax, ay = motion
     if model.eccentric is None:

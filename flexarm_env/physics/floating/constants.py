@@ -167,8 +167,8 @@ def _bending_moments(parts: list[Element]) -> Array:
 def _natural(link: Link, parts: list[Element], k_bend: Array, stretching: Any, free: Any) -> Array:
     """Return `Body.moment` and `Body.q0`, (2, n), of the shape without stress, which has no stretch.
 
-    stretching: `coupling_matrix` or `geometric_matrix`; free: indices of the elastic coordinates. Both are zero for
-    straight links.
+    stretching: `coupling_matrix` or `geometric_matrix`; free: indices of the elastic coordinates. `moment` and `q0` are
+    zero for straight links.
     """
     if not link.curved:
         return np.zeros((2, len(free)))

@@ -354,7 +354,7 @@ def reduce(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
 @unrolled
 @kernel
 def restore(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
-    """Back substitution for one body, root to tip: x <- its elastic coordinates. See theory, (3.3).
+    """Back substitution for one body, root to tip: x <- the body's elastic coordinates. See theory, (3.3).
 
     # in       S: factors of `condense`, `FACTORS.swept`
     # in, out  x (n,): reduced right side, then the solution

@@ -3,8 +3,8 @@
 Each body has its own rows: R_x, R_y (inertial axes) and theta of its frame, then its elastic coordinates q. The
 constraints Phi (theory, eq. 3.4) require that the body's tip is the origin of the next frame. If the joint is rigid or
 prescribed, Phi also requires that the tip section has the next frame's angle. Order of rows: body 0, multipliers of the
-joint at its tip, body 1, ...; the matrix is banded. The kernels of `body` compute each body. To a body, its joint's
-multipliers are a force at its tip like any other.
+joint at its tip, body 1, ...; the matrix is banded. The kernels of `body` compute each body. For a body, the
+multipliers of the joint at the tip are a force at the tip like any other force.
 
 S holds the band, the pivots of its factors, and one body's `FACTORS` as scratch. One arm at a time: pivoting exchanges
 rows.
@@ -210,7 +210,7 @@ def constraint_residual(lane, model, psi: Lanes, state: State, level, scale, r: 
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Add x (N m/rad) to the diagonal entry k of the band; with None row and column k become those of the identity."""
+    """Add x (N m/rad) to the diagonal entry k of the band, or fix row and column k (x None)."""
     half, zero = model.half, 0.0
     width = band_width(half)
     if x is not None:

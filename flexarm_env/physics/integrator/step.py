@@ -159,9 +159,9 @@ def _constraint_rate_residual(lane, model, drive, w: Work, level):
 def _compute_reactions(lane, model, drive, par, w):
     """Store in w.reaction the generalized forces (N, N m) that enforce the prescribed motions at the end of the step.
 
-    They are the rows of the residual r of eq. [64] at the prescribed coordinates, or their multipliers. Do nothing
-    without motions in the `Drive` drive, or if drive is None. Scratch: w.r, w.S. algebraic: rows of multipliers, or
-    None.
+    The forces are the rows of the residual r of eq. [64] at the prescribed coordinates, or their multipliers. Do
+    nothing without motions in the `Drive` drive, or if drive is None. Scratch: w.r, w.S. algebraic: rows of
+    multipliers, or None.
     """
     if drive is not None and drive.known.shape[0] > 0:
         assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)

@@ -1,9 +1,9 @@
-"""Derivatives of a time step, forward and backward, by the equation that it solves: the rules of `transitions`.
+"""Derivatives of a time step, forward and backward, by the equation that the step solves: the rules of `transitions`.
 
 The unknown is q+, of which v+, a+ and b+ are linear functions, eq. (6.1). With rotations the unknown is the increment
-D of the prediction p, q+ = p (+) D. Unknowns differ because round-off does: if q+ is the unknown, forces of stiff
-strains appear only in S; increments of rotations do not add up, so that q+ cannot be one. Arguments as in
-`transitions`.
+D of the prediction p, q+ = p (+) D. The two unknowns have different round-off: if q+ is the unknown, forces of stiff
+strains appear only in S; increments of rotations do not add up, so that with rotations q+ cannot be the unknown.
+Arguments as in `transitions`.
 """
 
 from __future__ import annotations
@@ -183,7 +183,7 @@ def _vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, 
             q, v = load(lane, bar.q, k), load(lane, bar.v, k)
             a, b = load(lane, bar.a, k), load(lane, bar.b, k)
             store(bar.r, k, q + v * slopes.v + a * slopes.a + b * slopes.b)
-        friction_cotangents(lane, model, weights, half, w.S, bar.r, bar.v, bar.a)
+        friction_cotangents(lane, model, par_bar, weights, half, w.S, bar.r, bar.v, bar.a)
         solve_cotangents(lane, model, w, bar)
         vjp_residual(lane, model, par, par_bar, state_of(w), w.u, bar.S, state_of(bar), bar.u, bar.r)
     for k in range(n):
@@ -239,7 +239,7 @@ def _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, ahead
             store(bar.r, i, load(lane, bar.r, i) + load(lane, bar.q0, i))
         # to first order S T^-s stands for K + (C + M) T^-1, s = C / (K + C)
         noted_inverse(lane, model, bar.a0, bar.v0, bar.r)
-        friction_cotangents(lane, model, weights, ahead, w.S, bar.r, bar.v, bar.a)
+        friction_cotangents(lane, model, par_bar, weights, ahead, w.S, bar.r, bar.v, bar.a)
         solve_cotangents(lane, model, w, bar)
         left = _largest_row(lane, model, bar.r, 1, 0)
         first = left if k == 0 else first

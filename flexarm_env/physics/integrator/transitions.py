@@ -1,7 +1,7 @@
 """Derivatives of steps and jumps, forward and backward: differentiate the equation, not the iteration that solves it.
 
-A transition leads from a start (q, v, a, b), inputs u and parameters to an end. It solves an equation for an unknown z,
-and its end follows from start and z.
+A transition leads from a start (q, v, a, b), inputs u and parameters to an end. A transition solves an equation for an
+unknown z, and the end follows from start and z.
 
     transition           z    equation, solved with the matrix S
     jump                 da   r(q, v, a + da, u) - r(q, v, a, u0) = 0,  S = M. In lanes that start afresh a = 0, and
@@ -16,8 +16,8 @@ Both rules use the factors of S at the solution, in lanes without tangents:
     backward   lambda = -S^-T z_bar;  cotangents of start, u and parameters += (dr)^T lambda (`protocol.vjp_residual`)
 
 If S is approximate, the remaining error is solved for again. Coulomb friction corrects the solution by torques that are
-linear in it, for the branch of the values (`joints.friction_derivatives`). The period correction of a step is no part
-of its equation: periods with it are differentiated as executed (`runtime.derivative`).
+linear in the solution, for the branch of the values (`joints.friction_derivatives`). The period correction is no part
+of a step's equation: periods with this correction are differentiated as executed (`runtime.derivative`).
 
 Arguments that recur: `w`, the arm's own work array; `wide`, a dual lane tag, and `x`, its work array with tangents,
 whose values are copied from w; `parx`, parameters in dual lanes; `bar`, a work array whose q, v, a, b and u hold
@@ -132,11 +132,11 @@ def before_jump(lane, wide, model, parx, w, x, first):
 def jump_tangents(lane, wide, model, parx, w, x, h, first):
     """Compute the tangents of a and b after a jump of accelerations from those before it (`before_jump`) in x.
 
-    # in        w: the arm after the jump, w.S its factors;  h: a step, s;  first: lanes > 1/2 start afresh
+    # in        w: the arm after the jump, w.S its factors and, by `store_directions`, the branches of friction
+    #           h: a step, s;  first: lanes > 1/2 start afresh
     # out       x.a, x.b;  x.r, x.S, x.v0, x.b0: scratch
     """
     n = size(model.n)
-    store_directions(lane, model, w.S)
     if model.newton.light_joints is not None and model.newton.resolved is None:
         _light_equation(lane, wide, model, parx, w, x, h, first)
     else:
@@ -188,7 +188,8 @@ def vjp_jump(lane, model, par, par_bar, w, bar, h, first):
     n, zero = size(model.n), splat(lane, 0.0)
     for k in range(n):
         store(bar.r, k, load(lane, bar.a, k) + load(lane, bar.b, k))
-    friction_cotangents(lane, model, MASS_ALONE, 0.5 * h, w.S, bar.r, bar.v, bar.a)
+    store_directions(lane, model, w.S)
+    friction_cotangents(lane, model, par_bar, MASS_ALONE, 0.5 * h, w.S, bar.r, bar.v, bar.a)
     solve_cotangents(lane, model, w, bar)
     if model.newton.resolved is not None:
         # a and b before the jump do not count
@@ -226,7 +227,7 @@ def _vjp_difference(lane, model, par, par_bar, w, bar, h, first):
     else:
         for k in range(n):
             store(bar.b0, k, select_lt(0.5, first, zero, -load(lane, bar.r, k)))
-        friction_residual_cotangents(lane, model, w.S, bar.b0)
+        friction_residual_cotangents(lane, model, par_bar, w.S, bar.b0)
         vjp_residual(lane, model, par, par_bar, start if light else state_of(w), w.u, bar.S, after, bar.u, bar.r)
         vjp_residual(lane, model, par, par_bar, start, w.u0, bar.S, before, bar.u0, bar.b0)
         _add_state(lane, n, before, after)

@@ -130,7 +130,7 @@ def apply_increment(lane, model, w, d: Lanes):
 def remove_known_rows(lane, model, drive, r: Lanes, S, matrix):
     """Remove fixed and prescribed coordinates from the linear system S x = r: r_k <- 0 in their rows k.
 
-    matrix: True also replaces row and column k of S by those of the identity; False: S holds factors. drive: the
+    matrix: True also replaces row and column k of S by those of the identity matrix; False: S holds factors. drive: the
     scene's `Drive`, or None if nothing is prescribed.
     """
     for i in range(model.fixed.shape[0]):

@@ -226,7 +226,7 @@ def _law(scene: Scene, k: int, row: int, motor: int) -> tuple[list[int], NDArray
 def _without_trust(policy: NewtonPolicy) -> NewtonPolicy:
     """Return a Model's policy that trusts neither a first increment nor a prediction, for gears with backlash.
 
-    An increment may cross from one flank of the gap to the other. Its error is then not quadratic.
+    An increment may cross from one flank of the gap to the other. The increment's error is then not quadratic.
     """
     return policy._replace(first_error=None, resolved=None, predicts=None)
 

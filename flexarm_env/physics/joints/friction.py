@@ -266,8 +266,8 @@ def solve_torques(lane, model, S: Lanes, transposed):
     """Solve for friction torques T (N m): sum_j W_ij T_j = gap_i where joint i sticks, T_i = bound_i where it slides.
 
     `GEAR` fields: gap (`find_gaps`: change of the increment x_i that leaves joint i at rest) and bound (N m), in;
-    torque: T, out. W_ij: entry of S^-1 in the friction rows of joints i and j. transposed: True uses W^T,
-    for cotangents, where all bounds are 0. Gaussian elimination without pivoting. See theory, (6.6).
+    torque: T, out. W_ij: entry of S^-1 in the friction rows of joints i and j. transposed: True uses W^T, for
+    cotangents, where all bounds are 0. The elimination is Gaussian, without pivoting. See theory, (6.6).
     """
     joints, one, zero = count(model), 1.0, 0.0
     for i in range(joints):

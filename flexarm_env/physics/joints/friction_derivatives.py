@@ -1,4 +1,4 @@
-"""Derivatives of Coulomb friction, eq. (6.6), for the branch of the values: sticking joints stick, sliding ones slide.
+"""Derivatives of Coulomb friction, eq. (6.6), for the branch of the values: no joint starts or stops sliding.
 
 `transitions` and `runtime.sensitivity` call these functions after the friction of the values (`joints.friction`), which
 has left its torques and branches in the matrix array S.
@@ -50,8 +50,13 @@ def _coulomb_tangent(lane, wide, model, parx, i, j):
     """Return tangent j of joint i's T_C (N m) from the parameters parx in dual lanes; 0 if all arms have one T_C."""
     if model.own is None:
         return splat(lane, 0.0)
-    many = len(wide) // len(lane)
-    return load(lane, parx, (size(model.own) + LAWS.end * i + LAWS.coulomb) * many + j)
+    return load(lane, parx, _coulomb_at(model, i) * (len(wide) // len(lane)) + j)
+
+
+@kernel
+def _coulomb_at(model, i):
+    """Return the place of joint i's T_C among an arm's own parameters."""
+    return size(model.own) + LAWS.end * i + LAWS.coulomb
 
 
 @kernel
@@ -65,10 +70,10 @@ def change_friction_tangents(lane, wide, model, parx, j, S: Lanes):
 
 @kernel
 def friction_residual_tangents(lane, wide, model, parx, S: Lanes, r, first):
-    """Apply `store_friction` to the tangents of r (n dual rows), with the branches that it has stored in S.
+    """Apply `store_friction` to the tangents of r (n dual rows), with the branches of the values in S.
 
-    A joint that sticks with a torque within T_C has residual 0 for any other forces. In other joints friction is
-    +-T_C. Lanes `first` > 1/2 have no residual before the jump and are left out.
+    A joint that sticks with a torque within T_C has residual 0 for any other forces. In other joints friction is +-T_C.
+    Lanes with `first` > 1/2 have no residual before the jump and are skipped.
     """
     if model.newton.friction is not None:
         many = len(wide) // len(lane)
@@ -110,12 +115,12 @@ def friction_tangents(lane, model, change, weights, ahead, S: Lanes, x):
 
 
 @kernel
-def friction_cotangents(lane, model, weights, ahead, S: Lanes, x: Lanes, v_bar: Lanes, a_bar: Lanes):
+def friction_cotangents(lane, model, par_bar: Lanes, weights, ahead, S: Lanes, x: Lanes, v_bar: Lanes, a_bar: Lanes):
     """Compute the reverse derivative of `friction_tangents`: x, cotangents after friction is applied, <- those before.
 
     Adds the cotangents of the rates w = v + ahead a to v_bar and a_bar. The cotangents W^T x of the torques (W: columns
-    of S^-1) must vanish for sticking joints, a system with the transposed minors of W; torques of sliding joints are
-    constant. Theory, (6.6).
+    of S^-1) must vanish for sticking joints, a system with the transposed minors of W. Those of sliding joints, whose
+    torques are T_C in the directions `slides` (`store_directions`), go to the arms' own T_C in par_bar. Theory, (6.6).
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
@@ -133,17 +138,28 @@ def friction_cotangents(lane, model, weights, ahead, S: Lanes, x: Lanes, v_bar: 
             x[row] -= given
             v_bar[row] += given * -share
             a_bar[row] += given * (-share * ahead)
+        if model.own is not None:
+            for i in range(count(model)):
+                g, column = gear_at(model, i), column_at(model, i)
+                total = S[g + GEAR.gap]
+                # sticking joints balance a part of torque i
+                for j in range(count(model)):
+                    row = model.table[PLACES * j + PLACE.friction]
+                    total = total - S[column + row] * S[gear_at(model, j) + GEAR.torque]
+                par_bar[_coulomb_at(model, i)] -= S[g + GEAR.slides] * total
 
 
 @kernel
-def friction_residual_cotangents(lane, model, S: Lanes, r_bar: Lanes):
+def friction_residual_cotangents(lane, model, par_bar: Lanes, S: Lanes, r_bar: Lanes):
     """Compute the reverse derivative of `store_friction`: r_bar <- cotangents of the residual without friction.
 
     A joint that sticks with a torque within T_C (GEAR.free = 1) has residual 0 for any other forces, so its cotangent
-    vanishes. For other joints friction is the constant +-T_C, and the cotangent stays.
+    vanishes. For other joints friction is +-T_C, and the cotangent stays and goes to the arms' own T_C in par_bar.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
             row = model.table[PLACES * i + PLACE.friction]
             given = r_bar[row]
             r_bar[row] = given - S[gear_at(model, i) + GEAR.free] * given
+            if model.own is not None:
+                par_bar[_coulomb_at(model, i)] += direction(lane, S[gear_at(model, i) + GEAR.before]) * r_bar[row]

@@ -363,7 +363,7 @@ def add_rigid_body(lane, array, o, mass, share, at, weights, S: Lanes, to):
 
 @kernel
 def rotor_moment(lane, model, S: Lanes, k, at, weights, o):
-    """Return (0, h w x e), the gyroscopic moment of joint k's rotor on the section before, in its axes (N m).
+    """Return (0, h w x e), the gyroscopic moment (N m) of joint k's rotor on the section before, in section axes.
 
     h: the rotor's angular momentum (N m s), in S; e: the joint's axis; w: spin of the section's `Vertex` at; section
     axes (theory, 6). With weights.with_matrix stores w x e for `factor` and adds -h e^ cd to the 6 x 6 matrix at o of
@@ -438,7 +438,7 @@ def fill_zeros(lane, S: Lanes, o, n):
 def body_sums(lane, model, array, o, mass, share, at):
     """Return ((kinetic, strain = 0, gravitational) energy in J, momentum in kg m/s, inertial axes) of a rigid `BODY`.
 
-    array, o: where the `BODY` is; at: `Place` of the section it is fixed to; mass, share: `mass_of`, `inertia_of`.
+    array, o: where the `BODY` is; at: `Place` of the body's section; mass, share: `mass_of`, `inertia_of`.
     """
     c, I, A = three_of(lane, array, o + P.centre), inertia_of(lane, array, o, share), matrix(at.p)
     # center of mass and its velocity, inertial axes

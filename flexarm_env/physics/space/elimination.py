@@ -2,8 +2,8 @@
 
 The vertices of a link of elements are eliminated one by one. For a link with strains the block on its last section is
 transformed to its root and its strains, and then the strains are eliminated. Before `solve`, vectors x hold forces
-(inertial) and moments (section axes). After it they hold position increments (inertial) and rotation increments (body
-axes).
+(inertial) and moments (section axes). After `solve` the vectors x hold position increments (inertial) and rotation
+increments (body axes).
 """
 
 from __future__ import annotations

@@ -30,10 +30,10 @@ from .rotations import (
 )
 
 MOST, HEAVY = 0.5, 40.0
-"""Bounds of the forces in a segment's tangent: force over EI / l^2 (the buckling force is pi^2 of that) and moment over
-EI / l. They apply if inertia in steps is more than `HEAVY` times as stiff as bending. When Newton's iteration begins,
-strains have errors of second order in a step's rotation. Multiplied by EA or the stiffer EI, the resulting forces would
-spoil the tangent. Real forces are small compared with such inertia."""
+"""Bounds of the forces in a segment's tangent: force over EI / l^2 (the buckling force is pi^2 EI / l^2) and moment
+over EI / l. The bounds apply if inertia in steps is more than `HEAVY` times as stiff as bending. When Newton's
+iteration begins, strains have errors of second order in a step's rotation. Multiplied by EA or the stiffer EI, the
+resulting forces would spoil the tangent. Real forces are small compared with such inertia."""
 
 
 class Stiff(NamedTuple):

@@ -269,7 +269,7 @@ def store_spin_lag(lane, model, par: Lanes, S, k, spin, weights):
 
 @kernel
 def joint_motion_of_root(lane, model, S, k, a):
-    """Return a + lag x a: motion of the root of link k per unit joint angle, root axes; a: the same without damping.
+    """Return a + lag x a: motion of the root of link k per unit joint angle, root axes; a: the motion without damping.
 
     lag: `HINGE.lag`. The joint's angle turns the root's axes, and the rates in these axes change by w x a; w: spin of
     the root. Springs with dampers are 1 + tau_d c_v times as stiff as springs alone (c_v: weight of dr/dv). The change

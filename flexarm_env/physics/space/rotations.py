@@ -235,7 +235,7 @@ def inverse_rotation(p):
 
 @kernel
 def shortest_rotation(p):
-    """Return that of the equal rotations p and -p with w >= 0, whose rotation vector is at most pi long."""
+    """Return p or -p (the same rotation) so that w >= 0 and the rotation vector is at most pi long."""
     sign = select_lt(p[0], 0.0, -1.0, 1.0)
     return p[0] * sign, p[1] * sign, p[2] * sign, p[3] * sign
 

@@ -287,7 +287,7 @@ def elastic(lane, model, par: Lanes, k, state, r):
 def _three(lane, model, table, i, j):
     """Return entry (i, j) of a table (3, polynomials, polynomials) at offset `table` of model.strains, as a `Vector`.
 
-    Its components are for torsion, bending about y, bending about z.
+    The vector's components are for torsion, bending about y, bending about z.
     """
     n = size(model.polynomials)
     o, next_of = table + n * i + j, n * n
