@@ -27,12 +27,12 @@ class Fine:
     """Differentiable cost of a task: the price of each control period that ends with too large a deflection.
 
     In the plane a period costs one price if a link's deflection over its length exceeds the limit; derivatives are
-    those of a smoothed step. In space a period costs one price if the arm is inside a shape at the period's end. This
-    cost is a smoothed step, too, whose middle lies `OFF` m outside of the shape, so that optimized arms stay outside.
-    The cost of shapes is evaluated at points on straight lines between the sections of the state. Inside a wall the
-    gradient of the smoothed step does not lead over the wall. With `lifting` the cost of a point inside the wall is
-    therefore the height, over `LIFT`, by which the point must rise to be above the wall. Other kinds of cost raise
-    ValueError.
+    those of a smoothed step. In space a period costs one price if the arm is inside a shape at the period's end. The
+    cost in space is a smoothed step, too, whose middle lies `OFF` m outside of the shape, so that optimized arms stay
+    outside. The cost of shapes is evaluated at points on straight lines between the sections of the state. Inside a
+    wall the gradient of the smoothed step does not lead over the wall. With `lifting` the cost of a point inside the
+    wall is therefore the height, over `LIFT`, by which the point must rise to be above the wall. Other kinds of cost
+    raise ValueError.
     """
 
     ROUNDED, SOFT, OFF = 0.03, 0.005, 0.012
