@@ -28,8 +28,8 @@ PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
 _BASICS = {
-    "validation", "curves", "meshing", "rotations", "sections", "bodies", "parameters", "sensors", "rigid", "settings",
-    "files", "time_functions",
+    "validation", "records", "curves", "meshing", "rotations", "sections", "bodies", "parameters", "sensors", "rigid",
+    "settings", "files", "time_functions",
 }  # fmt: skip
 _DESCRIPTION = {*_BASICS, "arms", "scene", "scenes", "shapes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
@@ -46,19 +46,20 @@ _PUBLIC = {
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
 ROOMS: dict[str, set[str]] = {
     "validation": set(),
+    "records": {"validation"},
     "curves": {"validation"},
     "meshing": {"validation"},
-    "sections": {"validation", "curves", "meshing"},
+    "sections": {"validation", "records", "curves", "meshing"},
     "rotations": {"validation"},
-    "bodies": {"validation", "rotations", "sections"},
+    "bodies": {"validation", "records", "rotations", "sections"},
     "sensors": {"validation"},
     "shapes": {"validation", "bodies"},
-    "parameters": {"validation", "sections", "bodies", "sensors"},
+    "parameters": {"validation", "records", "sections", "bodies", "sensors"},
     "rigid": {"validation", "bodies", "parameters"},
     "settings": {"validation"},
     "files": {"validation"},
     "time_functions": {"validation", "files"},
-    "arms": {"validation", "files", "sections", "parameters", "sensors"},
+    "arms": {"validation", "records", "files", "bodies", "sections", "parameters", "sensors"},
     "scene": {
         "validation", "files", "curves", "meshing", "bodies", "sections", "parameters", "settings",
         "time_functions", "arms", "shapes",
