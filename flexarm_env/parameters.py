@@ -42,7 +42,7 @@ class Elbow:
     inertia_right: Inertia = bodies.inertia_field("inertia at the root of the link after the joint, in its axes")
     axis: Vector = bodies.axis_field("joint axis, a unit vector in the axes of the link after the joint")
     mount: Any = bodies.mount_field("rotation at a joint angle of 0")
-    radius: float = number("radius of the sphere about the joint that touches obstacles; 0: a point", "m", 0.0, minimum=0.0)
+    radius: float = number("radius of the sphere that touches obstacles; 0: a point", "m", 0.0, minimum=0.0)
 
     def __post_init__(self) -> None:
         """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
