@@ -437,7 +437,7 @@ if __name__ == "__main__":
         "only": {
             "nargs": "*",
             "choices": ("sticking", "known", "others", "steps", "cost", "sweep"),
-            "help": "these parts alone",
+            "help": "measure only these parts",
         },
         "exudyn": {"help": "Python interpreter that has Exudyn"},
     }
