@@ -33,9 +33,12 @@ COMPARED = {
 _PLAIN = {"Add": "add", "Sub": "sub", "Mult": "mul", "BitAnd": "and_", "BitOr": "or_", "BitXor": "xor"}
 
 
+_NUMBERS = (int, float, np.int64, np.uint64, np.bool_)
+
+
 def known(x: Any) -> bool:
     """Return whether x is a number known at compile time."""
-    return isinstance(x, int | float | np.int64 | np.uint64 | np.bool_)
+    return isinstance(x, _NUMBERS)
 
 
 def whole_kind(x: Any) -> bool:
