@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from flexarm_env import arms as arms_by_name
+from flexarm_env.compiler import SINGLE, kernel, size
 from flexarm_env.derivatives import Arms, Jacobians
 from flexarm_env.parameters import Payload
 from flexarm_env.physics.joints.layout import PLACE, PLACES
+from flexarm_env.physics.protocol import State, Weights, assemble, factor, solve, solve_transposed
 from flexarm_env.validation import Array
 from tests.differences import central
 from tests.refusals import refuses
@@ -292,6 +294,33 @@ def test_factors_in_space_are_those_on_sections() -> None:
         total = central(stiffer, e, 2)
         total[:, k] = 1.0  # the factor itself
         assert np.linalg.norm(found.moved[:, :, k] - total) < 1e-5 * np.linalg.norm(total)
+    arms.close()
+
+
+@kernel
+def _solved(lane, model, par, state, u, r, S, plain, transposed):  # type: ignore[no-untyped-def]
+    """Replace the rows of both matrices by S^-1 and S^-T times them."""
+    assemble(lane, model, par, state, u, Weights(1.0, 0.01, 1e-4, newton_share=1.0), r, S)
+    factor(lane, model, S)
+    for k in range(plain.shape[0]):
+        solve(lane, model, S, plain[k])
+        solve_transposed(lane, model, S, transposed[k])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("modes", [None, 2])
+def test_the_transposed_solution_in_space(modes: int | None) -> None:
+    """The columns of S^-T are the rows of S^-1, with modes within segments and without, two segments a link."""
+    mesh = {"segments": 2, **FLOATING, **({} if modes is None else {"modes": modes})}
+    arms = Arms("SpatialFlexArm-v0", 1, arm=SHORT, dt=0.0025, **mesh)
+    system, rng = arms.environment.batch.system, np.random.default_rng(0)
+    model, n = system.model, len(system.q0)
+    state = State(system.q0 + 0.1 * rng.normal(size=n), rng.normal(size=n), rng.normal(size=n))
+    u, S = np.zeros(int(size(model.n_inputs))), np.zeros(int(size(model.n_factor)))
+    plain, transposed = np.eye(n), np.eye(n)
+    _solved(SINGLE, model, system.par, state, u, np.zeros(n), S, plain, transposed)
+    assert abs(plain - plain.T).max() > 1e-3 * abs(plain).max()  # S is not symmetric
+    assert abs(plain - transposed.T).max() < 1e-12 * abs(plain).max()
     arms.close()
 
 

@@ -66,9 +66,10 @@ def _passes(model: Any) -> int:
 
 
 def _goes_back(model: Any) -> bool:
-    """Return whether a model has kernels for cotangents: elasticas and floating frames in the plane only if small.
+    """Return whether a model has kernels for cotangents.
 
-    Larger ones have loops that are not written out, without reverse derivatives of their own.
+    Large elasticas and floating frames in the plane have loops that are not written out, without reverse derivatives of
+    their own.
     """
     arm = getattr(model, "arm", model)
     if isinstance(arm, Elastica):
