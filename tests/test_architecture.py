@@ -52,7 +52,7 @@ ROOMS: dict[str, set[str]] = {
     "sections": {"validation", "records", "curves", "meshing"},
     "rotations": {"validation"},
     "bodies": {"validation", "records", "rotations", "sections"},
-    "sensors": {"validation"},
+    "sensors": {"validation", "records"},
     "shapes": {"validation", "bodies"},
     "parameters": {"validation", "records", "sections", "bodies", "sensors"},
     "rigid": {"validation", "bodies", "parameters"},
