@@ -46,7 +46,7 @@ class Fine:
         cost, self.lifting = task.keywords.get("cost", {}), lifting
         self.shapes = plan.keep_out if "keep_out" in task.keywords else ()
         if task.price and set(cost) != {"deflection"} and not (self.shapes and not cost and plan.arm.spatial):
-            raise ValueError(f"{task.id}: no slope of costs but of the deflection's, and of shapes in space")
+            raise ValueError(f"{task.id}: only costs of deflection, and of shapes in space, have derivatives")
         self.price, self.limit = task.price, float(cost.get("deflection", 1.0))
         self.places = [k for k, name in enumerate(plan.names) if re.fullmatch(r"tip_deflection(_\d+)?", name)]
         self.scales = np.array([plan.scales[k] for k in self.places])
@@ -203,7 +203,7 @@ def steadiers(task: suite.Task, env: Any, trained: Sequence[Path]) -> list[Any]:
         with suppress(ValueError):
             found.append(choose(str(folder), task).make(env))
     if trained and not found and task.environment == SPACE:
-        raise ValueError(f"{task.id}: no policy that sees all there is and steadies arms in space")
+        raise ValueError(f"{task.id}: in space no policy that observes the whole state exists")
     return found
 
 

@@ -46,14 +46,14 @@ def hard(kind: str, k: float, dt: float) -> Scene:
         moving = wall(0.05, up=False, displacement_y=ramp(-0.2, 0.1))
         walls = [wall(-0.05), moving]
     elif kind == "huge torque":
-        walls, more["loads"] = [wall(-0.05)], (JointTorque(0, constant(-100.0)),)
+        walls, more["loads"] = [wall(-0.05)], (JointTorque(0, constant(-20.0)),)
     else:
         walls = [wall(-0.1, friction=1.0, creep=1e-7)]
     return Scene(kind, arm, duration=0.15, dt=dt, sample=0.005, contacts=tuple(walls), **more)
 
 
 KINDS = ("drop", "grazing", "jammed", "begins inside", "crushed", "huge torque", "sticky")
-OUTCOMES = ("right", "reported", "failed with a reason", "refused", "silently wrong")
+OUTCOMES = ("right", "reported", "failed with a reason", "refused", "not judged", "silently wrong")
 
 
 def outcome(kind: str, k: float, formulation: str) -> Found:
@@ -75,8 +75,10 @@ def outcome(kind: str, k: float, formulation: str) -> Found:
     rows = min(len(judge.tip), len(run.tip))
     apart = float(np.abs(run.tip[:rows, :2] - judge.tip[:rows, :2]).max())
     finite = bool(np.isfinite(run.tip).all())
-    right = finite and apart <= WRONG and judge.finished
+    right = finite and apart <= WRONG
     word = "reported" if run.status == "inaccurate" else "right" if right else "silently wrong"
+    if word == "right" and not judge.finished:
+        word = "not judged"
     return {**found, "outcome": word, "apart": apart, "estimate": run.error_estimate}
 
 

@@ -332,7 +332,7 @@ def to_table(arm: Arm, space: bool = True) -> dict[str, Any]:
 
 
 def _elbow_table(elbow: Elbow) -> dict[str, Any]:
-    own = {key: value for key, value in check.changed(elbow).items() if key in ("axis", "mount")}
+    own = {key: value for key, value in check.changed(elbow).items() if key in ("axis", "mount", "radius")}
     return {key: getattr(elbow, key) for key in ("mass", "inertia_left", "inertia_right")} | own
 
 

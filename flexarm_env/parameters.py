@@ -34,7 +34,7 @@ class Elbow:
     """Masses and axis of the joint between two links.
 
     In space the root axes of the link after the joint are R_tip mount exp(angle axis), with the axes R_tip of the tip
-    before the joint.
+    before the joint. The sphere of ``radius`` touches obstacles (`Contact`) and turns with the link before the joint.
     """
 
     mass: float = number("mass at the tip of the link before the joint", "kg", 0.0, minimum=0.0)
@@ -42,6 +42,7 @@ class Elbow:
     inertia_right: Inertia = bodies.inertia_field("inertia at the root of the link after the joint, in its axes")
     axis: Vector = bodies.axis_field("joint axis, a unit vector in the axes of the link after the joint")
     mount: Any = bodies.mount_field("rotation at a joint angle of 0")
+    radius: float = number("radius of the sphere that touches obstacles; 0: a point", "m", 0.0, minimum=0.0)
 
     def __post_init__(self) -> None:
         """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""

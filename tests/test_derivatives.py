@@ -109,6 +109,7 @@ CASES = [
     case("targets", TWO, back=True, task="track", sensors={"delay": 0.04}),
     case("strain gauges", TWO, back=True, sensors={"strain_gauges": [{"place": 0.1}]}),
     case("pushes", ONE, back=True, pushes=EVENTS["pushes"]),
+    case("pushes, floating frame", TWO, back=True, pushes=EVENTS["pushes"], **FLOATING),
     case("targets, late, several at once", ONE, task="track", history=2, sensors={"delay": 0.04, **GAUGE}),
     case("sensors' gains and biases", ONE, parameters=True, observation="measured", sensors=SENSORS, history=2),
     case("targets, sensors", TWO, task="track", observation="measured", sensors=SENSORS, history=2),
@@ -239,11 +240,11 @@ def test_in_space(keywords: dict[str, Any]) -> None:
     """Of `SHORT`: relative error of a period below 3e-6 for each arm, by
     one of two steps of the differences (forces are cut off in Newton's matrix, which is a kink of 1e-4 that one of them
     may step over; accelerations have round-off of 1e-6), of five periods' observations below 1e-5. Cotangents
-    of exact beams have their own kernels, and are what the Jacobians give to 1e-10."""
+    have their own kernels, and are what the Jacobians give to 1e-10."""
     arm = dataclasses.replace(SHORT, joints=geared(2).joints) if keywords.pop("geared", False) else SHORT
     mesh = {} if "formulation" in keywords else {"elements": 1}
     arms = Arms("SpatialFlexArm-v0", 9, tolerance=1e-14, **mesh, **{"arm": arm, "dt": 0.0025, **keywords})
-    assert arms.backwards == (not {"formulation", "contacts"} & {*keywords})
+    assert arms.backwards
     as_in_the_environment(arms)
     state, action = moving(arms)
     touching = [float(arms.environment.batch.view(i).touches[:, 6].sum()) > 1.0 for i in range(arms.n)]

@@ -155,7 +155,7 @@ def binary(b: Any, op: str, x: Any, y: Any) -> Any:
         if p.count > 1 or q.count > 1 or p.tangents or q.tangents:
             raise Refused(f"{told(p)} and {told(q)}: floor division and remainder take plain numbers")
         return _floored(b, op, p, q)
-    raise Refused(f"{told(x)} and {told(y)}: bits of whole numbers alone")
+    raise Refused(f"{told(x)} and {told(y)}: bit operations need integers")
 
 
 def _of_tuples(op: str, x: Any, y: Any) -> Any:
@@ -166,7 +166,8 @@ def _of_tuples(op: str, x: Any, y: Any) -> Any:
     """
     if op == "Add" and is_tuple(x) and is_tuple(y):
         if all(any(isinstance(item, Value) for item in one) for one in (x, y)):
-            raise Refused(f"{told(x)} and {told(y)}: + joins tuples, it adds no vectors; write (*a, *b), or a record")
+            what = "+ concatenates tuples, it does not add vectors; write (*a, *b), or a record"
+            raise Refused(f"{told(x)} and {told(y)}: {what}")
         return x + y
     if op == "Mult" and isinstance(x if is_tuple(y) else y, int):
         return KNOWN[op](x, y)

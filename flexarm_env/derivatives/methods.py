@@ -66,11 +66,13 @@ def _passes(model: Any) -> int:
 
 
 def _goes_back(model: Any) -> bool:
-    """Return whether a model has kernels for cotangents."""
+    """Return whether a model has kernels for cotangents: elasticas and floating frames in the plane only if small.
+
+    Larger ones have loops that are not written out, without reverse derivatives of their own.
+    """
     arm = getattr(model, "arm", model)
     if isinstance(arm, Elastica):
         return isinstance(arm.n, tuple)
     if isinstance(arm, FloatingChain):
-        return isinstance(arm.mesh.n, tuple) and arm.loads is None
-    in_space = isinstance(arm, SpatialBeam) and arm.frames is None and arm.loads is None
-    return in_space or isinstance(arm, ExactBeam)
+        return isinstance(arm.mesh.n, tuple)
+    return isinstance(arm, SpatialBeam | ExactBeam)

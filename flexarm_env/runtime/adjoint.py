@@ -31,7 +31,6 @@ from ..physics.integrator.step import advance
 from ..physics.integrator.step_derivatives import factor_step_end, vjp_step
 from ..physics.integrator.transitions import vjp_jump
 from ..physics.integrator.work import accumulated_increment, copy_rows, shift_size, unpack
-from ..physics.layout import POSE
 from ..physics.protocol import local_difference, tangent_map, task_poses, vjp_poses
 from ..tasks.own_terms import judge_with_terms
 from ..tasks.program import GOAL, PERIODS, sections
@@ -81,19 +80,18 @@ def _see(lane, p, q, poses, record, action, seen, outcome):
 
 
 @kernel
-def _ask(lane, model, task, controller, amplifier, par, q, v, record, action, u):
+def _ask(lane, model, task, controller, amplifier, par, q, v, record, action, poses, y, u):
     """Write the commanded joint torques (N m) into u, from state, record and action (`motors.command`).
 
     # in        q (m, rad), v, record, action (joints, lanes) in [-1, 1]
+    # scratch   poses, y
     # out       u (joints, lanes)
-    Poses and displacements are scratch arrays of this function, so that `vjp_of` can differentiate it in reverse.
     """
-    poses, y = stack(lane, (0,) * (POSE.end * size(task.links))), stack(lane, (0,) * size(task.links))
     command(lane, task, controller, amplifier, model, par, action, poses, record, Asked(q, v, u, y))
 
 
 _vjp_sight = vjp_of(_see, ("q", "poses", "record", "action", "seen", "outcome"))
-_vjp_command = vjp_of(_ask, ("par", "q", "v", "record", "action", "u"))
+_vjp_command = vjp_of(_ask, ("par", "q", "v", "record", "action", "u"), scratch=("poses", "y"))
 _vjp_commands = vjp_of(record_commands, ("record", "w"))
 _vjp_motors = vjp_of(update_motor_torques, ("record", "w"))
 
@@ -176,7 +174,7 @@ def _period(lane, d, g, block, bars, tape):
     if p.actuator is not None:
         _vjp_commands(lane, p.task, p.actuator, record, w, record_bar, bar)
     _vjp_command(
-        lane, model, p.task, p.controller, p.amplifier, par, w.q, w.v, record, action, w.u,
+        lane, model, p.task, p.controller, p.amplifier, par, w.q, w.v, record, action, poses, w.y, w.u,
         par_bar, bar.q, bar.v, record_bar, action_bar, bar.u,
     )  # fmt: skip
     copy_rows(lane, size(model.n_inputs), bar.u0, bar.u)

@@ -11,7 +11,20 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from flexarm_env import Arm, Contact, Link, Motion, Payload, PointLoad, Scene, Section, Simulation, simulate
+from flexarm_env import (
+    Arm,
+    Contact,
+    Elbow,
+    Link,
+    Motion,
+    Payload,
+    PointLoad,
+    Scene,
+    Section,
+    Simulation,
+    arms,
+    simulate,
+)
 from flexarm_env.compiler import uncompiled
 from flexarm_env.linear import static_equilibrium
 from flexarm_env.physics.contact.layout import READING
@@ -270,3 +283,58 @@ def test_formulations_agree_on_an_arm_that_falls_and_slides() -> None:
         assert abs(run.balance).max() < 2e-3 * run.turned_over
         tips.append(run.tip[:, :2])
     assert max(abs(tip - tips[0]).max() for tip in tips) < 2e-3
+
+
+@pytest.mark.parametrize(
+    "formulation", ["elastica", *(pytest.param(name, marks=pytest.mark.slow) for name in FORMULATIONS[1:])]
+)
+@pytest.mark.parametrize("space", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_a_joint_touches_with_the_sphere_about_it(formulation: str, space: bool) -> None:
+    """Moments about the hub: the joint's sphere carries link and forearm, N x = m g x / 2 + m g (x + 1/4)."""
+    radius, k, out = 0.03, 1e5, (0.0,) * space
+    link = Link(0.5, Section(EI=1e3, EA=1e6, C=1e6, m=0.4, EI_y=1e3, GJ=1e3, C_y=1e6, J_y=1e-6, J=1e-6))
+    arm = Arm("two", (link, link), elbows=(Elbow(radius=radius),), tau_d=1e-3)
+    contact = Contact(HalfSpace((0.0, -0.1, *out), (0.0, 1.0, *out)), k, damping=20.0, bodies=("joint1",))
+    # the forearm is held level
+    angle = -math.asin((0.1 - radius) / 0.5)
+    scene = Scene(
+        "elbow", arm, duration=0.5, dt=1e-3, angles=(angle, 0.0), gravity=(0.0, -9.81, *out), contacts=(contact,),
+        motions=(Motion("joint1", constant(-angle)),), space=space,
+    )  # fmt: skip
+    run = moved(scene, formulation, rho_inf=0.5)
+    found, x, weight = reading(run), 0.5 * math.cos(angle), 0.4 * 0.5 * 9.81
+    assert found["normal"] == pytest.approx(weight * (0.5 * x + x + 0.25) / x, rel=5e-3)
+    depth = (float(found["normal"]) / k) ** (2.0 / 3.0)
+    assert found["penetration"] == pytest.approx(depth, rel=1e-3)
+    middle = run.shape_points()[:, :2]
+    elbow = middle[np.argmin(abs(np.hypot(*middle.T) - 0.5))]
+    assert elbow[1] == pytest.approx(-0.1 + radius - depth, abs=1e-4)
+
+
+def test_radius_of_an_elbow_in_files() -> None:
+    arm = Arm("two", (Link(0.5, STIFF),) * 2, elbows=(Elbow(0.1, radius=0.03),))
+    assert arms.from_table(arms.to_table(arm)) == arm
+    with pytest.raises(ValueError, match=r"radius = -1\.0"):
+        Elbow(radius=-1.0)
+
+
+@pytest.mark.parametrize(
+    "formulation", ["elastica", *(pytest.param(name, marks=pytest.mark.slow) for name in FORMULATIONS[1:])]
+)
+@pytest.mark.parametrize("space", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_a_point_along_a_link_is_a_rigid_joint(formulation: str, space: bool) -> None:
+    """A cantilever on a prop in its middle under a small force P at its tip: the prop carries 5/2 P."""
+    push, k, out = 1e-3, 1e3, (0.0,) * space
+    half = Link(0.5, Section(EI=1.0, EA=1e6, C=1e6, m=0.2, EI_y=1.0, GJ=1.0, C_y=1e6, J_y=1e-6, J=1e-6))
+    arm = Arm("propped", (half, half), tau_d=0.1)
+    contact = Contact(HalfSpace((0.0, 0.0, *out), (0.0, 1.0, *out)), k, exponent=1.0, bodies=("joint1",))
+    scene = Scene(
+        "propped", arm, duration=2.0, dt=5e-3, rigid_joints=(1,), motions=(Motion("joint0", constant(0.0)),),
+        loads=(PointLoad(1, "tip", None, constant(-push)),), contacts=(contact,), space=space,
+    )  # fmt: skip
+    run = moved(scene, formulation, rho_inf=0.5)
+    # the prop of stiffness k gives by R / k: R (a^3 / 3 EI + 1 / k) = P a^2 (3 L - a) / 6 EI
+    a = 0.5
+    wanted = push * a * a * (3.0 - a) / 6.0 / (a**3 / 3.0 + 1.0 / k)
+    assert reading(run)["normal"] == pytest.approx(wanted, rel=2e-3)
+    assert wanted == pytest.approx(2.5 * push, rel=0.03)
