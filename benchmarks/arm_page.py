@@ -9,19 +9,23 @@ from flexarm_env import records
 from flexarm_env.bodies import RigidLink
 from flexarm_env.parameters import Arm, Base, Elbow, Joint, Motor, Payload
 from flexarm_env.sections import Link, Section
+from flexarm_env.sensors import Camera, ContactSwitch, Encoder, Law, LowPass, StrainGauge
 
 PAGE = DOCS / "arm_files.md"
 KINDS = {
     "arm": Arm, "link": Link, "section": Section, "rigid_link": RigidLink, "elbow": Elbow, "payload": Payload,
-    "joint": Joint, "motor": Motor, "base": Base,
+    "joint": Joint, "motor": Motor, "base": Base, "law": Law, "low_pass": LowPass,
+    "encoder": Encoder, "strain_gauge": StrainGauge, "camera": Camera, "switch": ContactSwitch,
 }  # fmt: skip
 
 
 def page() -> str:
     """Return the page with new tables; the other text is unchanged."""
-    blocks = {
-        name: table("key | default | unit and bounds | meaning", records.rows(kind)) for name, kind in KINDS.items()
-    }
+    blocks = {}
+    for name, kind in KINDS.items():
+        inherited = records.rows(kind.__base__) if kind.__base__ is Law else []
+        rows = [row for row in records.rows(kind) if row not in inherited]
+        blocks[name] = table("key | default | unit and bounds | meaning", rows)
     return filled(PAGE.read_text(encoding="utf-8"), "arm_page", blocks)
 
 

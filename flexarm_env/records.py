@@ -72,6 +72,15 @@ def number(
     return value(partial(check.number, unit=unit, **bounds), json, text, unit, default, optional=optional)
 
 
+def integer(
+    text: str, default: Any = MISSING, *, minimum: int, maximum: int | None = None, optional: bool = False
+) -> Any:  # fmt: skip
+    """Declare a field with a whole number; bounds as in `validation.integer`."""
+    json = {"type": "integer", "minimum": minimum} | ({} if maximum is None else {"maximum": maximum})
+    rule = partial(check.integer, minimum=minimum, maximum=maximum)
+    return value(rule, json, text, "", default, optional=optional)
+
+
 def choice(words: Sequence[str], text: str, default: Any = MISSING) -> Any:
     """Declare a field with one of some words."""
     return value(partial(check.choice, allowed=words), {"enum": list(words)}, text, "", default)

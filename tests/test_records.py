@@ -106,6 +106,9 @@ def test_the_schema_rejects_a_faulty_file_and_names_the_place(check: Any) -> Non
         (file_of(joints=[{"friction_side": "rotor"}]), "joints.0.friction_side", "'rotor' is not one of"),
         (file_of(joints=[{"motor": {}}]), "joints.0.motor", "'torque_constant' is a required property"),
         (file_of(sensors={"strain_gauges": [{"plaice": 0.1}]}), "sensors.strain_gauges.0", "'plaice' was unexpected"),
+        (file_of(sensors={"strain_gauges": [{"place": 2.0}]}), "sensors.strain_gauges.0.place", "the maximum of 1"),
+        (file_of(sensors={"encoders": {"counts": 1.5}}), "sensors.encoders.counts", "1.5 is not of type 'integer'"),
+        (file_of(sensors={"camera": {"low_pass": {}}}), "sensors.camera.low_pass", "'frequency' is a required prop"),
         ({"arm": file_of(tau_d=-1.0)}, "arm.tau_d", "-1.0 is less than the minimum of 0"),
         ({"name": "mine"}, "", "'links' is a required property"),
     ):  # fmt: skip
