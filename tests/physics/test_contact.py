@@ -27,11 +27,11 @@ from flexarm_env import (
 )
 from flexarm_env.compiler import uncompiled
 from flexarm_env.linear import static_equilibrium
-from flexarm_env.physics.contact.layout import READING
 from flexarm_env.physics.equations import read_poses
 from flexarm_env.physics.layout import POSE
 from flexarm_env.shapes import Box, HalfSpace, Sphere
 from flexarm_env.time_functions import constant, cycloid
+from tests.contact_tools import reading
 
 FORMULATIONS = ("elastica", "geometrically_exact", "floating_frame")
 STIFF = Section(EI=1e6, EA=1e9, C=1e9, m=1e-6)
@@ -42,12 +42,6 @@ FLOOR = HalfSpace((0.0, 0.0), (0.0, 1.0))
 def bar(mass: float, **more: Any) -> Arm:
     """One such link of 1 m with a point mass at its tip."""
     return Arm("bar", (Link(1.0, STIFF),), payload=Payload(mass=mass, **more))
-
-
-def reading(simulation: Simulation, point: int = 0) -> dict[str, NDArray[np.float64]]:
-    """What the integrator stored of a point at the end of the last step."""
-    watch = simulation.model.newton.contact
-    return READING.unpack(simulation.work.S, watch.at + point * watch.stride)
 
 
 def moved(scene: Scene, formulation: str = "elastica", **options: Any) -> Simulation:
