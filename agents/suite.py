@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from flexarm_env import control, suite
-from flexarm_env.control import NAMES
+from flexarm_env.control import FORCE_NAMES, NAMES
 from flexarm_env.suite.page import page
 from flexarm_env.suite.policies import Chosen, choose, fingerprint
 from flexarm_env.suite.results import (
@@ -45,16 +45,17 @@ RESULTS = ROOT / "docs" / "results" / "suite"
 REFERENCES = ROOT / "flexarm_env" / "data" / "suite" / "references.json"
 
 FEW = ("slew-unknown-v2", "slew-geared-v2", "reach-measured-v1")
-"""Tasks for methods with memory, and for methods that learn from earlier data: tasks on which these should have an
-advantage."""
+"""Tasks on which methods with memory, and methods that learn from earlier data, should have an advantage."""
+
+PRESSED = ("press-v1", "land-v1")
+"""Tasks for controllers of the contact force."""
 
 MANY = {
     "slew-measured-v2": 9000, "slew-unknown-v2": 2600, "slew-limited-v2": 2000, "slew-handling-v2": 10_000,
     "reach-measured-v1": 700, "reach-three-v2": 480, "reach-pushed-v1": 320, "float-reach-v1": 450,
     "space-reach-v1": 600, "space-wall-v1": 240, "space-measured-v1": 200,
 }  # fmt: skip
-"""Numbers of episodes for tasks on which a hundred episodes do not separate all methods to within
-`flexarm_env.suite.page.WIDTH`."""
+"""Numbers of episodes for tasks whose scores over 100 episodes are less certain than `flexarm_env.suite.page.WIDTH`."""
 
 SECONDS = {"ppo": 60e-6, "gradient": 60e-6, "sac": 1.5e-3, "tqc": 2.5e-3, "recurrent_ppo": 1.2e-3}
 """Approximate CPU time, s, of a control period in training; used only by --plan."""
@@ -77,13 +78,14 @@ class Method:
 
 
 METHODS = (
-    *(Method(name) for name in NAMES),
+    *(Method(name, tasks=PRESSED if name in FORCE_NAMES else None) for name in NAMES),
     Method("ppo", 5, "ppo"),
     Method("gradient", 3, "gradient"),
     Method("sac", 1, "sac", ("slew-measured-v2", "slew-unknown-v2", "slew-geared-v2")),
     Method("tqc", 2, "tqc", FEW),
     Method("recurrent_ppo", 2, "recurrent_ppo", FEW),
     Method("ppo_around", 5, "ppo", ("reach-measured-v1",), "around"),
+    Method("ppo_press", 1, "ppo", ("press-v1",), "press"),
     Method("foresight", 1, "foresight"),
 )
 
@@ -136,11 +138,11 @@ class Job:
 
     @property
     def episodes(self) -> int:
-        """Number of evaluation episodes; actions optimized in advance have only the hundred they were optimized for."""
+        """Number of evaluation episodes; actions optimized in advance exist for 100 episodes only."""
         return EPISODES if self.method.algorithm == "foresight" else MANY.get(self.task.id, EPISODES)
 
     def done(self, results: Path) -> bool:
-        """Return whether the results file contains the job's result, or the reason why there is none."""
+        """Return whether the results file contains the job's result, or the reason why the result is missing."""
         known = begun(results, self.method.name, self.seed)
         entry = known.tasks.get(self.task.id)
         if entry is None:
@@ -207,7 +209,7 @@ def train(job: Job, arguments: Arguments) -> Path:
 
 
 def of_run(word: str, task: suite.Task) -> Chosen:
-    """Return the policy of a run folder: policy.npz, or the model itself if it has a memory."""
+    """Return the policy of a run folder: actions.npz, policy.npz, or the model if the policy has a memory."""
     folder = Path(word)
     if (folder / "actions.npz").is_file():
         from agents import foresight
@@ -224,10 +226,10 @@ def of_run(word: str, task: suite.Task) -> Chosen:
 
 # ------------------------------------------------------------------ references
 def references(found: Sequence[Results]) -> dict[str, dict[str, Any]]:
-    """Return the reference values of scores; recorded ones never change.
+    """Return the reference values of the tasks' scores; recorded values never change.
 
-    A task without recorded references gets them from the results in a folder. It has no reference if the results lack
-    PD, or if no method is better than PD.
+    For a task without recorded references the values are computed from the results in a folder. The task has no
+    reference if the results lack PD, or if no method is better than PD.
     """
     known = {name: asdict(one) for name, one in frozen_references().items()}
     for task in suite.tasks():
@@ -256,7 +258,7 @@ def plan(todo: Sequence[Job], arguments: Arguments) -> list[str]:
 
 
 def made(arguments: Arguments) -> None:
-    """Write the page if there are results."""
+    """Write the page of results if the folder contains results."""
     if any(arguments.results.glob("*.json")):
         write_text(arguments.results.with_suffix(".md"), page(folder_of(arguments.results, earlier=True)))
 

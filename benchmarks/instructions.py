@@ -4,15 +4,15 @@
     python -m benchmarks.instructions FILE --compare OTHER [--only ...]   prints FILE's counts over those of OTHER
 
 Each program of `PROGRAMS` runs in its own process under valgrind. Nothing is counted while the program starts, compiles
-and takes its first steps. Then its work is done ten times and counted. Instructions in memory that belongs to no file
-are those of the compiled code; the rest, mostly Python's interpreter, is listed separately. Counts are of one run: the
-same code gives the same number, to a few in a million.
+and takes its first steps. Then the program repeats its work ten times, and the instructions of the repetitions are
+counted. Instructions in memory that belongs to no file are those of the compiled code; the rest, mostly Python's
+interpreter, is listed separately. Counts are of one run: the same code gives the same number, to a few in a million.
 
 The repository contains the counts of some programs, benchmarks/instructions_record.json. A commit that changes these
 counts on purpose counts the programs again.
 
 Valgrind presents a Haswell processor, without AVX-512, to the programs. Code for that processor is compiled in advance,
-outside of valgrind, in a temporary folder (or the one of --cache).
+outside of valgrind, in a temporary folder (or in the folder of --cache).
 """
 
 import argparse
@@ -35,9 +35,9 @@ SPATIAL = "SpatialFlexArm-v0"
 IN_SPACE: dict[str, dict[str, Any]] = {
     "floating frame": FLOATING, "modes": MODES, "loaded": {"arm": "three_dof_loaded", "info_level": "full"},
 }  # fmt: skip
-"""Kinds of arms in space beside "in space", the exact beam, that `cold_start` has."""
+"""Kinds of arms in space that are counted in addition to those of `cold_start`."""
 PROGRAMS: dict[str, Callable[[], Work]] = dict(CASES)
-"""The cases of `benchmarks.cold_start`, and the same work of all formulations in space."""
+"""Counted programs: the cases of `benchmarks.cold_start`, and the same work with all formulations in space."""
 for _word, _keywords in IN_SPACE.items():
     for _n, _how in ((1, "single"), (64, "vector 64")):
         PROGRAMS[f"in space, {_word}, {_how}"] = partial(environment, _n, SPATIAL, _keywords)
@@ -47,16 +47,19 @@ for _formulation in ("elastica", "geometrically_exact", "floating_frame"):
     PROGRAMS[f"scene in space, {_formulation}"] = partial(scene, "three_dof_slew", _formulation)
 
 TIMES = 10
-"""How often the work is done and counted."""
+"""Number of repetitions of the counted work."""
 
 REQUEST = bytes.fromhex("4889f8 31d2 48c1c703 48c1c70d 48c1c73d 48c1c733 4887db 4889d0 c3")
-"""x86-64, f(request*): what valgrind knows a client's request by (valgrind.h); without valgrind it does nothing."""
+"""x86-64 machine code of a function f(request*) that valgrind recognizes as a client request (valgrind.h).
+
+Without valgrind the code has no effect.
+"""
 DUMP, ZERO, START, STOP = (0x43540000 + k for k in (0, 1, 4, 5))
-"""Callgrind's requests (callgrind.h)."""
+"""Numbers of callgrind's client requests (callgrind.h)."""
 
 
 def asker() -> Callable[[int], None]:
-    """A function that puts a request to callgrind."""
+    """Return a function that sends a request to callgrind."""
     room = mmap.mmap(-1, mmap.PAGESIZE, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC)
     room.write(REQUEST)
     code = ctypes.c_char.from_buffer(room)  # as long as this is there, so is the room
@@ -70,7 +73,7 @@ def asker() -> Callable[[int], None]:
 
 
 def driver(name: str) -> None:
-    """A program, in the process that is watched."""
+    """Run a program in the process that callgrind observes."""
     ask, work = asker(), PROGRAMS[name]()
     work()
     ask(START)
@@ -82,7 +85,8 @@ def driver(name: str) -> None:
 
 
 def counts(text: str) -> dict[str, int]:
-    """Instructions in a dump of callgrind's: in machine code that belongs to no file, and in all."""
+    """Return the instruction counts of a callgrind dump: "compiled" (machine code that belongs to no file) and
+    "all"."""
     names: dict[str, str] = {}
     memory = total = 0
     ours = called = False
@@ -106,7 +110,7 @@ def counts(text: str) -> dict[str, int]:
 
 
 def measured(name: str, cache: Path) -> dict[str, int]:
-    """A program's counts."""
+    """Count the instructions of a program."""
     environment = os.environ | {"FLEXARM_CPU": "haswell", "FLEXARM_CACHE_DIR": str(cache)}
     environment |= {"PYTHONHASHSEED": "0", "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "benchmarks.instructions", "-", "--run", name]
@@ -121,12 +125,12 @@ def measured(name: str, cache: Path) -> dict[str, int]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Count or compare."""
+    """Count the programs or compare two files of counts; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("file", type=Path)
-    parser.add_argument("--only", nargs="+", default=[""], help="words: cases whose names hold one of them")
-    parser.add_argument("--cache", type=Path, help="folder of compiled code; none: one that goes again")
-    parser.add_argument("--compare", type=Path, help="counts made before")
+    parser.add_argument("--only", nargs="+", default=[""], help="only cases whose names contain one of the words")
+    parser.add_argument("--cache", type=Path, help="folder of compiled code; default: a temporary folder")
+    parser.add_argument("--compare", type=Path, help="file of earlier counts")
     parser.add_argument("--run", help=argparse.SUPPRESS)
     given = parser.parse_args(arguments)
     if given.run:

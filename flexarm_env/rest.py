@@ -141,7 +141,7 @@ def _reason(simulation: Any, last: float) -> str:
 def out_of_range(model: Any, share: str = "") -> str:
     """Return an error message: the arm at rest exceeds the range of its formulation.
 
-    share: share of the loads from which on the arm exceeds it."""
+    share: smallest share of the loads at which the arm exceeds the range."""
     bound = float(getattr(model, "bound", 0.0))
     why = "beyond the range of the reduction to modes" if bound else "larger than a floating body can have"
     instead = "take more segments (no modes), or formulation='geometrically_exact'"

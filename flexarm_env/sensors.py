@@ -241,8 +241,8 @@ class Gyroscope(Law):
 class Camera(Law):
     """Camera: position of the tip, m, along fixed axes; in space also two angles of the tip's x axis, rad.
 
-    The angles are the elevation of this axis out of the x-z plane towards y, and out of the x-y plane towards z; each
-    is in -pi/2 to pi/2.
+    The angles are the elevation of the tip's x axis out of the x-z plane towards y, and out of the x-y plane towards z;
+    each is in -pi/2 to pi/2.
 
     Args:
         period: s from one picture to the next, a whole number of control periods (or samples); None: one
@@ -296,7 +296,7 @@ OF_THE_TIP: dict[bool, dict[str, tuple[str, ...]]] = {
         "camera": ("camera_x", "camera_y", "camera_z", "camera_rise_y", "camera_rise_z"), **_OF_CONTACT,
     },
 }
-"""Names of the readings of these sensors, in the plane (False) and in space (True), in the order of an observation."""
+"""Names of the readings of sensors at the tip, in the plane (False) and in space (True), in an observation's order."""
 
 
 @dataclass(frozen=True)

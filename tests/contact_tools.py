@@ -1,4 +1,4 @@
-"""Numbers of contacts and of the integrator, for tests and for `benchmarks.contact`."""
+"""Readings of contacts and iterations of the integrator, for tests and for `benchmarks.contact`."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from flexarm_env.physics.layout import ITERATIONS, STEPS
 
 
 def reading(simulation: Simulation, point: int = 0) -> dict[str, NDArray[np.float64]]:
-    """What the integrator stored of a point at the end of the last step."""
+    """Return the `READING` of a contact point at the end of the last step."""
     watch = simulation.model.newton.contact
     return READING.unpack(simulation.work.S, watch.at + point * watch.stride)
 
 
 def iterations_of_a_step(simulation: Simulation) -> float:
-    """Newton iterations of a step, the mean of all steps."""
+    """Return the mean number of Newton iterations of a step."""
     counts = simulation.work.counts
     return float(counts[ITERATIONS] / counts[STEPS])

@@ -12,13 +12,13 @@ from gymnasium.vector import AutoresetMode
 
 import flexarm_env  # noqa: F401
 from flexarm_env import control
+from flexarm_env.around import AroundController, AroundControllerVector
 from flexarm_env.cli import main
 from flexarm_env.control.around import Inside, linear_law
 from flexarm_env.control.catalogue import Following, controller
 from flexarm_env.control.export import Entries, onnx_bytes
 from flexarm_env.control.export_around import around_c_source, onnx_law
 from flexarm_env.control.policy import FORMAT_AROUND, AroundPolicy, load_npz, policy_from
-from flexarm_env.envs.around import AroundController, AroundControllerVector
 from flexarm_env.suite.second import of_arrays
 from tests.c_tools import needs_compiler, shared
 from tests.refusals import refuses
@@ -244,7 +244,10 @@ def test_what_cannot_be_inside_is_a_sentence() -> None:
     env = vector(**REACH)
     refuses("around = .pid.: must be one of", lambda: AroundControllerVector(env, "pid"))
     refuses("share = -1.0: must be ", lambda: AroundControllerVector(env, "pd", -1.0))
-    refuses("around = .lqg.: must be pd: the memory of other controllers", lambda: AroundControllerVector(env, "lqg"))
+    refuses(
+        "around = .lqg.: must be pd or a controller of the contact force: the memory",
+        lambda: AroundControllerVector(env, "lqg"),
+    )
     residual = vector(action_mode="residual_pd")
     refuses("action_mode = .residual_pd.: must be", lambda: AroundControllerVector(residual, "pd"))
     one = AroundController(gym.make("FlexibleArm-v0"))

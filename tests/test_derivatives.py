@@ -101,11 +101,15 @@ CASES = [
     case("floating frame, modes, two links", TWO, back=True, modes=2, segments=1, **FLOATING),
     case("root frames, payload off the tip", TWO, back=True, arm=laden(), frame="root", **FALL, **MOTORS, **FLOATING),
     case("root frames, modes, drag", TWO, 1e-14, back=True, arm=dragged(), parameters=True, **ROOT_MODES, **FLOATING),
-    case("motors and controllers, floating frame", TWO, **MOTORS, **PD, **FLOATING),
-    case("motors and controllers, exact beam", TWO, 1e-14, **MOTORS, **PD, **EXACT),
-    case("a hub and laws drawn, parameters", ONE, arm=geared(), parameters=True, **LAWS),
+    case("motors and controllers, floating frame", TWO, back=True, **MOTORS, **PD, **FLOATING),
+    case("motors and controllers, exact beam", TWO, 1e-14, back=True, **MOTORS, **PD, **EXACT),
+    case("a hub and laws drawn, parameters", ONE, back=True, arm=geared(), parameters=True, **LAWS),
     case("a hub and laws drawn", TWO, back=True, arm=geared(2), **LAWS),
-    case("a hub drawn, parameters", ONE, parameters=True, randomization={"hub_inertia": (0.5, 2.0)}),
+    case("a hub drawn, parameters", ONE, back=True, parameters=True, randomization={"hub_inertia": (0.5, 2.0)}),
+    case("targets", TWO, back=True, task="track", sensors={"delay": 0.04}),
+    case("strain gauges", TWO, back=True, sensors={"strain_gauges": [{"place": 0.1}]}),
+    case("pushes", ONE, back=True, pushes=EVENTS["pushes"]),
+    case("pushes, floating frame", TWO, back=True, pushes=EVENTS["pushes"], **FLOATING),
     case("targets, late, several at once", ONE, task="track", history=2, sensors={"delay": 0.04, **GAUGE}),
     case("sensors' gains and biases", ONE, parameters=True, observation="measured", sensors=SENSORS, history=2),
     case("targets, sensors", TWO, task="track", observation="measured", sensors=SENSORS, history=2),
@@ -235,12 +239,12 @@ def as_the_jacobians(
 def test_in_space(keywords: dict[str, Any]) -> None:
     """Of `SHORT`: relative error of a period below 3e-6 for each arm, by
     one of two steps of the differences (forces are cut off in Newton's matrix, which is a kink of 1e-4 that one of them
-    may step over; accelerations have round-off of 1e-6), of five periods' observations below 1e-5. Without controllers
-    and targets that move cotangents of exact beams have their own kernels, and are what the Jacobians give to 1e-10."""
+    may step over; accelerations have round-off of 1e-6), of five periods' observations below 1e-5. Cotangents
+    have their own kernels, and are what the Jacobians give to 1e-10."""
     arm = dataclasses.replace(SHORT, joints=geared(2).joints) if keywords.pop("geared", False) else SHORT
     mesh = {} if "formulation" in keywords else {"elements": 1}
     arms = Arms("SpatialFlexArm-v0", 9, tolerance=1e-14, **mesh, **{"arm": arm, "dt": 0.0025, **keywords})
-    assert arms.backwards == (not {"action_mode", "task", "formulation", "contacts"} & {*keywords})
+    assert arms.backwards
     as_in_the_environment(arms)
     state, action = moving(arms)
     touching = [float(arms.environment.batch.view(i).touches[:, 6].sum()) > 1.0 for i in range(arms.n)]
@@ -415,6 +419,8 @@ RUBS = [
     pytest.param(ONE, {"arm": rough(friction_side="link")}, 1e-12, id="link's side"),
     pytest.param(ONE, {"arm": rough(backlash=0.01)}, 1e-12, id="backlash"),
     pytest.param(TWO, {"arm": rough(2), **MOTORS}, 3e-12, id="two links, motors"),
+    pytest.param(ONE, {"arm": rough(), "parameters": True}, 1e-12, id="parameters"),
+    pytest.param(ONE, {"arm": rough(), "segments": 2, **FLOATING}, 1e-10, id="floating frame"),
     pytest.param(ONE, {"arm": bare(rough()), "tolerance": 1e-15, **EXACT}, 1e-9, id="exact beam"),
     pytest.param(ONE, {"arm": bare(rough()), "tolerance": 1e-15, **MOTORS, **EXACT}, 5e-9, id="exact beam, motors"),
 ]

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def clean(as_json: bool) -> int:
-    """Delete the compiled code of every version in the folder; return 1 if some of it cannot be deleted."""
+    """Delete the compiled code of every version in the folder; return 1 if a file cannot be deleted."""
     from flexarm_env.compiler import objects
 
     folder = objects.folders()[0]
@@ -151,7 +151,7 @@ def _commands() -> list[Use]:
 
     def controllers(env_id: str) -> None:
         for name in control.NAMES:
-            if name == "time_optimal" and env_id != ENVIRONMENTS[0]:
+            if name in control.FORCE_NAMES or (name == "time_optimal" and env_id != ENVIRONMENTS[0]):
                 continue
             plays(name, env_id, **({"observation": "measured"} if name == "lqg" else {}))
 

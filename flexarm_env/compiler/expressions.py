@@ -57,7 +57,7 @@ class Expressions(Elements):
         return self.names[name]
 
     def room(self, kind_of: Any, align: int | None = None) -> Any:
-        """Return the address of an LLVM type on the stack, allocated in the entry block for the whole call."""
+        """Allocate stack memory for an LLVM type, in the entry block for the whole call; return the address."""
         if isinstance(kind_of, ir.ArrayType):
             self.module.take_room(self.code, kind_of.count)
         place = ir.IRBuilder(self.top).alloca(kind_of)
@@ -82,7 +82,7 @@ class Expressions(Elements):
         return item
 
     def parts(self, item: Any) -> Sequence[Any]:
-        """Return the items of a tuple, a range or a named tuple. Refused: anything else."""
+        """Return the items of a tuple, a range or a named tuple. Raises Refused for any other item."""
         if isinstance(item, Record | Stored):
             return [self.field(item, name) for name in item.instance_class._fields]
         if isinstance(item, tuple | range):

@@ -96,7 +96,7 @@ class Record:
 class Stored:
     """A named tuple in memory at `address`, laid out by `layout`; fields are loaded where they are used.
 
-    lane: as of a `Record`.
+    lane: see `Record`.
     """
 
     __slots__ = ("address", "instance_class", "lane", "layout")
@@ -142,7 +142,7 @@ def described_as(part: Any, name: str) -> Any:
     """Describe the type of an argument or field by a hashable word, tuple or `Layout`.
 
     None, truth values and numbers: "none", "truth", "integer", "unsigned", "number". Arrays: (letter, dimensions), and
-    "fixed" as a third entry for read-only ones. Lane tags and sizes: ("tag", length). Tuples: ("tuple", parts). Named
+    "fixed" as a third entry for read-only arrays. Lane tags and sizes: ("tag", length). Tuples: ("tuple", parts). Named
     tuples: their Layout, since their words lie inside those of the tuple that contains them. TypeError: anything else.
     """
     if part is None:
@@ -176,7 +176,7 @@ def described_as(part: Any, name: str) -> Any:
 
 
 def width(shape: Any) -> int:
-    """Return the number of 8-byte words that a value described by `shape` takes: an array one and its dimensions."""
+    """Return the number of 8-byte words of a value described by `shape`: for an array one, plus one per dimension."""
     if isinstance(shape, Layout):
         return shape.words
     if isinstance(shape, str):
@@ -293,7 +293,7 @@ def rebuilt(item: Any, it: Iterator[Any], builder: Any) -> Any:
 def kind(item: Any) -> Any:
     """Return the hashable specialization key of an item; items with equal keys share one compiled function.
 
-    Symbolic items give their type (lanes, tangents, element type, class), static ones their type and value.
+    Symbolic items give their type (lanes, tangents, element type, class), static items their type and value.
     """
     if isinstance(item, Value):
         return ("value", item.count, len(item.tangents))

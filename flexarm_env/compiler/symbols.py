@@ -87,7 +87,7 @@ class Value:
         return Value(self.builder, self.value, self.count, tangents)
 
     def __add__(self, x: Any) -> Value:
-        """Write self + x; tangents: self' + x'."""
+        """Emit self + x; tangents: self' + x'."""
         x = self.other(x)
         return self._binary("fadd", self, x).having(_sum(self.tangents, x.tangents))
 
@@ -95,7 +95,7 @@ class Value:
         return self.other(x) + self
 
     def __sub__(self, x: Any) -> Value:
-        """Write self - x; tangents: self' - x'."""
+        """Emit self - x; tangents: self' - x'."""
         x = self.other(x)
         return self._binary("fsub", self, x).having(_difference(self.tangents, x.tangents))
 
@@ -103,7 +103,7 @@ class Value:
         return self.other(x) - self
 
     def __mul__(self, x: Any) -> Value:
-        """Write self x; tangents by the product rule, self' x + x' self."""
+        """Emit self x; tangents by the product rule, self' x + x' self."""
         x = self.other(x)
         return self._binary("fmul", self, x).having(_sum(_times(self.tangents, x), _times(x.tangents, self)))
 
@@ -111,7 +111,7 @@ class Value:
         return self.other(x) * self
 
     def __truediv__(self, x: Any) -> Value:
-        """Write self / x; tangents by the quotient rule, (self' - x' (self / x)) (1 / x)."""
+        """Emit self / x; tangents by the quotient rule, (self' - x' (self / x)) (1 / x)."""
         x = self.other(x)
         # the value is one division, rounded once, whatever the tangents
         ratio = self._binary("fdiv", self, x)
@@ -125,7 +125,7 @@ class Value:
         return self.other(x) / self
 
     def __neg__(self) -> Value:
-        """Write -self; tangents: -self'."""
+        """Emit -self; tangents: -self'."""
         return self.like(self.builder.fneg(self.value), self.count).having([-x for x in self.tangents])
 
     def __bool__(self) -> bool:
@@ -133,7 +133,7 @@ class Value:
         raise TypeError("a value is not known when the kernel is written out: no branch may depend on it")
 
     def call(self, name: str) -> Value:
-        """Write a call of the LLVM intrinsic `name` of one argument on the value; the result has no tangents."""
+        """Emit a call of the LLVM intrinsic `name` of one argument on the value; the result has no tangents."""
         kind = vector(self.count)
         # intrinsics are named by type: llvm.sqrt.f64, llvm.sqrt.v8f64
         suffix = "f64" if self.count == 1 else f"v{self.count}f64"

@@ -11,10 +11,11 @@ All controllers read only the environment's observation, are designed for the no
 """
 
 from .base import Controller, Setup
-from .catalogue import NAMES, make
-from .force import ForceGains, HybridForce
+from .catalogue import FORCE_NAMES, NAMES, make
+from .force import ForceGains, HybridForce, Impedance, ImpedanceGains
 from .lqg import LQG, LQGGains
 from .lqr import LQR, LQRGains
+from .lqr_force import LQRForce, LQRForceGains
 from .mpc import MPC, MPCGains
 from .pd import PD, PDGains
 from .policy import AroundPolicy, NumpyPolicy
@@ -24,8 +25,8 @@ from .sources import NamedPolicy, find_policy, load_policy
 from .time_optimal import Plan, TimeOptimal, TimeOptimalGains, plan, rigid_time
 
 __all__ = [
-    "LQG", "LQR", "MPC", "NAMES", "PD", "AroundPolicy", "Controller", "ForceGains", "HybridForce", "LQGGains",
-    "LQRGains", "MPCGains", "NamedPolicy", "NumpyPolicy", "PDGains", "Plan", "Setup", "ShapedGains", "ShapedPD",
-    "Shaper", "TimeOptimal", "TimeOptimalGains", "find_policy", "load_policy", "make", "plan", "policy_names",
-    "rigid_time", "zv", "zvd",
+    "FORCE_NAMES", "LQG", "LQR", "MPC", "NAMES", "PD", "AroundPolicy", "Controller", "ForceGains", "HybridForce",
+    "Impedance", "ImpedanceGains", "LQGGains", "LQRForce", "LQRForceGains", "LQRGains", "MPCGains", "NamedPolicy",
+    "NumpyPolicy", "PDGains", "Plan", "Setup", "ShapedGains", "ShapedPD", "Shaper", "TimeOptimal", "TimeOptimalGains",
+    "find_policy", "load_policy", "make", "plan", "policy_names", "rigid_time", "zv", "zvd",
 ]  # fmt: skip

@@ -14,16 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..geometry.plane import goal_angles, tip_in_hub_frame, wrapped
 from ..parameters import Arm
 from ..rigid import rigid_inertia
 from ..sensors import Sensors
 from ..shapes import Shape
+from ..tasks import RESIDUAL_SHARE as RESIDUAL_SHARE
 from ..validation import Array
-from .kinematics import goal_angles, tip_in_hub_frame, wrapped
-
-RESIDUAL_SHARE = 0.7
-"""Default share of the torque limit that the action adds in action_mode="residual_pd"."""
-
 
 WHOLE = {"flexible": 1, "modes": 0, "block": 1, "horizon": 1, "iterations": 1, "first": 1}
 """Integer fields of gains and their minima."""
@@ -65,7 +62,7 @@ class Setup:
     """Facts about an environment that a controller may use: the nominal arm and the observation's layout, SI.
 
     Args:
-        task: "slew" (one link, tip angle) or "reach" (two links or more, tip position).
+        task: "slew" (one link, tip angle), "reach" (two links or more, tip position), "press" or "land" (at a wall).
         arm: the nominal arm. control_dt: control period, s. torque_limits (N,): N m at an action of 1.
         names, scales: names and scales of the observation's entries, in order; entry = value / scale.
         history: number of instants in an observation, the oldest first.
@@ -75,6 +72,7 @@ class Setup:
         gravity: m/s^2; None: no gravity. keep_out: shapes that the arm has to avoid.
         delay: total delay of torques and readings, s; a random delay counts with its maximum. lag: time constant of the
             motors, s.
+        wall: bearing, rad, of the point nearest to the root of the wall of task "press" or "land"; None: no such wall.
     """
 
     task: str
@@ -92,6 +90,7 @@ class Setup:
     keep_out: tuple[Shape, ...] = ()
     delay: float = 0.0
     lag: float = 0.0
+    wall: float | None = None
 
     @classmethod
     def of(cls, env: Any) -> Setup:
@@ -109,9 +108,11 @@ class Setup:
             own = np.concatenate([extras.sensors.noise, np.zeros(plan.arm.n_links)])
             noise = tuple((own[chosen][: len(plan.scales)] * plan.scales).tolist())
         share = None if extras.controller is None else float(extras.controller.share)
+        wall = getattr(plan.kind.target, "wall", None)
         return cls(
             plan.kind.task, plan.arm, plan.period, limits, names, scales, plan.history, plan.sensors, noise,
             plan.action_mode, share, plan.gravity, plan.keep_out, *lateness(plan),
+            None if wall is None else float(wall.bearing),
         )  # fmt: skip
 
     @property
@@ -173,7 +174,7 @@ class Signals:
     def outputs(self, angles: Array) -> Array:
         """Stack joint angles, joint rates, deflections and deflection rates as outputs of an arm's model.
 
-        angles (n, N), rad: joint angles that replace the measured ones. Returns (n, 4 N), in space (n, 2 N + 6 F).
+        angles (n, N), rad: joint angles that replace the measured angles. Returns (n, 4 N), in space (n, 2 N + 6 F).
         """
         return np.concatenate([angles, self.rates, self.bends, self.bend_rates], axis=1)
 
@@ -284,7 +285,8 @@ class Controller(ABC):
         Raises ValueError unless `restarts`.
         """
         if not self.restarts:
-            what = "must be pd: the memory of other controllers begins for all environments together"
+            what = "must be pd or a controller of the contact force: the memory of other controllers begins"
+            what += " for all environments together"
             raise check.InvalidValue("controller", type(self).__name__, what)
         if not rows.any():
             return
@@ -299,9 +301,10 @@ class Controller(ABC):
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> NDArray[np.float32]:
         """Compute actions in [-1, 1], (n, N), or (N,) for one observation: torques divided by their limits, saturated.
 
-        beside: actions of another policy, of the result's shape. They are added before the saturation, and estimates
-        are advanced under the sum. Raises RuntimeError before the first `reset`. Raises ValueError for an observation
-        that is not finite, or whose shape differs from the one given to `reset`; the memory is then unchanged.
+        beside: actions of another policy, of the result's shape. The actions `beside` are added before the saturation,
+        and the controller's state estimates are advanced under the sum. Raises RuntimeError before the first `reset`.
+        Raises ValueError for an observation that is not finite, or whose shape differs from the shape given to `reset`;
+        the memory is then unchanged.
         """
         signals = self.read(observation)
         count, begun = len(signals.angles), len(self.goal)

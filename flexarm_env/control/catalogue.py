@@ -13,16 +13,18 @@ from numpy.typing import NDArray
 from .. import arms
 from .. import validation as check
 from ..parameters import Arm
+from ..rigid import timescales
 from .arm_model import arm_model
 from .base import Controller, Setup
+from .force import ForceGains, HybridForce, Impedance, ImpedanceGains
 from .lqg import LQG, LQGGains, SpatialLQG, SpatialLQR
 from .lqr import LQR, LQRGains
+from .lqr_force import LQRForce, LQRForceGains
 from .margins import warn_of_delay
 from .mpc import MPC, MPCGains, SpatialMPC
 from .pd import PD, PDGains, SpatialPD, SpatialPDGains
 from .shaping import SHAPERS, ShapedGains, ShapedPD, SpatialShapedGains, SpatialShapedPD
 from .time_optimal import TimeOptimal, TimeOptimalGains
-from .timescales import timescales
 
 _Kind = tuple[type[Any], Callable[[Setup, Any], Controller]]
 _KINDS: dict[str, _Kind] = {
@@ -30,6 +32,8 @@ _KINDS: dict[str, _Kind] = {
     **{kind: (ShapedGains, partial(ShapedPD, kind=kind)) for kind in SHAPERS},
     "lqr": (LQRGains, LQR), "lqg": (LQGGains, LQG), "mpc": (MPCGains, MPC),
     "time_optimal": (TimeOptimalGains, TimeOptimal),
+    "hybrid_force": (ForceGains, HybridForce), "impedance": (ImpedanceGains, Impedance),
+    "lqr_force": (LQRForceGains, LQRForce),
 }  # fmt: skip
 _SPACE: dict[str, _Kind] = {
     "pd": (SpatialPDGains, SpatialPD),
@@ -37,6 +41,12 @@ _SPACE: dict[str, _Kind] = {
     "lqr": (LQGGains, SpatialLQR), "lqg": (LQGGains, SpatialLQG), "mpc": (MPCGains, SpatialMPC),
 }  # fmt: skip
 """Gains and controller classes for arms in space, by name."""
+
+PRESS, LAND = "press", "land"
+"""Names of the tasks at a wall, which share gains for any number of joints."""
+
+FORCE_NAMES = ("hybrid_force", "impedance", "lqr_force")
+"""Names of the controllers of a contact force, for tasks at a wall alone."""
 
 NAMES = tuple(_KINDS)
 """Controller names accepted by `make`."""
@@ -52,12 +62,14 @@ def _table(task: str) -> dict[str, Any]:
 def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
     """Return the tuned gains of controller `name` for a task ("slew", "reach", or "space").
 
-    n_joints: number of joints; None: that of the task's own arm. Arms with three and more joints share one set of
+    n_joints: number of joints; None: that of the task's default arm. Arms with three and more joints share one set of
     gains, "chain". Returns an instance of the controller's gains class. Raises ValueError for an unknown name, or a
     controller that does not exist for the task.
     """
     check.choice("controller", name, NAMES)
-    table = _table("chain" if n_joints is not None and n_joints > 2 and task != "space" else task)
+    at_wall = task in (PRESS, LAND)
+    many = n_joints is not None and n_joints > 2 and task != "space"
+    table = _table(PRESS if at_wall else "chain" if many else task)
     if name not in table:
         known = ", ".join(f'"{other}"' for other in table)
         raise check.InvalidValue("controller", name, f'must be one of {known} for task="{task}"')
@@ -67,7 +79,7 @@ def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
 def gains_from(name: str, values: Mapping[str, Any], space: bool = False) -> Any:
     """Build the gains of controller `name` from values by key.
 
-    space: whether the arm is one in space. Raises ValueError for an unknown key; the message lists the known ones.
+    space: whether the arm is one in space. Raises ValueError for an unknown key; the message lists the known keys.
     """
     kind, _ = (_SPACE if space else _KINDS)[name]
     needed = [field.name for field in dataclasses.fields(kind) if field.default is dataclasses.MISSING]
@@ -81,8 +93,8 @@ TUNED_ON = "strip"
 def for_arm(gains: LQRGains, setup: Setup) -> LQRGains:
     """Scale LQR weights that were tuned on one one-link arm to another one-link arm.
 
-    The weights on rates are relative to the first flexible frequency. They are multiplied by this frequency times the
-    arm's quickest quarter turn, so that rates count relative to the slew.
+    The weights on rates are relative to the first flexible frequency. The weights are multiplied by this frequency
+    times the duration of the arm's quickest quarter turn, so that rates count relative to the slew.
     """
     # ratio of (first flexible frequency x quarter-turn time) to that of the tuning arm
     share = _tempo(setup.arm) / _tempo(arms.named(TUNED_ON))
@@ -99,7 +111,8 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
     """Create a controller for an environment of this package.
 
     Args:
-        name: "pd", "zv", "zvd", "lqr", "lqg", "mpc" or "time_optimal".
+        name: "pd", "zv", "zvd", "lqr", "lqg", "mpc" or "time_optimal"; at a wall (task="press" or "land")
+            "hybrid_force", "impedance" or "lqr_force".
         env: a `Setup`, or an environment (single or vector) with action_mode "torque".
         gains: an instance of the controller's gains class, or a table of gains by name, as `flexarm tune` writes. None:
             the tuned gains of the environment's task.
@@ -119,6 +132,9 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
         if plan.arm.base is not None:
             what = "must be None: controllers plan for a root that stays where it is (pd of the suite aims anew)"
             raise check.InvalidValue("arm.base", plan.arm.base, what)
+        if name == "mpc" and plan.contacts:
+            what = "must be left out with mpc: its plans ignore obstacles that push the arm back"
+            raise check.InvalidValue("contacts", plan.contacts, what)
     # arms in space have their own classes
     space = setup.arm.spatial
     if space and name not in _SPACE:
@@ -165,6 +181,6 @@ class Following:
 def controller(name: str, env: Any, gains: Any = None) -> Controller | Following:
     """Create a controller as :func:`flexarm_env.control.make` does; PD also for moving targets and floating bases."""
     plan = env.unwrapped.plan
-    following = name == "pd" and (plan.task == "track" or plan.arm.base is not None)
+    following = name == "pd" and (plan.task in ("track", PRESS, LAND) or plan.arm.base is not None)
     made = make(name, Setup.of(env) if following else env, gains)
     return Following(made) if following else made

@@ -1,32 +1,58 @@
-"""Hybrid force/position control of a tip that slides along a wall (task "press")."""
+"""Control of a tip that slides along a wall under a commanded normal force (task "press"), or lands there ("land").
 
+`HybridForce` and `Impedance` share the reference: the arm at rest (`StaticChain`) whose tip is at the target and whose
+wall reaction is the commanded force. `lqr_force.LQRForce` has the same reference.
+"""
+
+from abc import abstractmethod
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..geometry.plane import tip_in_hub_frame, wrapped
 from ..parameters import Arm
+from ..rigid import largest_force, rigid_inertia
 from ..validation import Array
 from .arm_model import postures
 from .base import Controller, Gains, Setup, Signals
-from .kinematics import tip_in_hub_frame, wrapped
 from .lqr import LQRGains, design, times
 
 ENTRIES = ("to_target_x", "to_target_y", "target_velocity_x", "target_velocity_y", "target_force", "tip_force_normal")
-"""Entries of the observation that the controller reads in addition to those of joints and links."""
+"""Entries of the observation that the controllers read in addition to those of joints and links. Task "land" has no
+`target_force`."""
+
+TASKS = ("press", "land")
 
 
-@dataclass(frozen=True)
-class ForceGains(Gains):
+@dataclass(frozen=True, kw_only=True)
+class Approach(Gains):
+    """Parameters of the reference.
+
+    Args:
+        approach: time in which the tip moves to the wall, s. press: time in which the force rises after the approach,
+            s.
+        friction: assumed coefficient of friction.
+        touch: commanded force of task "land", divided by the largest tip force that the motors can hold.
+    """
+
+    approach: float = 3.0
+    press: float = 1.0
+    friction: float = 0.3
+    touch: float = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceGains(Approach):
     """Gains of `HybridForce`.
 
     Args:
         angle, rate, bend, bend_rate: weights of the state feedback about the reference; see `LQRGains`.
         path, force: integral gains, 1/s, on the distance from the path and on the error of the normal force.
         lead: ratio of the proportional gain to the integral gain for the distance from the path, s.
-        approach: time in which the tip moves to the wall, s. press: time in which the force then rises, s.
-        friction: assumed coefficient of friction.
     """
 
     angle: float = 2.919
@@ -36,56 +62,99 @@ class ForceGains(Gains):
     path: float = 0.9
     lead: float = 0.4
     force: float = 0.3
-    approach: float = 3.0
-    press: float = 1.0
-    friction: float = 0.3
 
 
-class HybridForce(Controller):
-    """State feedback with integral errors about an arm at rest that presses on the wall with the commanded force.
+@dataclass(frozen=True, kw_only=True)
+class ImpedanceGains(Approach):
+    """Gains of `Impedance`, dimensionless, so that they apply to arms of any size.
 
-    In each period the controller computes the joint angles and torques of the arm at rest whose tip is at the reference
-    under the wall's reaction (`StaticChain`). The reference moves from the tip's initial position to the target; then
-    the force rises. The errors along the wall and of the normal force are integrated, and both shift the reference.
+    Args:
+        along, across: stiffness of the tip along the wall and along its normal, times the arm's length over the largest
+            tip force that the motors can hold. damping: damping ratio of both directions.
+    """
+
+    along: float = 30.0
+    across: float = 2.0
+    damping: float = 1.0
+
+
+class View(NamedTuple):
+    """A period as the controllers see it, n arms, inertial axes.
+
+    Attributes: signals: joints and links. to_target, velocity (n, 2): tip to target, m, and the target's velocity, m/s.
+        target (n, 2): m from the root. along, normal (n, 2): unit vectors of the path and of the wall's normal away
+        from the root. commanded, force (n,): commanded and measured normal force, N. near, share (n,): progress of the
+        approach and of the rise of the force, 0 to 1. touching (n,): 1 once the force has risen, otherwise 0.
+    """
+
+    signals: Signals
+    to_target: Array
+    velocity: Array
+    target: Array
+    along: Array
+    normal: Array
+    commanded: Array
+    force: Array
+    near: Array
+    share: Array
+    touching: Array
+
+
+class PressController(Controller):
+    """Basis of the controllers of a contact force: the observation, the wall, and the progress of the approach.
+
+    In task "press" the tip slides along the wall. In task "land" the target rests, and the commanded force is a gain.
     """
 
     needs_bends = True
+    restarts = True
+    timing: Approach
 
-    def __init__(self, setup: Setup, gains: ForceGains | None = None) -> None:
+    def __init__(self, setup: Setup) -> None:
         """Look up the entries of the observation.
 
         Raises:
-            ValueError: the environment has another task than "press", or its observation lacks an entry.
+            ValueError: the environment has another task, or its observation lacks an entry.
         """
-        if setup.task != "press":
-            raise check.InvalidValue("task", setup.task, 'must be "press" for a controller of the contact force')
+        if setup.task not in TASKS:
+            raise check.InvalidValue("task", setup.task, f"must be one of {TASKS} for a controller of the force")
         super().__init__(setup)
-        self.gains = ForceGains() if gains is None else check.instance("gains", gains, ForceGains)
-        for name in ENTRIES:
+        self.slides, self.most = setup.task == "press", largest_force(setup.arm)
+        needed = [name for name in ENTRIES if self.slides or name != "target_force"]
+        for name in needed:
             if name not in setup.names:
                 raise check.InvalidValue("observation", setup.names, f"must have the entry {name}")
-        at, scales = [setup.names.index(name) for name in ENTRIES], np.array(setup.scales)
+        at, scales = [setup.names.index(name) for name in needed], np.array(setup.scales)
         self._at, self._scales = np.array(at) - len(setup.names), scales[at]
-        self._weights = LQRGains(self.gains.angle, self.gains.rate, self.gains.bend, self.gains.bend_rate)
+        if setup.wall is None:
+            raise check.InvalidValue("wall", None, "must be given: the bearing (rad) of the wall")
+        self._normal = np.array([np.cos(setup.wall), np.sin(setup.wall)])
         self.chain = StaticChain(setup.arm)
 
     def reset(self, observation: NDArray[np.floating]) -> None:
         """Begin episodes with their first observation, (n, entries) or (entries,)."""
         signals = self.read(observation)
-        self.step, self.goal = 0, signals.angles.copy()
-        self._tip = self._rotated(signals, tip_in_hub_frame(self.setup.arm, signals.angles[:, 1:], signals.bends))
-        self._shift, self._excess = np.zeros((len(self.goal), 2)), np.zeros(len(self.goal))
+        self.goal = signals.angles.copy()
+        # one row per episode, so that episodes may begin at different times (`restart`)
+        self._periods, self._way = np.zeros(len(self.goal)), np.zeros(len(self.goal))
+        self._tip = rotated(signals, tip_in_hub_frame(self.setup.arm, signals.angles[:, 1:], signals.bends))
         self._bends = np.zeros_like(self.goal)
-        self._error: Array | None = None
+        self.forget()
+
+    @property
+    def friction(self) -> float:
+        """Coefficient of the friction along the path; 0 for a tip that does not slide."""
+        return self.timing.friction if self.slides else 0.0
+
+    def forget(self) -> None:
+        """Set the controller's own memory, arrays with one row per episode, to its value at the start."""
 
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> NDArray[np.float32]:
         """Compute actions in [-1, 1]: torques divided by their limits, saturated; beside: see `Controller.act`."""
         if not len(self.goal):
             raise RuntimeError("No episode has begun: call the controller's reset(observation) first")
-        signals = self.read(observation)
-        seen = np.atleast_2d(np.asarray(observation, np.float64))[:, self._at] * self._scales
-        torques = self._torques(signals, seen)
-        self.step += 1
+        torques = self.pressing(self._view(observation))
+        self._periods += 1.0
         actions = torques / self.limits
         if beside is not None:
             actions = actions + np.reshape(beside, actions.shape)
@@ -96,54 +165,140 @@ class HybridForce(Controller):
         """Raise an error: `act` does not use this method, since it needs entries that `Signals` lacks."""
         raise NotImplementedError
 
-    def _torques(self, signals: Signals, seen: Array) -> Array:
-        """Return joint torques (n, N), N m. seen (n, 6): `ENTRIES` in SI units, vectors in the hub's frame."""
-        gains, dt = self.gains, self.setup.control_dt
-        arm, time = self.setup.arm, self.step * dt
-        to_target, velocity = self._rotated(signals, seen[:, :2]), self._rotated(signals, seen[:, 2:4])
-        commanded, force = seen[:, 4], seen[:, 5]
-        target = self._rotated(signals, tip_in_hub_frame(arm, signals.angles[:, 1:], signals.bends)) + to_target
-        # tangent of the wall, and its normal away from the root
-        along = velocity / np.maximum(np.linalg.norm(velocity, axis=1), 1e-12)[:, None]
-        normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
-        normal *= np.sign((normal * target).sum(axis=1))[:, None]
+    @abstractmethod
+    def pressing(self, view: View) -> Array:
+        """Return joint torques (n, N), N m."""
+
+    def _view(self, observation: NDArray[np.floating]) -> View:
+        """Read an observation; raise ValueError if its number of rows differs from that at `reset`."""
+        signals = self.read(observation)
+        if len(signals.angles) != len(self.goal):
+            what = f"must be {len(self.goal)}, as reset had"
+            raise check.InvalidValue("rows of observation", len(signals.angles), what)
+        seen = np.atleast_2d(np.asarray(observation, np.float64))[:, self._at] * self._scales
+        to_target, velocity = rotated(signals, seen[:, :2]), rotated(signals, seen[:, 2:4])
+        target = rotated(signals, tip_in_hub_frame(self.setup.arm, signals.angles[:, 1:], signals.bends)) + to_target
+        commanded = seen[:, 4] if self.slides else np.full(len(seen), self.timing.touch * self.most)
+        # the path is straight and its speed constant: their mean up to now, whose sense of direction noise cannot flip
+        normal = np.tile(self._normal, (len(seen), 1))
+        tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+        self._way += (velocity * tangent).sum(axis=1)
+        velocity = tangent * (self._way / (self._periods + 1.0))[:, None]
+        along = tangent * np.where(self._way < 0.0, -1.0, 1.0)[:, None]
         # approach: a polynomial of fifth degree; then the force rises
-        x, y = np.clip(time / gains.approach, 0.0, 1.0), np.clip((time - gains.approach) / gains.press, 0.0, 1.0)
+        time, timing = self._periods * self.setup.control_dt, self.timing
+        x, y = np.clip(time / timing.approach, 0.0, 1.0), np.clip((time - timing.approach) / timing.press, 0.0, 1.0)
         near, share = x**3 * (10.0 - 15.0 * x + 6.0 * x * x), y * y * (3.0 - 2.0 * y)
-        if y >= 1.0:
-            error = (to_target * along).sum(axis=1)
-            change = error - self._error if self._error is not None else np.zeros_like(error)
-            self._shift += along * (gains.path * (dt * error + gains.lead * change))[:, None]
-            self._error = error
-            self._excess += gains.force * dt * (commanded - force)
-        size = ((commanded + self._excess) * share)[:, None]
-        pressing = (normal + gains.friction * along) * size
-        reference = self._tip + near * (target + velocity * dt + self._shift - self._tip)
+        touching = np.where(y >= 1.0, 1.0, 0.0)
+        return View(signals, to_target, velocity, target, along, normal, commanded, seen[:, -1], near, share, touching)
+
+    def _rest(self, view: View, shift: Array | float, excess: Array | float) -> tuple[Array, Array]:
+        """Return deviations (n, 4 N) from the arm at rest at the reference, and its holding torques (n, N), N m.
+
+        shift (n, 2): shift of the target, m. excess (n,): addition to the commanded force, N. The reference is stored
+        in `goal` (joint angles) and `_bends`.
+        """
+        dt, signals = self.setup.control_dt, view.signals
+        size = ((view.commanded + excess) * view.share)[:, None]
+        pressing = (view.normal + self.friction * view.along) * size
+        end = view.target + view.velocity * dt + shift
+        reference = self._tip + view.near[:, None] * (end - self._tip)
         # the arm at rest there, and its rates
         before, bent = self.goal, self._bends
-        self.goal, self._bends, holding = self.chain.solve(before, -pressing, reference)
+        self.goal, self._bends, holding = self.chain.solve(before, -pressing, reference, 3)
         rates = (self.goal - before) / dt
-        bend_rates = (self._bends - bent) / dt if self.step else np.zeros_like(bent)
+        bend_rates = (self._bends - bent) / dt * np.minimum(self._periods, 1.0)[:, None]
         off = [
             wrapped(signals.angles - self.goal), signals.rates - rates, signals.bends - self._bends,
             signals.bend_rates - bend_rates,
         ]  # fmt: skip
-        return holding - self._feedback(np.concatenate(off, axis=1))
+        return np.concatenate(off, axis=1), holding
 
-    def _feedback(self, outputs: Array) -> Array:
-        """Return K x (n, N), N m, for outputs (n, 4 N) about the reference; K is that of the reference's posture."""
-        setup, found = self.setup, np.zeros((len(outputs), self.setup.n_joints))
-        for i, posture in enumerate(postures(self.goal)):
-            own = design(setup.arm, setup.torque_limits, setup.control_dt, self._weights, posture)
-            # a mirrored posture has the same gains
-            found[i] = own.K @ own.model.state_of(outputs[i])
+
+class HybridForce(PressController):
+    """Hybrid force/position control: state feedback with integral errors about an arm that presses on the wall.
+
+    In each period the controller computes the joint angles and torques of the arm at rest whose tip is at the reference
+    under the wall's reaction (`StaticChain`). The reference moves from the tip's initial position to the target; then
+    the force rises. The error along the wall and the error of the normal force are integrated in their own directions
+    (Raibert & Craig 1981), and both shift the reference.
+    """
+
+    def __init__(self, setup: Setup, gains: ForceGains | None = None) -> None:
+        """Store the gains; see `PressController`."""
+        self.timing = self.gains = ForceGains() if gains is None else check.instance("gains", gains, ForceGains)
+        super().__init__(setup)
+        self._weights = LQRGains(self.gains.angle, self.gains.rate, self.gains.bend, self.gains.bend_rate)
+
+    def forget(self) -> None:
+        n = len(self.goal)
+        self._shift, self._excess, self._error = np.zeros((n, 2)), np.zeros(n), np.full(n, np.nan)
+
+    def pressing(self, view: View) -> Array:
+        gains, dt, touching = self.gains, self.setup.control_dt, view.touching
+        error = (view.to_target * view.along).sum(axis=1)
+        change = np.where(np.isnan(self._error), 0.0, error - self._error)
+        self._shift += view.along * (touching * gains.path * (dt * error + gains.lead * change))[:, None]
+        self._error = np.where(touching > 0.0, error, self._error)
+        self._excess += touching * gains.force * dt * (view.commanded - view.force)
+        off, holding = self._rest(view, self._shift, self._excess)
+        return holding - feedback(self.setup, self._weights, self.goal, off)
+
+
+class Impedance(PressController):
+    """Impedance control: the tip acts like a spring and damper about the reference, stiff along the wall.
+
+    torques = holding torques + J' [K (x_d - x) + D (x_d' - x')] with the Jacobian J of the arm at rest at the
+    reference (Hogan 1985, eq. 9, quasi-static). K and D have the axes of the wall. x - x_d is J times the deviation of
+    the joint angles, without the deviation of the deflections, so that sensors and motors are collocated and the loop
+    dissipates energy for any gains. The controller integrates no errors: friction, wall and arm must be known.
+    """
+
+    def __init__(self, setup: Setup, gains: ImpedanceGains | None = None) -> None:
+        """Store the gains; see `PressController`."""
+        self.timing = self.gains = ImpedanceGains() if gains is None else check.instance("gains", gains, ImpedanceGains)
+        super().__init__(setup)
+        # N/m per unit of a stiffness: the largest tip force over the arm's length
+        self._unit = self.most / setup.arm.total_length
+
+    def pressing(self, view: View) -> Array:
+        gains, n = self.gains, self.setup.n_joints
+        off, holding = self._rest(view, 0.0, 0.0)
+        jacobian = self.chain.jacobian(self.goal, self._bends)
+        inverse = np.linalg.inv(rigid_inertia(self.setup.arm, self.goal[:, 1:]))
+        found = holding
+        for direction, stiffness in ((view.along, gains.along), (view.normal, gains.across)):
+            lever = (jacobian * direction[:, :, None]).sum(axis=1)
+            K = stiffness * self._unit
+            # effective mass 1 / (j M^-1 j'), kg; D = 2 zeta sqrt(K m)
+            mass = 1.0 / np.einsum("ni,nij,nj->n", lever, inverse, lever)
+            D = 2.0 * gains.damping * np.sqrt(K * mass)
+            pull = K * (lever * off[:, :n]).sum(axis=1) + D * (lever * off[:, n : 2 * n]).sum(axis=1)
+            found = found - lever * pull[:, None]
         return found
 
-    def _rotated(self, signals: Signals, vectors: Array) -> Array:
-        """Rotate vectors (n, 2) from the hub's frame into inertial axes."""
-        cosine, sine = np.cos(signals.angles[:, 0]), np.sin(signals.angles[:, 0])
-        x, y = vectors.T
-        return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
+
+def feedback(setup: Setup, weights: LQRGains, goals: Array, off: Array) -> Array:
+    """Return K x (n, N), N m, for outputs `off` (n, 4 N) about the goals (n, N); K belongs to each goal's posture."""
+    # a mirrored posture has the same gains
+    rows = [posture_gains(setup.arm, setup.torque_limits, setup.control_dt, weights, one) for one in postures(goals)]
+    return times(np.stack(rows), off)
+
+
+@lru_cache(maxsize=1024)
+def posture_gains(
+    arm: Arm, limits: tuple[float, ...], dt: float, weights: LQRGains, posture: tuple[float, ...]
+) -> Array:
+    """Return the gains (N, 4 N) of `design` for outputs, with the state of least energy that has these outputs."""
+    own = design(arm, limits, dt, weights, posture)
+    return np.asarray(own.K @ own.model.state_of(np.eye(len(own.C))).T)
+
+
+def rotated(signals: Signals, vectors: Array) -> Array:
+    """Rotate vectors (n, 2) from the hub's frame into inertial axes."""
+    cosine, sine = np.cos(signals.angles[:, 0]), np.sin(signals.angles[:, 0])
+    x, y = vectors.T
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
 
 
 class StaticChain:
@@ -181,13 +336,29 @@ class StaticChain:
                 torques[:, k] = -_moment(places[-1] - places[k], force)
         return places[-1], bends, torques
 
-    def solve(self, angles: Array, force: Array, tip: Array) -> tuple[Array, Array, Array]:
+    def jacobian(self, angles: Array, bends: Array) -> Array:
+        """Return the derivatives (n, 2, N), m, of the tip by the joint angles at fixed deflections, inertial axes."""
+        slopes, found = 1.5 * bends, np.zeros((len(angles), 2, len(self.lengths)))
+        angle = np.zeros(len(angles))
+        for k, length in enumerate(self.lengths):
+            angle = angle + angles[:, k]
+            cosine, sine = np.cos(angle), np.sin(angle)
+            x, y = length * (1.0 - 0.6 * bends[:, k] ** 2), length * bends[:, k]
+            step = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
+            # joint k turns this link and all later ones: z x (tip - joint)
+            found[:, 0, : k + 1] -= step[:, 1:2]
+            found[:, 1, : k + 1] += step[:, 0:1]
+            angle = angle + slopes[:, k]
+        return found
+
+    def solve(self, angles: Array, force: Array, tip: Array, iterations: int = 6) -> tuple[Array, Array, Array]:
         """Return joint angles (n, N), deflections and holding torques of the arm whose tip is at `tip` (n, 2), m.
 
-        angles: initial guess of Newton's iteration. With more than two joints the nearest solution is found.
+        angles: initial guess of Newton's iteration. iterations: number of iterations, each of which moves the tip by at
+        most 0.05 m along x and y. With more than two joints the nearest solution is found.
         """
         step, angles = 1e-5, angles.copy()
-        for _ in range(6):
+        for _ in range(iterations):
             at = self.bend(angles, force)[0]
             columns = [(self.bend(angles + step * unit, force)[0] - at) / step for unit in np.eye(angles.shape[1])]
             inverse = np.linalg.pinv(np.stack(columns, axis=2))

@@ -17,13 +17,13 @@ from ..runtime.sensitivity import Neighbour, Steps
 from ..simulation import Simulation
 from ..trajectory import Trajectory, placed, recorded
 from ..validation import Array
-from .period import PASSES
+from .methods import PASSES
 
 MOST = 4_000_000
 """Largest number of entries of factored matrices that are stored at once."""
 
 PASSES_IN_SPACE = 10
-"""`period.PASSES` in space, where Newton's matrix is less accurate."""
+"""`methods.PASSES` in space, where Newton's matrix is less accurate."""
 
 MOST_ROWS = 1_000_000
 """Largest number of steps in a run whose states are all stored."""

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..batch import View
+from ..geometry.ribbons import ribbons, sides
 from ..parameters import Arm
 from ..physics.layout import POSE, ROOT, SPACE_POSE
 from ..physics.space.reading import straight
-from ..view.ribbons import ribbons, sides
 from .drawing import PAPER, pygame_module
 from .options import Plan
 from .rendering import Renderer, end_of_scale

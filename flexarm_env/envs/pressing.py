@@ -1,4 +1,4 @@
-"""The task "press": the tip slides along a wall and presses on it with a commanded normal force."""
+"""The tasks "press" and "land": the tip slides along a wall under a commanded normal force, or lands on a wall."""
 
 import dataclasses
 import math
@@ -9,13 +9,14 @@ import numpy as np
 
 from .. import sensors as description
 from .. import validation as check
-from ..batch import Press, PressChain, Starts
-from ..control.kinematics import goal_angles
+from ..batch import Land, LandChain, Press, PressChain, Starts
+from ..geometry.plane import goal_angles
 from ..parameters import Arm
+from ..rigid import largest_force
 from ..scene import Contact, contacts_of
 from ..shapes import HalfSpace
 from .targets import Pair, Point
-from .task import FAILURE, PRESS, Kind
+from .task import FAILURE, LAND, PRESS, Kind
 
 DISTANCE = 0.7
 """Distance of the default wall from the root, over the arm's length."""
@@ -32,8 +33,15 @@ BANDS: dict[str, tuple[float, str]] = {"force": (0.1, ""), "path": (0.002, "m")}
 """Bounds of a success: root mean square of the force's relative error, and largest distance from the path."""
 
 
+LANDED: dict[str, tuple[float, str]] = {"path": (0.005, "m"), "speed": (0.005, "m/s")}
+"""Bounds of a success of "land": distance from the target along the wall, and speed of the tip.
+
+The bound of a period's impulse is the impulse of the largest tip force that the motors can hold, over a default period.
+"""
+
+
 class Wall(NamedTuple):
-    """A wall in the plane. distance: from the root, m. bearing: direction of its point nearest to the root, rad."""
+    """A wall in the plane. distance: m from the root. bearing: direction of the nearest point, rad."""
 
     distance: float
     bearing: float
@@ -53,7 +61,7 @@ class OnWall(Point):
         d, b = self.wall
         half = math.sqrt(max((REACH * arm.total_length) ** 2 - d * d, 0.0))
         speed = min(0.05 * arm.total_length, half / (0.6 * self.duration))
-        most = force_scale(arm)
+        most = largest_force(arm)
         time = (0.4 * self.duration, 0.6 * self.duration)
         return [(d, d), time, (0.4 * speed, speed), (b, b), (0.3 * most, 0.6 * most)]
 
@@ -63,11 +71,23 @@ class OnWall(Point):
             raise check.InvalidValue("reference.force", ranges[4], "must be positive (N)")
 
 
-def force_scale(arm: Arm) -> float:
-    """Return the largest tip force, N, for which every motor can balance the force at the straight arm's lever."""
-    levers = np.cumsum([link.span for link in arm.links][::-1])[::-1]
-    assert arm.torque_limits is not None
-    return float(min(np.array(arm.torque_limits) / levers))
+class PlaceOnWall(OnWall):
+    """A point at rest on a wall."""
+
+    paths: ClassVar = {"line": (("distance", "m"), ("offset", "m"), ("speed", "m/s"), ("bearing", "rad"))}
+
+    def ranges(self, arm: Arm, path: str) -> list[Pair]:
+        """Return the ranges of distance (m), offset from the nearest point (m), speed (0), and bearing (rad)."""
+        d, b = self.wall
+        half = math.sqrt(max((REACH * arm.total_length) ** 2 - d * d, 0.0))
+        return [(d, d), (0.0, 0.7 * half), (0.0, 0.0), (b, b)]
+
+    def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
+        """Check that the target is within reach."""
+        farthest = math.sqrt(max((0.95 * arm.total_length) ** 2 - self.wall.distance**2, 0.0))
+        if ranges[1][1] > farthest:
+            what = f"must be at most {farthest:g} m, so that the point of the wall is within reach"
+            raise check.InvalidValue("reference.offset", ranges[1], what)
 
 
 class Pressing(NamedTuple):
@@ -80,7 +100,7 @@ class Pressing(NamedTuple):
 
 
 def pressing(kind: Kind, arm: Arm, task: Any, duration: Any, contacts: Any, sensors: Any, reference: Any) -> Pressing:
-    """Return the kind and the keywords of task="press"; for any other task, those that are given.
+    """Return the kind and the keywords of task="press" or "land"; for any other task, the given kind and keywords.
 
     The first contact is the wall: a half-space with the root outside of it. Without contacts the wall is at a distance
     of 0.7 arm lengths along x. A force sensor is added.
@@ -88,39 +108,41 @@ def pressing(kind: Kind, arm: Arm, task: Any, duration: Any, contacts: Any, sens
     Raises:
         ValueError: the message names the key path, the value and the allowed values.
     """
-    if task != PRESS:
+    if task not in (PRESS, LAND):
         return Pressing(kind, contacts, sensors, reference)
     if kind.space or kind.target.numbers != 2:
         what = "must be given for TwoLinkFlexArm-v0 or MultiLinkFlexArm-v0, whose target is a point in the plane"
         raise check.InvalidValue("task", task, what)
     if arm.base is not None:
         raise check.InvalidValue("task", task, "must not be given for an arm whose base floats")
-    length = LONGER * kind.duration if duration is None else check.number("duration", duration, "s", above=0.0)
+    longer = LONGER if task == PRESS else 1.0
+    length = longer * kind.duration if duration is None else check.number("duration", duration, "s", above=0.0)
     found = contacts_of("contacts", contacts, arm, False) or (_usual_wall(arm),)
     wall = _wall_of(found[0], arm)
     options = {} if reference is None else check.table_of("reference", reference)
-    for name in ("distance", "bearing", "path"):
+    for name in ("distance", "bearing", "path", *(["speed"] if task == LAND else [])):
         if name in options:
-            raise check.InvalidValue(f"reference.{name}", options[name], 'must be left out with task="press"')
+            raise check.InvalidValue(f"reference.{name}", options[name], f'must be left out with task="{task}"')
     if isinstance(sensors, description.Sensors):
         own = description.ForceSensor() if sensors.force is None else sensors.force
         sensors = dataclasses.replace(sensors, force=own)
     elif sensors is None or isinstance(sensors, Mapping):
         sensors = {"force": {}, **(sensors or {})}
-    return Pressing(_kind(kind, wall, length), found, sensors, {**options, "path": "line"})
+    made = _kind(kind, wall, length) if task == PRESS else _landing(kind, wall, length, arm)
+    return Pressing(made, found, sensors, {**options, "path": "line"})
 
 
 def _usual_wall(arm: Arm) -> Contact:
     """Return the default wall: a soft pad with friction 0.3 that the motors' largest force indents by 3 mm."""
     obstacle = HalfSpace((DISTANCE * arm.total_length, 0.0), (-1.0, 0.0))
-    return Contact(obstacle, force_scale(arm) / 3e-3**1.5, damping=30.0, friction=0.3)
+    return Contact(obstacle, largest_force(arm) / 3e-3**1.5, damping=30.0, friction=0.3)
 
 
 def _wall_of(contact: Contact, arm: Arm) -> Wall:
     """Return the wall of a contact, shifted by the payload's radius, after checking that the tip reaches the wall."""
     obstacle, path = contact.obstacle, "contacts[0].obstacle"
     if not isinstance(obstacle, HalfSpace) or "tip" not in contact.bodies:
-        raise check.InvalidValue(path, obstacle.to_dict(), 'must be a half-space for the tip, the wall of task="press"')
+        raise check.InvalidValue(path, obstacle.to_dict(), "must be a half-space for the tip, the wall of the task")
     normal = np.array(obstacle.normal)
     distance = float(obstacle.distance(np.zeros((1, 2)))[0]) - arm.payload.radius
     if not 0.0 < distance < REACH * arm.total_length:
@@ -134,7 +156,7 @@ def _kind(kind: Kind, wall: Wall, duration: float) -> Kind:
     weights = {name: kind.rewards[name] for name in kind.rewards if name != FAILURE}
 
     def entries(arm: Arm) -> list[tuple[str, float]]:
-        return [*kind.entries(arm), ("target_force", force_scale(arm))]
+        return [*kind.entries(arm), ("target_force", largest_force(arm))]
 
     def starts(arm: Arm) -> Starts:
         usual = kind.starts(arm)
@@ -144,6 +166,21 @@ def _kind(kind: Kind, wall: Wall, duration: float) -> Kind:
         kind, task=PRESS, duration=LONGER * kind.duration, target=OnWall(wall, duration), entries=entries,
         starts=starts, bands=BANDS, rewards={**weights, "force": 0.5, FAILURE: kind.rewards[FAILURE]},
         record=lambda arm: Press if arm.n_links == 2 else PressChain,
+    )  # fmt: skip
+
+
+def _landing(kind: Kind, wall: Wall, duration: float, arm: Arm) -> Kind:
+    """Return the kind for task="land" at a wall, with episodes of `duration` s."""
+    weights = {name: kind.rewards[name] for name in kind.rewards if name != FAILURE}
+
+    def starts(arm: Arm) -> Starts:
+        return dataclasses.replace(kind.starts(arm), start=_ranges(arm, wall), straight=0.0)
+
+    return dataclasses.replace(
+        kind, task=LAND, target=PlaceOnWall(wall, duration), starts=starts,
+        bands={**LANDED, "impulse": (largest_force(arm) * kind.period, "N s")},
+        rewards={**weights, "impulse": 1.0, FAILURE: kind.rewards[FAILURE]},
+        record=lambda arm: Land if arm.n_links == 2 else LandChain,
     )  # fmt: skip
 
 

@@ -1,7 +1,6 @@
 """Assemble the System of a scene and its settings (by the formulation's `build`) and the Drive (functions of time)."""
 
 import dataclasses
-import importlib
 from typing import Any
 
 import numpy as np
@@ -21,18 +20,13 @@ from .space.chain import SpatialElastica
 
 Array = NDArray[np.float64]
 
-_BUILDERS = {
-    "floating_frame": "floating.build",
-    "geometrically_exact": "exact.build",
-    "elastica": "elastica.build",
-}
-
 
 def assemble(scene: Scene, settings: Settings) -> System:
     """Return the scene's System in the formulation that the settings name.
 
     Raises:
-        ValueError: the arm has a property that the formulation, or this variant of it, does not take into account.
+        ValueError: the arm has a property that the formulation, or the chosen variant of the formulation, does not take
+            into account.
     """
     if scene.spatial:
         return _in_space(scene, settings)
@@ -86,17 +80,27 @@ def _in_space(scene: Scene, settings: Settings) -> System:
 
     Raises ValueError for a property of the arm that this formulation in space does not take into account.
     """
-    builder = importlib.import_module(".space.build", __package__)
-    _check_honoured(scene.arm, "", f"{settings.formulation} in space", with_contributions(builder.HONOURS))
-    builder.check_scene(scene, settings)
-    if settings.formulation == "elastica":
-        builder = importlib.import_module(".space.elastica_build", __package__)
+    from .space import build, elastica_build
+
+    _check_honoured(scene.arm, "", f"{settings.formulation} in space", with_contributions(build.HONOURS))
+    build.check_scene(scene, settings)
+    builder: Any = elastica_build if settings.formulation == "elastica" else build
     return with_masses(scene, settings, with_joints(scene, settings, builder.build(with_points(scene), settings)))
 
 
 def _builder(formulation: str) -> Any:
     """Return the `build` module of a formulation in the plane, imported when first used."""
-    return importlib.import_module(f".{_BUILDERS[formulation]}", __package__)
+    if formulation == "floating_frame":
+        from .floating import build as floating
+
+        return floating
+    if formulation == "geometrically_exact":
+        from .exact import build as exact
+
+        return exact
+    from .elastica import build as elastica
+
+    return elastica
 
 
 _NOT_MECHANICS: dict[type, tuple[str, ...]] = {
@@ -193,8 +197,8 @@ def _rates(scene: Scene, settings: Settings) -> Array:
 def physical(model: Any) -> Any:
     """Return the model with the arm's physical inertia and without Coulomb friction, which has no derivative.
 
-    The elastica's correction of the integrator's period error (5.3) changes its inertia; equations of continuous time
-    need the inertia without it.
+    The elastica's correction of the integrator's period error (5.3) changes the elastica's inertia; equations of
+    continuous time need the inertia without this correction.
     """
     if isinstance(model, Jointed):
         return smooth(model)._replace(arm=physical(model.arm))
@@ -239,7 +243,7 @@ def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) 
     """Return the table (n, 1 + 3 N) with q = table @ (1, alpha_k, cos alpha_k, sin alpha_k) for straight links.
 
     n: coordinates of the planar arm in the formulation of the settings; N links. alpha_k (rad): angle of link k from
-    the inertial x axis, k < N. gravity: m/s^2 or None. Entries within 1e-12 of an integer are rounded to it.
+    the inertial x axis, k < N. gravity: m/s^2 or None. Entries within 1e-12 of an integer are rounded to the integer.
     """
     assert settings.dt is not None
     count = arm.n_links

@@ -1,7 +1,7 @@
 """Strain gauges: curvature of a link at a point, in the plane a linear function of the coordinates.
 
 For bodies with floating frames the reading is the mean curvature between two drawing stations. For the other
-formulations it is the curvature at the point.
+formulations the reading is the curvature at the point.
 """
 
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ def curvatures(scene: Scene, settings: Settings, names: Sequence[str], places: S
 
 
 def over(rows: Array, sizes: Array, space: bool) -> Array:
-    """Divide gauge rows by `sizes` (G,), 1/m, so that readings are relative to them; rows of `curvature_rows`.
+    """Divide gauge rows (from `curvature_rows`) by `sizes` (G,), 1/m, so that readings are relative to these sizes.
 
     space: rows hold `GAUGE` records, of which the entries from `near` on scale.
     """

@@ -35,14 +35,16 @@ class Possible(NamedTuple):
 def possible(task_id: str) -> Possible:
     """Compute the bounds of an episode's length and return, for a task id, from the reward's terms (docs/suite.md).
 
-    In each period, accuracy and settle pay at most 1; distance, vibration and attitude cost at most 1. Per joint,
-    effort costs at most 1, and change at most 4. Each term is multiplied by its weight. A failure costs once.
+    In each period, accuracy, settle and force pay at most 1. Impulse, distance, vibration and attitude cost at most 1.
+    Per joint, effort costs at most 1, and change at most 4. Each term is multiplied by its weight. The failure costs
+    once.
     """
     made = resolved(task(task_id))
     weight = dict(zip(made.kind.rewards, made.record.weights.tolist(), strict=True))
-    paid = weight["accuracy"] + weight["settle"]
+    paid = weight["accuracy"] + weight["settle"] + weight.get("force", 0.0)
     joints = made.arm.n_links * (weight["effort"] + 4.0 * weight.get(CHANGE, 0.0))
     taken = weight["distance"] + joints + weight["vibration"] + weight.get(ATTITUDE, 0.0) + weight.get(COST, 0.0)
+    taken += weight.get("impulse", 0.0)
     # rules 2: distance and attitude may also pay
     if made.record.nearness is not None:
         paid += weight["distance"] + weight.get(ATTITUDE, 0.0)
@@ -77,6 +79,10 @@ def digest_of(one: Task) -> str:
         "observation": [list(pair) for pair in zip(made.names, made.scales, strict=True)],
         "history": made.history,
     }
+    if made.contacts:
+        what["contacts"] = [contact.to_table() for contact in made.contacts]
+    if made.contacts and made.extras.reference is not None:
+        what["reference"] = made.extras.reference.ranges
     if one.rules != 1:
         what["rules"] = one.rules
     return hashlib.sha256(json.dumps(_plain(what), sort_keys=True).encode()).hexdigest()[:16]

@@ -126,7 +126,8 @@ def _store_reading(lane, part, p, q, v, y: Lanes, poses: Lanes, h, S: Lanes):
 def respond(lane, model, par, state, u: Lanes, weights, part, r: Lanes, S, out):
     """Write to out, for each point and axis, the generalized force of 1 N on the point and S^-1 times that force.
 
-    Runs in Python only. S: Newton matrix of the arm alone with fixed coordinates; out (points, axes, 2, n).
+    The function runs in Python only. S: Newton matrix of the arm alone with fixed coordinates; out (points, axes, 2,
+    n).
     """
     n, arm = size(model.arm.n), model.arm
     still = r.copy()

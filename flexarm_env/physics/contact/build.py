@@ -49,7 +49,7 @@ def touching(scene: Scene, entry: int, at: int, rows: int) -> tuple[Touching, Wa
     """Return the contribution of the contacts, its `Watch` for the integrator, and the number of its entries in S.
 
     entry: first of the points' inputs. at: offset of the contribution's entries in S. rows: number of rows of the
-    Model; the last ones are those of moving obstacles.
+    Model; the last rows are those of moving obstacles.
     """
     arm, contacts, links = scene.arm, scene.contacts, links_of(scene)
     space = 3 if scene.spatial else 2
@@ -111,9 +111,9 @@ def largest_stiffness(contact: Contact, mass: float, dt: float) -> float:
 def effective_masses(system: System, dt: float) -> Array:
     """Return the least effective mass (kg) of each point that may touch, over all directions, in a step of dt (s).
 
-    1 / (c_m b^T S^-1 b) with the generalized force b of 1 N on the point and the Newton matrix S = c_m M + c_v C + K of
-    the arm at its start. This is the mass that a step moves at once. Links bend away from a sudden force, so the mass
-    is less than with rigid links, and the shorter the step, the smaller it is.
+    The mass is 1 / (c_m b^T S^-1 b) with the generalized force b of 1 N on the point and the Newton matrix S = c_m M +
+    c_v C + K of the arm at its start. A step moves the effective mass at once. Links bend away from a sudden force,
+    so the mass is less than with rigid links, and a shorter step gives a smaller mass.
     """
     model = system.model
     part = _touching_part(system)

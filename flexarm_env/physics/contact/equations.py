@@ -1,7 +1,7 @@
 """Contact as a contribution (`physics.contributions`): forces at points, their block of the matrix, energy, damping.
 
-The forces of all obstacles on a point act through the point's entries in the arm's inputs. Their derivative adds the
-block B K B^T to the matrix, which is applied to solutions (`physics.point_block`).
+The forces of all obstacles on a point act through the point's entries in the arm's inputs. The derivative of the forces
+adds the block B K B^T to the matrix, which is applied to solutions (`physics.point_block`).
 
 While no point touches, only the points' places and distances are computed. In lanes, arms that do not touch get
 forces and blocks of 0.

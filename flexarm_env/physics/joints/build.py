@@ -132,7 +132,7 @@ def points_of(arm: Arm) -> list[AtPoint]:
 def with_points(scene: Scene) -> Scene:
     """Return the scene with a point load of no force for each contribution at a point and each point that may touch.
 
-    These loads follow the scene's own loads.
+    The added loads follow the scene's own loads.
     """
     loads = [PointLoad(*kind.place(scene.arm), constant(0.0)) for kind in points_of(scene.arm)]
     loads += loads_of(scene)
@@ -185,7 +185,7 @@ def _floating(scene: Scene, system: System, row: int, places: Sequence[tuple[int
 
 
 NOTHING = 1e-12
-"""If each arm has its own hub inertia, the model has this share of it, so that its term is compiled."""
+"""Share of the hub inertia in the model if each arm has its own hub inertia: not 0, so that the term is compiled."""
 
 
 def with_own_laws(system: System, hub: float) -> System:
@@ -226,7 +226,7 @@ def _law(scene: Scene, k: int, row: int, motor: int) -> tuple[list[int], NDArray
 def _without_trust(policy: NewtonPolicy) -> NewtonPolicy:
     """Return a Model's policy that trusts neither a first increment nor a prediction, for gears with backlash.
 
-    An increment may cross from one flank of the gap to the other. Its error is then not quadratic.
+    An increment may cross from one flank of the gap to the other. The increment's error is then not quadratic.
     """
     return policy._replace(first_error=None, resolved=None, predicts=None)
 

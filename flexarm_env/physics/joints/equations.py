@@ -188,7 +188,7 @@ def damping_power(lane, model, par, q, v, x, since=None):
 def energy(lane, model, par, q: Lanes, v: Lanes):
     """Return (kinetic, strain, gravitational) energy, J.
 
-    It is the arm's energy plus that of its contributions (gears, floating base, ...)."""
+    The result is the sum of the energies of the arm and of its contributions (gears, floating base, ...)."""
     kinetic, strain, gravity = protocol.energy(lane, model.arm, par, q, v)
     sums = kinetic, strain, gravity
     for part in model.contributions:

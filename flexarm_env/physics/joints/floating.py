@@ -1,7 +1,8 @@
 """A floating base that carries the arm: a contribution, with the conservation of momentum (theory, section 6).
 
-The base's center of mass is at the hub. Its mass therefore acts at the arm's root, and only the hub's torque turns it:
-J psi'' = -u. The row of psi is coupled with no other row. u does work on the angle between base and arm.
+The base's center of mass is at the hub. The base's mass therefore acts at the arm's root, and only the hub's torque
+turns the base: J psi'' = -u. The row of psi is coupled with no other row. u does work on the angle between base and
+arm.
 """
 
 from __future__ import annotations
@@ -80,8 +81,8 @@ def poses(lane, part, model, q: Lanes, v: Lanes, out: Lanes):
 def vjp_residual(lane, part, model, par, state, bar, u_bar: Lanes, r_bar: Lanes):
     """Add to bar.a and u_bar the cotangents that the base's row of r_bar causes; that row of r_bar <- 0.
 
-    r_bar: derivative of a scalar by the residual, whose row is J psi'' + u_0. bar: cotangents of q, v, a; u_bar: of
-    inputs.
+    r_bar: derivative of a scalar by the residual, whose row is J psi'' + u_0. bar: cotangents of q, v, a; u_bar:
+    cotangents of the inputs.
     """
     add_to(lane, bar.a, part.row, r_bar[part.row] * part.inertia)
     u_bar[0] += r_bar[part.row]
@@ -101,11 +102,11 @@ def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, 
     momentum: t^T M v (N s, N m s) with the rates t of rigid motions; force: external (N, N m), inertial axes. before:
     the returned pair at the start of the step of h (s), or None. With trapezoidal steps the angular momentum has a
     ripple of second order in h, which would turn a base at rest. Therefore a rigid motion of base and arm, which causes
-    no strain, is added to v. With it, the momentum changes by h times the mean force.
+    no strain, is added to v. With this rigid motion, the momentum changes by h times the mean force.
 
     # state     q; v: in and out, (n,) lanes.   # scratch   r, S
 
-    Theory, section 6, "A floating base".
+    See theory, section 6, "A floating base".
     """
     n, base, sums = size(model.n), part, stack(lane, _SUMS)
     a, still = stack(lane, base.room), stack(lane, base.room)

@@ -122,8 +122,8 @@ def _take(lane, x, i, S, o, a, b):
 def _up(lane, model, S, k, x):
     """Transpose of `elimination._up` and `_joint_up`: accumulate x of link k from its tip to the section before it.
 
-    The loop leads from each vertex to the vertex before: x <- x - RL^T x of that vertex (`FACTOR.RL`). Then it crosses
-    the joint, and the joint's row of x is updated. Theory, section 9, "Elimination".
+    The loop leads from each vertex to the vertex before: x <- x - RL^T x of that vertex (`FACTOR.RL`). After the
+    vertices the loop crosses the joint and updates the joint's row of x. See theory, section 9, "Elimination".
     """
     h, row, under, count = hinge_at(k), joint_row(model, k), rows_before(model, k), count_of(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -151,7 +151,7 @@ def _down(lane, model, S, k, x):
     """Transpose of `elimination._down` and `_joint_down`: solve for x of link k, from the section before it to its tip.
 
     The joint's row of x comes first, then the vertices. For each vertex subtract the transposed block LR of its
-    `FACTOR` times x of the vertex before, then solve with the transposed factors of RR. Theory, section 9,
+    `FACTOR` times x of the vertex before, then solve with the transposed factors of RR. See theory, section 9,
     "Elimination".
     """
     h, row, under = hinge_at(k), joint_row(model, k), rows_before(model, k)

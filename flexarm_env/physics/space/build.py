@@ -54,7 +54,7 @@ class Body(NamedTuple):
 
 
 def combined_body(parts: list[Body]) -> Body:
-    """Return several bodies fixed to the same section as one: total mass, common center, inertia about it (Steiner)."""
+    """Combine bodies fixed to one section in one body: total mass, common center, inertia about this center."""
     mass = sum(part.mass for part in parts)
     centre = sum((part.mass * part.centre for part in parts), np.zeros(3)) / mass if mass > 0.0 else np.zeros(3)
     inertia = sum((bodies.about(p.inertia, p.mass, p.centre - centre) for p in parts), np.zeros((3, 3)))

@@ -75,7 +75,7 @@ def elements_before(model, k):
 def factors(lane, n, S: Lanes, o):
     """Replace the n x n matrix at offset o of S by its L (unit diagonal) and U, with reciprocal pivots.
 
-    No row exchanges: mass dominates the diagonal.
+    No rows are exchanged, because the mass dominates the diagonal.
     """
     for k in range(n):
         inverse = 1.0 / S[o + (n + 1) * k]
@@ -177,7 +177,7 @@ def multiplied(lane, model, S, inner, x: Lanes, y: Lanes, row, left, right):
 
     inner: `inner_at` of the segment; x, y: amplitudes and forces, the inner modes' from `row` on; left, right:
     (position, rotation) of the ends. Adds the inner rows of the product to y and returns the (force, moment) on the
-    left end and on the right end that the condensed blocks lack. Theory, (9.3).
+    left end and on the right end that the condensed blocks lack. See theory, (9.3).
     """
     n, zero = 3 * inner_of(model), 0.0
     nothing = Vector(zero, zero, zero)

@@ -1,0 +1,117 @@
+"""The tasks `Land` and `LandChain`: the tip touches a wall at a point with little impulse and stays there."""
+
+import math
+
+from ..compiler import Lanes, absolute, kernel, maximum, select_lt, sincos, size, square_root
+from ..physics.arithmetic import decay, minimum, store_where
+from ..physics.layout import POSE
+from .contact_info import CONTACT
+from .press import BEARING, FARTHEST, WIDE_PATH
+from .program import DEFLECTION, PATH, TARGET
+from .reach import Chain, Reach
+from .stream import uniform
+from .task import (
+    TASKS,
+    deflection,
+    effort,
+    info_of,
+    left_of,
+    past_limits,
+    put_info,
+    record_success,
+    record_tip,
+    reward_change,
+    reward_term,
+    settled,
+)
+
+_PATH = PATH.places
+HARDEST = FARTHEST
+"""Index in a record of the largest impulse of a control period so far, N s."""
+
+
+class Land(Reach):
+    """The record of the task for two links; for observation and reward see the environments' page of options."""
+
+    __slots__ = ()
+
+
+class LandChain(Chain):
+    """The record for any number of links."""
+
+    __slots__ = ()
+
+
+@kernel
+def land_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lanes):
+    """Write success, info and the reward terms of a tip that touches a wall with little impulse and stays.
+
+    e: distance (m) of tip and target along the wall; v: speed (m/s) of the tip; F (N) and I (N s): normal force at the
+    period's end, and its time integral over the period; d: distance of tip and target over the arm's length; bands (a,
+    b, c): of e, v and I.
+
+        accuracy exp(-(e / 10 mm)^2), settle 1 / (1 + ((e / a)^2 + (v / b)^2)^2) if F > 0, otherwise 0,
+        distance by min(d, 1) (`left_of`), effort -sum action^2,
+        vibration -min(sum of squares of deflection rates, 1), impulse -min(I / c, 1)
+
+    Success: F > 0, e < a and v < b in the last periods (`record_success`), and I < c in all periods up to now. poses:
+    poses of the links, inertial axes; info is written where live > 1/2. Returns (reward, 1.0 where a joint is beyond
+    its limits).
+    """
+    n = size(task.links)
+    shaking = 0.0
+    for k in range(n):
+        normal, _, rate, _, _, _, _, _, _ = deflection(lane, poses, k)
+        put_info(lane, live, info, DEFLECTION + k, normal / task.lengths[k])
+        rate = rate / task.lengths[k]
+        shaking = shaking + rate * rate
+    # target less tip (dx, dy; m, inertial axes); e (m): its part along the wall; d: its length over the arm's length
+    o = POSE.end * (n - 1)
+    dx = record[TARGET] - poses[o + POSE.tip_x]
+    dy = record[TARGET + 1] - poses[o + POSE.tip_y]
+    sine, cosine = sincos(record[BEARING])
+    e, d = absolute(cosine * dy - sine * dx), square_root(dx * dx + dy * dy) / task.length
+    vx, vy = poses[o + POSE.tip_vx], poses[o + POSE.tip_vy]
+    v = square_root(vx * vx + vy * vy)
+    # normal force, and the impulse of the period
+    force, impulse = record[TARGET] * 0.0, record[TARGET] * 0.0
+    if size(task.further) > 0:
+        at = info_of(task).further + size(task.further) - CONTACT.end
+        force, impulse = info[at + CONTACT.force], info[at + CONTACT.impulse]
+    hardest = maximum(record[HARDEST], impulse)
+    store_where(lane, live, record, HARDEST, hardest, record[HARDEST])
+    # success
+    good = select_lt(e, task.bands[0], 1.0, 0.0)
+    good = select_lt(v, task.bands[1], good, 0.0)
+    good = select_lt(hardest, task.bands[2], good, 0.0)
+    touching = select_lt(0.0, force, 1.0, 0.0)
+    record_success(lane, task, good * touching, record, live, info)
+    record_tip(lane, task, poses, record, live, info)
+    # reward
+    wide, near, slow = e / WIDE_PATH, e / task.bands[0], v / task.bands[1]
+    total = reward_term(lane, task, live, info, 0, decay(wide * wide))
+    total = total + reward_term(lane, task, live, info, 1, touching * settled(lane, near * near + slow * slow))
+    total = total + reward_term(lane, task, live, info, 2, left_of(task, minimum(d, 1.0)))
+    total = total + reward_term(lane, task, live, info, 3, -effort(lane, task, action))
+    total = total + reward_term(lane, task, live, info, 4, -minimum(shaking, 1.0))
+    total = total + reward_term(lane, task, live, info, 5, -minimum(impulse / task.bands[2], 1.0))
+    return reward_change(lane, task, action, record, live, info, total), past_limits(lane, task, poses)
+
+
+@kernel
+def land_draw_line(task, stream, arm, start, drawn, path):
+    """Write a target at rest on the wall, a `PATH`, on a random side of the wall's point nearest to the root.
+
+    drawn: distance of the nearest point from the root, m; distance of the target from the nearest point, m; not used;
+    bearing of the nearest point, rad. stream[arm]: random numbers of the arm. start: not used.
+    """
+    side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
+    cosine, sine = math.cos(drawn[3]), math.sin(drawn[3])
+    path[_PATH.x] = drawn[0] * cosine - side * drawn[1] * sine
+    path[_PATH.y] = drawn[0] * sine + side * drawn[1] * cosine
+    path[_PATH.bearing] = drawn[3]
+
+
+_LANDED = {"judge": land_judge, "draw_line": land_draw_line}
+TASKS.register(Land, **{**TASKS.members[Reach], **_LANDED})
+TASKS.register(LandChain, **{**TASKS.members[Chain], **_LANDED})
