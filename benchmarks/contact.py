@@ -29,11 +29,9 @@ from benchmarks.contact_cases import DECADES, FORMULATIONS, KINDS, OUTCOMES, STR
 from benchmarks.machine import table
 from benchmarks.pages import Found
 from flexarm_env import Arm, Contact, Link, Motion, Payload, PointLoad, Scene, Section, Simulation, arms, simulate
-from flexarm_env.physics.contact.build import duration
-from flexarm_env.physics.contact.layout import READING
-from flexarm_env.physics.layout import ITERATIONS, STEPS
 from flexarm_env.shapes import HalfSpace
 from flexarm_env.time_functions import constant, cycloid
+from tests.contact_tools import duration, iterations_of_a_step, reading
 from tests.physics import test_contact as answers
 from tests.physics.test_contact_free import ROD, G, L, M, sliding_rod
 
@@ -41,11 +39,6 @@ Array = NDArray[np.float64]
 FLOOR = HalfSpace((0.0, 0.0), (0.0, 1.0))
 MASS, SPEED, DAMPING = 0.5, 0.8, 0.4
 """Point mass (kg) that hits a floor, its speed (m/s) and the floor's damping (s/m)."""
-
-
-def reading(run: Simulation) -> dict[str, Array]:
-    """Return the `READING` of the first contact point at the end of the last step."""
-    return READING.unpack(run.work.S, run.model.newton.contact.at)
 
 
 def row(what: str, reference: str, value: float, exact: float, allowed: float, scale: float = 0.0) -> Found:
@@ -131,11 +124,10 @@ def sticking() -> list[Found]:
         for i in range(400):
             run.advance_to((i + 1) * dt)
             forces.append(float(reading(run)["tangential"]))
-        counts = run.work.counts
         found.append({
             "creep": creep, "rho_inf": rho, "moved": float(run.shape_points()[-1, 0] - start),
             "expected": 0.2 * creep / math.sqrt((mu * down / push) ** 2 - 1.0),
-            "iterations": float(counts[ITERATIONS] / counts[STEPS]), "ripple": float(np.ptp(forces[-4:]) / push),
+            "iterations": iterations_of_a_step(run), "ripple": float(np.ptp(forces[-4:]) / push),
         })  # fmt: skip
     return found
 
@@ -228,6 +220,8 @@ def others(tips: Any) -> list[Found]:
          "apart": float(abs(found - angle).max() / swing), "allowed": 5e-4},
         {"what": "the same: way of its center, m", "peer": "MuJoCo",
          "apart": float(abs(middle - center).max()), "allowed": 2e-4},
+        {"what": "the same rod in MuJoCo against the rigid rod: angle, share of the swing", "peer": "MuJoCo",
+         "apart": float(abs(angle - sliding_rod(theta, mu, run.t)[1][0]).max() / swing), "allowed": 5e-4},
     ]  # fmt: skip
     if tips is None:
         return rows

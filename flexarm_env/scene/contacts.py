@@ -103,7 +103,9 @@ class Contact:
 
     def held(self) -> Contact:
         """Return the contact with the obstacle at rest at its place for t = 0."""
-        still = {DISPLACEMENTS[axis]: constant(float(function(0.0))) for axis, function in self.displacements}
+        still: dict[str, Any] = {
+            DISPLACEMENTS[axis]: constant(float(function(0.0))) for axis, function in self.displacements
+        }
         return replace(self, **still) if still else self
 
     def links(self, arm: Arm) -> tuple[int, ...]:

@@ -32,7 +32,9 @@ def at_points(scene: Scene) -> Scene:
         raise check.InvalidValue("arm.sensors", arm.sensors, "must be None with contact points along links")
     cuts = {k: sorted({s for link, s in places if link == k}) for k in range(arm.n_links)}
     # first[k]: new number of the first piece of link k; joint[(k, s)]: number of the joint at a point
-    first, joint, links = [], {}, []
+    first: list[int] = []
+    joint: dict[tuple[int, float], int] = {}
+    links: list[Any] = []
     for k, link in enumerate(arm.links):
         first.append(len(links))
         joint |= {(k, s): len(links) + 1 + i for i, s in enumerate(cuts[k])}
@@ -74,7 +76,7 @@ def _pieces(k: int, link: Any, cuts: list[float]) -> list[Link]:
     pieces = []
     for i, (a, b) in enumerate(itertools.pairwise(ends)):
         # rigid ends stay at the link's ends
-        gone = {
+        gone: dict[str, Any] = {
             name: 0.0 for name in ENDS
             if (name.startswith("root") and i > 0) or (name.startswith("tip") and i + 2 < len(ends))
         }  # fmt: skip

@@ -27,11 +27,11 @@ from flexarm_env import (
 )
 from flexarm_env.compiler import uncompiled
 from flexarm_env.linear import static_equilibrium
-from flexarm_env.physics.contact.layout import READING
 from flexarm_env.physics.equations import read_poses
 from flexarm_env.physics.layout import POSE
 from flexarm_env.shapes import Box, HalfSpace, Sphere
 from flexarm_env.time_functions import constant, cycloid
+from tests.contact_tools import reading
 
 FORMULATIONS = ("elastica", "geometrically_exact", "floating_frame")
 STIFF = Section(EI=1e6, EA=1e9, C=1e9, m=1e-6)
@@ -42,12 +42,6 @@ FLOOR = HalfSpace((0.0, 0.0), (0.0, 1.0))
 def bar(mass: float, **more: Any) -> Arm:
     """One such link of 1 m with a point mass at its tip."""
     return Arm("bar", (Link(1.0, STIFF),), payload=Payload(mass=mass, **more))
-
-
-def reading(simulation: Simulation, point: int = 0) -> dict[str, NDArray[np.float64]]:
-    """What the integrator stored of a point at the end of the last step."""
-    watch = simulation.model.newton.contact
-    return READING.unpack(simulation.work.S, watch.at + point * watch.stride)
 
 
 def moved(scene: Scene, formulation: str = "elastica", **options: Any) -> Simulation:
@@ -338,3 +332,18 @@ def test_a_point_along_a_link_is_a_rigid_joint(formulation: str, space: bool) ->
     wanted = push * a * a * (3.0 - a) / 6.0 / (a**3 / 3.0 + 1.0 / k)
     assert reading(run)["normal"] == pytest.approx(wanted, rel=2e-3)
     assert wanted == pytest.approx(2.5 * push, rel=0.03)
+
+
+def test_fitted_steps_resolve_an_impact() -> None:
+    """Steps of 10 ms are halved where the tip touches; the error is within the estimate."""
+    mass, k, damping, speed = 0.5, 1e5, 0.4, 0.8
+    start = 0.1 * speed
+    scene = Scene(
+        "hit", bar(mass), duration=0.3, dt=1e-2, rates=(-speed,), angles=(start,),
+        contacts=(Contact(FLOOR, k, damping=damping),),
+    )  # fmt: skip
+    run = simulate(scene, "elastica", rho_inf=1.0, step_tolerance=1e-5)
+    assert run.status == "ok" and max(run.step_levels) >= 3
+    assert abs(run.v[-1, 0] / speed - restitution(speed, k, damping, mass, start)) < 3e-4
+    # equal steps as short as the shortest ones are more than twice as many
+    assert run.steps < 0.5 * 30 * 2 ** max(run.step_levels)

@@ -28,7 +28,8 @@ from flexarm_env import (
 from flexarm_env.scene import at_points
 from flexarm_env.shapes import HalfSpace
 from flexarm_env.time_functions import constant
-from tests.physics.test_contact import moved, reading
+from tests.contact_tools import reading
+from tests.physics.test_contact import moved
 from tests.refusals import refusal
 
 SOFT = Section(EI=1.0, EA=1e6, C=1e6, m=0.2, EI_y=1.0, GJ=1.0, C_y=1e6, J_y=1e-6, J=1e-6)

@@ -143,6 +143,13 @@ def with_masses(scene: Scene, settings: Settings, system: System) -> System:
     return dataclasses.replace(system, model=system.model._replace(contributions=parts))
 
 
+def largest_speed(contact: Contact, end: float) -> float:
+    """Return the largest speed (m/s) of the obstacle from 0 to `end` (s), at 1000 instants; 0 if it does not move."""
+    t = np.linspace(0.0, end, 1000)
+    rates = [np.asarray(function(t, 1)) for _, function in contact.displacements]
+    return float(np.sqrt(sum((rate**2 for rate in rates), np.zeros(1))).max())
+
+
 def start_depths(system: System) -> Array:
     """Return the penetration (m) of each point in each obstacle at the start, 0 where they do not touch."""
     model, part = system.model, _touching_part(system)
@@ -172,7 +179,9 @@ def check_steps(scene: Scene, settings: Settings, system: System, start: bool = 
     dt, masses, links = settings.dt, _touching_part(system).masses, links_of(scene)
     assert dt is not None
     depths = start_depths(system) if start else np.zeros((len(links), len(scene.contacts)))
-    for i, contact in enumerate(scene.contacts):
+    for i, given in enumerate(scene.contacts):
+        # an obstacle hits a resting arm with its own speed
+        contact = dataclasses.replace(given, speed=max(given.speed, largest_speed(given, scene.duration)))
         for name, k in zip(contact.bodies, contact.links(scene.arm), strict=True):
             mass, depth = float(masses[links.index(k)]), float(depths[links.index(k), i])
             power = contact.exponent + 1.0
