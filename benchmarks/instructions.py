@@ -97,7 +97,7 @@ def driver(name: str) -> None:
 
 
 def counts(text: str, files: list[tuple[int, int]]) -> dict[str, int]:
-    """Return the instruction counts of a callgrind dump: "compiled" (machine code that was not read from a file), "all".
+    """Return the instruction counts of a callgrind dump: "compiled" (code not read from a file), "all".
 
     files: `of_files` of the program. Callgrind attributes the jump tables of libraries (.plt) to no file either, and
     names functions without a symbol by their address.
