@@ -62,8 +62,17 @@ ROOMS: dict[str, set[str]] = {
     "time_functions": {"validation", "files"},
     "arms": {"validation", "records", "files", "bodies", "sections", "parameters", "sensors"},
     "scene": {
-        "validation", "files", "curves", "meshing", "bodies", "sections", "parameters", "settings",
-        "time_functions", "arms", "shapes",
+        "validation",
+        "files",
+        "curves",
+        "meshing",
+        "bodies",
+        "sections",
+        "parameters",
+        "settings",
+        "time_functions",
+        "arms",
+        "shapes",
     },
     "scenes": {"validation", "parameters", "settings", "files", "scene", "arms"},
     "data": set(),
@@ -427,14 +436,21 @@ def test_no_registry_and_no_machine_is_named() -> None:
     assert not faults, "\n".join(faults)
 
 
-def heavy_after(statement: str) -> set[str]:
-    """Which of HEAVY a fresh interpreter has loaded after `statement`."""
-    loaded = python("-c", f"{statement}\nimport sys\nprint(*sorted(sys.modules))").stdout.split()
-    return HEAVY & set(loaded)
+def loaded_after(statement: str) -> set[str]:
+    """Modules that a fresh interpreter has loaded after `statement`."""
+    return set(python("-c", f"{statement}\nimport sys\nprint(*sorted(sys.modules))").stdout.split())
 
 
 def test_importing_the_package_is_light() -> None:
-    assert heavy_after(f"import {PACKAGE}") == set()
+    assert HEAVY & loaded_after(f"import {PACKAGE}") == set()
+
+
+def test_environments_load_no_controllers_linear_models_or_players() -> None:
+    """Together they would add a tenth to the time until the first step of an environment whose programs are compiled."""
+    loaded = loaded_after(f"import {PACKAGE}.envs.flexible_arm, {PACKAGE}.envs.spatial")
+    assert f"{PACKAGE}.envs.spatial" in loaded
+    unused = {"control.catalogue", "control.policy", "linear", "derivatives", "view.page", "view.sources"}
+    assert {f"{PACKAGE}.{name}" for name in unused} & loaded == set()
 
 
 @pytest.mark.slow

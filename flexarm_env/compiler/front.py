@@ -132,6 +132,19 @@ class Module:
             if "noinline" in code.attributes and code not in self._superword:
                 code.attributes.add(SPARED)
 
+    def text(self) -> str:
+        """Return the module as LLVM assembly and remove the instructions of all functions.
+
+        Instructions and blocks refer to each other. Without these cycles Python frees the instructions at once, for
+        less than its garbage collector would take.
+        """
+        found = str(self.code)
+        for code in self.code.functions:
+            for block in code.blocks:
+                block.instructions.clear()
+                block.terminator = None
+        return found
+
     def mark_loop(self, back: Any) -> None:
         """Add metadata to a loop's back edge that stops LLVM from unrolling it by a run-time trip count.
 

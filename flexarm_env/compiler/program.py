@@ -134,7 +134,7 @@ def _compiled(
     spec = _write(module, kernel, shapes, direct, name)
     module.spare()
     try:
-        return machine_code(str(module.code), made), spec, module.used
+        return machine_code(module.text(), made), spec, module.used
     except RuntimeError as error:
         source = source_of(kernel.function)
         raise source.placed(Refused(f"LLVM: {error}"), source.tree.lineno) from error
