@@ -70,7 +70,7 @@ def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, A
     for env in (whole, shown):
         env.close()
     if not tried:
-        raise ValueError(f"{task.id}: no controller to begin with")
+        raise ValueError(f"{task.id}: no controller starts the search")
     return best_of(*zip(*tried, strict=True))
 
 
@@ -285,7 +285,7 @@ def chosen(folder: Path) -> Chosen:
 
     def make(env: Any) -> Actions:
         if (int(env.num_envs), env.single_action_space.shape[0]) != actions.shape[1:]:
-            raise ValueError(f"{path}: actions of {actions.shape[1]} episodes, which are judged together or not at all")
+            raise ValueError(f"{path}: actions of {actions.shape[1]} episodes; all of them must be evaluated together")
         return Actions(actions)
 
     return Chosen("actions", folder.name, fingerprint(path.read_bytes()), make, 0, record)

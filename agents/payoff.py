@@ -27,12 +27,12 @@ class Fine:
     """Differentiable cost of a task: the price of each control period that ends with too large a deflection.
 
     In the plane a period costs one price if a link's deflection over its length exceeds the limit; derivatives are
-    those of a smoothed step. In space a period costs one price if the arm is inside a shape at the period's end. This
-    cost is a smoothed step, too, whose middle lies `OFF` m outside of the shape, so that optimized arms stay outside.
-    The cost of shapes is evaluated at points on straight lines between the sections of the state. Inside a wall the
-    gradient of the smoothed step does not lead over the wall. With `lifting` the cost of a point inside the wall is
-    therefore the height, over `LIFT`, by which the point must rise to be above the wall. Other kinds of cost raise
-    ValueError.
+    those of a smoothed step. In space a period costs one price if the arm is inside a shape at the period's end. The
+    cost in space is a smoothed step, too, whose middle lies `OFF` m outside of the shape, so that optimized arms stay
+    outside. The cost of shapes is evaluated at points on straight lines between the sections of the state. Inside a
+    wall the gradient of the smoothed step does not lead over the wall. With `lifting` the cost of a point inside the
+    wall is therefore the height, over `LIFT`, by which the point must rise to be above the wall. Other kinds of cost
+    raise ValueError.
     """
 
     ROUNDED, SOFT, OFF = 0.03, 0.005, 0.012
@@ -46,7 +46,7 @@ class Fine:
         cost, self.lifting = task.keywords.get("cost", {}), lifting
         self.shapes = plan.keep_out if "keep_out" in task.keywords else ()
         if task.price and set(cost) != {"deflection"} and not (self.shapes and not cost and plan.arm.spatial):
-            raise ValueError(f"{task.id}: no slope of costs but of the deflection's, and of shapes in space")
+            raise ValueError(f"{task.id}: only costs of deflection, and of shapes in space, have derivatives")
         self.price, self.limit = task.price, float(cost.get("deflection", 1.0))
         self.places = [k for k, name in enumerate(plan.names) if re.fullmatch(r"tip_deflection(_\d+)?", name)]
         self.scales = np.array([plan.scales[k] for k in self.places])
@@ -203,7 +203,7 @@ def steadiers(task: suite.Task, env: Any, trained: Sequence[Path]) -> list[Any]:
         with suppress(ValueError):
             found.append(choose(str(folder), task).make(env))
     if trained and not found and task.environment == SPACE:
-        raise ValueError(f"{task.id}: no policy that sees all there is and steadies arms in space")
+        raise ValueError(f"{task.id}: in space no policy that observes the whole state exists")
     return found
 
 

@@ -23,7 +23,7 @@ import gymnasium as gym
 import numpy as np
 
 from agents import foresight
-from agents.suite import RESULTS, ROOT, of_run
+from agents.suite import PRESSED, RESULTS, ROOT, of_run
 from flexarm_env import control, suite
 from flexarm_env import validation as check
 from flexarm_env.episodes import Actions
@@ -125,17 +125,19 @@ def made(task: suite.Task, arguments: Arguments) -> str:
     values, successes = best.played(task, env, Actions(kept))
     if not (values >= judged).all():
         raise ValueError(f"{task.id}: other values in the task, by {np.abs(values - judged).max()}")
-    trained = foresight.beside(task, arguments.home)
+    # tasks at a wall have a force sensor, which has no derivatives: nothing is searched
+    steps = 0 if task.id in PRESSED else arguments.steps
+    trained = [] if task.id in PRESSED else foresight.beside(task, arguments.home)
     for stages in ([], foresight.growing(len(kept), instants(task.id)[1] + 2)):
         only = np.arange(EPISODES)
         if stages:
             only = only[{"none": only < 0, "failed": ~successes, "all": only >= 0}[arguments.grow]]
-        if not arguments.steps:
+        if not steps:
             continue
         while len(only):
             begun = (kept.astype(float), values)
             more, _ = foresight.search(
-                task, trained, steps=arguments.steps, start=begun, stages=stages, only=only, steadied=True
+                task, trained, steps=steps, start=begun, stages=stages, only=only, steadied=True
             )
             tried = kept.copy()
             tried[:, only] = more
@@ -149,7 +151,11 @@ def made(task: suite.Task, arguments: Arguments) -> str:
     begun, whole = (kept.astype(float), values), np.ones(EPISODES, bool)
     least = np.maximum(values - LOST, np.minimum(published(task), values))
     for grid in GRIDS:
-        rounded = foresight.search(task, trained, steps=0, start=begun, steadied=True, grid=grid)[0].astype(np.float32)
+        if task.id in PRESSED:
+            rounded = (np.round(begun[0] * grid) / grid).astype(np.float32)
+        else:
+            rounded = foresight.search(task, trained, steps=0, start=begun, steadied=True, grid=grid)[0]
+            rounded = rounded.astype(np.float32)
         found, _ = best.played(task, env, Actions(rounded))
         fine = whole & (found >= least)
         kept[:, fine] = rounded[:, fine]

@@ -53,7 +53,7 @@ PRESSED = ("press-v1", "land-v1")
 MANY = {
     "slew-measured-v2": 9000, "slew-unknown-v2": 2600, "slew-limited-v2": 2000, "slew-handling-v2": 10_000,
     "reach-measured-v1": 700, "reach-three-v2": 480, "reach-pushed-v1": 320, "float-reach-v1": 450,
-    "space-reach-v1": 600, "space-wall-v1": 240, "space-measured-v1": 200,
+    "space-reach-v1": 600, "space-wall-v1": 240, "space-measured-v1": 200, "land-v1": 700,
 }  # fmt: skip
 """Numbers of episodes for tasks whose scores over 100 episodes are less certain than `flexarm_env.suite.page.WIDTH`."""
 

@@ -95,7 +95,7 @@ def differences(
     A sentence begins with "~" if the part is a derivative (d_...) that differs by at most `within` of its largest
     number.
     """
-    told = [f"part {part!r} is not there any more" for part in known if part not in parts]
+    told = [f"part {part!r} is missing" for part in known if part not in parts]
     for part, numbers in parts.items():
         if part not in known:
             told.append(f"part {part!r} is new")
@@ -134,11 +134,11 @@ def main(arguments: list[str] | None = None) -> int:
             count = sum(numbers.size for numbers in parts.values())
             print(f"{kept[name]['cpu_s']:6.1f} s  {name}  {count}", flush=True)
         left = max(0, len(wanted) - options.most)
-        print(f"{len(kept)} cases kept" + (f", {left} to come" if left else ""))
+        print(f"{len(kept)} cases recorded" + (f", {left} left" if left else ""))
         return 0
     beside, equal, close, count = np.load(options.file.with_suffix(".npz")), 0, 0, 0
     for name, case in list(chosen.items())[: options.most]:
-        told = ["not known before"]
+        told = ["new"]
         if name in kept:
             told = differences(name, kept[name]["parts"], computed(case), beside, options.within)
         worse = [sentence for sentence in told if not sentence.startswith("~")]

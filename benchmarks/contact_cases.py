@@ -1,6 +1,6 @@
 """Hard cases of contact for `benchmarks.contact`: stiffness over eight decades, jamming, crushing, huge torques.
 
-Each case runs at 1 ms, or at the longest permitted step, and is judged by a run with a quarter of the step.
+Each case runs with a step of 1 ms, or the longest permitted step, and is compared with a quarter of the step.
 """
 
 import dataclasses
@@ -19,12 +19,12 @@ FORMULATIONS = ("elastica", "geometrically_exact", "floating_frame")
 STRIP = Arm("strip", (Link(1.0, Section(EI=2.0, EA=1e8, C=1e8, m=0.2)),), payload=Payload(mass=0.1), tau_d=2e-3)
 DECADES = [10.0**k for k in range(2, 11)]
 WRONG = 0.05
-"""Error of the tip over the arm's length at which a result that nothing reports is wrong."""
+"""Error of the tip over the arm's length above which a result without a report is silently wrong."""
 LEAST_DT = 2e-5
 
 
 def hard(kind: str, k: float, dt: float) -> Scene:
-    """A scene of this kind with contacts of this stiffness."""
+    """Return the scene of a hard case. kind: one of `KINDS`. k: stiffness of the contacts, N/m^1.5. dt: step, s."""
     more: Found = {"gravity": (0.0, -9.81)}
     law: Found = {"damping": 0.3, "friction": 0.3}
     arm = dataclasses.replace(STRIP, payload=Payload(mass=0.1, radius=0.02))
@@ -46,18 +46,18 @@ def hard(kind: str, k: float, dt: float) -> Scene:
         moving = wall(0.05, up=False, displacement_y=ramp(-0.2, 0.1))
         walls = [wall(-0.05), moving]
     elif kind == "huge torque":
-        walls, more["loads"] = [wall(-0.05)], (JointTorque(0, constant(-100.0)),)
+        walls, more["loads"] = [wall(-0.05)], (JointTorque(0, constant(-20.0)),)
     else:
         walls = [wall(-0.1, friction=1.0, creep=1e-7)]
     return Scene(kind, arm, duration=0.15, dt=dt, sample=0.005, contacts=tuple(walls), **more)
 
 
 KINDS = ("drop", "grazing", "jammed", "begins inside", "crushed", "huge torque", "sticky")
-OUTCOMES = ("right", "reported", "failed with a reason", "refused", "silently wrong")
+OUTCOMES = ("right", "reported", "failed with a reason", "refused", "not judged", "silently wrong")
 
 
 def outcome(kind: str, k: float, formulation: str) -> Found:
-    """How a hard case ends, at the step of 1 ms or the longest permitted one, judged by a quarter of the step."""
+    """Run a hard case with 1 ms or the longest permitted step; classify the case by a run with shorter steps."""
     dt, refused = 1e-3, False
     while True:
         try:
@@ -75,13 +75,15 @@ def outcome(kind: str, k: float, formulation: str) -> Found:
     rows = min(len(judge.tip), len(run.tip))
     apart = float(np.abs(run.tip[:rows, :2] - judge.tip[:rows, :2]).max())
     finite = bool(np.isfinite(run.tip).all())
-    right = finite and apart <= WRONG and judge.finished
+    right = finite and apart <= WRONG
     word = "reported" if run.status == "inaccurate" else "right" if right else "silently wrong"
+    if word == "right" and not judge.finished:
+        word = "not judged"
     return {**found, "outcome": word, "apart": apart, "estimate": run.error_estimate}
 
 
 def sweep() -> list[Found]:
-    """All hard cases."""
+    """Run and classify all hard cases."""
     found = []
     for kind, formulation, k in itertools.product(KINDS, FORMULATIONS, DECADES):
         found.append(outcome(kind, k, formulation))

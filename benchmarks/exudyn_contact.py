@@ -1,7 +1,7 @@
-"""Exudyn's strip that falls on a floor, for `benchmarks.contact`; needs Exudyn alone: python exudyn_contact.py
+"""Simulate a strip that falls on a floor with Exudyn, for `benchmarks.contact`: python exudyn_contact.py
 
-Prints the tip's positions as JSON. ANCF cables stretch and bend without shear. The floor is a user function: a force on
-the tip by the law of Hunt and Crossley.
+The script needs only Exudyn and prints the tip's positions (m) as JSON. ANCF cables stretch and bend
+without shear. The floor is a user function: a force on the tip by the law of Hunt and Crossley.
 """
 
 import json
@@ -13,13 +13,13 @@ DURATION, SAMPLE = 0.4, 0.01
 
 
 def normal_force(height: float, rate: float) -> float:
-    """Force of the floor, N, at the tip's height (m) and its rate (m/s)."""
+    """Return the floor's force, N, at a height (m) of the tip and a rate of this height (m/s)."""
     depth = max(FLOOR - height, 0.0)
     return float(max(0.0, STIFFNESS * depth**1.5 * (1.0 - 1.5 * DAMPING * rate)))
 
 
 def tips(elements: int, dt: float) -> list[list[float]]:
-    """Positions of the tip at the samples, m."""
+    """Return the tip's positions (x, y) at the samples, m. elements: number of elements. dt: step, s."""
     import exudyn as exu
     from exudyn import itemInterface
     from exudyn.beams import GenerateStraightLineANCFCable2D

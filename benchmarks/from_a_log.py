@@ -22,7 +22,7 @@ from flexarm_env.files import write_text
 from flexarm_env.identification import identify
 from flexarm_env.time_functions import linear_table
 
-ENV = "FlexibleArm-v0"
+ENV, DURATION = "FlexibleArm-v0", 4.0
 CONFIG = Path(__file__).resolve().parents[1] / "configs/identify/strip.toml"
 
 
@@ -61,13 +61,15 @@ def measure(options: argparse.Namespace) -> pages.Found:
         "true": {"arm": str(folder / "true.toml")},
         "unfitted": {"arm": "strip"},
     }
+    # policies are judged in whole episodes, not in the short ones that they were trained in
+    judged = json.dumps({"arm": str(folder / "true.toml"), "duration": DURATION})
     rows = []
     for name, own in kwargs.items():
         given = json.dumps({"duration": 2.0, **own})
         flexarm("train", "--env", ENV, "--seed", "0", "--n-timesteps", str(options.steps), "--env-kwargs", given,
                 "--no-tensorboard", "--out", str(folder / name))  # fmt: skip
         told_of = flexarm("evaluate", "--env", ENV, "--policy", str(folder / name), "--episodes", str(options.episodes),
-                          "--env-kwargs", json.dumps({"arm": str(folder / "true.toml")}), "--json")  # fmt: skip
+                          "--env-kwargs", judged, "--json")  # fmt: skip
         rows.append({"policy": name, "judged": json.loads(told_of)})
         print(name, told_of, flush=True)
     fitted = zip(found.parameters, found.start, found.values, found.uncertainty.half, strict=True)

@@ -5,7 +5,7 @@
 
 Each program of `PROGRAMS` runs in its own process under valgrind. Nothing is counted while the program starts, compiles
 and takes its first steps. Then the program repeats its work ten times, and the instructions of the repetitions are
-counted. Instructions in memory that belongs to no file are those of the compiled code; the rest, mostly Python's
+counted. Instructions in memory that was not read from a file are those of the compiled code; the rest, mostly Python's
 interpreter, is listed separately. Counts are of one run: the same code gives the same number, to a few in a million.
 
 The repository contains the counts of some programs, benchmarks/instructions_record.json. A commit that changes these
@@ -72,8 +72,19 @@ def asker() -> Callable[[int], None]:
     return ask
 
 
+def of_files() -> list[tuple[int, int]]:
+    """Return the address ranges of this process whose machine code was read from files: Python, libraries."""
+    ranges = []
+    for line in Path("/proc/self/maps").read_text("utf-8").splitlines():
+        addresses, access, _, _, node = line.split()[:5]
+        if "x" in access and node != "0":
+            begin, end = addresses.split("-")
+            ranges.append((int(begin, 16), int(end, 16)))
+    return ranges
+
+
 def driver(name: str) -> None:
-    """Run a program in the process that callgrind observes."""
+    """Run a program in the process that callgrind observes; print `of_files`."""
     ask, work = asker(), PROGRAMS[name]()
     work()
     ask(START)
@@ -82,23 +93,30 @@ def driver(name: str) -> None:
         work()
     ask(DUMP)
     ask(STOP)
+    print(json.dumps(of_files()))
 
 
-def counts(text: str) -> dict[str, int]:
-    """Return the instruction counts of a callgrind dump: "compiled" (machine code that belongs to no file) and
-    "all"."""
-    names: dict[str, str] = {}
+def counts(text: str, files: list[tuple[int, int]]) -> dict[str, int]:
+    """Return the instruction counts of a callgrind dump: "compiled" (code not read from a file), "all".
+
+    files: `of_files` of the program. Callgrind attributes the jump tables of libraries (.plt) to no file either, and
+    names functions without a symbol by their address.
+    """
+    objects: dict[str, str] = {}
+    functions: dict[str, str] = {}
     memory = total = 0
-    ours = called = False
+    unknown = ours = called = False
     for line in text.splitlines():
-        if line.startswith("ob="):
-            number, name = re.match(r"ob=(\(\d+\))?\s*(.*)", line).groups()  # type: ignore[union-attr]
+        # ob=, fn=: object and function of the lines that follow; cob=, cfn=: those of a callee
+        found = re.match(r"(c?)(ob|fn)=(\(\d+\))\s*(.*)", line)
+        if found:
+            of_callee, key, number, name = found.groups()
+            names = objects if key == "ob" else functions
             name = names.setdefault(number, name) if name else names[number]
-            ours = name == "???"
-        elif line.startswith("cob="):
-            found = re.match(r"cob=(\(\d+\))\s+(.+)", line)
-            if found:
-                names.setdefault(*found.groups())
+            if key == "ob" and not of_callee:
+                unknown = name == "???"
+            elif not of_callee:
+                ours = unknown and not any(begin <= int(name.split("'")[0], 16) < end for begin, end in files)
         elif line.startswith("calls="):
             called = True  # the next line is what the call came to, counted where it was executed
         elif re.match(r"[+\-*\d]", line):
@@ -114,14 +132,15 @@ def measured(name: str, cache: Path) -> dict[str, int]:
     environment = os.environ | {"FLEXARM_CPU": "haswell", "FLEXARM_CACHE_DIR": str(cache)}
     environment |= {"PYTHONHASHSEED": "0", "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "benchmarks.instructions", "-", "--run", name]
-    subprocess.run(command, env=environment, check=True, stderr=subprocess.DEVNULL)
+    subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder, "out")
         watched = ["valgrind", "--tool=callgrind", "--instr-atstart=no", f"--callgrind-out-file={out}", *command]
         done = subprocess.run(watched, env=environment, capture_output=True, text=True)
         if done.returncode:
             raise RuntimeError(f"{name}: {done.stderr[-2000:]}")
-        return counts(out.with_name("out.1").read_text(encoding="utf-8", errors="replace"))
+        files = json.loads(done.stdout.splitlines()[-1])
+        return counts(out.with_name("out.1").read_text(encoding="utf-8", errors="replace"), files)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -135,7 +135,7 @@ def other_mesh(settings: Settings, space: bool = False) -> tuple[Settings, float
 def companion_mesh(scene: Scene, settings: Settings) -> tuple[Scene, Settings, float]:
     """Return scene and settings with another mesh, and the error per unit of distance from a run on this mesh. If a
     section jumps or kinks, all cells are halved: a coarser mesh may have the same cells in the critical piece and would
-    hide their error. Otherwise the mesh is that of `other_mesh`."""
+    hide the error of these cells. Otherwise the mesh is that of `other_mesh`."""
     if divided(scene.arm):
         if halved := halved_mesh(scene.arm, settings):
             return replace(scene, arm=halved[0]), halved[1], 1.0

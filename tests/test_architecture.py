@@ -11,6 +11,7 @@ import json
 import re
 import shutil
 import subprocess
+from collections import Counter
 from collections.abc import Iterator
 from importlib.util import resolve_name
 from inspect import signature
@@ -28,8 +29,8 @@ PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
 _BASICS = {
-    "validation", "curves", "meshing", "rotations", "sections", "bodies", "parameters", "sensors", "rigid", "settings",
-    "files", "time_functions",
+    "validation", "records", "curves", "meshing", "rotations", "sections", "bodies", "parameters", "sensors", "rigid",
+    "settings", "files", "time_functions",
 }  # fmt: skip
 _DESCRIPTION = {*_BASICS, "arms", "scene", "scenes", "shapes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
@@ -46,19 +47,20 @@ _PUBLIC = {
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
 ROOMS: dict[str, set[str]] = {
     "validation": set(),
+    "records": {"validation"},
     "curves": {"validation"},
     "meshing": {"validation"},
-    "sections": {"validation", "curves", "meshing"},
+    "sections": {"validation", "records", "curves", "meshing"},
     "rotations": {"validation"},
-    "bodies": {"validation", "rotations", "sections"},
-    "sensors": {"validation"},
+    "bodies": {"validation", "records", "rotations", "sections"},
+    "sensors": {"validation", "records"},
     "shapes": {"validation", "bodies"},
-    "parameters": {"validation", "sections", "bodies", "sensors"},
+    "parameters": {"validation", "records", "sections", "bodies", "sensors"},
     "rigid": {"validation", "bodies", "parameters"},
     "settings": {"validation"},
     "files": {"validation"},
     "time_functions": {"validation", "files"},
-    "arms": {"validation", "files", "sections", "parameters", "sensors"},
+    "arms": {"validation", "records", "files", "bodies", "sections", "parameters", "sensors"},
     "scene": {
         "validation", "files", "curves", "meshing", "bodies", "sections", "parameters", "settings",
         "time_functions", "arms", "shapes",
@@ -336,6 +338,19 @@ def test_the_core_imports_no_other_room() -> None:
             rooms = {room_of(name) for _, name in imports_in(path, known) if name.split(".")[0] == PACKAGE}
             beyond |= {(module, room) for room in rooms - CORE}
     assert beyond == BEYOND_THE_CORE
+
+
+def test_the_page_says_how_large_the_core_is() -> None:
+    """In thousands of lines, to 3 %."""
+    lines = Counter[str]()
+    for path in python_files(PACKAGE):
+        lines[room_of(module_name(path))] += len(path.read_text(encoding="utf-8").splitlines())
+    page = (ROOT / "docs" / "architecture.md").read_text("utf-8")
+    said = re.search(r"The core has ([\d,]+) of the package's ([\d,]+) lines", page)
+    assert said
+    core, package = (int(word.replace(",", "")) for word in said.groups())
+    assert sum(lines[room] for room in CORE) == pytest.approx(core, rel=0.03)
+    assert sum(lines.values()) == pytest.approx(package, rel=0.03)
 
 
 @pytest.mark.slow

@@ -244,7 +244,10 @@ def test_what_cannot_be_inside_is_a_sentence() -> None:
     env = vector(**REACH)
     refuses("around = .pid.: must be one of", lambda: AroundControllerVector(env, "pid"))
     refuses("share = -1.0: must be ", lambda: AroundControllerVector(env, "pd", -1.0))
-    refuses("around = .lqg.: must be pd: the memory of other controllers", lambda: AroundControllerVector(env, "lqg"))
+    refuses(
+        "around = .lqg.: must be pd or a controller of the contact force: the memory",
+        lambda: AroundControllerVector(env, "lqg"),
+    )
     residual = vector(action_mode="residual_pd")
     refuses("action_mode = .residual_pd.: must be", lambda: AroundControllerVector(residual, "pd"))
     one = AroundController(gym.make("FlexibleArm-v0"))

@@ -110,7 +110,7 @@ def test_a_file_of_hyper_parameters_names_it(tmp_path: Path) -> None:
     [
         ("--share 0.5", "--share = 0.5: requires --around CONTROLLER"),
         ("--around pid", "around = 'pid': must be one of"),
-        ("--around lqr", "around = 'lqr': must be pd: the memory of other controllers begins"),
+        ("--around lqr", "around = 'lqr': must be pd or a controller of the contact force"),
         ("--around pd --share 0", "share = 0.0: must be a positive number"),
         ("--around pd@nothing.toml", "nothing.toml: No such file or directory"),
         ("--around pd --algo gradient", "must be pd of an arm in the plane with observation=\"measured\""),

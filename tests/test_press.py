@@ -7,6 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from flexarm_env.envs.pictures import renderer
 from flexarm_env.shapes import HalfSpace, Sphere
 from tests.env_tools import assert_goes_back, assert_pair_same, pair
 from tests.refusals import refusal
@@ -70,6 +71,18 @@ def test_reward_and_success_follow_from_force_and_path(turn: float) -> None:
         assert info["is_success"] == good
     assert touched > 0
     assert infos[-1]["is_success"]
+
+
+def test_a_commanded_force_has_a_visible_arrow() -> None:
+    """Longer than the mark of the payload, about 2 % of the reach: at least a tenth of the reach."""
+    env: Any = gym.make("TwoLinkFlexArm-v0", task="press")
+    plan = env.unwrapped.plan
+    pen = renderer(plan, "rgb_array")
+    low, high = (plan.extras.reference.ranges[k] for k in (8, 9))
+    for force in (low, high):
+        pen.touches = np.array([[0.7, 0.0, 0.0, -force, 0.0, 0.0, force]])
+        ((start, end),) = pen.arrows()
+        assert 0.1 < np.linalg.norm(end - start) / plan.arm.total_length < 0.4
 
 
 def test_a_vector_presses_as_single_arms_do() -> None:

@@ -46,7 +46,7 @@ def connect(address: str | None, processes: int, verbose: bool = False) -> Any:
             reason = str(error).splitlines()[0]
             raise ValueError(
                 f"--address {address}: no Ray cluster there ({reason}); it is begun by ray start --head; where it "
-                "wants a token, RAY_AUTH_MODE=token and the head's token are needed here too"
+                "requires a token, set RAY_AUTH_MODE=token and the head's token here, too"
             ) from error
         for name in ("ray", "ray.rllib", "ray.tune"):
             logging.getLogger(name).setLevel(level)

@@ -22,7 +22,7 @@ BOXES: dict[str, tuple[float, float, float, float, str, tuple[str, ...]]] = {
     "compiler": (3.2, 6.0, 7.4, 0.55, COLORS[4], ("compiler, layout",)),
     "describe": (0.0, 4.45, 2.6, 1.15, COLORS[0],
         ("sections, curves, meshing", "bodies, rotations, rigid", "parameters, arms, sensors",
-         "scene, scenes, settings", "time_functions, shapes, files")),
+         "scene, scenes, settings, records", "time_functions, shapes, files")),
     "physics": (3.2, 4.45, 3.2, 1.15, COLORS[2],
         ("physics", "floating · exact · elastica", "space · joints · integrator")),
     "tasks": (7.0, 4.45, 1.5, 1.15, COLORS[1], ("tasks", "see, judge")),

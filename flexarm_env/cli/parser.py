@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Sequence
 
 from flexarm_env.cli.codes import BAD_INPUT, DONE, INTERRUPTED, sentence
-from flexarm_env.cli.exchange_texts import EXPORT, FORMS, IMPORT
+from flexarm_env.cli.exchange_texts import EXPORT, FORMS, IMPORT, SCHEMA
 from flexarm_env.training.arguments import Parser
 
 OVERVIEW = """\
@@ -20,6 +20,7 @@ Robot arms with flexible links, in the plane and in space: simulate, train, eval
   flexarm view robot_arm_motion                    write an HTML page that plays it
   flexarm view two_link pd                         show a policy and a controller in the same episode
   flexarm arm my_arm.toml                          print an arm's time scales, frequencies and margins
+  flexarm schema > arm.schema.json                 write the JSON schema of arm files, for editors
   flexarm play FlexibleArm-v0 --policy lqr         watch a controller; without --policy, use the keyboard
   flexarm train --env FlexibleArm-v0               train a policy
   flexarm evaluate --policy pd,zvd,lqr             evaluate controllers and policies
@@ -404,6 +405,7 @@ def build_parser() -> Parser:
     compile_.add_argument("--all", action="store_true", help="all formulations, not only the defaults")
     compile_.add_argument("--clean", action="store_true", help="delete the cached code and compile nothing")
 
+    add("schema", "print the JSON schema of arm files", SCHEMA, "schema", "")
     add("doctor", "print versions, threads and cache; run a self-test", DOCTOR, "doctor", "")
     return parser
 

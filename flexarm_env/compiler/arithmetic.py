@@ -33,9 +33,12 @@ COMPARED = {
 _PLAIN = {"Add": "add", "Sub": "sub", "Mult": "mul", "BitAnd": "and_", "BitOr": "or_", "BitXor": "xor"}
 
 
+_NUMBERS = (int, float, np.int64, np.uint64, np.bool_)
+
+
 def known(x: Any) -> bool:
     """Return whether x is a number known at compile time."""
-    return isinstance(x, int | float | np.int64 | np.uint64 | np.bool_)
+    return isinstance(x, _NUMBERS)
 
 
 def whole_kind(x: Any) -> bool:
@@ -155,7 +158,7 @@ def binary(b: Any, op: str, x: Any, y: Any) -> Any:
         if p.count > 1 or q.count > 1 or p.tangents or q.tangents:
             raise Refused(f"{told(p)} and {told(q)}: floor division and remainder take plain numbers")
         return _floored(b, op, p, q)
-    raise Refused(f"{told(x)} and {told(y)}: bits of whole numbers alone")
+    raise Refused(f"{told(x)} and {told(y)}: bit operations need integers")
 
 
 def _of_tuples(op: str, x: Any, y: Any) -> Any:
@@ -166,7 +169,8 @@ def _of_tuples(op: str, x: Any, y: Any) -> Any:
     """
     if op == "Add" and is_tuple(x) and is_tuple(y):
         if all(any(isinstance(item, Value) for item in one) for one in (x, y)):
-            raise Refused(f"{told(x)} and {told(y)}: + joins tuples, it adds no vectors; write (*a, *b), or a record")
+            what = "+ concatenates tuples, it does not add vectors; write (*a, *b), or a record"
+            raise Refused(f"{told(x)} and {told(y)}: {what}")
         return x + y
     if op == "Mult" and isinstance(x if is_tuple(y) else y, int):
         return KNOWN[op](x, y)

@@ -81,8 +81,7 @@ class Description:
         """Describe the same program from today's objects, for comparison with the stored words.
 
         chosen: names of the family choices in the program. Raises LookupError or AttributeError if a function or name
-            no
-        longer exists.
+        no longer exists.
         """
         places = dict(choices())
         found = cls(None, guide)

@@ -13,6 +13,7 @@ from .elements import Elements
 from .kinds import (
     LETTERS,
     NUMBERS,
+    RECORDS,
     WORD,
     Array,
     Integer,
@@ -67,6 +68,8 @@ class Expressions(Elements):
 
     def dynamic(self, item: Any) -> Any:
         """Convert known numbers to LLVM constants, in tuples and named tuples too; lane tags stay static."""
+        if isinstance(item, (Value, Integer, Array, Stored)):
+            return item
         if isinstance(item, bool | np.bool_):
             return Truth(arithmetic.bit(bool(item)))
         if isinstance(item, int | np.integer):
@@ -136,7 +139,7 @@ class Expressions(Elements):
     def of_Attribute(self, node: ast.Attribute) -> Any:
         """Evaluate x.name: field of a named tuple, shape or size of an array, attribute of a static object."""
         item = self.value(node.value)
-        if isinstance(item, Record | Stored):
+        if isinstance(item, RECORDS):
             return self.field(item, node.attr)
         if isinstance(item, Array) and node.attr == "shape":
             return tuple(Integer(x) for x in self.lengths(item))
@@ -248,7 +251,7 @@ class Expressions(Elements):
 
     def arithmetic(self, op: str, x: Any, y: Any) -> Any:
         """Write x op y; for ratios of signed integers that float64 may round twice, call `wholes.ratio`."""
-        if isinstance(x, Record | Stored) or isinstance(y, Record | Stored):
+        if isinstance(x, RECORDS) or isinstance(y, RECORDS):
             return operators.binary(self, op, x, y)
         if op == "Div" and arithmetic.far_from_exact(x, y):
             code, found = self.module.function(ratio, [self.dynamic(x), self.dynamic(y)])

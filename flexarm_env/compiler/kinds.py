@@ -105,6 +105,12 @@ class Stored:
         self.address, self.layout, self.lane, self.instance_class = address, layout, lane, layout.instance_class
 
 
+SCALARS = (Integer, Truth, Narrow)
+RECORDS = (Record, Stored)
+RUN_TIME = (Value, *SCALARS, Array, *RECORDS)
+"""Classes of symbolic items. Tests against a tuple are several times faster than against a union made in each call."""
+
+
 class Layout:
     """Memory layout of a named tuple in 8-byte words.
 
@@ -230,7 +236,7 @@ def lane_tags(item: Any) -> list[Any]:
     if isinstance(item, Array):
         return [item.lane]
     # named tuples without fields of lanes are the same under every tag
-    if isinstance(item, Record | Stored):
+    if isinstance(item, RECORDS):
         return [item.lane] if lane_fields(item.instance_class) else []
     return [tag for x in item for tag in lane_tags(x)] if is_tuple(item) else []
 
@@ -244,7 +250,7 @@ def is_static(item: Any) -> bool:
     """Return whether an item is known at compile time, in all parts of a tuple."""
     if is_tuple(item):
         return all(map(is_static, item))
-    return not isinstance(item, Value | Integer | Truth | Narrow | Array | Record | Stored)
+    return not isinstance(item, RUN_TIME)
 
 
 def is_tuple(item: Any) -> bool:
@@ -256,7 +262,7 @@ def leaves(item: Any) -> list[Any]:
     """Return the LLVM values that an item consists of, in order; none for static items."""
     if isinstance(item, Value):
         return item.parts(item.count, len(item.tangents))
-    if isinstance(item, Integer | Truth | Narrow):
+    if isinstance(item, SCALARS):
         return [item.value]
     if isinstance(item, Array):
         return [item.data, *item.shape]

@@ -36,8 +36,8 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
 
     @contextmanager
     def at(self, block: Any, start: bool = False) -> Iterator[None]:
-        """Context that writes code into another block: before its terminator, at its end if it has none, or at its
-        start.
+        """Context that writes code into another block: before the block's terminator, at the end of a block without
+        terminator, or at the block's start.
 
         Instructions of the context are not recorded; afterwards the builder returns to its previous block.
         """

@@ -47,8 +47,8 @@ class Value:
     @classmethod
     def of(cls, builder: Any, parts: Sequence[Any], count: int) -> Value:
         """Make a Value of LLVM values in `count` lanes: the first is the value, the rest are its tangents."""
-        first, *rest = [cls(builder, part, count) for part in parts]
-        return first.having(rest)
+        first, *rest = parts
+        return cls(builder, first, count, [cls(builder, part, count) for part in rest])
 
     def wide(self, count: int) -> Any:
         """Return the LLVM value in `count` lanes (a scalar is broadcast), without tangents."""
@@ -56,6 +56,8 @@ class Value:
 
     def parts(self, count: int, tangents: int) -> list[Any]:
         """Return LLVM values in `count` lanes: the value, then `tangents` tangents, which are 0 if it has none."""
+        if not tangents and not self.tangents:
+            return [self.wide(count)]
         # a constant has tangents 0
         slopes = self.tangents or (self.other(0.0),) * tangents
         return [x.wide(count) for x in (self, *slopes)]

@@ -94,7 +94,8 @@ def restarting(inside: Inside, env: Any) -> Controller | Following:
     """
     found = inside.made(env)
     if not found.restarts:
-        what = "must be pd: the memory of other controllers begins for all environments together"
+        what = "must be pd or a controller of the contact force: the memory of other controllers begins"
+        what += " for all environments together"
         raise check.InvalidValue("around", inside.controller, what)
     return found
 

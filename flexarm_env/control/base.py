@@ -285,7 +285,8 @@ class Controller(ABC):
         Raises ValueError unless `restarts`.
         """
         if not self.restarts:
-            what = "must be pd: the memory of other controllers begins for all environments together"
+            what = "must be pd or a controller of the contact force: the memory of other controllers begins"
+            what += " for all environments together"
             raise check.InvalidValue("controller", type(self).__name__, what)
         if not rows.any():
             return

@@ -117,9 +117,7 @@ class PressController(Controller):
             ValueError: the environment has another task, or its observation lacks an entry.
         """
         if setup.task not in TASKS:
-            raise check.InvalidValue(
-                "task", setup.task, 'must be "press" or "land" for a controller of a contact force'
-            )
+            raise check.InvalidValue("task", setup.task, f"must be one of {TASKS} for a controller of the force")
         super().__init__(setup)
         self.slides, self.most = setup.task == "press", largest_force(setup.arm)
         needed = [name for name in ENTRIES if self.slides or name != "target_force"]
@@ -128,6 +126,9 @@ class PressController(Controller):
                 raise check.InvalidValue("observation", setup.names, f"must have the entry {name}")
         at, scales = [setup.names.index(name) for name in needed], np.array(setup.scales)
         self._at, self._scales = np.array(at) - len(setup.names), scales[at]
+        if setup.wall is None:
+            raise check.InvalidValue("wall", None, "must be given: the bearing (rad) of the wall")
+        self._normal = np.array([np.cos(setup.wall), np.sin(setup.wall)])
         self.chain = StaticChain(setup.arm)
 
     def reset(self, observation: NDArray[np.floating]) -> None:
@@ -135,7 +136,7 @@ class PressController(Controller):
         signals = self.read(observation)
         self.goal = signals.angles.copy()
         # one row per episode, so that episodes may begin at different times (`restart`)
-        self._periods = np.zeros(len(self.goal))
+        self._periods, self._way = np.zeros(len(self.goal)), np.zeros(len(self.goal))
         self._tip = rotated(signals, tip_in_hub_frame(self.setup.arm, signals.angles[:, 1:], signals.bends))
         self._bends = np.zeros_like(self.goal)
         self.forget()
@@ -177,17 +178,13 @@ class PressController(Controller):
         seen = np.atleast_2d(np.asarray(observation, np.float64))[:, self._at] * self._scales
         to_target, velocity = rotated(signals, seen[:, :2]), rotated(signals, seen[:, 2:4])
         target = rotated(signals, tip_in_hub_frame(self.setup.arm, signals.angles[:, 1:], signals.bends)) + to_target
-        # tangent of the wall in the direction of the path, and its normal away from the root
-        if self.slides:
-            along = velocity / np.maximum(np.linalg.norm(velocity, axis=1), 1e-12)[:, None]
-            normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
-            normal *= np.sign((normal * target).sum(axis=1))[:, None]
-            commanded = seen[:, 4]
-        else:
-            assert self.setup.wall is not None
-            normal = np.tile([np.cos(self.setup.wall), np.sin(self.setup.wall)], (len(seen), 1))
-            along = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
-            commanded = np.full(len(seen), self.timing.touch * self.most)
+        commanded = seen[:, 4] if self.slides else np.full(len(seen), self.timing.touch * self.most)
+        # the path is straight and its speed constant: their mean up to now, whose sense of direction noise cannot flip
+        normal = np.tile(self._normal, (len(seen), 1))
+        tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+        self._way += (velocity * tangent).sum(axis=1)
+        velocity = tangent * (self._way / (self._periods + 1.0))[:, None]
+        along = tangent * np.where(self._way < 0.0, -1.0, 1.0)[:, None]
         # approach: a polynomial of fifth degree; then the force rises
         time, timing = self._periods * self.setup.control_dt, self.timing
         x, y = np.clip(time / timing.approach, 0.0, 1.0), np.clip((time - timing.approach) / timing.press, 0.0, 1.0)

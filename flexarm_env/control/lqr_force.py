@@ -65,7 +65,7 @@ class LQRForce(PressController):
         self._sums += (self.setup.control_dt * view.touching)[:, None] * np.stack([error, excess], axis=1)
         # before the force has risen: the state feedback alone
         found = feedback(self.setup, self._weights, self.goal, off)
-        for i in np.flatnonzero(view.touching):
+        for i in np.flatnonzero(view.touching).tolist():
             found[i] = self._pressed(view, i, off[i])
         return holding - found
 

@@ -39,7 +39,7 @@ class Method(NamedTuple):
 
 
 def method_of(model: Any, program: Any, extras: Any, kept: bool, alone: str) -> Method:
-    """Return the method for a model with these parts of a program."""
+    """Return the method for a model and parts of a program."""
     # what a period does beside the equations of its steps and jumps
     beside = (
         program.models is not None,  # numbers of halvings are found by the run

@@ -12,7 +12,7 @@ from .period import Differentiable, checked
 
 
 class Outcome(NamedTuple):
-    """States (T + 1, n, S), the initial ones first, observations (T, n, O) and rewards (T, n) after each period.
+    """States (T + 1, n, S), the initial states first, observations (T, n, O) and rewards (T, n) after each period.
 
     A rollout's `jvp` returns tangents in this form.
     """

@@ -13,10 +13,12 @@ from ..geometry.ribbons import ribbons, sides
 from ..parameters import Arm
 from ..physics.layout import POSE, ROOT, SPACE_POSE
 from ..physics.space.reading import straight
+from ..rigid import largest_force
 from .drawing import PAPER, pygame_module
 from .options import Plan
 from .rendering import Renderer, end_of_scale
 from .space_rendering import SpaceRenderer
+from .task import LAND, PRESS
 
 SIDE = 640
 """Width and height of a picture, pixels."""
@@ -41,7 +43,9 @@ def renderer(plan: Plan, mode: str, size: tuple[int, int] = (SIDE, SIDE)) -> Ren
         pen = Renderer(mode, arm.total_length, **usual)
     pen.keep_out = plan.keep_out
     pen.obstacles = [contact.obstacle for contact in plan.contacts]
-    pen.force = 5.0 * limits[0] / arm.total_length
+    # impacts exceed the motors' static force several times; commanded forces are a share of it
+    at_wall = plan.kind.task in (LAND, PRESS)
+    pen.force = 0.5 * largest_force(arm) if at_wall else 5.0 * limits[0] / arm.total_length
     return pen
 
 

@@ -95,7 +95,7 @@ AMPLIFICATIONS = {
     ("two_link_upright", "floating_frame"): 61.0,
     ("two_link_upright", "geometrically_exact"): 79.7,
 }
-"""Factor d / d_1 of a trial with the usual settings, by packaged arm and formulation, where it raises the estimate."""
+"""Factor d / d_1 of a trial with the usual settings, where trials raise the estimate; keys: arm and formulation."""
 
 
 MILD = {"EI": (0.5, math.inf), "payload": (0.0, 2.0), "torque_constant": (0.0, 1.5)}

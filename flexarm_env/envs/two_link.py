@@ -116,7 +116,7 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     |---|---|---|
     | `arm` | "de_luca_siciliano" | or "quanser_2dsfl", "paper_two_link", a TOML file, a `flexarm_env.Arm` |
     | `duration` | 8.0 | length of an episode, s |
-    | `task` | "reach" | or "track": the target moves; "replay": the joints follow a motion; "press": see options |
+    | `task` | "reach" | or "track": moving target; "replay": prescribed motion; "press", "land": see options |
 
     The [options page](options.md#all-arguments) has all arguments, and the differences for two links and more.
 

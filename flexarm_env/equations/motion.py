@@ -244,7 +244,7 @@ class Equations:
         return slopes
 
     def motor_angles(self, q: Array) -> Array:
-        """Return the angles (n_links,) on which joint torques act: the motors', relative to the previous link."""
+        """Return the motors' angles (n_links,), on which joint torques act, relative to the previous link."""
         angles = self.joint_angles(q, np.zeros(self.n))[0]
         for k, row in self.motors.items():
             angles[k] = q[row]

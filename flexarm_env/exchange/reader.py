@@ -78,8 +78,8 @@ def import_arm(
         tau_d: damping time of the flexible links, s.
         gear_ratio: ratio assumed for joints with armature; their motor inertia is armature / gear_ratio^2.
     Raises:
-        ValueError: the file has an element that a serial chain cannot represent; the message names it. OSError: the
-            file does not exist. ImportError: MuJoCo is not installed.
+        ValueError: the file has an element that a serial chain cannot represent; the message names the element.
+            OSError: the file does not exist. ImportError: MuJoCo is not installed.
     """
     gear_ratio = check.number("gear_ratio", gear_ratio, minimum=LEAST_RATIO, maximum=1e9)
     with check.in_file(path), np.errstate(over="ignore", invalid="ignore", divide="ignore"):

@@ -116,7 +116,7 @@ def pushed(arm: Arm, gravity: tuple[float, float, float]) -> Scene:
 
 
 def tip_apart(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> float:
-    """Return the largest distance between the chain's tip, by MuJoCo, and the arm's, over the arm's length.
+    """Return the largest distance between the chain's tip, by MuJoCo, and the arm's tip, over the arm's length.
 
     See `differences`. Raises ImportError without MuJoCo.
     """

@@ -44,11 +44,11 @@ def rigid_times(inertia: Array, to_go: Array, limits: Array) -> Array:
 def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, angles: Array) -> Array:
     """Return joint angles (N,), rad, of one arm of straight links with its tip at (x, y), m, from its root.
 
-    The environments choose the same solution. x, y are in inertial axes. lengths (N,), m. rates (N,), rad/s: a joint's
-    time is proportional to sqrt(|angle|) / rate. limits (2 N,), rad: low, high of each joint in turn. angles (N,):
-    present angles, rad. With two links the function returns the solution with the shorter time, with more links the
-    solution with the least sum of squares of the angles (`tasks.angles`). If the point is out of reach, the arm points
-    along the line to the point.
+    The environments choose the same solution as this function. x, y are in inertial axes. lengths (N,), m. rates (N,),
+    rad/s: a joint's time is proportional to sqrt(|angle|) / rate. limits (2 N,), rad: low, high of each joint in turn.
+    angles (N,): present angles, rad. With two links the function returns the solution with the shorter time, with more
+    links the solution with the least sum of squares of the angles (`tasks.angles`). If the point is out of reach, the
+    arm points along the line to the point.
     """
     goal: Array = angles.copy()
     if len(lengths) == 2:

@@ -44,8 +44,8 @@ class Ringing:
     """Damped cosine fitted to an interval of a signal.
 
     start: start of the interval, s. frequency: undamped frequency, Hz. damping: damping ratio. amplitude: amplitude at
-        the interval's start, in the signal's unit. error:
-    root mean square of the fit's residual, divided by the interval's standard deviation.
+    the interval's start, in the signal's unit. error: root mean square of the fit's residual, divided by the interval's
+    standard deviation.
     """
 
     start: float

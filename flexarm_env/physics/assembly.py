@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..parameters import Arm, Payload
+from ..parameters import Arm, Elbow, Payload
 from ..scene import JointTorque, Motion, Scene, standing_scene
 from ..sections import ACROSS, ENDS, Section
 from ..settings import Settings
@@ -107,6 +107,7 @@ _NOT_MECHANICS: dict[type, tuple[str, ...]] = {
     Arm: ("name", "source", "torque_limits", "joint_limits", "sensors"),
     Section: tuple(ACROSS),
     Payload: ("radius",),
+    Elbow: ("radius",),
 }
 """Fields that enter no equation of motion. For a section in the plane, these are the properties of motion out of the
 plane."""

@@ -90,8 +90,7 @@ class Packet(NamedTuple):
     """Content of one packet; the module's docstring gives the layout.
 
     kind: `Kind`. connection: 64-bit number. sequence: number of the packet, from 1. time: sender's clock, s. numbers:
-        as the kind defines
-    them. flags: bits of a command (`ARM`, ...) or of a reading (`HELD`, ...).
+    numbers that the kind defines. flags: bits of a command (`ARM`, ...) or of a reading (`HELD`, ...).
     """
 
     kind: Kind

@@ -78,7 +78,7 @@ def fit_rooms(rows: int, inputs: int, motions: int, links: int) -> tuple[np.ndar
 
 
 def aligned(rows: int, columns: int) -> np.ndarray:
-    """Return zeros (rows, columns) that begin on a cache line, so that eight lanes fill exactly one.
+    """Return zeros (rows, columns) that begin on a cache line, so that eight lanes fill exactly one cache line.
 
     Raises ValueError for more than this machine's memory, because a system that overcommits memory would kill the
     process when it fills the array.

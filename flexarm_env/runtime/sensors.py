@@ -111,7 +111,7 @@ class Who(NamedTuple):
 
 @kernel
 def readings_size(instruments):
-    """Return how many numbers of a record the sensors' channels take, its last ones; 0 without instruments.
+    """Return the length of the sensors' channels, the last numbers of a record; 0 without instruments.
 
     A channel is the memory of a sensor for one number (`program.CHANNEL`).
     """

@@ -227,7 +227,8 @@ def _elbow(elbow: Elbow, before: Array, after: Array) -> Elbow:
 
     before, after: frames of the two links.
     """
-    return Elbow(elbow.mass, _inertia(elbow.inertia_left, before), _inertia(elbow.inertia_right, after))
+    inertias = _inertia(elbow.inertia_left, before), _inertia(elbow.inertia_right, after)
+    return Elbow(elbow.mass, *inertias, radius=elbow.radius)
 
 
 def _payload(payload: Payload, frame: Array) -> Payload:

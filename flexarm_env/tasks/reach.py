@@ -187,8 +187,7 @@ def reach_draw_path(task, stream, arm, start, drawn, path):
     """Write a circular path with random sense of rotation and random phase into `path`, a `PATH`.
 
     drawn: distance of the circle's center from the root, m; period, s; radius, m; bearing of the center, rad.
-        stream[arm]:
-    random numbers of the arm. start: not used.
+    stream[arm]: random numbers of the arm. start: not used.
     """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     # center (inertial axes), from its distance and bearing

@@ -139,8 +139,7 @@ def space_pursue(task, record):
     """Move the goal angles (rad), record[GOAL:], so that they reach the moved target; do nothing if targets rest.
 
     record: record of one arm: target (m, inertial axes) in; goal: in and out. task.chain: a `JOINT` per joint, None
-        where
-    targets rest.
+    where targets rest.
     """
     if task.chain is not None:
         point = (record[TARGET], record[TARGET + 1], record[TARGET + 2])
@@ -162,8 +161,7 @@ def space_draw_path(task, stream, arm, start, drawn, path):
     """Write a circular path in a random plane, from a random phase, into `path`, a `PATH`.
 
     drawn: distance of the circle's center from the root, m; period, s; radius, m; bearing and elevation of the center,
-        rad.
-    stream[arm]: random numbers of the arm. start: not used.
+    rad. stream[arm]: random numbers of the arm. start: not used.
     """
     away, _, _ = _directions(drawn[3], drawn[4])
     # center of the circle, distance times direction (inertial axes)
@@ -181,8 +179,7 @@ def space_draw_line(task, stream, arm, start, drawn, path):
     """Write a straight path in a random direction, by its point nearest to the root, into `path`, a `PATH`.
 
     drawn: distance of the nearest point, m; the time when it is reached, s; speed, m/s; bearing and elevation of this
-        point, rad.
-    stream[arm]: random numbers of the arm. start: not used.
+    point, rad. stream[arm]: random numbers of the arm. start: not used.
     """
     away, around, up = _directions(drawn[3], drawn[4])
     turn = 2.0 * math.pi * uniform(stream, arm)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,8 +19,6 @@ from ..physics.assembly import assemble
 from ..physics.gauges import Spot, curvatures
 from ..physics.layout import FACTORISATIONS, HALVINGS, ITERATIONS, POSE, ROOT, STEPS, TIP, TIP_RATES
 from ..physics.model import STATUS
-from ..physics.space.reading import read as read_in_space
-from ..physics.space.reading import tips as tips_in_space
 from ..scene import Scene, computed
 from ..scenes import COLUMNS
 from ..sensors import Sensors, StrainGauge, from_table
@@ -180,6 +177,29 @@ class Trajectory:
         return curvatures(self.scene, self.settings, self.names, places, self.q)
 
     # --- to be looked at ---------------------------------------------------------------------------
+    @classmethod
+    def read(cls, simulation: Any, fields: Mapping[str, Array], shapes: Array) -> dict[str, Any]:
+        """Return the fields of this class that depend on the plane or space, from those of `Simulation.record`."""
+        poses, links = fields["poses"], simulation.scene.arm.links
+        lengths = np.array([link.span for link in links])
+        bows = np.array([link.far.imag for link in links])
+        return {
+            "deflection_bound": simulation.settings.deflection_bound, "start": poses[:, 0, ROOT],
+            "hinges": poses[:, 1:, POSE.x : POSE.angle], "tip_deflection": (link_deflection(poses) - bows) / lengths,
+            "shapes": shapes, **placed(simulation.system.coordinates, poses, fields["q"], fields["v"]),
+            "link_angles": poses[..., [POSE.angle, POSE.tip_angle]],
+        }  # fmt: skip
+
+    @classmethod
+    def read_tips(cls, scene: Scene, settings: Settings, fields: Mapping[str, Array]) -> Array:
+        """Return the tip's positions (n, 2), m, which error estimates compare; fields: see `read`."""
+        return fields["poses"][:, -1, TIP][:, :2]
+
+    @property
+    def compared_tips(self) -> Array:
+        """The tip's positions as `read_tips` returns them."""
+        return self.tip[:, :2]
+
     def clip(self, label: str | None = None) -> Clip | SpaceClip:
         """Return the run as a clip for the player. label: name beside other runs; the default is the scene's name.
 
@@ -335,13 +355,6 @@ def kind_of(scene: Scene) -> type[Trajectory]:
     return Trajectory.kinds[scene.spatial]
 
 
-def tips_of(scene: Scene, settings: Settings, fields: Mapping[str, Array]) -> Array:
-    """Return the tip's positions (n, 2), m, in space with its axes (n, 4, 3), from fields of `Simulation.record`."""
-    if scene.spatial:
-        return tips_in_space(scene.arm, settings, fields["q"])
-    return fields["poses"][:, -1, TIP][:, :2]
-
-
 Reader = Callable[[str, Any], Any]
 
 
@@ -400,7 +413,7 @@ def check_work(end: float, interval: float, dt: float | None) -> None:
 
 def recorded(simulation: Any, fields: Mapping[str, Array], shapes: Array, cpu_seconds: float) -> Trajectory:
     """Return the Trajectory from the fields of `Simulation.record`, with shared memory."""
-    poses, energies, torque = fields["poses"], fields["energies"], fields["torque"]
+    energies, torque = fields["energies"], fields["torque"]
     scene, system, counts = simulation.scene, simulation.system, simulation.work.counts
     for i, motion in enumerate(scene.motions):
         if motion.joint is not None:
@@ -414,20 +427,6 @@ def recorded(simulation: Any, fields: Mapping[str, Array], shapes: Array, cpu_se
         "factorizations": int(counts[FACTORISATIONS]), "halvings": int(counts[HALVINGS]), "cpu_seconds": cpu_seconds,
         "notes": system.notes, "gross_work": simulation.gross, "step_levels": tuple(simulation.levels),
         "step_error": simulation.step_error,
-        "deflection_bound": math.inf if scene.spatial else simulation.settings.deflection_bound,
     }  # fmt: skip
-    if scene.spatial:
-        common["unresolved_damping"] = fields["beyond"]
-        return kind_of(scene)(**common, **read_in_space(scene.arm, simulation.settings, fields["q"], fields["v"]))
-    links = scene.arm.links
-    lengths = np.array([link.span for link in links])
-    bows = np.array([link.far.imag for link in links])
-    return Trajectory(
-        **common,
-        start=poses[:, 0, ROOT],
-        hinges=poses[:, 1:, POSE.x : POSE.angle],
-        tip_deflection=(link_deflection(poses) - bows) / lengths,
-        shapes=shapes,
-        **placed(system.coordinates, poses, fields["q"], fields["v"]),
-        link_angles=poses[..., [POSE.angle, POSE.tip_angle]],
-    )
+    kind = kind_of(scene)
+    return kind(**common, **kind.read(simulation, fields, shapes))

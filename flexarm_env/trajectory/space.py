@@ -1,7 +1,8 @@
 """Recorded runs in space: a `Trajectory` with positions of three components, and with rotations."""
 
 import dataclasses
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,8 +11,10 @@ import numpy as np
 from .. import rotations
 from .. import validation as check
 from ..physics.gauges import Spot, curvatures
+from ..physics.space.reading import read, tips
 from ..scene import Scene, in_plane
 from ..sensors import MEASURES, Sensors
+from ..settings import Settings
 from ..validation import Array
 from .recorded import ARRAYS, Trajectory
 
@@ -56,6 +59,22 @@ class SpatialTrajectory(Trajectory):
     def balance(self) -> Array:
         """Energy imbalance, J (n,): change of energy + dissipated + unresolved damping - work."""
         return np.asarray(super().balance + self.unresolved_damping - self.unresolved_damping[0])
+
+    @classmethod
+    def read(cls, simulation: Any, fields: Mapping[str, Array], shapes: Array) -> dict[str, Any]:
+        """Return the fields of this class that depend on the plane or space, from those of `Simulation.record`."""
+        found = read(simulation.scene.arm, simulation.settings, fields["q"], fields["v"])
+        return {"deflection_bound": math.inf, "unresolved_damping": fields["beyond"], **found}
+
+    @classmethod
+    def read_tips(cls, scene: Scene, settings: Settings, fields: Mapping[str, Array]) -> Array:
+        """Return the tip's positions and axes (n, 4, 3), which error estimates compare; fields: see `read`."""
+        return tips(scene.arm, settings, fields["q"])
+
+    @property
+    def compared_tips(self) -> Array:
+        """The tip's positions and axes as `read_tips` returns them."""
+        return tips(self.scene.arm, self.settings, self.q)
 
     def columns(self) -> dict[str, Array]:
         """Return the table that `to_csv` writes: t, energy, positions, tip quaternion, angles, deflections, twist."""

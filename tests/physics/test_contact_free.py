@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from flexarm_env import Arm, Base, Contact, Joint, Link, Payload, Scene, Section, Simulation, simulate
-from flexarm_env.physics.contact.layout import READING
 from flexarm_env.shapes import HalfSpace
+from tests.contact_tools import reading
 
 FORMULATIONS = ("elastica", "geometrically_exact", "floating_frame")
 OTHERS = ("elastica", *(pytest.param(name, marks=pytest.mark.slow) for name in FORMULATIONS[1:]))
@@ -68,12 +68,6 @@ def test_a_rod_falls_and_slides(formulation: str, theta: float, mu: float) -> No
     assert abs(run.balance).max() < 1e-5 * run.turned_over
 
 
-def impulse_of(run: Simulation) -> NDArray[np.float64]:
-    """Time integral of the normal force on the first point, N s."""
-    watch = run.model.newton.contact
-    return np.asarray(READING.unpack(run.work.S, watch.at)["impulse"])
-
-
 @pytest.mark.parametrize("formulation", OTHERS)
 def test_a_rod_that_hits_a_wall_turns_by_the_impulse(formulation: str) -> None:
     """J = (1 + e) m_e v with m_e = m / (1 + 3 cos^2 theta), here e = 1; the center slows by J / m."""
@@ -85,7 +79,7 @@ def test_a_rod_that_hits_a_wall_turns_by_the_impulse(formulation: str) -> None:
     run = Simulation(scene, scene.settings(formulation, rho_inf=1.0))
     assert run.advance_to(scene.duration)
     mass = M / (1.0 + 3.0 * math.cos(theta) ** 2)
-    assert impulse_of(run) == pytest.approx(2.0 * mass * speed, rel=2e-3)
+    assert reading(run)["impulse"] == pytest.approx(2.0 * mass * speed, rel=2e-3)
 
 
 def free_chain(base: Base | None) -> Arm:

@@ -131,6 +131,10 @@ def test_what_moving_obstacles_refuse() -> None:
     shaken = Contact(floor, 1e4, displacement_y=sine(0.03, 12.0))
     told = refusal(lambda: gym.make("FlexibleArm-v0", contacts=shaken))
     assert told.startswith("contacts[0].displacement_y = ") and "environment" in told
+    # the impact of an obstacle at 6 m/s must last 8 steps
+    hits = Contact(floor, 1e4, displacement_y=sine(0.06, 100.0))
+    told = refusal(lambda: simulate(Scene("hits", TWO, duration=1.0, dt=3.3e-3, contacts=(hits,))))
+    assert told.startswith("contacts[0].stiffness = 10000.0: must be at most") and "an impact at 6 m/s" in told
     # a fast obstacle shortens the steps, one that is too fast is refused by name
     fast = Contact(floor, 1e4, displacement_y=sine(1e-3, 2.0 * math.pi * 1e8))
     told = refusal(lambda: simulate(Scene("fast", TWO, duration=1.0, dt=1e-3, contacts=(fast,))))

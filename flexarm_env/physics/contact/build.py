@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 
 from flexarm_env import validation as check
 from flexarm_env.compiler import SINGLE, size, uncompiled
+from flexarm_env.physics import protocol
 from flexarm_env.physics.contact.account import respond
+from flexarm_env.physics.contact.kinematics import less_obstacle, place_of
+from flexarm_env.physics.contact.law import gap_of
 from flexarm_env.physics.contact.layout import HERE, LAW, READ, Touching, Watch
 from flexarm_env.physics.layout import POSE, SPACE_POSE
 from flexarm_env.physics.model import System
@@ -50,7 +53,7 @@ def touching(scene: Scene, entry: int, at: int, rows: int) -> tuple[Touching, Wa
     """
     arm, contacts, links = scene.arm, scene.contacts, links_of(scene)
     space = 3 if scene.spatial else 2
-    radii = np.array([arm.payload.radius if k + 1 == arm.n_links else 0.0 for k in links])
+    radii = np.array([arm.payload.radius if k + 1 == arm.n_links else arm.elbow(k + 1).radius for k in links])
     # friction on a sphere's surface has a moment about its center
     turned = bool(radii.any()) and any(contact.friction > 0.0 for contact in contacts)
     axes = space + (1 if space == 2 else 3) * turned
@@ -82,6 +85,10 @@ def touching(scene: Scene, entry: int, at: int, rows: int) -> tuple[Touching, Wa
 
 STEPS = 8.0
 """Least number of time steps in an impact at `Contact.speed`."""
+
+
+RELEASE = 20.0
+"""Largest speed, in `Contact.speed`, with which an obstacle may throw out an arm that begins inside it."""
 
 
 def duration(contact: Contact, mass: float) -> float:
@@ -136,10 +143,33 @@ def with_masses(scene: Scene, settings: Settings, system: System) -> System:
     return dataclasses.replace(system, model=system.model._replace(contributions=parts))
 
 
-def check_steps(scene: Scene, settings: Settings, system: System) -> None:
+def largest_speed(contact: Contact, end: float) -> float:
+    """Return the largest speed (m/s) of the obstacle from 0 to `end` (s), at 1000 instants; 0 if it does not move."""
+    t = np.linspace(0.0, end, 1000)
+    rates = [np.asarray(function(t, 1)) for _, function in contact.displacements]
+    return float(np.sqrt(sum((rate**2 for rate in rates), np.zeros(1))).max())
+
+
+def start_depths(system: System) -> Array:
+    """Return the penetration (m) of each point in each obstacle at the start, 0 where they do not touch."""
+    model, part = system.model, _touching_part(system)
+    n, y = size(model.arm.n), np.zeros(size(model.n_inputs))
+    uncompiled(protocol.input_displacements)(SINGLE, model.arm, system.par, system.q0[:n].copy(), y)
+    depths = np.zeros((len(part.points), len(part.meets) // len(part.points)))
+    for p, o in np.argwhere(part.meets.reshape(depths.shape) > 0.5):
+        place = uncompiled(place_of)(SINGLE, part, y, int(p))
+        place = uncompiled(less_obstacle)(SINGLE, part, int(o), system.q0, place)
+        depths[p, o] = max(0.0, -float(uncompiled(gap_of)(part, int(p), int(o), place)))
+    return depths
+
+
+def check_steps(scene: Scene, settings: Settings, system: System, start: bool = False) -> None:
     """Check that time steps resolve all contacts of an assembled scene: an impact lasts at least `STEPS` of them.
 
     Steps fitted to a tolerance (`step_tolerance`) are not checked.
+
+    start: check also points that are inside an obstacle at the start. The energy k d^(n + 1) / (n + 1) of their
+        penetration d is that of an impact at the speed with which they leave.
 
     Raises:
         ValueError: names the contact, the largest stiffness and the longest step.
@@ -148,15 +178,32 @@ def check_steps(scene: Scene, settings: Settings, system: System) -> None:
         return
     dt, masses, links = settings.dt, _touching_part(system).masses, links_of(scene)
     assert dt is not None
-    for i, contact in enumerate(scene.contacts):
+    depths = start_depths(system) if start else np.zeros((len(links), len(scene.contacts)))
+    for i, given in enumerate(scene.contacts):
+        # an obstacle hits a resting arm with its own speed
+        contact = dataclasses.replace(given, speed=max(given.speed, largest_speed(given, scene.duration)))
         for name, k in zip(contact.bodies, contact.links(scene.arm), strict=True):
-            mass = float(masses[links.index(k)])
-            lasts = duration(contact, mass)
-            if lasts < STEPS * dt * (1.0 - 1e-9):
-                most = f"{largest_stiffness(contact, mass, dt):.3g} N/m^{contact.exponent:g}"
+            mass, depth = float(masses[links.index(k)]), float(depths[links.index(k), i])
+            power = contact.exponent + 1.0
+            leaves = math.sqrt(2.0 * contact.stiffness * depth**power / (power * mass))
+            if leaves > RELEASE * contact.speed:
                 what = (
-                    f"must be at most {most} for steps of dt = {dt:g} s: an impact at {contact.speed:g} m/s on the "
-                    f"effective mass of {mass:.3g} kg at {name} lasts {lasts:.2g} s, and must last {STEPS:g} steps; "
-                    f"give dt <= {lasts / STEPS:.2g} s or a lower stiffness"
+                    f"must not contain {name} of the arm at the start, which is {depth:.2g} m inside: the contact "
+                    f"would throw it out at {leaves:.3g} m/s; move the arm or the obstacle, or give a speed of at "
+                    f"least {leaves / RELEASE:.2g} m/s, to which time steps are adapted"
+                )
+                raise check.InvalidValue(f"contacts[{i}].obstacle", contact.obstacle, what)
+            hits = dataclasses.replace(contact, speed=max(contact.speed, leaves))
+            lasts = duration(hits, mass)
+            if lasts < STEPS * dt * (1.0 - 1e-9):
+                largest, cause = largest_stiffness(contact, mass, dt), f"an impact at {contact.speed:g} m/s"
+                if leaves > contact.speed:
+                    # the depth is given: T is proportional to k^(-1/2)
+                    largest = min(largest, contact.stiffness * (lasts / (STEPS * dt)) ** 2)
+                    cause = f"the arm begins {depth:.2g} m inside the obstacle; an impact at {leaves:.3g} m/s"
+                what = (
+                    f"must be at most {largest:.3g} N/m^{contact.exponent:g} for steps of dt = {dt:g} s: {cause} on "
+                    f"the effective mass of {mass:.3g} kg at {name} lasts {lasts:.2g} s, and must last {STEPS:g} "
+                    f"steps; give dt <= {lasts / STEPS:.2g} s or a lower stiffness"
                 )
                 raise check.InvalidValue(f"contacts[{i}].stiffness", contact.stiffness, what)

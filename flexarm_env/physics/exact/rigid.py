@@ -97,7 +97,7 @@ def lever_end_velocity(lane, lever, rate, x, y, vx, vy):
     """Return position (m) and velocity (m/s) of a lever's far point, (x, y, vx, vy), inertial axes.
 
     lever: vector from near to far point, m; rate: rate of the lever's angle, rad/s; x, y, vx, vy: motion of the near
-        point.
+    point.
     """
     ax, ay = lever
     return x + ax, y + ay, vx - rate * ay, vy + rate * ax

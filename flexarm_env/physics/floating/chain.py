@@ -105,9 +105,9 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
     """Compute the residual r of eq. [64] and, with weights.with_matrix, the blocks of the Newton matrix.
 
     Rows of r: force (N, inertial axes) and moment (N m) at the root less the hub's torque; each body's elastic
-    coordinates (theory, eq. 3.2); at each elbow the moment less its torque, N m. u: joint torques (N m), then point
-    loads; weights: `Weights` of dr/da, dr/dv, dr/dq. S receives the bodies' `FACTORS.matrix` and lever arms; `factor`
-    eliminates them. See `protocol.assemble`.
+    coordinates (theory, eq. 3.2); at each elbow the moment less the elbow's torque, N m. u: joint torques (N m), then
+    point loads; weights: `Weights` of dr/da, dr/dv, dr/dq. S receives the bodies' `FACTORS.matrix` and lever arms;
+    `factor` eliminates them. See `protocol.assemble`.
     """
     q, v, a = state
     cm, cc, ck, with_matrix = weights.mass, weights.damping, weights.stiffness, weights.with_matrix
@@ -171,7 +171,7 @@ def add_stiffness(lane, model, S: Lanes, k, x):
     """Add x (N m/rad) to the stiffness that `factor` adds to the diagonal of row k, the hub's or an elbow's angle.
 
     x None: mark row k, of the root (0 to 2) or of an elbow, as fixed; `factor` and `solve` treat a fixed row as a row
-        of the identity matrix.
+    of the identity matrix.
     """
     elbow = _joint_at(k - elbow_row(model, 0))
     if x is None:

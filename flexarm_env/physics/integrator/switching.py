@@ -19,9 +19,9 @@ def light_joint_weights(h):
 def jump_accelerations(lane, model, par, flat, n_motions, h, first, kept=None):
     """Let a and b jump with the inputs from w.u0 to w.u at constant q, v: M da + Phi_q^T dlambda = B (u - u0).
 
-    Unlike `restart` this keeps the filtered accelerations of the integrator. If stretch, shear and rotary modes are too
-    fast for the step, accelerations solved afresh from round-off in the strains are large, and Newton's iteration would
-    start far from the solution.
+    Unlike `restart`, `jump_accelerations` keeps the filtered accelerations of the integrator. If stretch, shear and
+    rotary modes are too fast for the step, accelerations solved afresh from round-off in the strains are large, and
+    Newton's iteration would start far from the solution.
 
     # model     model, par; h: a step, s; B: the inputs' generalized forces; lambda: multipliers of constraints Phi = 0
     # state     flat: work array (n_motions prescribed coordinates); w.a, w.b and multipliers in w.q: in and out

@@ -199,7 +199,7 @@ def apply_friction(lane, model, par, state, weights, ahead, S: Lanes, x):
     """Correct x = S^-1 r by Coulomb friction torques T, x <- x + W T, so that the law holds for the new rates, (6.6).
 
     W: columns of S^-1 of the rows that friction acts on. The state changes by a -= weights.mass x, v -= weights.damping
-    x; the rate that counts is v + ahead a (ahead in s). With damping 0, where v stays, joints that slid at the last
+    x; friction acts on the rate v + ahead a (ahead in s). With damping 0, where v stays, joints that slid at the last
     `store_friction` go on sliding.
 
     The kernel guesses which joints stick, solves for the torques, and corrects the guess. For one joint the result is

@@ -90,7 +90,7 @@ def friction_residual_tangents(lane, wide, model, parx, S: Lanes, r, first):
 def change_friction(lane, model, par, weight, S: Lanes):
     """Add weight times this model's T_C, in the sliding direction, to `bound` (N m) in S of joints that slide.
 
-    This is the change of the Coulomb friction torques along a direction of the parameters.
+    The added value is the change of the Coulomb friction torques along a direction of the parameters.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
@@ -116,11 +116,12 @@ def friction_tangents(lane, model, change, weights, ahead, S: Lanes, x):
 
 @kernel
 def friction_cotangents(lane, model, par_bar: Lanes, weights, ahead, S: Lanes, x: Lanes, v_bar: Lanes, a_bar: Lanes):
-    """Compute the reverse derivative of `friction_tangents`: x, cotangents after friction is applied, <- those before.
+    """Compute the reverse derivative of `friction_tangents`: x: cotangents after friction in, cotangents before out.
 
     Adds the cotangents of the rates w = v + ahead a to v_bar and a_bar. The cotangents W^T x of the torques (W: columns
-    of S^-1) must vanish for sticking joints, a system with the transposed minors of W. Those of sliding joints, whose
-    torques are T_C in the directions `slides` (`store_directions`), go to the arms' own T_C in par_bar. Theory, (6.6).
+    of S^-1) must vanish for sticking joints, a system with the transposed minors of W. Cotangents of sliding joints,
+    whose torques are T_C in the directions `slides` (`store_directions`), are added to the arms' own T_C in par_bar.
+    See theory, (6.6).
     """
     if model.newton.friction is not None:
         for i in range(count(model)):

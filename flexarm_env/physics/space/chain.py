@@ -214,9 +214,8 @@ def joint_placement(lane, model, q: Lanes, v: Lanes, k, tip):
         E = mount exp(theta axis),  r_L = r + A (t + E o),  A_L = A E,  w_L = E^T w + axis theta'
 
     theta: joint angle; t, o: `JOINT.before`, `beyond`; r, A, w: fields of `tip`. Returns E (root axes to section
-        before), t + E
-    o (m, axes of the section before; None if no joint has a lever), the `Place` of the link's first section (r_L, A_L,
-    w_L), and axis theta' (rad/s, root axes).
+    before), t + E o (m, axes of the section before; None if no joint has a lever), the `Place` of the link's first
+    section (r_L, A_L, w_L), and axis theta' (rad/s, root axes).
     """
     o, row = J.end * k, joint_row(model, k)
     axis, held = three_of(lane, model.joints, o + J.axis), tip.p

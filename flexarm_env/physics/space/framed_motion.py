@@ -116,8 +116,8 @@ def late_pull(frame, late):
 def swung(w, own, cd):
     """Return the part of d(t'')/d(rotation) of a section that its rates cause, times cd: rows y and z, section axes.
 
-    t'': second rate of the section's tangent; w: its angular velocity; own: rate of the joint before it (rad/s); cd:
-    weight of dr/dv (1/s). Rows are `Vector`s over the rotation's components. The rows are the rate terms of
+    t'': second rate of the section's tangent; w: the section's angular velocity; own: rate of the joint before (rad/s);
+    cd: weight of dr/dv (1/s). Rows are `Vector`s over the rotation's components. The rows are the rate terms of
     `element._by_turn`.
     """
     x, zero = (w[0] - own[0]) * cd, w[0] * 0.0

@@ -260,7 +260,7 @@ def store_spin_lag(lane, model, par: Lanes, S, k, spin, weights):
     """Store w tau/(1 + tau c_v) (rad) of the root of link k in its `HINGE`; store 0 if the matrix is no Newton matrix.
 
     spin w: rad/s, root axes; c_v = weights.damping (1/s); tau = tau_d (s). `joint_motion_of_root` reads the value.
-    Theory, 9.
+    See theory, section 9.
     """
     if model.damped is not None and model.strains is None:
         tau = par[TAU_D]
