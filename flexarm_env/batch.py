@@ -85,11 +85,8 @@ from .tasks.task import Task
 from .trajectory import joint_angles
 from .validation import Array
 
-LANES_FROM = 3
-"""Smallest batch that is stored in lanes of eight arms; smaller batches advance their arms one by one."""
-
-ALONE_AFTER = 20
-"""Number of steps after which a single arm's program is also compiled, for arms whose Newton iteration fails."""
+LANES_FROM = 3  # smallest batch that is stored in lanes of eight arms; smaller batches advance arms one by one
+ALONE_AFTER = 20  # steps after which a single arm's program is compiled, for arms whose Newton iteration fails
 
 
 def gauge_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, places: Sequence[Spot]) -> Array:
@@ -444,9 +441,9 @@ __all__ = [
     "ACTION_NOT_FINITE", "ALWAYS", "Actuator", "Amplifier", "Attainable", "Batch", "CLIP", "CONTACT", "CROWDED",
     "Chain", "Controller", "Cost", "Extras", "FACTOR_NAMES", "FLOOR", "FRESH", "FURTHER", "GOAL", "GUIDED", "INFO",
     "Instruments", "KeepOut", "LAW_SIZE", "Land", "LandChain", "MODE", "OVER", "OneAtATime", "PERIODS",
-    "PERIODS_ALLOWED",
-    "PayloadChange", "Press", "PressChain", "Pushes", "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS",
-    "SUCCESS", "Selection", "Sensors", "Sheet", "Slew", "SpaceReach", "Starts", "TARGET", "TERM_ARGUMENTS", "Task",
-    "View", "attainable", "gauge_table", "info_places", "is_unbalanced", "law_of", "one_at_a_time", "packed",
-    "room_of", "curvature_rows", "standing_scene", "with_terms", "draw_attainable", "first_unattainable",
+    "PERIODS_ALLOWED", "PayloadChange", "Press", "PressChain", "Pushes", "REASONS", "RUNNING", "Reach", "Reference",
+    "STATUS_WORDS", "SUCCESS", "Selection", "Sensors", "Sheet", "Slew", "SpaceReach", "Starts", "TARGET",
+    "TERM_ARGUMENTS", "Task", "View", "attainable", "gauge_table", "info_places", "is_unbalanced", "law_of",
+    "one_at_a_time", "packed", "room_of", "curvature_rows", "standing_scene", "with_terms", "draw_attainable",
+    "first_unattainable",
 ]  # fmt: skip
