@@ -1,3 +1,3 @@
-"""Scripts of a checkout, such as `python -m agents.train_ppo`: short programs around `flexarm_env.training`, and
-studies.
+"""Scripts of a checkout, such as `python -m agents.train_ppo`: short programs that call `flexarm_env.training`, and
+studies of the suite and of controllers.
 """

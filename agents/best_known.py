@@ -5,15 +5,14 @@
 
 For every episode the script searches the fewest control periods after which the tip stays in its band to the end of the
 episode (`flexarm_env.control.optimal.least_settling`). The search has several initial guesses. The first is the first
-plan of the receding-horizon controller. For two links there are two such plans: one with the elbow bent at the goal as
-the environment chooses, one with the elbow bent to the other side. The last guess is the motion under the quickest of
-the policies and controllers. If no plan is quicker, this motion is the result. A plan consists of torques alone. It is
-played without feedback in the environment, where its settling time is measured, and then on the converged exact beam. A
-quicker motion may exist.
+plan of the receding-horizon controller. For two links there are two first plans, with the elbow bent to either side at
+the goal. The last guess is the motion under the quickest of the policies and controllers. If no plan is quicker, the
+motion of the last guess is the result. A plan consists of torques alone. The torques are applied without feedback in
+the environment, where the settling time is measured, and then on the converged exact beam. A quicker motion may exist.
 
-The episodes are planned in lots. A lot that docs/results/optimal.json contains is not planned again, so that an
-interrupted run can be continued. The script writes docs/results/optimal.{json,md}; `python -m agents.table` compares
-the policies with these results.
+The episodes are planned in lots of several episodes. A lot that docs/results/optimal.json contains is not planned
+again, so that an interrupted run can be continued. The script writes docs/results/optimal.{json,md}; `python -m
+agents.table` compares the policies with these results.
 """
 
 import sys
@@ -36,7 +35,7 @@ from flexarm_env import control
 from flexarm_env.control import optimal
 from flexarm_env.control.dynamics import Dynamics, dynamics
 from flexarm_env.control.mpc import MPC, MPCGains, regulator
-from flexarm_env.suite.best import Actions
+from flexarm_env.episodes import Actions, measures
 from flexarm_env.training import episodes as fixed
 from flexarm_env.training.policies import choose
 from flexarm_env.training.runs import command, read_json, versions, write_json
@@ -49,8 +48,7 @@ AFTER = MPCGains(10.0, 10.0, 10.0, 10.0)
 """Weights of a plan's cost after the tip has reached its band, and of the regulator that holds the arm afterwards."""
 
 GUESSED = {"slew": MPCGains(50.0, 50.0, 50.0, 50.0), "reach": MPCGains(50.0, 20.0, 20.0, 20.0)}
-"""Gains of the receding-horizon controller that makes the first guesses. They are high, since the arm is the nominal
-one."""
+"""Gains of the receding-horizon controller that makes the first guesses; they are high, since the arm is nominal."""
 
 POLICY = "quickest policy"
 """Name of the initial guess that consists of the quickest policies' actions."""
@@ -59,12 +57,12 @@ WANTED = 1.15
 """Settling time required of a policy, over the shortest one known."""
 
 NEAR = 1.3
-"""A further guess is optimized only if it arrives within this many times the shortest settling time found so far."""
+"""Limit for further guesses: arrival time over the shortest settling time found so far; later guesses are skipped."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """Environment with its number of episodes, and the number of episodes that are planned together (`lot`).
+    """Environment, its number of episodes, and the number of episodes that are planned together (`lot`).
 
     tail: control periods of a plan after settling. families: families of trained policies; the best policy of each is
     evaluated too.
@@ -99,7 +97,7 @@ class Arguments:
 
 
 class Watched:
-    """Policy that records the joint torques (n, N), N m, which its actions cause."""
+    """Policy wrapper that records the joint torques (n, N), N m, which the wrapped policy's actions cause."""
 
     def __init__(self, policy: Any, env: Any, torques: list[Array]) -> None:
         self.policy, self.batch, self.torques = policy, env.unwrapped.batch, torques
@@ -142,7 +140,10 @@ class Lot:
     band: Array
 
     def off(self, x: Array, arms: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return the tip's distance over its band, and the derivative of this number: see `optimal.least_settling`."""
+        """Return the tip's distance from its target, over the band's width, and the derivative by the state.
+
+        See `optimal.least_settling`.
+        """
         tip, slope = self.plant.tip(x)
         target, band = self.target[arms], self.band[arms, None]
         if self.target.ndim == 1:
@@ -166,8 +167,8 @@ def lot_of(env: Any, first: int) -> Lot:
     target = np.array(info["target"])
     if setup.task == "slew":
         way = np.abs(target - x[:, 0])
-        return Lot(plant, x, target, np.maximum(fixed.SLEW_BAND * way, fixed.SLEW_BAND_LEAST))
-    return Lot(plant, x, target, np.full(len(x), fixed.reach_band(setup)))
+        return Lot(plant, x, target, measures.settling_band(setup, way))
+    return Lot(plant, x, target, measures.settling_band(setup, np.zeros(len(x))))
 
 
 class Guess(NamedTuple):
@@ -233,7 +234,7 @@ def policies(case: Case, first: int, count: int) -> Judged:
 
 
 def followed(lot: Lot, known: Judged, ways: list[Array]) -> Guess:
-    """Return the actions of the quickest policies as an initial guess.
+    """Return the actions of each episode's quickest policy as an initial guess.
 
     ways: several joint angles (n, N), rad, that reach the target; the guess has those nearest to the policy's final
     angles.
@@ -247,7 +248,7 @@ def followed(lot: Lot, known: Judged, ways: list[Array]) -> Guess:
 
 
 def planned(lot: Lot, case: Case, guess: Guess, limit: int) -> Array:
-    """Return actions (limit, n, N) of whole episodes: the optimized ones, or the guess's if the optimization fails."""
+    """Return actions (limit, n, N) of complete episodes: optimized, or the guess's if the optimization fails."""
     plant, goal = lot.plant, guess.goal
     if plant.n_inputs == 1:
         goal = lot.target[:, None]

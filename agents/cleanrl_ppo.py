@@ -1,11 +1,11 @@
-"""PPO in one file, in the manner of CleanRL: it uses the vector environment, PyTorch, and nothing else of the
+"""PPO in one file, in the manner of CleanRL. This file uses the vector environment, PyTorch, and no other code of the
 repository.
 
     python agents/cleanrl_ppo.py --env-id FlexibleArm-v0
     python agents/cleanrl_ppo.py --env-id flexarm_env:flexarm/slew-measured-v2 --out slew.pt
 
-The trained networks are written to --out. `act` is a policy for
-`flexarm bench suite --policy agents.cleanrl_ppo:act`; it reads the file named by the environment variable AGENT.
+The trained networks are written to --out. `act` is a policy for `flexarm bench suite --policy agents.cleanrl_ppo:act`;
+`act` reads the file that the environment variable AGENT names.
 """
 
 import argparse
@@ -33,7 +33,7 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--total-timesteps", type=int, default=800_000)
     parser.add_argument("--num-envs", type=int, default=64)
     parser.add_argument("--num-steps", type=int, default=128)
-    parser.add_argument("--duration", type=float, default=1.5, help="of an episode of training, s")
+    parser.add_argument("--duration", type=float, default=1.5, help="duration of a training episode, s")
     parser.add_argument("--learning-rate", type=float, default=2e-3)
     parser.add_argument("--gamma", type=float, default=0.98)
     parser.add_argument("--gae-lambda", type=float, default=0.95)
@@ -74,7 +74,7 @@ class Agent(nn.Module):
 
 
 def train(args: argparse.Namespace) -> list[float]:
-    """Train and write the agent; return each iteration's mean return over the episodes that ended in it."""
+    """Train and write the agent; return, for each iteration, the mean return of the episodes that ended during it."""
     torch.manual_seed(args.seed)
     torch.set_num_threads(1)  # networks this small wait for each other on more
     envs = gym.make_vec(
@@ -135,7 +135,7 @@ def train(args: argparse.Namespace) -> list[float]:
 
 
 def learn(agent: Agent, optimizer: Any, args: argparse.Namespace, batch: list[torch.Tensor]) -> None:
-    """Run the updates of an iteration."""
+    """Update both networks with the rollout of one iteration, in several epochs of minibatches."""
     size = len(batch[0])
     for _ in range(args.update_epochs):
         for places in torch.randperm(size).split(args.minibatch_size):

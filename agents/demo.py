@@ -2,9 +2,9 @@
 
     python -m agents.demo [--out runs/demo] [--steps 600000] [--seed 0] [--fresh]
 
-Two of the scenes are compared with their references; the third is in space. The folder then contains figures, the
-trained run and report.md. Results that the folder already contains are kept: a second call continues where the first
-one stopped (--fresh starts again).
+Two of the scenes are compared with their references; the third is in space. The output folder contains figures, the
+trained run and report.md. Existing results are kept: a second call continues where the first call stopped (--fresh
+starts again).
 """
 
 import sys
@@ -49,7 +49,7 @@ class Arguments:
 
 
 say = partial(print, flush=True)
-"""Print a line of progress."""
+"""Function that prints a line of progress."""
 
 
 def replay(out: Path) -> list[str]:
@@ -88,7 +88,7 @@ def replay(out: Path) -> list[str]:
 
 
 def in_space(out: Path) -> list[str]:
-    """Run an arm that leaves the plane, and write its figure, film and player; return the report's lines."""
+    """Simulate an arm that leaves the plane, and write a figure, a film and a player; return the report's lines."""
     from flexarm_env.envs.video import pictures, write_film
     from flexarm_env.plotting import plot_trajectory
     from flexarm_env.scenes import named
@@ -139,7 +139,7 @@ def judged(out: Path, controllers: Sequence[str], others: Mapping[str, Any] | No
 
 def judge(out: Path) -> list[str]:
     """Evaluate the trained policy, an untrained one and controllers on the same episodes; return the report's lines."""
-    from flexarm_env.suite.best import Actions
+    from flexarm_env.episodes import Actions
     from flexarm_env.training import episodes
     from flexarm_env.training.statistics import summary
 
@@ -151,7 +151,7 @@ def judge(out: Path) -> list[str]:
 
 
 def demonstrate(arguments: Arguments) -> None:
-    """Run the demonstration."""
+    """Replay the scenes, train the policy, evaluate it, and write report.md."""
     out, clock = own_folder(arguments.out, arguments.fresh), time.perf_counter()
     say("1/3 replaying scenes (the first call compiles; later ones do not)")
     lines = [*replay(out), *in_space(out)]

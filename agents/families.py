@@ -1,9 +1,9 @@
 """Train the policies that ship with the repository, and copy them to their folders.
 
-    python -m agents.families                        # train all that is missing, publish them: an hour on two cores
+    python -m agents.families                        # train and publish all missing runs: an hour on two cores
     python -m agents.families --only flexible_arm    # one family
 
-Runs are written to runs/families/NAME-SEED. An interrupted run is continued; a finished one is kept. The essential
+Runs are written to runs/families/NAME-SEED. An interrupted run is continued; a finished run is kept. The essential
 files of each run are copied to agents/trained/NAME-SEED. The policy.npz of the best seed, by the validation episodes,
 is copied into the package as flexarm_env/data/policies/NAME/policy.npz. `python -m agents.table` evaluates these
 policies.
@@ -32,7 +32,7 @@ class Family:
     Args:
         name: name of the policy. env: id of the environment. config: file in configs/ppo. seeds: number of runs.
         test: number of test episodes. controllers: controllers in the same table. every: environment steps from one
-            evaluation to the next. published: whether the package contains its best policy.
+            evaluation to the next. published: whether the package contains the best policy of the runs.
     """
 
     name: str
@@ -57,7 +57,7 @@ class Family:
     def best(self, home: Path) -> Path:
         """Return the run folder of the seed with the best result on the validation episodes.
 
-        Raises ValueError if there is none.
+        Raises ValueError if the family has no run.
         """
         found = self.runs(home)
         if not found:
@@ -78,7 +78,7 @@ FAMILIES = (
 
 
 def named(name: str) -> Family:
-    """Return the family with this name."""
+    """Return the family with the given name."""
     known = {family.name: family for family in FAMILIES}
     return known[check.choice("--only", name, tuple(known))]
 
@@ -88,7 +88,7 @@ class Arguments:
     """Arguments of `python -m agents.families`.
 
     Args:
-        only: names of families, separated by commas; default all.
+        only: names of families, separated by commas; default all families.
         home: folder of the runs.
         progress: show progress bars.
     """

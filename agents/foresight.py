@@ -1,7 +1,7 @@
 """Optimize the torques of known episodes by gradient ascent on their returns, for the best known values of the suite.
 
-The search knows more than any policy: the start, payload and target of each episode. It measures nothing, and the
-torques depend only on time. Each result is a local optimum. The search starts from the actions of controllers that
+The search knows more than any policy: the start, payload and target of each episode. The search measures nothing, and
+the torques depend only on time. Each result is a local optimum. The search starts from the actions of controllers that
 observe the whole state. The optimized torques are then played in the task itself, with its sensors, where they must
 give the return that the search computed.
 
@@ -20,19 +20,19 @@ import numpy as np
 
 from agents import payoff
 from flexarm_env import suite
+from flexarm_env.episodes import Actions, History, measures, play
 from flexarm_env.files import write_npz
-from flexarm_env.suite.best import Actions
-from flexarm_env.suite.judge import checked
+from flexarm_env.suite.judge import Checked
 from flexarm_env.suite.policies import Chosen, choose, fingerprint
 from flexarm_env.suite.score import EPISODES, FIRST
 from flexarm_env.training.runs import read_json, write_json
 from flexarm_env.validation import Array
 
 SENSED = ("observation", "history", "sensors")
-"""Environment keywords of the observation. They do not affect the motion under given torques."""
+"""Environment keywords of the observation. These keywords do not affect the motion under given torques."""
 CONTROLLERS = ("pd", "zv", "zvd", "lqr", "lqg", "mpc", "time_optimal")
-"""Controllers whose actions start the search: in each episode those of the best one. In space mpc is omitted, because
-each of its decisions takes at least 10 ms."""
+"""Controllers whose actions start the search; each episode starts from the actions of its best controller. In space mpc
+is omitted, because each decision of mpc takes at least 10 ms."""
 PATIENCE, ENOUGH = 30, 1e-4
 """A search ends after PATIENCE steps that together increase the mean return by at most the share ENOUGH."""
 MEMORY = 12
@@ -48,22 +48,14 @@ ALIKE = 1e-6
 
 def played(env: Any, policy: Any, price: float = 0.0) -> tuple[Array, Array]:
     """Play a policy in a vector environment's episodes; return its actions (T, n, N) and J (n,)."""
-    limit, n = int(env.unwrapped.plan.limit), int(env.num_envs)
-    actions = np.zeros((limit, *env.action_space.shape), np.float32)
-    returns, costs, alive = np.zeros(n), np.zeros(n), np.ones(n, bool)
-    observation, _ = env.reset(seed=FIRST)
-    policy.reset(observation)
-    for k in range(limit):
-        actions[k] = checked(policy.act(observation), env.action_space.shape)
-        observation, reward, terminated, truncated, info = env.step(actions[k])
-        returns += np.where(alive, reward, 0.0)
-        costs += np.where(alive, info.get("cost", 0.0), 0.0)
-        alive &= ~(terminated | truncated)
-    return actions, returns - price * costs
+    history = History("cost", limit=int(env.unwrapped.plan.limit), actions=True)
+    play(env, Checked(policy, env.action_space.shape), range(FIRST, FIRST + int(env.num_envs)), [history])
+    # zeros after an episode's end
+    return np.nan_to_num(history.actions), measures.returns(history) - price * measures.cost(history)
 
 
 def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, Array]:
-    """Return each episode's best actions and their J: the best controller's, and the best trained policy's.
+    """Return the best actions (T, n, N) of each episode among controllers and trained policies, and their J (n,).
 
     Controllers observe the whole state. Policies (run folders) have the task's observation or the whole state.
     """
@@ -78,14 +70,14 @@ def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, A
     for env in (whole, shown):
         env.close()
     if not tried:
-        raise ValueError(f"{task.id}: no controller to begin with")
+        raise ValueError(f"{task.id}: no controller starts the search")
     return best_of(*zip(*tried, strict=True))
 
 
 def best_of(ways: Sequence[Array], values: Sequence[Array]) -> tuple[Array, Array]:
-    """Return, for each episode, the actions (T, n, N) with the largest of the `values` (n,), and this value.
+    """Return, for each episode, the actions (T, n, N) with the largest of the `values` (n,), and the largest value.
 
-    If several values are equal, the first one counts.
+    Of several equal values the first one counts.
     """
     first = np.argmax(values, axis=0)
     return np.stack(ways)[first, :, np.arange(EPISODES)].transpose(1, 0, 2), np.max(values, axis=0)
@@ -112,14 +104,14 @@ def search(
     """Search the best actions (T, n, N) of the episodes; return the actions and their returns (n,).
 
     Args:
-        trained: run folders of policies whose actions start the search too. steps: see `climb`.
-        steadied: stabilize each arm by the policy of `trained` that observes the whole state and does so best; always
-            done in space.
+        trained: run folders of policies whose actions start the search too. steps: largest number of search steps.
+        steadied: stabilize each arm by the best stabilizing policy of `trained` that observes the whole state; arms in
+            space are always stabilized.
         kept: file of intermediate actions, from which an interrupted search continues.
         start: actions and their returns; the search starts from these actions alone.
         lifting: see `payoff.Fine`.
         stages: weights (T,) of the periods' rewards in preceding searches of `STAGE` steps each. The main search starts
-            from their last actions even if these are worse (see `growing`).
+            from the last actions of the preceding searches, even if these actions are worse (see `growing`).
         only: indices (n,) of the searched episodes. grid: actions are rounded to multiples of 1 / grid; 0: not rounded.
     Raises:
         ValueError: the task's environment has no derivatives, or gives other returns.
@@ -166,7 +158,9 @@ def climb(
     steps: int,
     kept: Path | None = None,
 ) -> tuple[Array, Array, Array]:
-    """Ascend from actions x (n, T N) of n episodes; return x, played actions and returns at the end.
+    """Increase the returns of n episodes by quasi-Newton steps from actions x (n, T N).
+
+    Return x, the played actions (T, n, N) and the returns (n,) at the end.
 
     value: function that returns returns (n,), slopes (n, T N) and played actions (T, n, N).
     """
@@ -201,9 +195,9 @@ def climb(
 def growing(periods: int, end: int) -> list[Array]:
     """Return weights (T,) of successive searches over growing parts of an episode.
 
-    The first search counts the rewards of the first `2 GROWTH` periods, each later one those of `GROWTH` further
-    periods. The last search counts all rewards; the last `end` periods, in which success is evaluated, have the weight
-    `STRESS`. In this way later periods cannot spoil an episode's beginning.
+    The first search counts the rewards of the first `2 GROWTH` periods; each later search counts `GROWTH` more periods.
+    The last search counts all rewards; the last `end` periods, in which success is evaluated, have the weight
+    `STRESS`. Later periods therefore cannot spoil an episode's beginning.
     """
     shares = [np.arange(periods) < count for count in range(2 * GROWTH, periods + GROWTH, GROWTH)]
     return [*(np.where(share, 1.0, 0.0) for share in shares), np.where(np.arange(periods) < periods - end, 1.0, STRESS)]
@@ -253,7 +247,7 @@ def _newton(slope: Array, moves: Sequence[tuple[Array, Array]]) -> Array:
 def found(task: suite.Task, folder: Path) -> Path:
     """Return the folder with a task's optimized actions; search them first if the folder lacks them.
 
-    The policies in the folders beside it also start the search.
+    The policies in the neighboring run folders also start the search.
     """
     path = folder / "actions.npz"
     if not path.is_file():
@@ -283,7 +277,7 @@ def better(task: suite.Task, *ways: Array) -> tuple[Array, Array]:
 def chosen(folder: Path) -> Chosen:
     """Return the optimized actions as a policy for the task's episodes.
 
-    Its `make` raises ValueError if the environment has another number of episodes or joints.
+    The policy's `make` raises ValueError if the environment has another number of episodes or joints.
     """
     path = folder / "actions.npz"
     record = read_json(folder / "run.json")
@@ -291,7 +285,7 @@ def chosen(folder: Path) -> Chosen:
 
     def make(env: Any) -> Actions:
         if (int(env.num_envs), env.single_action_space.shape[0]) != actions.shape[1:]:
-            raise ValueError(f"{path}: actions of {actions.shape[1]} episodes, which are judged together or not at all")
+            raise ValueError(f"{path}: actions of {actions.shape[1]} episodes; all of them must be evaluated together")
         return Actions(actions)
 
     return Chosen("actions", folder.name, fingerprint(path.read_bytes()), make, 0, record)

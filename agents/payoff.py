@@ -1,7 +1,7 @@
 """Return of a task and its derivatives by the actions, which `agents.foresight` maximizes.
 
-`Fine` differentiates the task's cost. `InTask` steps arms with random events in the task itself. `Steady` stabilizes
-arms that a small change of an early action would lead to another motion.
+`Fine` differentiates the task's cost. `InTask` steps arms with random events in the task's own environment. `Steady`
+stabilizes arms whose motion a small change of an early action would change completely.
 """
 
 import re
@@ -18,34 +18,35 @@ from flexarm_env.validation import Array
 
 SPACE = "SpatialFlexArm-v0"
 LIFT = 0.3
-"""Height, m, by which an arm must rise above a shape for a cost of one price; see `Fine`."""
+"""Height, m: a point inside a wall costs one price if it is this far below the wall's top; see `Fine`."""
 NUDGE = 1e-3
-"""Disturbance of the first action, as a share of the limits, with which feedback laws are compared."""
+"""Disturbance of the first action, over the torque limits, with which feedback laws are compared."""
 
 
 class Fine:
-    """Cost of a task: its price times the number of periods at whose end a link's deflection over length exceeds the
-    limit.
+    """Differentiable cost of a task: the price of each control period that ends with too large a deflection.
 
-    For arms in space the cost counts the periods at whose end the arm is inside a shape. Derivatives by a deflection
-    are those of a smoothed step. The cost of shapes is smoothed too; the middle of the smoothed step lies `OFF` m
-    outside of the shape, so that results stay outside. It is evaluated at points on straight lines between the state's
-    sections. Inside a wall the gradient of this cost does not lead over the wall. `lifting` therefore replaces it by
-    the largest height by which a point of the arm must rise to be above the wall. ValueError for another kind of cost.
+    In the plane a period costs one price if a link's deflection over its length exceeds the limit; derivatives are
+    those of a smoothed step. In space a period costs one price if the arm is inside a shape at the period's end. The
+    cost in space is a smoothed step, too, whose middle lies `OFF` m outside of the shape, so that optimized arms stay
+    outside. The cost of shapes is evaluated at points on straight lines between the sections of the state. Inside a
+    wall the gradient of the smoothed step does not lead over the wall. With `lifting` the cost of a point inside the
+    wall is therefore the height, over `LIFT`, by which the point must rise to be above the wall. Other kinds of cost
+    raise ValueError.
     """
 
     ROUNDED, SOFT, OFF = 0.03, 0.005, 0.012
 
     def __init__(self, task: suite.Task, plan: Any, names: Sequence[str] = (), lifting: bool = False) -> None:
-        """Store which entries of the observation and of the state the task's cost depends on.
+        """Store the indices of the observation and state entries on which the task's cost depends.
 
-        names: names of the state's entries, for shapes in space. lifting: see the class. Raises ValueError for another
-        kind of cost.
+        names: names of the state's entries, for shapes in space. lifting: use the cost by height, see the class. Raises
+        ValueError for another kind of cost.
         """
         cost, self.lifting = task.keywords.get("cost", {}), lifting
         self.shapes = plan.keep_out if "keep_out" in task.keywords else ()
         if task.price and set(cost) != {"deflection"} and not (self.shapes and not cost and plan.arm.spatial):
-            raise ValueError(f"{task.id}: no slope of costs but of the deflection's, and of shapes in space")
+            raise ValueError(f"{task.id}: only costs of deflection, and of shapes in space, have derivatives")
         self.price, self.limit = task.price, float(cost.get("deflection", 1.0))
         self.places = [k for k, name in enumerate(plan.names) if re.fullmatch(r"tip_deflection(_\d+)?", name)]
         self.scales = np.array([plan.scales[k] for k in self.places])
@@ -60,7 +61,7 @@ class Fine:
             self.weights = np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(len(rows))))
 
     def __call__(self, seen: Array, state: Array) -> tuple[Array, Array, Array | float]:
-        """Return the cost (n,), and its derivatives by the observations (n, O) and by the states (n, S).
+        """Return the cost (n,) and the derivatives of the cost by the observations (n, O) and by the states (n, S).
 
         seen (n, O): observations. state (n, S): states.
         """
@@ -77,9 +78,9 @@ class Fine:
         return self.price * over.any(axis=1), slope, 0.0
 
     def nearest(self, points: Array) -> tuple[Array, Array]:
-        """Return the cost over the price (n,), and its derivatives by the arms' points (n, P, 3), m.
+        """Return the cost over the price (n,), and the derivatives of this ratio by the arms' points (n, P, 3), 1/m.
 
-        The cost of an arm is the largest one of its points.
+        The cost of an arm is the largest cost among the arm's points.
         """
         soft, flat, cost, every = self.SOFT, points.copy(), [], np.arange(len(points))
         for shape in self.shapes:
@@ -102,10 +103,10 @@ class Fine:
 
 
 class InTask:
-    """Arms with random events, stepped in the task itself, which draws the events.
+    """Arms with random events, which the task's environment draws while it steps the arms.
 
-    Derivatives are evaluated at the states that the task reaches. `step` and `vjp` are called like those of
-    `derivatives.Arms`.
+    Derivatives are evaluated at the states that the environment reaches. `step` and `vjp` have the arguments of the
+    methods of `derivatives.Arms`.
     """
 
     def __init__(self, arms: Any, seeds: Sequence[int]) -> None:
@@ -113,7 +114,7 @@ class InTask:
         self.first, self.failed = arms.names.index("periods"), np.zeros(arms.n, bool)
 
     def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
-        """Advance the episodes by one period; the first call resets them."""
+        """Advance the episodes by one control period; the first call of an episode resets the environment."""
         env = self.arms.environment
         if state[0, self.first] == 0.0:
             env.reset(seed=self.seeds)
@@ -124,11 +125,11 @@ class InTask:
 
 
 class Steady:
-    """Feedback that pulls arms back to their path under actions (T, n, N) from states `start`.
+    """Feedback that returns arms to the path on which actions (T, n, N) lead them from states `start`.
 
-    The feedback is a linearized policy that observes the whole state; on the path it is 0. Searches in space add it to
-    the actions: without feedback the smallest change of an early action (1e-5 of the torque) leads to another motion,
-    and most of the return is lost.
+    The feedback is a linearized policy that observes the whole state; on the path the feedback is 0. Searches in space
+    add the feedback to the actions. Without feedback even a change of an early action by 1e-5 of the torque limit leads
+    to another motion, and most of the return is lost.
     """
 
     def __init__(self, arms: Any, start: Array, actions: Array, policy: Any) -> None:
@@ -148,7 +149,7 @@ class Steady:
         return np.einsum("njo,no->nj", self.slopes[k], seen - self.seen[k])
 
     def back(self, k: int, slope: Array) -> Array:
-        """Return derivatives (n, O) by the observation before period k, from those by the actions (n, N)."""
+        """Convert derivatives by the actions (n, N) of period k to derivatives (n, O) by the observation before k."""
         return np.einsum("njo,nj->no", self.slopes[k], slope)
 
 
@@ -156,10 +157,11 @@ def returned(
     arms: Any, start: Array, wanted: Array, fine: Fine, steady: Steady | None = None, weight: Array | None = None,
     grid: float = 0.0,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Return J (n,) of actions (T, n, N), the derivatives of J by the actions, and the played actions.
+    """Return J (n,) of actions (T, n, N), the derivatives of J by the actions, and the actions as played.
 
-    J is NaN where an episode would end early. grid: played actions are multiples of 1 / grid; 0: not rounded.
-    weight (T,): weights of the periods' rewards and costs; periods after the last nonzero weight are not simulated.
+    J is the return minus the cost. J is NaN for an episode that ends early. steady: feedback that is added to the
+    actions. weight (T,): weights of the periods' rewards and costs; periods after the last nonzero weight are not
+    simulated. grid: played actions are rounded to multiples of 1 / grid; 0: not rounded.
     """
     counts = np.ones(len(wanted)) if weight is None else np.trim_zeros(weight, "b")
     states, taken, total, over = [start], [], np.zeros(arms.n), np.zeros(arms.n, bool)
@@ -192,20 +194,24 @@ def exact(x: Array) -> Array:
 
 
 def steadiers(task: suite.Task, env: Any, trained: Sequence[Path]) -> list[Any]:
-    """Return the policies (run folders) that accept the environment's observation. ValueError if none does in space."""
+    """Load the policies of the run folders that accept the environment's observation.
+
+    Raises ValueError if no policy of a task in space accepts the observation.
+    """
     found = []
     for folder in trained:
         with suppress(ValueError):
             found.append(choose(str(folder), task).make(env))
     if trained and not found and task.environment == SPACE:
-        raise ValueError(f"{task.id}: no policy that sees all there is and steadies arms in space")
+        raise ValueError(f"{task.id}: in space no policy that observes the whole state exists")
     return found
 
 
 def steadiest(arms: Any, start: Array, actions: Array, policies: Sequence[Any]) -> Steady:
-    """Return the feedback of each arm's best policy about the path under actions (T, n, N) from states `start`.
+    """Return a feedback that stabilizes each arm by its best policy, about the path under actions (T, n, N).
 
-    The best policy is the one under which an error of `NUDGE` in the first action changes the observations least.
+    start: states at the beginning of the path. With the best policy a disturbance of `NUDGE` in the first action
+    changes an arm's observations least.
     """
     ways = [Steady(arms, start, actions, policy) for policy in policies]
     away = []

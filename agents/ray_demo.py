@@ -3,8 +3,8 @@ episodes.
 
     python -m agents.ray_demo [--out runs/ray-demo] [--runners 2] [--seed 0] [--fresh]
 
-The folder then contains the run folder, figures and report.md. Results that the folder already contains are kept: a
-second call continues where the first one stopped (--fresh starts again). The exit code is 1 if the task is not solved.
+The output folder contains the run folder, figures and report.md. Existing results are kept: a second call continues
+where the first call stopped (--fresh starts again). The exit code is 1 if the task is not solved.
 """
 
 import sys
@@ -40,7 +40,7 @@ class Arguments:
 
 
 def demonstrate(arguments: Arguments) -> int:
-    """Run the demonstration."""
+    """Train and evaluate the policy, and write report.md; return the exit code."""
     out, clock = own_folder(arguments.out, arguments.fresh), time.perf_counter()
     print(f"1/2 training PPO of RLlib on {ENV}, {arguments.runners} runners, {arguments.steps} steps", flush=True)
     from agents import train_rllib

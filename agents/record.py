@@ -1,13 +1,13 @@
-"""Records of the suite: search the best actions for each episode of the tasks, flexarm_env/data/suite/best/TASK.npz.
+"""Search the best actions for each episode of the suite's tasks; write them to flexarm_env/data/suite/best/TASK.npz.
 
     python -m agents.record [--task IDS] [--home runs/suite]
 
-For each task the script plays several candidates: controllers with the task's observation and with the whole state, the
-policies of all run folders, the results of `agents.foresight`, and the present record. The search of `agents.foresight`
-starts from the best actions of each episode, with feedback by the policies that observe the whole state. It ends when
-`PATIENCE` steps increase the mean return by less than the share `ENOUGH`. Episodes whose value has increased by more
-than `GAIN` are searched again from the new actions. With --grow, a second search optimizes growing parts of the
-episodes without success (failed), or of all episodes (all).
+For each task the script runs several candidates: controllers with the task's observation and with the whole state, the
+policies of all run folders, the results of `agents.foresight`, and the present record. `agents.foresight` then improves
+the best actions of each episode, stabilized by feedback of the policies that observe the whole state. The search ends
+when `PATIENCE` steps together increase the mean return by less than the share `ENOUGH`. Episodes whose value has
+increased by more than `GAIN` are searched again from the new actions. With --grow, a second search optimizes growing
+parts of the episodes without success (failed), or of all episodes (all).
 """
 
 import sys
@@ -26,6 +26,7 @@ from agents import foresight
 from agents.suite import PRESSED, RESULTS, ROOT, of_run
 from flexarm_env import control, suite
 from flexarm_env import validation as check
+from flexarm_env.episodes import Actions
 from flexarm_env.files import write_npz
 from flexarm_env.suite import best, results
 from flexarm_env.suite.frozen import instants
@@ -37,10 +38,12 @@ from flexarm_env.training.runs import command, read_json
 HOME = ROOT / "flexarm_env" / "data" / "suite" / "best"
 SEARCH, GROWS = "search from ", ("none", "failed", "all")
 GAIN = 0.02
-"""An episode is searched again only if the last search increased its value by more than this number."""
+"""Least increase of an episode's value (return minus priced cost) after which the episode is searched again."""
 GRIDS, LOST = (128.0, 256.0, 512.0, 1024.0, 8192.0), 0.02
-"""Played actions are rounded to multiples of 1 / G. G is the first of GRIDS for which the episode loses at most LOST of
-its value, and keeps at least the value of every published run."""
+"""GRIDS: the recorded actions of an episode are rounded to multiples of 1 / G; G is the first of GRIDS that suffices.
+
+G suffices if rounding reduces the episode's value by at most LOST, and not below the value of any published run.
+"""
 
 
 @dataclass(frozen=True)
@@ -63,10 +66,10 @@ class Arguments:
 
 
 def candidates(task: suite.Task, home: Path) -> Iterator[tuple[str, Any, bool]]:
-    """Yield each candidate's name, the function that makes its policy, and whether it observes the whole state."""
+    """Yield the candidates: name, function that makes the policy, and whether the policy observes the whole state."""
     if task.id in best.known():
         kept = best.record(task)
-        yield "", lambda env: best.Actions(kept.actions), False
+        yield "", lambda env: Actions(kept.actions), False
     for name in control.NAMES:
         for whole in (False, True) if set(foresight.SENSED) & set(task.keywords) else (False,):
             yield name, lambda env, name=name: choose(name, task).make(env), whole
@@ -82,7 +85,7 @@ def finished(folder: Path) -> bool:
 
 
 def gathered(task: suite.Task, home: Path) -> tuple[Any, Any, list[str]]:
-    """Return each episode's best actions, the value of these actions, and the policy that played them."""
+    """Run all candidates; return each episode's best actions, their value, and the name of the candidate."""
     shown = suite.make_vec(task.id, EPISODES)
     seen = foresight.seen_whole(task)
     wide = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen)
@@ -100,26 +103,26 @@ def gathered(task: suite.Task, home: Path) -> tuple[Any, Any, list[str]]:
 
 
 def published(task: suite.Task) -> Any:
-    """Return, for each episode, the largest value of the published runs; -inf without such a run."""
+    """Return, for each episode, the largest value of the published runs; -inf if no run is published."""
     found = results.of_task(task, results.folder_of(RESULTS, earlier=True))
     rows = [results.values(task, entry) for _, entry in found]
     return np.max([np.full(EPISODES, -np.inf), *rows], axis=0)
 
 
 def write(task: suite.Task, home: Path, actions: Any, values: Any, by: list[str]) -> None:
-    """Write the record found so far; the next run continues from it."""
+    """Write a task's record: actions, their values, the candidates' names, the task's digest and the date."""
     what = {"actions": best.packed(actions), "values": values, "by": by, "digest": task.digest}
     write_npz(home / f"{task.id}.npz", what | {"date": date.today().isoformat()})
 
 
 def made(task: suite.Task, arguments: Arguments) -> str:
-    """Write a task's record and return a line about it.
+    """Search and write a task's record; return a line about the result.
 
-    Raises ValueError if the actions have smaller values in the task than when their policies played them.
+    Raises ValueError if replayed actions have smaller values in the task than the run of their policy had.
     """
     kept, judged, by = gathered(task, arguments.home)
     env = suite.make_vec(task.id, EPISODES)
-    values, successes = best.played(task, env, best.Actions(kept))
+    values, successes = best.played(task, env, Actions(kept))
     if not (values >= judged).all():
         raise ValueError(f"{task.id}: other values in the task, by {np.abs(values - judged).max()}")
     # tasks at a wall have a force sensor, which has no derivatives: nothing is searched
@@ -138,7 +141,7 @@ def made(task: suite.Task, arguments: Arguments) -> str:
             )
             tried = kept.copy()
             tried[:, only] = more
-            found, good = best.played(task, env, best.Actions(tried))
+            found, good = best.played(task, env, Actions(tried))
             gain, stages = found - values, []
             kept[:, gain > 0.0], values = tried[:, gain > 0.0], np.maximum(values, found)
             successes = np.where(gain > 0.0, good, successes)
@@ -153,18 +156,18 @@ def made(task: suite.Task, arguments: Arguments) -> str:
         else:
             rounded = foresight.search(task, trained, steps=0, start=begun, steadied=True, grid=grid)[0]
             rounded = rounded.astype(np.float32)
-        found, _ = best.played(task, env, best.Actions(rounded))
+        found, _ = best.played(task, env, Actions(rounded))
         fine = whole & (found >= least)
         kept[:, fine] = rounded[:, fine]
         whole &= ~fine
-    values, successes = best.played(task, env, best.Actions(kept))
+    values, successes = best.played(task, env, Actions(kept))
     env.close()
     write(task, arguments.out, kept, values, by)
     return f"{task.id}: J {values.mean():.3f} ({judged.mean():.3f} before the search), success {successes.mean():.0%}"
 
 
 def work(arguments: Arguments) -> int:
-    """Update the requested records."""
+    """Search the records of the requested tasks."""
     check.choice("--grow", arguments.grow, GROWS)
     for task in map(frozen, chosen_tasks(arguments.task)):
         print(made(task, arguments), flush=True)

@@ -45,8 +45,7 @@ RESULTS = ROOT / "docs" / "results" / "suite"
 REFERENCES = ROOT / "flexarm_env" / "data" / "suite" / "references.json"
 
 FEW = ("slew-unknown-v2", "slew-geared-v2", "reach-measured-v1")
-"""Tasks for methods with memory, and for methods that learn from earlier data: tasks on which these should have an
-advantage."""
+"""Tasks on which methods with memory, and methods that learn from earlier data, should have an advantage."""
 
 PRESSED = ("press-v1", "land-v1")
 """Tasks for controllers of the contact force."""
@@ -56,8 +55,7 @@ MANY = {
     "reach-measured-v1": 700, "reach-three-v2": 480, "reach-pushed-v1": 320, "float-reach-v1": 450,
     "space-reach-v1": 600, "space-wall-v1": 240, "space-measured-v1": 200, "land-v1": 700,
 }  # fmt: skip
-"""Numbers of episodes for tasks on which a hundred episodes do not separate all methods to within
-`flexarm_env.suite.page.WIDTH`."""
+"""Numbers of episodes for tasks whose scores over 100 episodes are less certain than `flexarm_env.suite.page.WIDTH`."""
 
 SECONDS = {"ppo": 60e-6, "gradient": 60e-6, "sac": 1.5e-3, "tqc": 2.5e-3, "recurrent_ppo": 1.2e-3}
 """Approximate CPU time, s, of a control period in training; used only by --plan."""
@@ -140,11 +138,11 @@ class Job:
 
     @property
     def episodes(self) -> int:
-        """Number of evaluation episodes; actions optimized in advance have only the hundred they were optimized for."""
+        """Number of evaluation episodes; actions optimized in advance exist for 100 episodes only."""
         return EPISODES if self.method.algorithm == "foresight" else MANY.get(self.task.id, EPISODES)
 
     def done(self, results: Path) -> bool:
-        """Return whether the results file contains the job's result, or the reason why there is none."""
+        """Return whether the results file contains the job's result, or the reason why the result is missing."""
         known = begun(results, self.method.name, self.seed)
         entry = known.tasks.get(self.task.id)
         if entry is None:
@@ -211,7 +209,7 @@ def train(job: Job, arguments: Arguments) -> Path:
 
 
 def of_run(word: str, task: suite.Task) -> Chosen:
-    """Return the policy of a run folder: policy.npz, or the model itself if it has a memory."""
+    """Return the policy of a run folder: actions.npz, policy.npz, or the model if the policy has a memory."""
     folder = Path(word)
     if (folder / "actions.npz").is_file():
         from agents import foresight
@@ -228,10 +226,10 @@ def of_run(word: str, task: suite.Task) -> Chosen:
 
 # ------------------------------------------------------------------ references
 def references(found: Sequence[Results]) -> dict[str, dict[str, Any]]:
-    """Return the reference values of scores; recorded ones never change.
+    """Return the reference values of the tasks' scores; recorded values never change.
 
-    A task without recorded references gets them from the results in a folder. It has no reference if the results lack
-    PD, or if no method is better than PD.
+    For a task without recorded references the values are computed from the results in a folder. The task has no
+    reference if the results lack PD, or if no method is better than PD.
     """
     known = {name: asdict(one) for name, one in frozen_references().items()}
     for task in suite.tasks():
@@ -260,7 +258,7 @@ def plan(todo: Sequence[Job], arguments: Arguments) -> list[str]:
 
 
 def made(arguments: Arguments) -> None:
-    """Write the page if there are results."""
+    """Write the page of results if the folder contains results."""
     if any(arguments.results.glob("*.json")):
         write_text(arguments.results.with_suffix(".md"), page(folder_of(arguments.results, earlier=True)))
 

@@ -6,10 +6,10 @@
 
 A key of --space is a keyword of the environment, with dots for keys of its tables (reward.effort), or a parameter of
 the arm: payload, EI or damping. A parameter is a factor on the nominal value in training and in evaluation. All
-combinations are trained, each in a process of its own, as many at once as there are processors. The folder contains
-trials/NAME, which are run folders like those of `agents.train_rllib`, and results.csv, results.md and results.png. All
-policies are evaluated on the same episodes, by the environment's own reward. With --resume an interrupted sweep
-continues, each trial from its last checkpoint.
+combinations are trained, each in its own process; the number of simultaneous trials is the number of processors. The
+output folder contains trials/NAME, which are run folders like those of `agents.train_rllib`, and results.csv,
+results.md and results.png. All policies are evaluated on the same episodes, by the environment's default reward. With
+--resume an interrupted sweep continues, each trial from its last checkpoint.
 """
 
 import dataclasses
@@ -70,7 +70,7 @@ class Arguments:
 
 # ------------------------------------------------------------------ what is run
 def choices(space: Mapping[str, Any], seeds: int) -> list[dict[str, Any]]:
-    """Return all combinations, each with "seed". ValueError names the wrong key."""
+    """Return all combinations of the varied values and seeds. ValueError names an invalid key."""
     if not space:
         raise ValueError("--space: must name something to vary, such as '{\"reward.effort\": [0.01, 0.1]}'")
     for key, values in space.items():
@@ -115,7 +115,7 @@ def check(arguments: Arguments, wanted: list[dict[str, Any]]) -> None:
 
 
 def trial(config: Mapping[str, Any], told: Mapping[str, Any]) -> None:
-    """Run one trial in its own process: train, resume or keep its run, evaluate the policy, and report the result."""
+    """Run one trial in its own process: train, resume or keep the run, evaluate the policy, and report the result."""
     from ray import tune
 
     from agents.train_rllib import Arguments as Training
@@ -134,7 +134,7 @@ def trial(config: Mapping[str, Any], told: Mapping[str, Any]) -> None:
 
 
 def judge(folder: Path, env_id: str, kwargs: Mapping[str, Any], n: int) -> dict[str, Any]:
-    """Return a run folder's summary on the test episodes of its own arm, under the environment's own reward."""
+    """Evaluate a run's policy on test episodes with its training's arm and the default reward; return the summary."""
     from flexarm_env.control import load_policy
     from flexarm_env.training.statistics import summary
 
@@ -246,7 +246,7 @@ def write(out: Path, rows: list[dict[str, Any]], varied: list[str], env_id: str)
 
 
 def run(arguments: Arguments) -> int:
-    """Run the missing trials and print where the results are."""
+    """Run the missing trials and print the path of the results."""
     try:
         rows = sweep(arguments)
     except KeyboardInterrupt:

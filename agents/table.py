@@ -1,7 +1,7 @@
 """Evaluate the policies of agents/trained and the classical controllers on the same episodes: docs/results/control.md.
 
     python -m agents.table                       # half an hour on two cores
-    python -m agents.table --policies mpc        # that row alone; the others stay as they are
+    python -m agents.table --policies mpc        # only this row; all other rows are kept
 
 The script writes docs/results/control.{md,json} and the figures docs/figures/control_*.png. `agents.families` trains
 the policies. The best known settling times are read from docs/results/optimal.json (`agents.best_known`).
@@ -27,6 +27,7 @@ from agents.families import ROOT, TRAINED, Family
 from benchmarks.machine import table, told
 from benchmarks.pages import write_page
 from flexarm_env import control
+from flexarm_env.episodes import Timed, play
 from flexarm_env.training import episodes as fixed
 from flexarm_env.training.evaluate import Arguments as Judged
 from flexarm_env.training.evaluate import evaluate
@@ -69,8 +70,10 @@ SETTINGS: dict[str, dict[str, tuple[dict[str, Any], str | None]]] = {
         "two_link_geared, measured": ({"arm": "two_link_geared"} | MEASURED, "two_link_geared"),
     },
 }
-"""Arms with and without gears, friction and sensors, with the full observation and with that of the sensors; each with
-the family trained there."""
+"""Settings by family: arms with and without gears and friction, with full and measured observation.
+
+Each setting has the environment's keywords and the family of policies that were trained with these keywords.
+"""
 
 DRAWN = "drawn arms"
 """Label of controllers that were tuned on randomly drawn arms."""
@@ -101,7 +104,7 @@ class Arguments:
 
 
 class Judge:
-    """Evaluation of the policies in one call of the script, under the names on the page."""
+    """Evaluate policies by their names on the page; rows of policies that are not requested are kept."""
 
     def __init__(self, arguments: Arguments) -> None:
         self.arguments = arguments
@@ -109,9 +112,9 @@ class Judge:
         self.asked = None if arguments.policies is None else arguments.policies.split(",")
 
     def anew(self, kept: Rows, family: Family, words: Mapping[str, str], most: int = 1000, **how: Any) -> Rows:
-        """Return summaries of these policies.
+        """Return the summaries of the given policies.
 
-        Policies named in `--policies` (without it, all) are judged; the others keep their rows in `kept`.
+        Policies named in `--policies` (without this flag, all) are evaluated; all others keep their rows in `kept`.
         """
         wanted = {name: word for name, word in words.items() if self.asked is None or name in self.asked}
         rows = kept | self.rows(family, wanted, most, **how)[0]
@@ -144,7 +147,7 @@ class Judge:
         return os.path.relpath(family.best(self.arguments.trained))
 
     def words(self, family: Family, *others: Family) -> dict[str, str]:
-        """Return the best policies of families and the controllers: name -> word for `flexarm evaluate --policy`."""
+        """Return the families' best policies and the controllers: name -> word for `flexarm evaluate --policy`."""
         policies = {f"PPO ({one.name})": self.best(one) for one in (family, *others)}
         return policies | {name: name for name in family.controllers}
 
@@ -162,7 +165,7 @@ def curve_of(folder: Path) -> list[dict[str, float]]:
 
 
 def seeds(judge: Judge, family: Family) -> list[Row]:
-    """Return each seed's training and its result on the test episodes."""
+    """Return, for each seed, data of the training and the result on the test episodes."""
     rows = []
     for folder in family.runs(judge.arguments.trained):
         record = read_run(folder)
@@ -172,7 +175,7 @@ def seeds(judge: Judge, family: Family) -> list[Row]:
 
 
 def seeds_table(rows: list[Row]) -> list[str]:
-    """Return `seeds` as a Markdown table."""
+    """Format the result of `seeds` as a Markdown table."""
     cells = []
     for row in rows:
         solved = row["solved"]
@@ -196,7 +199,7 @@ def short_table(head: str, columns: Mapping[str, Rows]) -> list[str]:
 
 
 def nominal(judge: Judge, family: Family, content: dict[str, Any]) -> None:
-    """Evaluate one environment: return rows and figures."""
+    """Evaluate one environment with nominal arms: return the rows of its tables and write its figures."""
     say(family.env)
     own = content[family.name]
     torque = families.named("two_link_torque")
@@ -223,17 +226,10 @@ def decisions(judge: Judge, family: Family, content: dict[str, Any]) -> None:
         if judge.asked is not None and name not in judge.asked:
             continue
         env = fixed.make_episodes(family.env, 1)
-        controller = control.make(name, env)
-        times = []
-        for seed in range(fixed.TEST, fixed.TEST + TIMED):
-            observation, _ = env.reset(seed=seed)
-            controller.reset(observation)
-            for _ in range(int(env.unwrapped.plan.limit)):
-                began = time.thread_time()
-                action = controller.act(observation)
-                times.append(1e3 * (time.thread_time() - began))
-                observation = env.step(action)[0]
+        controller = Timed(control.make(name, env), time.thread_time)
+        play(env, controller, range(fixed.TEST, fixed.TEST + TIMED))
         env.close()
+        times = 1e3 * np.array(controller.seconds)
         own[name] = dict(zip(("median", "p99", "most"), np.percentile(times, (50, 99, 100)).tolist(), strict=True))
 
 
@@ -267,7 +263,7 @@ def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, 
 
 
 def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | None) -> list[str]:
-    """Return one environment's section of the page."""
+    """Format the section of one environment."""
     bounds = dict(own["bounds"])
     both = {"nominal": own.get("ordinary", own["nominal"]), "randomised": own["randomised"]}
     if best is not None:
@@ -287,8 +283,8 @@ def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | No
         f"![tip error](../figures/control_{family.name}.png)", "",
         f"![learning curves](../figures/control_{family.name}_learning.png)", "",
         f"### {family.env}: randomized payload (x 0.5 to 2) and stiffness (x 0.7 to 1.3)", "",
-        f"Controllers named `{DRAWN}` are tuned on such arms, policies named `_robust` are trained on them. The others "
-        "know only the nominal arm.", "",
+        f"Controllers named `{DRAWN}` are tuned on randomized arms, and policies named `_robust` are trained on "
+        "randomized arms. All other controllers and policies know only the nominal arm.", "",
         *short_table("success, median settling", both), "",
         f"On the converged exact beam (4 cubic elements a link, 1 ms), the first {FEWER_EPISODES} episodes:", "",
         *short_table("policy", own["models"]), "",
@@ -309,7 +305,7 @@ def distance(rows: Rows, best: Mapping[str, Any]) -> list[str]:
 
 
 def best_known(results: Path, family: Family) -> dict[str, Any] | None:
-    """Return the results of agents.best_known for a family's test episodes; None if incomplete."""
+    """Return the results of agents.best_known for a family's test episodes; None if some episodes are missing."""
     path = results / "optimal.json"
     lots = read_json(path)["lots"].get(family.task, {}) if path.exists() else {}
     found = joined(list(lots.values())) if lots else None
@@ -317,7 +313,7 @@ def best_known(results: Path, family: Family) -> dict[str, Any] | None:
 
 
 def measured(judge: Judge, content: dict[str, Any]) -> None:
-    """Evaluate controllers and the policies trained there on arms with gears, friction and real sensors."""
+    """Evaluate controllers and trained policies on arms with gears, friction and measured observations."""
     before, found = content.get("measured", {}), {}
     for name, settings in SETTINGS.items():
         family, columns = families.named(name), {}

@@ -7,8 +7,8 @@
 
 Hyper-parameters are those of configs/ppo/default.yml, as for Stable-Baselines3. The run folder has the layout of
 `agents.train_ppo`: policy.npz (the best on the validation episodes, for NumPy alone), config.yml, run.json,
-learning_curve.csv and .png, and tensorboard/. It also contains module.pt (weights of that policy's RLModule) and, until
-the run has finished, checkpoints/ (each with RLlib's own checkpoint in algorithm/).
+learning_curve.csv and .png, and tensorboard/. The run folder also contains module.pt (weights of that policy's
+RLModule) and, until the run has finished, checkpoints/ (each with RLlib's own checkpoint in algorithm/).
 """
 
 import contextlib
@@ -52,8 +52,8 @@ class Arguments(Training):
         out: run folder; default runs/rllib-ENV-SEED.
         resume: continue from the run folder's last checkpoint, or start if it has none yet. All other flags, except
             those of processes, are then those of the run.
-        address: HOST:PORT of a Ray cluster's head, or auto for the cluster of this machine; default a Ray of its own
-            on this machine.
+        address: HOST:PORT of a Ray cluster's head, or auto for the cluster of this machine; default: Ray is started on
+            this machine.
         runners: number of processes that step environments, one processor each; 0: the training process steps them.
         envs_per_runner: number of environments that a runner steps together; default the config's n_envs divided
             among the runners.
@@ -78,7 +78,7 @@ class Arguments(Training):
 
 
 PROCESSES = ("address", "runners", "envs_per_runner", "learners", "sampler", "threads", "progress", "verbose")
-"""Arguments that a resumed run takes from its command line, since the machine may have changed."""
+"""Names of arguments that a resumed run reads from the command line, since the machine may have changed."""
 
 
 def train(arguments: Arguments) -> Progress:
@@ -117,7 +117,7 @@ class Run:
     def __init__(
         self, arguments: Arguments, config: configs.Config, kwargs: dict[str, Any], algorithm: Any, eval_env: Any
     ) -> None:
-        """Store the parts of a run and begin its record."""
+        """Store the parts of a run and begin the run's record."""
         from flexarm_env.control import Setup
 
         self.arguments, self.config, self.algorithm, self.eval_env = arguments, config, algorithm, eval_env

@@ -5,7 +5,7 @@
 For arms that have the feature, the script times a control period of 64 arms on one thread, and of a single environment,
 alternately with and without the feature. For arms that lack it, the cost should be zero, because features are
 compile-time tags. The step of an arm without these features is compiled twice: from the present kernels, and from a
-copy without the lines for the features. Callgrind counts the instructions of both.
+copy without the lines for the features. Callgrind counts the instructions of both copies.
 """
 
 import argparse
@@ -53,10 +53,10 @@ FEATURES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "steps fitted to 0.1 % (step_tolerance)": ({"step_tolerance": 1e-3}, {}),
     "second link (TwoLinkFlexArm-v0)": ({"id": "TwoLinkFlexArm-v0"}, {}),
 }
-"""Keywords of FlexibleArm-v0 (or of another `id`) with the feature, and without."""
+"""Keywords of FlexibleArm-v0 (or of the environment `id`) with each feature, and without it."""
 
 COMPILED = ("physics", "runtime", "tasks")
-"""Rooms whose branches on a feature's absence are cut."""
+"""Subpackages from whose copy the branches for absent features are removed."""
 
 CUT = (
     "gravity", "damping", "damped", "payload", "payload_turns", "controller", "actuator", "sensors", "reference",
@@ -78,18 +78,18 @@ for _ in range(int(sys.argv[1])):
     batch.compiled_step(batch.address, 0, 1)
 print(flexarm_env.__file__)
 """
-"""So many control periods of eight bare arms in lanes."""
+"""Program that runs a given number of control periods of eight bare arms in lanes."""
 FEW, MANY = 1_000, 101_000
 
 
 def _made(keywords: dict[str, Any], n: int) -> Any:
-    """An environment, or n of them."""
+    """Make one environment, or a vector of n environments."""
     keywords = {"id": "FlexibleArm-v0", **keywords}
     return gym.make(**keywords) if n == 1 else gym.make_vec(num_envs=n, threads=1, **keywords)
 
 
 def present(rounds: int) -> list[dict[str, Any]]:
-    """Seconds a period with and without each feature, the best of some rounds taken in turn."""
+    """Measure µs per arm and control period with and without each feature, alternately: the minimum over the rounds."""
     rows = []
     for name, (wanted, without) in FEATURES.items():
         row: dict[str, Any] = {"feature": name}
@@ -105,7 +105,7 @@ def present(rounds: int) -> list[dict[str, Any]]:
 
 
 def scenes_present() -> list[dict[str, Any]]:
-    """CPU time of a replay with the floating frame under each coupling and with multipliers or without."""
+    """Measure the CPU time, ms, of a scene with floating frames for each coupling, with and without multipliers."""
     joined = {"segments": 5, "elements": 1, "multipliers": True}
     ways: dict[str, dict[str, Any]] = {
         f"coupling {coupling} (5 segments, joints by multipliers)": {"coupling": coupling, **joined}
@@ -123,7 +123,7 @@ def scenes_present() -> list[dict[str, Any]]:
 
 
 class _Cut(ast.NodeTransformer):
-    """`x.gravity is not None` and the like become False, `is None` True: the code behind is gone."""
+    """Replace `x.gravity is not None` and similar comparisons by False, and `is None` by True."""
 
     def visit_Compare(self, node: ast.Compare) -> ast.AST:
         self.generic_visit(node)
@@ -135,7 +135,7 @@ class _Cut(ast.NodeTransformer):
 
 
 class _Prune(ast.NodeTransformer):
-    """Branches on a constant are cut out of the source."""
+    """Remove branches whose condition is a constant."""
 
     def visit_If(self, node: ast.If) -> Any:
         self.generic_visit(node)
@@ -145,7 +145,7 @@ class _Prune(ast.NodeTransformer):
 
 
 def _instructions(folder: Path) -> float:
-    """Machine instructions executed in a control period of eight arms, by callgrind (which knows no AVX-512)."""
+    """Count the machine instructions per control period of eight arms with callgrind, which lacks AVX-512."""
     environment = os.environ | {"PYTHONPATH": str(folder), "FLEXARM_CACHE_DIR": str(folder / "cache")}
     environment["PYTHONHASHSEED"] = "0"
 
@@ -163,7 +163,7 @@ def _instructions(folder: Path) -> float:
 
 
 def absent() -> dict[str, float]:
-    """Instructions of a period of bare arms, compiled from the whole source and from one without the features."""
+    """Count the instructions per period of bare arms, from the full source and from a copy without the features."""
     if not shutil.which("valgrind"):
         print("valgrind is not installed: what absent features cost is left out")
         return {}
@@ -182,7 +182,7 @@ def absent() -> dict[str, float]:
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the tables of the page."""
     rows = []
     for row in found["present"]:
         pairs = [(row[label]["without"], row[label]["with"]) for label in ("single", "vector")]
@@ -195,12 +195,13 @@ def blocks(found: pages.Found) -> pages.Blocks:
     }
     if found["absent"]:
         whole, cut = found["absent"]["whole"], found["absent"]["cut"]
-        lines["absent"] = [f"{whole:,.0f} instructions, {cut:,.0f} in the cut copy: {100 * (whole / cut - 1):+.2f} %."]
+        less = f"{cut:,.0f} without the code of these features ({100 * (whole / cut - 1):+.2f} %)"
+        lines["absent"] = [f"A period takes {whole:,.0f} instructions, or {less}."]
     return lines
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """All of it."""
+    """Measure all tables of the page."""
     return {"scenes": scenes_present(), "present": present(options.rounds), "absent": absent()}
 
 

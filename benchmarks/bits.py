@@ -9,7 +9,7 @@ part named d_... is a derivative or follows from one: with --within 1e-12 its nu
 largest number. Each case's result is written as soon as it is computed, so that an interrupted run can be continued.
 --only: cases whose names contain one of the words. --most N: at most N cases, since a process keeps all compiled code.
 --list: print the names alone. The cases are in `benchmarks.bits_cases` (plane) and `benchmarks.bits_space` (space). The
-repository records a small part of them: `benchmarks.bits_gate`.
+repository records the results of a few cases: `benchmarks.bits_gate`.
 """
 
 import argparse
@@ -32,12 +32,15 @@ Numbers = NDArray[np.float64]
 
 
 def cases() -> dict[str, Any]:
-    """Every case, in the plane and in space."""
+    """Return all cases, in the plane and in space, by name."""
     return bits_cases.cases() | bits_space.cases()
 
 
 def flat(value: Any) -> Numbers:
-    """The numbers of arrays, lists, mappings (by key) and words in one row; every NaN the same NaN."""
+    """Return the numbers of a value in one row; every NaN has the same bits.
+
+    The value is an array, a list, or a mapping (in the order of its keys). A text or None becomes its checksum.
+    """
     if isinstance(value, Mapping):
         value = [value[key] for key in sorted(value)]
     if value is None or isinstance(value, str):
@@ -50,12 +53,12 @@ def flat(value: Any) -> Numbers:
 
 
 def digest(numbers: Numbers) -> str:
-    """Of the bits."""
+    """Return 32 hexadecimal digits of the SHA-256 of the numbers' bits."""
     return hashlib.sha256(np.ascontiguousarray(numbers).tobytes()).hexdigest()[:32]
 
 
 def computed(case: Any) -> dict[str, Numbers]:
-    """A case's parts; one that is refused has its sentence for a part."""
+    """Compute a case and return its parts by name; an exception's message becomes the name of an empty part."""
     try:
         return {part: flat(value) for part, value in case().items()}
     except Exception as error:
@@ -63,7 +66,7 @@ def computed(case: Any) -> dict[str, Numbers]:
 
 
 def keep(file: Path, kept: dict[str, Any], name: str, parts: dict[str, Numbers], seconds: float) -> None:
-    """Add a case to FILE.npz, then to FILE."""
+    """Add the results of a case to FILE.npz, then their hashes to FILE."""
     with zipfile.ZipFile(file.with_suffix(".npz"), "a", zipfile.ZIP_DEFLATED) as beside:
         for part, numbers in parts.items():
             with beside.open(f"{name}|{part}.npy", "w", force_zip64=True) as stream:
@@ -75,7 +78,7 @@ def keep(file: Path, kept: dict[str, Any], name: str, parts: dict[str, Numbers],
 
 
 def off(known: Numbers, found: Numbers) -> float:
-    """The largest difference over the largest number; infinite where NaN or infinities are elsewhere."""
+    """Return the largest difference over the largest number; infinite if NaNs or infinities differ."""
     fine = np.isfinite(known)
     if known[~fine].tobytes() != found[~fine].tobytes() or not np.isfinite(found[fine]).all():
         return np.inf
@@ -87,9 +90,12 @@ def off(known: Numbers, found: Numbers) -> float:
 def differences(
     name: str, known: Mapping[str, str], parts: dict[str, Numbers], beside: Any, within: float
 ) -> list[str]:
-    """A sentence for each part that differs, "~" before derivatives that differ by at most `within`, over the largest
-    number of the part."""
-    told = [f"part {part!r} is not there any more" for part in known if part not in parts]
+    """Return a sentence for each part of a case that differs from its recorded hash.
+
+    A sentence begins with "~" if the part is a derivative (d_...) that differs by at most `within` of its largest
+    number.
+    """
+    told = [f"part {part!r} is missing" for part in known if part not in parts]
     for part, numbers in parts.items():
         if part not in known:
             told.append(f"part {part!r} is new")
@@ -105,13 +111,13 @@ def differences(
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Write or compare."""
+    """Record the cases, or compare them with the record; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("file", type=Path)
     parser.add_argument("--compare", action="store_true")
-    parser.add_argument("--only", nargs="+", default=[""], help="words: cases whose names hold one of them")
-    parser.add_argument("--most", type=int, default=10**6, help="cases computed, at most")
-    parser.add_argument("--within", type=float, default=0.0, help="what derivatives may be off by, of their largest")
+    parser.add_argument("--only", nargs="+", default=[""], help="only cases whose names contain one of the words")
+    parser.add_argument("--most", type=int, default=10**6, help="largest number of cases to compute")
+    parser.add_argument("--within", type=float, default=0.0, help="largest difference of derivatives (relative)")
     parser.add_argument("--list", action="store_true")
     options = parser.parse_args(arguments)
     kept: dict[str, Any] = json.loads(options.file.read_text("utf-8")) if options.file.exists() else {}
@@ -128,11 +134,11 @@ def main(arguments: list[str] | None = None) -> int:
             count = sum(numbers.size for numbers in parts.values())
             print(f"{kept[name]['cpu_s']:6.1f} s  {name}  {count}", flush=True)
         left = max(0, len(wanted) - options.most)
-        print(f"{len(kept)} cases kept" + (f", {left} to come" if left else ""))
+        print(f"{len(kept)} cases recorded" + (f", {left} left" if left else ""))
         return 0
     beside, equal, close, count = np.load(options.file.with_suffix(".npz")), 0, 0, 0
     for name, case in list(chosen.items())[: options.most]:
-        told = ["not known before"]
+        told = ["new"]
         if name in kept:
             told = differences(name, kept[name]["parts"], computed(case), beside, options.within)
         worse = [sentence for sentence in told if not sentence.startswith("~")]

@@ -49,7 +49,7 @@ FORMULATIONS: dict[str, tuple[str, dict[str, Any]]] = {
     "exact, Newmark": ("geometrically_exact", {"elements": 3, "newmark": (0.3025, 0.6)}),
 }
 FURTHER = tuple(FORMULATIONS)[12:]
-"""Formulations for three scenes alone."""
+"""Formulations that only three of the scenes use."""
 
 ONE, TWO, MULTI, SPATIAL = "FlexibleArm-v0", "TwoLinkFlexArm-v0", "MultiLinkFlexArm-v0", "SpatialFlexArm-v0"
 FLOATING, EXACT = {"formulation": "floating_frame"}, {"formulation": "geometrically_exact"}
@@ -80,17 +80,17 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "short": {"duration": 0.3, "max_episode_steps": 12},
     "exact, corrected": {"formulation": "geometrically_exact", "period_correction": True, "randomization": RANDOM},
 }
-"""Each on one link and on two, single, vector, and with two threads."""
+"""Keywords of environments with one and with two links: single, vector, and with two threads."""
 
 
 def geared(links: int, **joint: Any) -> Arm:
-    """An arm behind gears; what else its joints have."""
+    """Return a packaged arm with gears and one or two links. joint: further fields of every joint."""
     arm = arms.named("strip_geared" if links == 1 else "two_link_geared")
     return dataclasses.replace(arm, joints=[dataclasses.replace(own, **joint) for own in arm.joints])
 
 
 def rubbing(name: str) -> Arm:
-    """A named arm whose joints rub."""
+    """Return a packaged arm whose joints have viscous and Coulomb friction."""
     arm = arms.named(name)
     joint = Joint(motor_inertia=1e-4, gear_ratio=10.0, friction_viscous=0.05, friction_coulomb=0.05)
     return dataclasses.replace(arm, joints=(joint,) * arm.n_links)
@@ -129,7 +129,7 @@ FEATURED: dict[str, tuple[str, dict[str, Any]]] = {
     "three links, pd, motors": (MULTI, {"action_mode": "residual_pd", **MOTORS}),
     "same step": (ONE, {"autoreset_mode": "SameStep", "max_episode_steps": 12}),
 }
-"""Each with one number of links, single and vector."""
+"""Further environments by name (id, keywords), each computed single and as a vector."""
 
 SMOOTH = from_array([[0.0, 0.1], [0.05, 0.12], [0.13, 0.2], [5.0, 0.6]])
 BENT = from_array([[0.0, 0.0, 0.0], [0.085, 0.03, 0.6], [0.15, 0.06, 0.2], [5.0, 0.6, 0.0]])
@@ -147,7 +147,7 @@ GUIDED: dict[str, tuple[str, dict[str, Any]]] = {
     "modes": (ONE, {"modes": 2, "segments": 1, **FLOATING}),
     "multipliers": (ONE, {"multipliers": True, "segments": 1, **FLOATING}),
 }
-"""Three arms under motions of their own (`MOTIONS`), and derivatives of them."""
+"""Environments in which three arms follow the prescribed motions `MOTIONS`."""
 
 DIFFERENTIATED: dict[str, tuple[str, dict[str, Any]]] = {
     "one link": (ONE, {}),
@@ -179,7 +179,7 @@ STRIP = Section(2.0, 2e5, 7e4, 0.3, 1e-6)
 
 
 def driven() -> dict[str, Scene]:
-    """Scenes of one and two links with every kind of load and motion, jumps included."""
+    """Return scenes of one and two links with every kind of load and motion, including jumps."""
     one = Arm("one", (Link(1.0, STRIP),), hub_inertia=0.02, payload=Payload(0.1, 1e-4), tau_d=2e-3)
     two = Arm(
         "two", (Link(0.6, STRIP), Link(0.4, STRIP)), hub_inertia=0.02, elbows=(Elbow(0.1, 1e-3, 2e-3),),
@@ -201,7 +201,7 @@ def driven() -> dict[str, Scene]:
 
 
 def built() -> dict[str, Scene]:
-    """Scenes of arms with every kind of joint and link."""
+    """Return scenes of arms with every kind of joint and link."""
     ends = {"root_offset": 0.05, "root_mass": 0.04, "root_inertia": 2e-5, "tip_offset": 0.03, "tip_mass": 0.03}
     thin = Section(1.4, 1.6e5, 5.6e4, 0.25, 8e-7)
     uneven = Link(0.9, [(0.0, STRIP), (0.5, STRIP), (0.5, thin), (0.9, thin)], **ends)  # type: ignore[arg-type]
@@ -233,18 +233,18 @@ SAMPLED = (
     "gross_work", "joint_torque", "tip_deflection", "shapes", "status", "steps", "iterations", "factorizations",
     "halvings", "step_levels",
 )  # fmt: skip
-"""What is kept of a trajectory."""
+"""Attributes of a trajectory that are compared."""
 
 
 def simulated(scene: Scene, method: str, also: tuple[str, ...] = (), **more: Any) -> Parts:
-    """A run of a scene; also: what is kept of it beside SAMPLED."""
+    """Simulate a scene and return its results. also: attributes that are compared besides `SAMPLED`."""
     formulation, options = FORMULATIONS[method]
     run = simulate(scene, formulation, estimate_error=False, **options, **more)
     return {name: getattr(run, name) for name in (*SAMPLED, *also)}
 
 
 def shipped(name: str, method: str, **more: Any) -> Parts:
-    """At most two seconds of a scene that comes with the package."""
+    """Simulate at most 2 s of a packaged scene and return its results."""
     scene = scenes.named(name)
     return simulated(scene, method, duration=min(2.0, scene.duration), sample=0.1, **more)
 
@@ -255,7 +255,10 @@ def _noted(found: dict[str, list[Any]], seen: Any, info: dict[str, Any]) -> None
 
 
 def episode(env: Any, periods: int = 40, **options: Any) -> Parts:
-    """Observations, rewards and all that info tells under random actions, through resets; the states at the end."""
+    """Run an episode with random actions; return observations, rewards, end flags and all info entries.
+
+    A single environment is reset when its episode ends.
+    """
     rng, found = np.random.default_rng(7), {"reward": [], "ended": []}
     _noted(found, *env.reset(seed=3, options=options or None))
     for _ in range(periods):
@@ -271,14 +274,14 @@ def episode(env: Any, periods: int = 40, **options: Any) -> Parts:
 
 
 def environment(env_id: str, keywords: dict[str, Any], n: int, threads: int = 1, periods: int = 40) -> Parts:
-    """A vector of n arms, or a single environment (n = 1)."""
+    """Run an episode in a vector of n arms, or in a single environment (n = 1)."""
     if n == 1:
         return episode(gym.make(env_id, **keywords), periods)
     return episode(gym.make_vec(env_id, num_envs=n, threads=threads, **keywords), periods)
 
 
 def guided(env_id: str, keywords: dict[str, Any]) -> Parts:
-    """Three arms that follow motions, in a vector, and the first of them alone."""
+    """Run three arms that follow prescribed motions in a vector, and the first arm in a single environment."""
     motions = MOTIONS[env_id]
     shared = "multipliers" in keywords
     many = gym.make_vec(env_id, num_envs=3, threads=1, **keywords)
@@ -288,7 +291,7 @@ def guided(env_id: str, keywords: dict[str, Any]) -> Parts:
 
 
 def derivatives(env_id: str, keywords: dict[str, Any], n: int = 9, periods: int = 6, **options: Any) -> Parts:
-    """A rollout of some periods, its tangents and cotangents, and a period's Jacobians."""
+    """Compute a rollout, its directional derivatives and gradients, and the Jacobians of one period."""
     own, rng = Arms(env_id, n, threads=1, **keywords), np.random.default_rng(5)
     state = own.reset(seed=2, options=options or None)
     run = own.rollout(state, rng.uniform(-0.7, 0.7, (periods, n, own.action_size)))
@@ -309,7 +312,7 @@ def derivatives(env_id: str, keywords: dict[str, Any], n: int = 9, periods: int 
 
 
 def steered(name: str, env_id: str, **keywords: Any) -> Parts:
-    """Four arms under a controller."""
+    """Run 25 control periods of four arms under a controller; return actions and observations."""
     env: Any = gym.make_vec(env_id, num_envs=4, threads=1, **keywords)
     seen, _ = env.reset(seed=5)
     controller = control.make(name, env)
@@ -328,7 +331,7 @@ def _model(model: Any) -> Parts:
 
 
 def many(env_id: str, keywords: dict[str, Any], discrete: float | None) -> Parts:
-    """Linear models of a vector's arms on their way."""
+    """Return the linear models of five moving arms of a vector environment."""
     env: Any = gym.make_vec(env_id, num_envs=5, threads=1, **keywords)
     env.reset(seed=1)
     for _ in range(5):
@@ -339,7 +342,7 @@ def many(env_id: str, keywords: dict[str, Any], discrete: float | None) -> Parts
 
 
 def linear(method: str) -> Parts:
-    """Of an arm that hangs: its linear model, modes and equilibrium."""
+    """Return the linear model and modes of an arm at rest, and the equilibrium of a hanging arm."""
     formulation, options = FORMULATIONS[method]
     rest = Scene("rest", arms.named("strip"), duration=1.0, dt=0.0025, gravity=(0.0, -9.81))
     found = modes(rest, 3, formulation, clamped=True, **options)
@@ -350,7 +353,7 @@ def linear(method: str) -> Parts:
 
 
 def run(method: str) -> Parts:
-    """A scene's run, whose steps are kept for its derivatives by what the scene is made of."""
+    """Run a scene, and compute the derivatives of its states by the payload's mass."""
     formulation, options = FORMULATIONS[method]
     load = PointLoad(0, "tip", force_y=sine(0.5, 6.0))
     scene = Scene("run", arms.named("strip"), duration=0.5, dt=0.005, sample=0.02, loads=(load,), gravity=(0.0, -9.81))
@@ -366,12 +369,12 @@ def run(method: str) -> Parts:
 
 
 def task(task_id: str) -> Parts:
-    """A few periods of one of the suite's tasks."""
+    """Run 12 control periods of a task of the suite."""
     return episode(suite.make_vec(task_id, 3, threads=1), 12)
 
 
 def cases() -> dict[str, Case]:
-    """Name and computation of every case in the plane, and of the scenes of `data`; the first matter most."""
+    """Return all cases in the plane and the packaged scenes, by name; the most important ones come first."""
     found: dict[str, Case] = {}
     both = [(env_id, word, keywords) for word, keywords in ENVIRONMENTS.items() for env_id in (ONE, TWO)]
 

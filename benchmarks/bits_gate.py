@@ -5,10 +5,10 @@ python -m benchmarks.bits_gate --write             computes the record again (`m
 
 A commit that changes bits on purpose also changes the record, benchmarks/bits_record.json. Compiled kernels compute the
 same bits on every processor. The C library, LAPACK and NumPy choose their loops by the processor, which changes the
-last bits of models and of random starts and targets. The record therefore names its machine and versions. On any other
-machine the script computes the previous commit (with uncommitted changes: the last commit) and compares with that; it
-omits cases whose record has changed since. Without such a commit (no git, a shallow clone) nothing is compared, and the
-exit code is 0.
+last bits of models and of random starts and targets. The record therefore names the machine and the libraries'
+versions. On any other machine the script computes the results of the previous commit (with uncommitted changes: the
+last commit) and compares with these results; cases whose record has changed since that commit are omitted. Without such
+a commit (no git, a shallow clone) nothing is compared, and the exit code is 0.
 """
 
 import argparse
@@ -34,7 +34,7 @@ ROOT = Path(__file__).resolve().parents[1]
 RECORD = Path(__file__).with_name("bits_record.json")
 
 Hashes = dict[str, dict[str, str]]
-"""Case, part of it, the hash of the part's numbers."""
+"""Hashes of results: case -> part of the case -> hash of the part's numbers."""
 
 GATE = (
     # scenes in the plane
@@ -61,11 +61,11 @@ GATE = (
     "space, guided, exact", "space, env, gears, rubbing, play, segments, 5", "space, env, all, exact, 5",
     "space, derivatives, gears, exact",
 )  # fmt: skip
-"""Scenes, environments, batches and derivatives of each formulation, in the plane and in space."""
+"""Compared cases: scenes, environments, batches and derivatives of each formulation, in the plane and in space."""
 
 
 def machine() -> dict[str, str]:
-    """What the last bits of the C library, of LAPACK and of NumPy depend on."""
+    """Return processor, C library and versions, on which the last bits of LAPACK and NumPy results depend."""
     file = Path("/proc/cpuinfo")
     lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
     told = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
@@ -83,7 +83,7 @@ def machine() -> dict[str, str]:
 
 
 def hashes(names: list[str]) -> Hashes:
-    """The cases, computed."""
+    """Compute cases and return the hashes of their results."""
     import scipy.linalg  # noqa: F401  (brings a BLAS of its own, whose threads are set as well)
 
     blas.set_threads(1)
@@ -96,20 +96,20 @@ def hashes(names: list[str]) -> Hashes:
 
 
 def write(file: Path, found: Hashes) -> None:
-    """A record: a line for each case, so that a commit shows which have changed."""
+    """Write a record with one line per case, so that a commit's diff shows the changed cases."""
     rows = ",\n".join(f"{json.dumps(name)}: {json.dumps(parts)}" for name, parts in found.items())
     text = f'{{\n"computed with": {json.dumps(machine())},\n"cases": {{\n{rows}\n}}\n}}\n'
     file.write_text(text, encoding="utf-8")
 
 
 def read(file: Path) -> dict[str, Any]:
-    """A record; an empty one where there is none."""
+    """Read a record; a missing file gives an empty record."""
     found: dict[str, Any] = {"computed with": {}, "cases": {}}
     return found | (json.loads(file.read_text("utf-8")) if file.exists() else {})
 
 
 def git(*words: str) -> bytes | None:
-    """What git says; None where it fails or is not there."""
+    """Return the output of a git command, or None if the command fails or git is not installed."""
     try:
         return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, check=True).stdout
     except (OSError, subprocess.CalledProcessError):
@@ -117,8 +117,10 @@ def git(*words: str) -> bytes | None:
 
 
 def commit_before() -> Hashes | str:
-    """Hashes of the cases by the commit before, on this machine, without those whose record has changed since; or why
-    there are none."""
+    """Return the hashes that the previous commit's code gives on this machine, or a text with the reason why not.
+
+    Cases whose record has changed since that commit are omitted.
+    """
     changes = git("status", "--porcelain", "--untracked-files=no")
     commit = "HEAD^" if changes == b"" else "HEAD"
     packed = None if changes is None else git("archive", "--format=zip", commit)
@@ -142,15 +144,15 @@ def commit_before() -> Hashes | str:
 
 
 def difference(known: dict[str, str], found: dict[str, str]) -> str:
-    """Names of the parts that differ; "" where none does."""
+    """Return the names of the parts that differ, separated by commas; "" if all parts are equal."""
     return ", ".join(part for part in known | found if known.get(part) != found.get(part))
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Compare or write."""
+    """Compare the cases with the record, or write the record; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", type=Path, nargs="?", const=RECORD, help="compute a record instead")
-    parser.add_argument("--only", nargs="+", default=[""], help="words: cases whose names hold one of them")
+    parser.add_argument("--write", type=Path, nargs="?", const=RECORD, help="compute and write the record")
+    parser.add_argument("--only", nargs="+", default=[""], help="only cases whose names contain one of the words")
     parser.add_argument("--names", nargs="+", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     names = options.names or [name for name in GATE if any(word in name for word in options.only)]

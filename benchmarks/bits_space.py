@@ -24,17 +24,17 @@ from tests.feature_matrix_space import PAIRS, SHEARED, SINGLE, scene_of
 
 METHODS = ("exact", "segments", "modes", "elastica")
 FURTHER = ("exact, modified Newton", "exact, Newmark", "modes in segments", "elastica, damped steps")
-"""Formulations for a few scenes alone."""
+"""Formulations that only a few scenes use."""
 
 ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "exact": {}, "segments": FLOATING, "modes": {"modes": 2, **FLOATING},
     "modes in segments": {"modes": 2, "segments": 2, **FLOATING},
 }  # fmt: skip
-"""The formulations of environments; `FEATURED` is tried with the first three."""
+"""Keywords of each formulation of the environments; the features of `FEATURED` use the first three."""
 
 
 def jointed(**changes: Any) -> Arm:
-    """The arm `three_dof_loaded` with the same joint three times: an elastic gear with a rotor and viscous friction."""
+    """Return the arm `three_dof_loaded` with an elastic gear, a rotor and viscous friction in all three joints."""
     own: dict[str, Any] = {"stiffness": 2000.0, "damping": 2.0, "motor_inertia": 1e-5, "gear_ratio": 50.0}
     joint = Joint(**own | {"friction_viscous": 0.01} | changes)
     return dataclasses.replace(arms.named("three_dof_loaded"), joints=(joint,) * 3)
@@ -68,7 +68,7 @@ FEATURED: dict[str, dict[str, Any]] = {
     "events": {**EVENTS, "cost": {"deflection": 0.05}},
     "all": RICH,
 }
-"""Each with each formulation, single and vector."""
+"""Keywords of features that are computed under each formulation, single and as a vector."""
 FEATURED_EXACT: dict[str, dict[str, Any]] = {
     "measured": {"observation": "measured", "sensors": {**SENSORS, "strain_gauges": GAUGES}, "history": 3},
     "strain": {"cost": {"deflection": 0.05, "strain": 5e-4}, **EVENTS},
@@ -81,7 +81,7 @@ FEATURED_EXACT: dict[str, dict[str, Any]] = {
     "same step": {"autoreset_mode": "SameStep", "max_episode_steps": 12},
     "short": {"max_episode_steps": 12},
 }
-"""With the exact beam alone."""
+"""Keywords of features that are computed with the exact beam only."""
 
 DIFFERENTIATED: dict[str, dict[str, Any]] = {
     "alone": {},
@@ -90,7 +90,7 @@ DIFFERENTIATED: dict[str, dict[str, Any]] = {
     "rotors, rubbing": {"arm": jointed(**RIGID_GEARS, friction_coulomb=0.2)},
     "events": EVENTS,
 }
-"""Derivatives of rollouts, with each formulation."""
+"""Keywords of environments whose rollouts are differentiated, under each formulation."""
 DIFFERENTIATED_EXACT: dict[str, dict[str, Any]] = {
     "gears, rubbing": {"arm": jointed(friction_coulomb=0.2)},
     "pd, motors": {"action_mode": "residual_pd", "residual_share": 0.3, **MOTORS},
@@ -103,16 +103,16 @@ PAIRED = (
 )  # fmt: skip
 assert set(PAIRED) <= set(PAIRS)
 ALSO = ("tip_rotation",)
-"""What is kept of a trajectory in space beside `bits_cases.SAMPLED`."""
+"""Attributes of a trajectory in space that are compared besides `bits_cases.SAMPLED`."""
 
 
 def cell(features: tuple[str, ...], method: str) -> Parts:
-    """A scene of the feature matrix, by steps that are longer than there."""
+    """Simulate a scene of `tests.feature_matrix_space` with a step of 2 ms, and return its results."""
     return plane.simulated(scene_of(features), method, ALSO, dt=2e-3)
 
 
 def rigid(root: str, method: str) -> Parts:
-    """An arm of two rigid links on axes that are not parallel, held or free."""
+    """Simulate an arm of two rigid links with hinge axes that are not parallel. root: pinned or free."""
     links = (
         RigidLink(0.4, 1.0, (0.2, 0.01, 0.0), ((8e-3, 0.0, 0.0), (0.0, 2e-2, 0.0), (0.0, 0.0, 1.5e-2))),
         RigidLink(0.3, 0.5, (0.1, 0.0, 0.02), ((3e-3, 0.0, 0.0), (0.0, 8e-3, 0.0), (0.0, 0.0, 6e-3))),
@@ -125,7 +125,7 @@ def rigid(root: str, method: str) -> Parts:
 
 
 def slew(**changes: Any) -> Scene:
-    """The arm `three_dof_loaded` under gravity, turned by torques and a load at its tip."""
+    """Return a scene: the arm `three_dof_loaded` under gravity, a torque at its first joint and a load at its tip."""
     own: dict[str, Any] = {
         "duration": 0.2, "dt": 0.0025, "sample": 0.02, "gravity": (0.0, 0.0, -9.81), "angles": (0.0, 0.6, 0.8),
         "loads": (JointTorque(0, sine(4.0, 6.0)), PointLoad(2, "tip", force_y=sine(0.5, 6.0))),
@@ -134,7 +134,7 @@ def slew(**changes: Any) -> Scene:
 
 
 def linear(method: str) -> Parts:
-    """Of the arm at rest: its linear model, modes and equilibrium with the joints held."""
+    """Return the linear model, modes and equilibrium of an arm at rest; modes and equilibrium have held joints."""
     formulation, options = FORMULATIONS[method]
     rest = slew(loads=())
     matrices = linearize(slew(loads=(), angles=(0.0, 0.0, 0.0)), formulation, discrete=0.01, **options)
@@ -145,7 +145,7 @@ def linear(method: str) -> Parts:
 
 
 def run(method: str) -> Parts:
-    """A scene's run and its derivatives by the payload's mass."""
+    """Run a scene, and compute the derivatives of its states by the payload's mass."""
     formulation, options = FORMULATIONS[method]
     e = 1e-4
 
@@ -160,7 +160,7 @@ def run(method: str) -> Parts:
 
 
 def cases() -> dict[str, Case]:
-    """Name and computation of every case in space."""
+    """Return all cases in space, by name."""
     found: dict[str, Case] = {}
 
     def add(name: str, function: Callable[..., Parts], *arguments: Any, **keywords: Any) -> None:

@@ -3,13 +3,13 @@
 python -m benchmarks.choose_default [--env ID] [--episodes 200] [--page] [--out FOLDER]
 
 Every candidate runs the same episodes as the converged exact beam. In `episodes` episodes the torque changes randomly
-in each control period. In as many again it is a random bang-bang torque: full torque of either sign, switched after
-random times of 0.1 to 0.6 s. Two links are compared over the first 2 s only, since longer motions of theirs are
+in each control period. In further `episodes` episodes the torque is bang-bang: full torque of either sign, switched
+after random times of 0.1 to 0.6 s. Two links are compared over the first 2 s only, since their longer motions are
 chaotic. The error of an episode is the largest distance between the candidate's tip and the exact one, over L. A
 candidate is acceptable if this error is at most 0.5 % in 99 % of the episodes of each kind; the aim is 0.1 %. The
 default, one for both environments, is the cheapest candidate (sum of both costs in a vector environment) that reaches
-the aim in both. If none reaches the aim, it is the cheapest acceptable one. The exit code is 1 if the package's
-defaults are not acceptable. The script takes a few minutes of CPU time.
+the aim in both. If no candidate reaches the aim, the default is the cheapest acceptable candidate. The exit code is 1
+if the package's defaults are not acceptable. The script takes a few minutes of CPU time.
 """
 
 import argparse
@@ -28,24 +28,24 @@ from flexarm_env.validation import Array
 IDS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
 HORIZON = {"FlexibleArm-v0": 4.0, "TwoLinkFlexArm-v0": 2.0}
 LIMIT, AIM, SHARE = 0.5, 0.1, 99.0
-"""Errors in % of L, and the percentile of the episodes that they are asked of."""
+"""Limit and aim of the error, % of L, and the percentile of the episodes' errors that is compared with them."""
 WEAK = 0.25
-"""Share of the torque under which links that are reduced to modes stay within their range."""
+"""Share of the torque limits for links reduced to modes, which are valid for small bending only."""
 
 EXACT: dict[str, Any] = {
     "formulation": "geometrically_exact", "elements": 6, "order": 3, "dt": 2.5e-4, "tolerance": 1e-10,
 }  # fmt: skip
 COARSER: dict[str, dict[str, Any]] = {"step": EXACT | {"dt": 5e-4}, "mesh": EXACT | {"elements": 4}}
-"""Checks that EXACT is converged: twice the step, a coarser mesh."""
+"""Settings that check whether EXACT is converged: twice the step, and a coarser mesh."""
 
 PERCENTILES = (50.0, 95.0, SHARE, 100.0)
 KINDS = ("random", "bang_bang")
 Row = dict[str, Any]
-"""Of a candidate: its options, errors in % of L, CPU microseconds of an arm and control period."""
+"""Result of a candidate: options, errors in % of L, and CPU µs per arm and control period."""
 
 
 def label(options: dict[str, Any]) -> str:
-    """Settings in a line."""
+    """Format settings as one line."""
     words = {
         "formulation": "{}", "dt": "dt {:.4g} ms", "multipliers": "multipliers", "frame": "frame {}",
         "period_correction": "period corrected",
@@ -56,23 +56,23 @@ def label(options: dict[str, Any]) -> str:
 
 
 def spread(errors: Array) -> dict[str, float | None]:
-    """Percentiles over the episodes, as they are kept; None where an episode at one failed."""
+    """Return percentiles of the episodes' errors by name; None if the percentile is not finite (a failed episode)."""
     values = {f"{share:g}": percentile(errors, share) for share in PERCENTILES}
     return {name: value if np.isfinite(value) else None for name, value in values.items()}
 
 
 def worst(row: Row) -> float:
-    """The larger of both kinds' errors, % of L."""
+    """Return the larger error of both kinds of torque at the percentile `SHARE`, % of L."""
     return max(np.inf if row[kind][f"{SHARE:g}"] is None else row[kind][f"{SHARE:g}"] for kind in KINDS)
 
 
 def percentile(errors: Array, share: float = SHARE) -> float:
-    """The error that `share` % of the episodes do not exceed (one of them, not interpolated)."""
+    """Return the error that `share` % of the episodes do not exceed: an episode's error, without interpolation."""
     return float(np.percentile(errors, share, method="higher"))
 
 
 def candidates() -> list[dict[str, Any]]:
-    """Settings to be tried, besides the package's own defaults."""
+    """Return the settings to compare; the package's defaults are among them."""
     rows: list[dict[str, Any]] = []
     for nodes in (4, 5, 6):
         for steps in (8, 5, 4, 3, 2):
@@ -97,12 +97,12 @@ def candidates() -> list[dict[str, Any]]:
 
 
 def reduced(options: dict[str, Any]) -> bool:
-    """Whether links are reduced to modes as a whole: asked within their range, `WEAK` of the torque."""
+    """Return whether each link is one body reduced to modes; its torques are reduced to the share `WEAK`."""
     return "modes" in options and "segments" not in options
 
 
 def actions_of(env_id: str, episodes: int, joints: int) -> Array:
-    """(periods, 2 episodes, joints): random torques, then random bang-bang."""
+    """Return actions (periods, 2 episodes, joints): first episodes with random torques, then with bang-bang torques."""
     rng = np.random.default_rng(20240611)
     periods = round(HORIZON[env_id] / 0.02)
     random = rng.uniform(-1.0, 1.0, (periods, episodes, joints))
@@ -118,7 +118,10 @@ def actions_of(env_id: str, episodes: int, joints: int) -> Array:
 
 
 def tips(env_id: str, actions: Array, options: dict[str, Any]) -> tuple[Array, int]:
-    """Tip positions (periods, episodes, 2), NaN from where an episode failed; and how many did."""
+    """Run the episodes; return tip positions (periods, episodes, 2), m, and the number of failed episodes.
+
+    Positions after an episode's failure are NaN.
+    """
     periods, count, _ = actions.shape
     env = gym.make_vec(env_id, num_envs=count, autoreset_mode="NextStep", joint_limits=None, duration=100.0, **options)
     env.reset(seed=0)
@@ -133,7 +136,11 @@ def tips(env_id: str, actions: Array, options: dict[str, Any]) -> tuple[Array, i
 
 
 class Stopwatch:
-    """CPU time of a control period with some settings: in a vector of 512 arms on one thread, and alone."""
+    """CPU time of a control period with given settings: in a vector of arms on one thread, and in one environment.
+
+    The vector has 512 arms. For the paper's formulation and for multipliers, which are not computed in lanes, the
+    vector environment has 32 arms.
+    """
 
     def __init__(self, env_id: str, options: dict[str, Any], alone: bool) -> None:
         one_by_one = options.get("multipliers") or options["formulation"] == "paper"
@@ -146,7 +153,7 @@ class Stopwatch:
         self.few = list(rng.uniform(-1.0, 1.0, (600, self.vector.action_space.shape[1])).astype(np.float32))
 
     def read(self) -> tuple[float, float]:
-        """Microseconds of one arm and control period in the vector, and of one `step` of the single environment."""
+        """Return CPU µs per arm and control period in the vector, and per `step` of the single environment."""
         one = self._mean(self.vector, self.many) / self.arms
         return one, float("nan") if self.single is None else self._mean(self.single, self.few)
 
@@ -160,7 +167,7 @@ class Stopwatch:
 
 
 def take_times(env_id: str, rows: list[Row], rounds: int = 7) -> None:
-    """Fill in the costs: the least of some rounds through all candidates, so that a busy machine treats all alike."""
+    """Store the costs in `rows`: for each candidate the minimum over several rounds through all candidates."""
     watches = [Stopwatch(env_id, row["options"], row["options"]["formulation"] == "elastica") for row in rows]
     readings = np.array([[watch.read() for watch in watches] for _ in range(rounds)])
     for row, (vector, single) in zip(rows, readings.min(axis=0).tolist(), strict=True):
@@ -168,7 +175,7 @@ def take_times(env_id: str, rows: list[Row], rounds: int = 7) -> None:
 
 
 def measure(env_id: str, episodes: int) -> Row:
-    """All candidates of an environment, its defaults among them; how far the reference is from coarser ones, % of L."""
+    """Measure all candidates in an environment, and the difference of the reference from coarser runs, % of L."""
     joints = 1 if env_id == IDS[0] else 2
     own = gym.make(env_id).unwrapped.plan
     actions = actions_of(env_id, episodes, joints)
@@ -197,7 +204,7 @@ def measure(env_id: str, episodes: int) -> Row:
 
 
 def table_of(env_id: str, found: Row) -> list[str]:
-    """One environment's Markdown, cheapest first."""
+    """Return an environment's table in Markdown, cheapest candidate first."""
     kind = gym.make(env_id).unwrapped.plan.kind
     rows = []
     for row in sorted(found["candidates"], key=lambda row: row["microseconds_vector"]):
@@ -212,15 +219,17 @@ def table_of(env_id: str, found: Row) -> list[str]:
         rows.append((name, *errors, row["failed"], f"{row['microseconds_vector']:.3f}", alone, mark))
     coarser, heads = found["reference_spread"], f"settings | random {SHARE:g} % | bang-bang {SHARE:g} % | failed"
     return [
-        f"{found['episodes']} episodes of {HORIZON[env_id]:g} s of each kind. Reference: {label(EXACT)}; twice its "
-        f"step moves the tip by {coarser['step']:.4f} % of L, a mesh of {COARSER['mesh']['elements']} elements by "
-        f"{coarser['mesh']:.4f} % ({SHARE:g} % of the episodes).", "",
+        f"Each kind of torque has {found['episodes']} episodes of {HORIZON[env_id]:g} s. The reference is "
+        f"{label(EXACT)}. "
+        f"With twice the step of the reference the tip moves by at most {coarser['step']:.4f} % of L, and with a "
+        "mesh of "
+        f"{COARSER['mesh']['elements']} elements by {coarser['mesh']:.4f} % (in {SHARE:g} % of the episodes).", "",
         *table(f"{heads} | us, vector | us, single | good enough", rows),
     ]  # fmt: skip
 
 
 def cheapest(environments: dict[str, Row]) -> list[str]:
-    """Which candidates are the cheapest within the limit and within the aim: of each environment, and of all."""
+    """Return lines that name the cheapest candidates within limit and aim, for each environment and for both."""
     lines = []
     for limit in (LIMIT, AIM):
         every = []
@@ -237,13 +246,13 @@ def cheapest(environments: dict[str, Row]) -> list[str]:
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the tables of the page."""
     environments = found["environments"]
     return {**{env_id: table_of(env_id, own) for env_id, own in environments.items()}, "best": cheapest(environments)}
 
 
 def measured(options: argparse.Namespace) -> pages.Found:
-    """The environments that are wanted."""
+    """Measure the requested environments."""
     found = {env_id: measure(env_id, options.episodes) for env_id in options.env or IDS}
     enough = {
         f"{env_id}: the default is good enough": all(worst(r) <= LIMIT for r in own["candidates"] if r["default"])

@@ -2,7 +2,8 @@
 
 python -m benchmarks.circle [--seeds N] [--steps N] [--targets N] [--page] [--out FOLDER] [--runs FOLDER]
 
-docs/tutorials/circle.md explains the steps. This script runs them at full length and for several seeds.
+docs/tutorials/circle.md explains the steps. This script runs the steps of the tutorial at full length and for several
+seeds.
 """
 
 import argparse
@@ -29,15 +30,15 @@ from flexarm_env.remote import Played, RemoteArmEnv, run_policy
 from flexarm_env.validation import Array
 
 RATE, PERIOD = 200, 0.02
-"""Hz, of the log; s, of the policies."""
+"""Sampling rate of the log, Hz, and control period of the policies, s."""
 SEEN = {"observation": "measured", "history": 4}
 MARGIN = 0.05
-"""Least randomisation of the fitted arm: what a fit may be wrong by beside its intervals."""
+"""Smallest half-width of the randomization of the fitted arm: a share of the fitted value."""
 FIRST = 10_000
 """Seed of the first target."""
 SECONDS = 3.0
 BAND, LEAST = 0.02, np.radians(0.5)
-"""Settled: the tip within this share of its way, at least so many rad, from then on."""
+"""Band of a settled tip: this share of the distance to the target, but at least LEAST rad."""
 
 CONFIG = """
 time = "t"
@@ -62,7 +63,10 @@ dt = 0.0025
 
 
 def strip_with(friction: tuple[float, float] | None = None, **factors: float) -> Any:
-    """The packaged strip, with friction (N m s/rad, N m) where it is given; EI, payload, hub and damping by factors."""
+    """Return the packaged strip with factors on EI, payload, hub and damping.
+
+    friction: viscous (N m s/rad) and Coulomb (N m) friction of the joint; None: no friction.
+    """
     strip = arms.named("strip")
     link = strip.links[0]
     assert link.uniform is not None
@@ -77,7 +81,7 @@ def strip_with(friction: tuple[float, float] | None = None, **factors: float) ->
 
 
 def unknown(seed: int) -> tuple[Any, float]:
-    """An arm that differs from the packaged one, and by how many s its motor is late."""
+    """Return a random arm that differs from the packaged strip, and the delay of its motor, s."""
     rng = np.random.default_rng(seed)
     names = ("EI", "payload", "hub", "damping")
     factors = dict(zip(names, rng.uniform([0.5, 1.2, 0.9, 1.0], [0.8, 1.9, 1.4, 1.8]).tolist(), strict=True))
@@ -87,14 +91,17 @@ def unknown(seed: int) -> tuple[Any, float]:
 
 
 def flexarm(*words: str) -> str:
-    """What a command prints."""
+    """Run a command of `flexarm` and return its output."""
     command = (sys.executable, "-m", "flexarm_env", *words)
     return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
 @contextlib.contextmanager
 def served(arm: Path, rate: float, log: Path, seed: int, **kwargs: Any) -> Iterator[RemoteArmEnv]:
-    """`flexarm serve` in a process of its own, and what drives it; the log is whole afterwards."""
+    """Run `flexarm serve` in another process, and yield the environment that drives the arm.
+
+    The log is complete when the context ends.
+    """
     words = ["serve", str(arm), "--rate", f"{rate:g}", "--port", "0", "--watchdog", "50", "--seed", str(seed)]
     words += ["--log", str(log), "--env-kwargs", json.dumps(kwargs)]
     command = [sys.executable, "-m", "flexarm_env", *words]
@@ -111,14 +118,14 @@ def served(arm: Path, rate: float, log: Path, seed: int, **kwargs: Any) -> Itera
 
 
 def rows_of(log: Path) -> dict[str, Array]:
-    """Columns of a log."""
+    """Read the columns of a log."""
     header, lines = csv_lines(log)
     values = np.array(lines, np.float64)
     return {name: values[:, k] for k, name in enumerate(header)}
 
 
 class InC:
-    """A policy's C file, compiled here, as a policy."""
+    """Policy that calls the compiled C file of an exported policy."""
 
     def __init__(self, source: Path) -> None:
         library = source.with_suffix(".so").resolve()
@@ -126,19 +133,21 @@ class InC:
         self.decide = getattr(ctypes.CDLL(str(library)), f"{source.stem}_decide")
 
     def reset(self, observation: Any) -> None:
-        """Nothing to remember: what it sees holds its history."""
+        """Do nothing: the observation contains the policy's whole memory."""
 
     def act(self, observation: Any) -> NDArray[np.float32]:
-        """What C decides."""
+        """Return the action that the C function computes."""
         seen, action = np.ascontiguousarray(observation, np.float32), np.zeros(1, np.float32)
         self.decide(seen.ctypes.data_as(ctypes.c_void_p), action.ctypes.data_as(ctypes.c_void_p))
         return action
 
 
 def settling(arm: Path, log: Path, seed: int, **kwargs: Any) -> tuple[float, float]:
-    """s until the tip had settled (SECONDS where it had not), and mm that it swings by in the last second.
+    """Return the settling time of a logged episode, s, and half of the tip's swing in the last second, mm.
 
-    The log's torques move the served arm's program once more, within 1e-9 rad: that tells where its tip was.
+    An episode that does not settle has the time SECONDS. The log lacks the tip's position. The function therefore
+    simulates the served arm again under the logged torques, and requires that the hub agrees with the log within 1e-9
+    rad.
     """
     rows = rows_of(log)
     acted = rows["torque0"]
@@ -163,7 +172,7 @@ def settling(arm: Path, log: Path, seed: int, **kwargs: Any) -> tuple[float, flo
 
 
 def fitted(folder: Path, arm: Path, delay: float, seed: int, seconds: float = 10.0) -> Any:
-    """Excite over UDP, log, identify."""
+    """Excite the served arm, log its motion, and identify its parameters; return the fit."""
     flexarm("excite", "strip", "--rate", str(RATE), "--seconds", f"{seconds:g}", "--most-angle", "0.3", "--seed",
             str(seed), "--out", str(folder / "excite.csv"))  # fmt: skip
     actuator = {"delay": delay}
@@ -177,7 +186,7 @@ def fitted(folder: Path, arm: Path, delay: float, seed: int, seconds: float = 10
 
 
 def one(folder: Path, seed: int, steps: int, targets: int, seconds: float = 10.0) -> pages.Found:
-    """The circle for one unknown arm."""
+    """Identify one unknown arm, train policies for the fitted and the nominal arm, and run both policies on the arm."""
     folder.mkdir(parents=True, exist_ok=True)
     arm, delay = unknown(seed)
     path = folder / "unknown.toml"
@@ -213,7 +222,7 @@ def one(folder: Path, seed: int, steps: int, targets: int, seconds: float = 10.0
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """The circle for several arms."""
+    """Repeat the experiment for several unknown arms."""
     cases = [one(options.runs / str(s), s, options.steps, options.targets) for s in range(options.seeds)]
     medians = {}
     for name in ("nominal", "fitted"):
@@ -228,7 +237,7 @@ def measure(options: argparse.Namespace) -> pages.Found:
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the tables of the page."""
     fits, rows = [], []
     for case in found["cases"]:
         fits.append((case["seed"], *(f"{value:.4g} ({true:.4g})" for _, value, true in case["fit"])))

@@ -4,12 +4,12 @@
 
 --only: cases whose names contain the word; the others keep their numbers.
 
-Each case runs in a fresh process: first with an empty folder of compiled code, then with the code that the first
-process left there. The smallest of the repeated times counts. Processor time includes all threads and child processes,
-from the start of the interpreter to the end of the first step (or derivative). The package is a copy with bytecode, as
-an installer makes it, so that no compiled code beside it is found. The table also shows the time of a fixed piece of
-plain Python in the same minutes, because a shared machine is slower at times. "A further kind" is the memory, MB, that
-each additional kind of arm needs in a process that has already used one kind.
+Each case runs in a fresh process: first with an empty folder of compiled code, then with the compiled code that the
+first process stored in the folder. The smallest of the repeated times counts. Processor time includes all threads and
+child processes, from the start of the interpreter to the end of the first step (or derivative). The package is a copy
+with bytecode, as an installer makes it, so that no compiled code beside it is found. The table also shows the time of a
+fixed piece of plain Python in the same minutes, because a shared machine is slower at times. "A further kind" is the
+memory, MB, that each additional kind of arm needs in a process that has already used one kind.
 """
 
 import argparse
@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any
 
 Work = Callable[[], Any]
-"""What a case does again and again, after the first time."""
+"""Function that repeats the work of a case after its first run."""
 
 ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
 FLOATING, EXACT = {"formulation": "floating_frame"}, {"formulation": "geometrically_exact"}
@@ -40,7 +40,7 @@ RICH: dict[str, Any] = {
     "sensors": {"noise": 0.01, "delay": 0.04, "strain_gauges": [0.0, 0.5]},
     "randomization": {"payload": (0.5, 2.0), "EI": (0.7, 1.3), "damping": (0.5, 2.0), "torque_constant": (0.9, 1.1)},
 }  # fmt: skip
-"""All features at once."""
+"""Keywords that switch on all features together."""
 KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     ONE: (ONE, {}), TWO: (TWO, {}), "exact beam": (ONE, EXACT), "floating frame": (ONE, FLOATING),
     "floating frame, modes": (ONE, MODES), "gears and friction": (ONE, {"arm": "strip_geared"}),
@@ -48,11 +48,11 @@ KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "all features, floating frame": (ONE, RICH | FLOATING), "in space": ("SpatialFlexArm-v0", {}),
 }  # fmt: skip
 SMOOTH = [name for name in KINDS if "features" not in name and "modes" not in name]
-"""Kinds that derivatives are taken of."""
+"""Kinds of arms whose derivatives are computed."""
 
 
 def environment(n: int, env_id: str, keywords: dict[str, Any]) -> Work:
-    """The first step of a single environment (n = 1) or of a vector."""
+    """Take the first step of a single environment (n = 1) or of a vector; return a function that steps again."""
     import gymnasium as gym
 
     import flexarm_env  # noqa: F401  (registers the environments)
@@ -66,7 +66,7 @@ def environment(n: int, env_id: str, keywords: dict[str, Any]) -> Work:
 
 
 def scene(name: str, formulation: str) -> Work:
-    """The first samples of a scene."""
+    """Simulate the first 0.1 s of a scene; return a function that simulates them again."""
     from flexarm_env import scenes, simulate
 
     def work() -> Any:
@@ -77,7 +77,7 @@ def scene(name: str, formulation: str) -> Work:
 
 
 def derivatives(back: bool, env_id: str, keywords: dict[str, Any]) -> Work:
-    """A period's Jacobians, or its cotangents."""
+    """Compute the Jacobians of a period, or (back) the gradient of its rewards; return a function that repeats this."""
     import numpy as np
 
     from flexarm_env.derivatives import Arms
@@ -94,7 +94,7 @@ def derivatives(back: bool, env_id: str, keywords: dict[str, Any]) -> Work:
 
 
 def further() -> Iterator[Work]:
-    """Kinds in one process; the first makes it ready."""
+    """Yield functions that make further kinds of arms in one process."""
     for name, n in ((ONE, 1), (ONE, 64), (TWO, 1), ("exact beam", 64), ("floating frame", 64)):
         yield partial(environment, n, *KINDS[name])
 
@@ -113,13 +113,16 @@ CASES["scene, two links, elastica"] = partial(scene, "two_link_motion", "elastic
 
 
 def _status(key: str) -> float:
-    """Of this process, MB: VmHWM the most memory it has had, VmRSS what it has."""
+    """Return VmHWM (peak memory) or VmRSS (present memory) of this process, MB."""
     lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
     return next(int(line.split()[1]) / 1024 for line in lines if line.startswith(f"{key}:"))
 
 
 def driver(name: str) -> dict[str, Any]:
-    """A case, in its own process."""
+    """Run a case in its own process; return processor time, s, and peak memory, MB.
+
+    For the case "a further kind" return the memory, MB, by which each further kind of arm enlarges the process.
+    """
     if name != FURTHER:
         CASES[name]()
         return {"cpu_s": sum(os.times()[:4]), "peak_mb": _status("VmHWM")}
@@ -131,7 +134,7 @@ def driver(name: str) -> dict[str, Any]:
 
 
 def _copied(room: Path) -> None:
-    """The package as it is after an installation."""
+    """Copy the package with its bytecode to a folder, as an installer would."""
     found = importlib.util.find_spec("flexarm_env")
     assert found is not None and found.origin is not None
     shutil.copytree(Path(found.origin).parent, room / "flexarm_env", ignore=shutil.ignore_patterns("__pycache__"))
@@ -139,7 +142,7 @@ def _copied(room: Path) -> None:
 
 
 def yardstick() -> float:
-    """Processor time of a fixed piece of Python, s, the least of three."""
+    """Return the processor time of a fixed piece of Python, s: the minimum of three runs."""
     times = []
     for _ in range(3):
         start = time.process_time()
@@ -149,7 +152,7 @@ def yardstick() -> float:
 
 
 def measured(name: str, room: Path, repeats: int) -> dict[str, Any]:
-    """The case's first and second start."""
+    """Measure the first and the second start of a case, with an empty and with a filled cache."""
     cache = room / "cache"
     environment = os.environ | {"PYTHONPATH": str(room), "FLEXARM_CACHE_DIR": str(cache)}
 
@@ -183,20 +186,20 @@ COLUMNS = {
 
 
 def blocks(found: dict[str, Any]) -> dict[str, list[str]]:
-    """The page's table."""
+    """Format the table of the page."""
     from benchmarks.machine import table
 
     cases = found["cases"]
     rows = [[name, *(f"{row[key]:.2f}" for key in COLUMNS)] for name, row in cases.items() if name != FURTHER]
-    grows = ", ".join(f"{one:.1f}" for one in cases[FURTHER]["grows_mb"])
+    *grows, last = (f"{one:.1f}" for one in cases[FURTHER]["grows_mb"])
     return {
         "table": table(f"kind | {' | '.join(COLUMNS.values())}", rows, numbers=True),
-        "further": [f"Each further kind in the same process adds {grows} MB of memory."],
+        "further": [f"Further kinds of arms in the same process add {', '.join(grows)} and {last} MB of memory."],
     }
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """All cases that are asked for, one after the other."""
+    """Measure the requested cases one after the other."""
     kept = options.out / "cold_start.json"
     found = json.loads(kept.read_text("utf-8"))["cases"] if options.only else {}
     with tempfile.TemporaryDirectory() as folder:
@@ -209,7 +212,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measure, write the page's lines."""
+    """Measure, and write the lines of the page; return the exit code."""
     words = sys.argv[1:] if arguments is None else arguments
     if words[:1] == ["--run"]:
         print(json.dumps(driver(words[1])))

@@ -4,9 +4,9 @@
 
 Each scene is run on two meshes and with two steps. The finest solution is stored as CSV in
 `flexarm_env/data/references/converged/` (columns of `Trajectory.to_csv`). `converged.json` there records how much the
-tip still changed with mesh and step, and its distance from two other solutions. One is by finite differences on a
-staggered grid in plain NumPy, without code of the package (`tests/oracle_exact.py`); the other is by Exudyn, if it is
-installed. `--check` only prints; `--cross-check` computes only the two other solutions.
+tip still changed with mesh and step, and its distance from two other solutions. The first of these solutions uses
+finite differences on a staggered grid in plain NumPy, without code of the package (`tests/oracle_exact.py`); the second
+uses Exudyn, if it is installed. `--check` only prints; `--cross-check` computes only the two other solutions.
 """
 
 import argparse
@@ -41,14 +41,17 @@ PLANS: dict[str, tuple[int, float]] = {  # elements a link on the finest mesh, f
 
 
 CELLS = dict.fromkeys(PLANS, 40) | {"two_link_motion": 20, "two_link_free_flight": 20}
-"""Cells a link of the finite differences, extrapolated with twice as many. `spin_up` is beyond them: a rotary inertia
-of 6e-4 makes their explicit steps too many; its known answers are tested instead."""
+"""Finite-difference cells per link; a second solution has twice as many cells, and both are extrapolated.
+
+The scene `spin_up` is omitted: with its rotary inertia of 6e-4 the explicit scheme needs too many steps. A test
+compares this scene with its known answers.
+"""
 EXUDYN = (40, 1 / 800)
-"""Quadratic elements and step (s) of Exudyn."""
+"""Number of quadratic elements, and step (s), of the runs by Exudyn."""
 
 
 def run(name: str, elements: int, dt: float) -> Trajectory:
-    """One run, undamped Newmark."""
+    """Simulate a scene with the exact beam, without numerical damping."""
     options = {"order": ORDER, "elements": elements, "dt": dt, "rho_inf": 1.0, "tolerance": 1e-10}
     trajectory = simulate(named(name), "geometrically_exact", estimate_error=False, **options)
     if not trajectory.finished:
@@ -57,19 +60,22 @@ def run(name: str, elements: int, dt: float) -> Trajectory:
 
 
 def distance(a: Trajectory, b: Trajectory) -> float:
-    """Largest distance of the tips, m."""
+    """Return the largest distance of two trajectories' tips, m."""
     return float(np.hypot(*(a.tip[:, :2] - b.tip[:, :2]).T).max())
 
 
 def tip_error(name: str, t: Any, tip: Any) -> float:
-    """Largest distance of a tip path, t (n,) s and tip (n, 2 or more) m, from the kept solution of a scene, m."""
+    """Return the largest distance, m, of a tip path from the stored solution of a scene.
+
+    t (n,): instants, s. tip (n, 2 or more): positions, m.
+    """
     reference = read_trajectory(FOLDER / f"{name}.csv")
     known = {column: reference[column] for column in ("t", "tip_x", "tip_y")}
     return comparison.tip_error(t, tip, known).max_tip_error
 
 
 def study(name: str) -> tuple[Trajectory, dict[str, Any]]:
-    """The finest run, and how much halving the mesh or doubling the step moves its tip."""
+    """Return the finest run, and the changes of its tip position for half as many elements and for twice the step."""
     elements, dt = PLANS[name]
     finest = run(name, elements, dt)
     mesh = distance(run(name, elements // 2, dt), finest)
@@ -90,7 +96,10 @@ def study(name: str) -> tuple[Trajectory, dict[str, Any]]:
 
 
 def cross_check(name: str) -> dict[str, Any]:
-    """How far others are from the kept solution: largest distance of the tip, m, and their own uncertainty, m."""
+    """Compare the stored solution with finite differences and with Exudyn: largest distance of the tip, m.
+
+    The result also contains the uncertainty of the finite-difference solution, m.
+    """
     from tests.oracle_exact import tips
 
     found: dict[str, Any] = {}
@@ -106,11 +115,11 @@ def cross_check(name: str) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the studies and write what they give."""
+    """Compute the requested scenes, print the results and write them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scene", nargs="*", choices=names(), help="scenes to run (default: all)")
     parser.add_argument("--check", action="store_true", help="print the study, write nothing")
-    parser.add_argument("--cross-check", action="store_true", help="only compare what is kept with the two others")
+    parser.add_argument("--cross-check", action="store_true", help="only compare the stored with two other solutions")
     options = parser.parse_args(arguments)
     index_path = FOLDER / "converged.json"
     index = json.loads(index_path.read_text()) if index_path.exists() else {}

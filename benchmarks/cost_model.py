@@ -27,12 +27,12 @@ from flexarm_env.physics.integrator.step import advance
 from flexarm_env.simulation import Simulation
 
 CHAINS = 12
-"""Independent chains: more than two units with four cycles of latency need."""
+"""Number of independent chains, enough for two arithmetic units with a latency of four cycles each."""
 
 
 @kernel
 def _chains(lane, x, count):
-    """`count` times: each of 12 numbers (of each lane) multiplied, then added to; 24 operations."""
+    """Multiply each of 12 numbers per lane, then add to it, `count` times: 24 operations per repetition."""
     a0, a1, a2 = load(lane, x, 0), load(lane, x, 1), load(lane, x, 2)
     a3, a4, a5 = load(lane, x, 3), load(lane, x, 4), load(lane, x, 5)
     a6, a7, a8 = load(lane, x, 6), load(lane, x, 7), load(lane, x, 8)
@@ -46,7 +46,7 @@ def _chains(lane, x, count):
 
 
 def _best(function: Callable[[], Any], repeat: int = 15) -> float:
-    """Shortest of some calls, s; the first, which may compile, is not timed."""
+    """Return the shortest time of several calls, s; the first call, which may compile, is not timed."""
     function()
     times = []
     for _ in range(repeat):
@@ -57,24 +57,27 @@ def _best(function: Callable[[], Any], repeat: int = 15) -> float:
 
 
 def arithmetic_numbers() -> np.ndarray:
-    """What `chain` works on."""
+    """Return the array of numbers that `chain` works on."""
     return np.ones(CHAINS * len(EIGHT))
 
 
 def chain(numbers: np.ndarray, count: int, lane: tuple[int, ...] = EIGHT) -> None:
-    """`count` times 24 multiplications and additions in lanes, nothing but that."""
+    """Execute 24 multiplications and additions per lane, `count` times, without loads or stores between them."""
     numbers[:] = 1.0
     _chains(lane, numbers, count)
 
 
 def ceiling(lane: tuple[int, ...]) -> float:
-    """Operations a second of one core, all lanes together."""
+    """Measure the peak rate of one core: operations per second of all lanes together."""
     x, count = np.ones(CHAINS * len(lane)), 200_000
     return 2 * CHAINS * len(lane) * count / _best(lambda: chain(x, count, lane))
 
 
 def step_time(arm_name: str, formulation: str, options: dict[str, Any], lane: tuple[int, ...]) -> float:
-    """Seconds a step of 5 ms takes an arm, one alone or one of eight in lanes, from the same states as are counted."""
+    """Measure the CPU time of a 5 ms step, s per arm: of a single arm, or of eight arms in lanes.
+
+    The steps start from the same states as those whose operations `benchmarks.operations` counts.
+    """
     simulation = thrown(arm_name, formulation, options)
     state, counters = simulation._flat[:-4], simulation._flat[-4:]
     start = np.concatenate([np.repeat(state, len(lane)), counters])
@@ -89,7 +92,7 @@ def step_time(arm_name: str, formulation: str, options: dict[str, Any], lane: tu
 
 
 def in_lanes(runs: list[Simulation], steps: int = 50) -> list[float]:
-    """CPU time of so many steps of eight arms from the middle of each scene, s; the least of 15, in turn."""
+    """Measure the CPU time, s, of `steps` steps of eight arms from the middle of each scene (minimum of 15 rounds)."""
     least = [np.inf] * len(runs)
     for run in runs:
         assert run.advance_to(0.5 * run.scene.duration)
@@ -105,7 +108,7 @@ def in_lanes(runs: list[Simulation], steps: int = 50) -> list[float]:
 
 
 def counted() -> dict[str, dict[str, float]]:
-    """Operations of all cases, from a process in which nothing is compiled."""
+    """Count the operations of all cases in a process without compilation."""
     environment = os.environ | {"FLEXARM_COMPILER": "python"}
     command = [sys.executable, "-m", "benchmarks.operations"]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
@@ -113,7 +116,7 @@ def counted() -> dict[str, dict[str, float]]:
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Table of the page."""
+    """Format the table of the page."""
     one, eight = found["ceiling"]["1"] / 1e9, found["ceiling"]["8"] / 1e9
     rows = []
     for r in found["rows"]:
@@ -124,12 +127,14 @@ def blocks(found: pages.Found) -> pages.Blocks:
         single = f"{scalar:.2f}", f"{r['single_us']:.2f}", f"{r['single_us'] / scalar:.1f}"
         rows.append([r["case"], f"{r['iterations']:.1f}", counts, *single, *wide, f"{r['state_bytes']:.0f}"])
     heads = "case | iterations | operations (of them divisions) | ceiling, us | one arm, us | ratio | "
-    ceilings = f"Ceiling: {one:.2f} billion operations a second for one arm, {eight:.1f} billion in eight lanes."
+    ceilings = (
+        f"The ceiling is {one:.2f} billion operations per second for one arm, {eight:.1f} billion in eight lanes."
+    )
     return {"steps": [ceilings, "", *table(heads + "ceiling in lanes, us | an arm in lanes, us | ratio | bytes", rows)]}
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """Count and measure."""
+    """Count the operations and measure the times of all cases."""
     counts, rows = counted(), []
     for name, case in CASES.items():
         laneless = case[1] == "floating_frame"

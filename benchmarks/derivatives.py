@@ -2,11 +2,11 @@
 
     python -m benchmarks.derivatives [--arms 256] [--only WORDS ...] [--page] [--out FOLDER]
 
-The numbers are processor times on one thread, in microseconds per arm and control period. They are minima over many
-rounds in which the compared computations alternate. The computations are a rollout of 10 periods, the gradient of its
-rewards (in addition to the rollout), the Jacobians of a period, and linear models where these are compiled. Each kind
-of arm is measured in its own process. --only: kinds whose names contain one of the words; the others keep their rows in
-the folder.
+The numbers are processor times on one thread, in microseconds per arm and control period. The numbers are minima over
+many rounds in which the compared computations alternate. The computations are a rollout of 10 periods, the gradient of
+its rewards (in addition to the rollout), the Jacobians of a period, and linear models where these are compiled. Each
+kind of arm is measured in its own process. --only: kinds whose names contain one of the words; the others keep their
+rows in the folder.
 """
 
 import argparse
@@ -30,7 +30,7 @@ from flexarm_env.derivatives import Arms
 
 PERIODS, SECONDS = 10, 4.0
 MOST = 4.0
-"""Rollouts that a gradient may cost."""
+"""Largest allowed cost of a gradient, in costs of a rollout."""
 
 
 KINDS: dict[str, Callable[[int], dict[str, Any]]] = {
@@ -43,7 +43,7 @@ KINDS: dict[str, Callable[[int], dict[str, Any]]] = {
     "floating frame": lambda links: {"formulation": "floating_frame"},
     "floating frame, modes": lambda links: {"formulation": "floating_frame", "modes": 2, "segments": 1},
 }
-"""Keywords of the environments, by the number of links."""
+"""Functions that return an environment's keywords from its number of links."""
 
 GEAR = geared(2, friction_coulomb=0.0).joints[0]
 IDS = {1: "FlexibleArm-v0", 2: "TwoLinkFlexArm-v0", 3: "SpatialFlexArm-v0"}
@@ -54,11 +54,11 @@ SPACE: dict[str, Callable[[int], dict[str, Any]]] = {
     "in space, gears": lambda links: {"arm": dataclasses.replace(arms_by_name.named("three_dof"), joints=(GEAR,) * 3)},
 }
 CASES = [*itertools.product(KINDS, (1, 2)), *itertools.product(SPACE, (3,))]
-"""Kinds and numbers of links that are measured."""
+"""Kinds of arms with the numbers of links that are measured."""
 
 
 def least(calls: dict[str, Callable[[], Any]]) -> dict[str, float]:
-    """The least processor time of each call, s, in turns."""
+    """Return the smallest processor time of each call, s; the calls alternate."""
     found, began = dict.fromkeys(calls, np.inf), time.process_time()
     for _ in range(100):
         for name, call in calls.items():
@@ -71,7 +71,7 @@ def least(calls: dict[str, Callable[[], Any]]) -> dict[str, float]:
 
 
 def measure(kind: str, links: int, n: int) -> dict[str, Any]:
-    """A row of the table."""
+    """Measure one kind of arm: µs per arm and control period of rollout, gradient, Jacobians and linear model."""
     keywords = {**KINDS, **SPACE}[kind](links)
     arms, rng = Arms(IDS[links], n, threads=1, **keywords), np.random.default_rng(0)
     state = arms.reset(seed=0)
@@ -97,7 +97,7 @@ def measure(kind: str, links: int, n: int) -> dict[str, Any]:
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Table of the page."""
+    """Format the table of the page."""
     rows = [
         (row["kind"], row["links"], row["moving"], f"{row['rollout']:.2g}", f"{row['vjp']:.3g}",
          f"{row['vjp'] / row['rollout']:.1f}", "yes" if row["backwards"] else "no", f"{row['jacobians']:.3g}",
@@ -109,7 +109,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 
 def measured(given: argparse.Namespace) -> pages.Found:
-    """Every kind that is wanted, each in a process of its own; the others as they are in the record."""
+    """Measure the requested kinds, each in its own process; other kinds keep their recorded rows."""
     kept, rows = [] if given.only == [""] else pages.kept(given.out, "derivatives").get("rows", []), []
     for kind, links in CASES:
         if not any(word in kind for word in given.only):
@@ -128,13 +128,13 @@ def measured(given: argparse.Namespace) -> pages.Found:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measure and write; 1 where something that was to be shown does not hold."""
+    """Measure, and write the page; the exit code is 1 if a gradient costs more than `MOST` rollouts."""
     words = sys.argv[1:] if arguments is None else arguments
     if "--one" in words:  # a row, as JSON, from a process of its own
         kind, links = words[words.index("--one") + 1 :]
         print(json.dumps(measure(kind, int(links), int(words[words.index("--arms") + 1]))))
         return 0
-    flags = {"only": {"nargs": "+", "default": [""], "help": "words of the kinds' names"}}
+    flags = {"only": {"nargs": "+", "default": [""], "help": "only kinds whose names contain one of the words"}}
     return pages.run("derivatives", __doc__, measured, blocks, words, more=flags, arms=256)
 
 

@@ -46,32 +46,33 @@ ARMS: dict[str, tuple[str, dict[str, Any]]] = {
     "the same, gears and dry friction": ("SpatialFlexArm-v0", GEARED_IN_SPACE),
 }
 UNITS = ("one link, elastica", "one link, gear and dry friction", "three joints in space, exact beam")
-"""Of these also as mock-up units."""
+"""Names of the arms that are also exported as FMUs."""
 COMPARED = 10_000
-"""Periods in which numbers are compared."""
+"""Number of control periods whose results are compared."""
 SHARE = 0.2
-"""Of the torques."""
+"""Amplitude of the actions, as a share of the torque limits."""
 PERIOD, SECONDS, MANY = 0.00125, 0.8, (1, 2, 4, 8, 16)
-"""Of the arm with its controller: control period and time, s; periods in a communication step."""
+"""Of the arm with its controller: control period, s, duration, s, and numbers of periods per communication step."""
 
 KEY = b"a key that both ends know"
 TIMING = Path(__file__).with_suffix(".c").read_text("utf-8")
 
 
 def made(name: str) -> Any:
-    """An arm of `ARMS`."""
+    """Make the environment of an arm of `ARMS`."""
     env_id, kwargs = ARMS[name]
     return gym.make(env_id, info_level="full", duration=1e6, disable_env_checker=True, **kwargs)
 
 
 def asked(env: Any, k: int) -> Array:
-    """Actions of period k, as float32 has them."""
+    """Return the actions of period k, rounded to float32."""
     joints = np.arange(env.action_space.shape[0])
     return (SHARE * np.sin(2.0 * k * env.unwrapped.dt + joints)).astype(np.float32).astype(np.float64)
 
 
 def same_bits(env: Any, built: Built) -> tuple[int, int]:
-    """All that a library tells of an arm in each period: how many numbers, and how many are not Python's."""
+    """Compare all outputs of a library with Python in each period; return the numbers of compared and different
+    outputs."""
     arm, plain, batch, compared, different = Arm(built), env.unwrapped, env.unwrapped.batch, 0, 0
     env.reset(seed=1)
     arm.seeded(1)
@@ -89,7 +90,7 @@ def same_bits(env: Any, built: Built) -> tuple[int, int]:
 
 
 def timed(folder: Path, periods: int) -> list[Found]:
-    """Steps of a library in C, as an ordinary process and before all others."""
+    """Time the steps of a library in C, as an ordinary process and with first-in-first-out real-time priority."""
     (folder / "timing.c").write_text(TIMING)
     command = ["cc", "-O2", "timing.c", "-o", "timing", "-I.", "-L.", "-larm", "-Wl,-rpath,.", "-lm"]
     subprocess.run(command, cwd=folder, check=True)
@@ -101,7 +102,7 @@ def timed(folder: Path, periods: int) -> list[Found]:
 
 
 def unit(env: Any, form: str, folder: Path, periods: int = COMPARED) -> Found:
-    """A unit validated and simulated by FMPy, beside Python."""
+    """Validate an FMU with FMPy, simulate it, and compare its outputs with Python."""
     from fmpy import simulate_fmu
     from fmpy.validation import validate_fmu
 
@@ -144,7 +145,7 @@ def unit(env: Any, form: str, folder: Path, periods: int = COMPARED) -> Found:
 
 
 class Slave:
-    """A unit of FMI 3.0, stepped by FMPy."""
+    """FMU of version 3.0 that FMPy steps."""
 
     def __init__(self, path: Path, folder: Path) -> None:
         from fmpy import extract, read_model_description
@@ -173,7 +174,10 @@ class Slave:
 
 
 def coupled(folder: Path) -> Found:
-    """An arm and its controller, two units, over communication steps of several lengths; and the loop in Python."""
+    """Couple the FMUs of an arm and of its controller with communication steps of several lengths; compare with Python.
+
+    Each result is the largest difference of the hub angle from Python's, rad.
+    """
     env = gym.make("FlexibleArm-v0", control_dt=PERIOD, dt=PERIOD, duration=1e6, disable_env_checker=True)
     own = control.make("pd", env)
     write_fmu(env, folder / "arm.fmu", "arm")
@@ -209,7 +213,10 @@ def coupled(folder: Path) -> Found:
 
 
 def met(session: Session, peer: tuple[str, int], hello: int = 5) -> Packet:
-    """The WELCOME that a peer is given: it says HELLO, and again with the cookie of the CHALLENGE that comes."""
+    """Perform the handshake of a peer with a served arm, and return the WELCOME packet.
+
+    The peer sends HELLO, and a second HELLO with the cookie of the received CHALLENGE.
+    """
     found = Packet(Kind.CHALLENGE, hello, 0, 0.0, (0.0, 0.0))
     for kind in (Kind.CHALLENGE, Kind.WELCOME):
         content = session.receive(pack(Packet(Kind.HELLO, hello, 0, 0.0, found.numbers), session.key), peer)
@@ -220,8 +227,11 @@ def met(session: Session, peer: tuple[str, int], hello: int = 5) -> Packet:
 
 
 def packets(count: int, key: bytes | None = KEY) -> Found:
-    """What a served arm makes of packets that are sound, cut, grown, turned over (where they are signed), replayed,
-    foreign, of another version or peer, lost; it never gets a torque that its peer has not asked for."""
+    """Send random valid and invalid packets to a served arm; return how many of each kind were sent and counted.
+
+    Invalid packets are truncated, extended, corrupted, replayed, from another connection or version, or noise. The
+    function asserts that the arm never applies a torque other than its peer's.
+    """
     env = gym.make("FlexibleArm-v0", control_dt=0.01, duration=1e6, disable_env_checker=True)
     peer, rng = ("127.0.0.1", 1), np.random.default_rng(1)
     session = Session(env, Limits(watchdog=10**6), key, seed=0)
@@ -269,13 +279,13 @@ def packets(count: int, key: bytes | None = KEY) -> Found:
 
 
 def _of_version(version: int, content: bytes, key: bytes | None) -> bytes:
-    """A packet with another version in its head, signed as such."""
+    """Return a packet with another version number in its header and a valid signature."""
     body = content[:4] + version.to_bytes(2, "little") + content[6 : len(content) - (0 if key is None else DIGEST)]
     return body if key is None else body + hmac.new(key, body, "sha256").digest()
 
 
 def measure(options: argparse.Namespace) -> Found:
-    """All of it."""
+    """Measure all tables of the page."""
     found: Found = {"arms": [], "units": []}
     for name in ARMS:
         env = made(name)
@@ -312,7 +322,7 @@ def measure(options: argparse.Namespace) -> Found:
 
 
 def blocks(found: Found) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the tables of the page."""
     steps, bits = [], []
     for one in found["arms"]:
         bits.append((one["arm"], f"{COMPARED:,}", f"{one['compared']:,}", one["different"]))

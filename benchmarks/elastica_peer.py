@@ -1,11 +1,11 @@
 """Compare with PyElastica: the one-link validation scenes on its Cosserat rods in a plane (extra: bench).
 
-PyElastica's rod has positions at nodes and directors at elements. Its step is explicit position Verlet and is limited
-by the fastest wave. Stiffness, mass and rotary inertia equal those of the package. Its stiffnesses change with stretch,
-while the package's do not; the difference is of the order of the stretch. Forces on the root act on its first node, and
-torques on its first element. Directors are in the middle of elements. Where the root's angle is prescribed, the rod
-therefore begins half an element before the root, so that the middle of its first element is at the root. Its two-link
-systems are joined by penalty springs and are omitted.
+PyElastica's rod has positions at nodes and directors at elements. PyElastica's step is explicit position Verlet and is
+limited by the fastest wave. Stiffness, mass and rotary inertia equal those of the package. PyElastica's stiffnesses
+change with stretch, while the package's do not; the difference is of the order of the stretch. Forces on the root act
+on its first node, and torques on its first element. Directors are in the middle of elements. Where the root's angle is
+prescribed, the rod therefore begins half an element before the root, so that the middle of its first element is at the
+root. Two-link systems are omitted, because PyElastica joins links by penalty springs.
 """
 
 import math
@@ -24,7 +24,7 @@ SCENES = (
 
 
 def longest_step(section: Section, dx: float) -> float:
-    """Largest stable step, s, by the highest frequency of a chain of elements: 2 / omega.
+    """Return the largest stable step, s: 2 / omega for the highest frequency omega of a chain of elements of length dx.
 
     Stretch: 2 sqrt(EA/m) / dx. Shear with rotation: omega^2 is at most 4 (C/m + EI/J) / dx^2 + C/J.
     """
@@ -34,19 +34,19 @@ def longest_step(section: Section, dx: float) -> float:
 
 
 def element(scene: Scene, elements: int) -> float:
-    """Length of an element, m: that before a root whose angle is prescribed counts half."""
+    """Return the length of an element, m; a rod with a prescribed root angle begins half an element before the root."""
     return scene.arm.links[0].length / (elements - (0.5 if scene.motion_of("joint0") else 0.0))
 
 
 def steps_of(name: str, elements: int, share: float) -> int:
-    """Steps of a run at this share of the longest step."""
+    """Return the number of steps of a run whose step is the given share of the longest stable step."""
     scene = named(name)
     dt = share * longest_step(scene.arm.links[0].section, element(scene, elements))
     return math.ceil(scene.sample / dt) * round(scene.duration / scene.sample)
 
 
 def _rod(scene: Scene, elements: int) -> Any:
-    """The rod with our section: bending in the plane is about its first director, the plane's normal."""
+    """Make a PyElastica rod with the link's section; the first director is the normal of the plane."""
     import elastica
 
     link, angle = scene.arm.links[0], scene.angles[0]
@@ -70,7 +70,10 @@ def _rod(scene: Scene, elements: int) -> Any:
 
 
 def _simulator(scene: Scene, rod: Any, before: float) -> Any:
-    """The rod with the scene's support, motion and loads, ready to run; before: that its first node is the root, m."""
+    """Return a simulator of the rod with the scene's support, motion and loads.
+
+    before: distance, m, of the first node before the root if the root's angle is prescribed.
+    """
     import elastica
 
     class Simulator(elastica.BaseSystemCollection, elastica.Constraints, elastica.Forcing):
@@ -128,9 +131,9 @@ def _simulator(scene: Scene, rod: Any, before: float) -> Any:
 
 
 def run(name: str, elements: int, share: float = 0.5, time_limit: float = 60.0) -> dict[str, Any]:
-    """One scene: tip positions at its sampling instants (m), CPU seconds, and whether it finished in time.
+    """Run one scene; return tip positions at the sampling instants, m, CPU seconds, and whether the run finished.
 
-    share: of the longest stable step. time_limit: s by the clock, compilation left out.
+    share: step over the longest stable step. time_limit: longest wall time, s, without compilation.
     """
     import elastica
 
@@ -161,7 +164,7 @@ _compiled: set[bool] = set()
 
 
 def _compile(scene: Scene) -> None:
-    """One step of a rod that is thrown away."""
+    """Compile PyElastica's functions by one step of a discarded rod."""
     import elastica
 
     if not _compiled:

@@ -37,7 +37,7 @@ Case = dict[str, Any]
 
 COUNT = 660
 TRUST, LEAST = 1.5, 1e-5
-"""An error above TRUST times the estimate, and above LEAST of the length, is understated."""
+"""Bounds of an underestimated error: above TRUST times the estimate, and above LEAST times the arm's length."""
 TIME_LIMIT = 20.0
 METHODS: dict[str, tuple[str, tuple[dict[str, Any], ...]]] = {
     "floating frame": ("floating_frame", tuple({"segments": n} for n in (2, 3, 5, 8))),
@@ -48,7 +48,7 @@ METHODS: dict[str, tuple[str, tuple[dict[str, Any], ...]]] = {
 
 
 def cases() -> list[Case]:
-    """Drawn alike each time."""
+    """Draw the random cases; every call draws the same cases."""
     rng = np.random.default_rng(20261129)
     found = []
     for k in range(COUNT):
@@ -70,7 +70,7 @@ def cases() -> list[Case]:
 
 
 def scene_of(case: Case) -> Scene:
-    """Links of 1 m in all and of 1 kg, whose EI bends them by about `torque` of their length."""
+    """Return the scene of a case: flexible links of 1 m and 1 kg in total, under loads proportional to `torque`."""
     n, L = case["links"], 1.0 / case["links"]
     EI = 4.0 * case["stiff"]
     C = EI / (case["q"] * L**2)
@@ -105,7 +105,7 @@ def scene_of(case: Case) -> Scene:
 
 
 def measure(case: Case) -> dict[str, Any]:
-    """One case: status, estimate and its parts, error, and what is known of the reference."""
+    """Run a case; return its status, the error estimate and its parts, the true error and the reference's accuracy."""
     clock = time.process_time()
     try:
         row = _measure(case)
@@ -133,7 +133,7 @@ def _measure(case: Case) -> dict[str, Any]:
 
 
 def _error(case: Case, run: Any, bound: float) -> dict[str, Any]:
-    """The error, and how far the reference may be off; finer references where these leave it open what is larger."""
+    """Return the true error and the reference's own error; refine the reference while the verdict is uncertain."""
     elements, dt = math.ceil(24 / case["links"]), min(1e-3, run.scene.dt / 4.0)
     coarse = reference(run.scene, math.ceil(elements / 1.5), 1.5 * dt)
     error = spread = math.inf
@@ -149,7 +149,7 @@ def _error(case: Case, run: Any, bound: float) -> dict[str, Any]:
 
 
 def reference(scene: Scene, elements: int, dt: float) -> Any:
-    """The exact beam's run."""
+    """Simulate the scene with the exact beam."""
     sample = float(scene.sample or scene.duration)
     whole = sample / math.ceil(sample / dt)
     return simulate(
@@ -159,14 +159,17 @@ def reference(scene: Scene, elements: int, dt: float) -> Any:
 
 
 def apart(one: Any, other: Any) -> float:
-    """How far two runs are apart at most, over the length: tips, or a fifth of the angle between their axes."""
+    """Return the largest difference of two runs, over the arm's length.
+
+    The difference is the distance of the tips or a fifth of the angle between their axes, whichever is larger.
+    """
     place, turn = stability.apart(one, other)
     return max(place / float(one.scene.arm.total_length), stability.TURN * turn)
 
 
 # -------------------------------------------------------------------- report
 def outcome(row: dict[str, Any]) -> str:
-    """How a case ended."""
+    """Classify a case by its status, estimate and error."""
     if row["status"] not in ("ok", "inaccurate"):
         return "refused" if row["status"] == "refused" else "failed"
     if row["status"] == "inaccurate":
@@ -180,7 +183,7 @@ OUTCOMES = ("ok", "inaccurate", "failed", "refused", "not judged", "understated"
 
 
 def measured(options: argparse.Namespace) -> pages.Found:
-    """Run all."""
+    """Run all cases and count their outcomes."""
     chosen = cases()
     if options.limit:
         chosen = chosen[:: max(1, len(chosen) // options.limit)]
@@ -203,15 +206,16 @@ def measured(options: argparse.Namespace) -> pages.Found:
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the tables of the page."""
     ratios = ", ".join(f"{k}: {v:g}" for k, v in found["estimate_over_error"].items())
     counted = [[key, *(counts.get(name, 0) for name in OUTCOMES)] for key, counts in found["outcomes"].items()]
     return {"estimates in space": [
         *table(" | ".join(["", *OUTCOMES]), counted), "",
-        f"{found['cases']} scenes, {found['case_seconds']:.0f} s. Percentiles of estimate over true error, for runs "
-        f"with an error above 1e-5 of the length: {ratios}. {found['needlessly_inaccurate']} runs were `inaccurate` "
-        f"although they were within 1 % of the length; {found['negative_dissipation']} dissipated a negative energy "
-        "between two samples.",
+        f"The {found['cases']} scenes took {found['case_seconds']:.0f} s. In runs with an error above 1e-5 of the "
+        "length, "
+        f"the estimate divided by the true error has these percentiles: {ratios}. {found['needlessly_inaccurate']} "
+        f"runs were `inaccurate` although their tip was within 1 % of the length; {found['negative_dissipation']} runs "
+        "dissipated a negative energy between two samples.",
     ]}  # fmt: skip
 
 

@@ -25,7 +25,7 @@ DURATION, SAMPLE = 1.0, 0.01
 
 
 def scene() -> Scene:
-    """The scene: motors turn the joints' springs by cycloids."""
+    """Return the scene: motors with cycloidal motions drive the arm through springs in the joints."""
     links = tuple(
         Link.tapered(length, *sides, **MATERIAL, root_offset=ends[0], tip_offset=ends[1])
         for length, sides, ends in zip(LENGTHS, SIDES, ENDS, strict=True)
@@ -37,13 +37,13 @@ def scene() -> Scene:
 
 
 def ours(elements: int = 10, dt: float = 5e-4) -> Trajectory:
-    """The exact beam's run."""
+    """Simulate the scene with the exact beam."""
     options: dict[str, Any] = {"elements": elements, "order": 2, "dt": dt, "rho_inf": 0.9}
     return simulate(scene(), "geometrically_exact", estimate_error=False, **options)
 
 
 def peer(elements: int, dt: float) -> np.ndarray:
-    """Exudyn's run: tip positions (n, 2) at the samples, m."""
+    """Simulate the scene with Exudyn; return tip positions (n, 2) at the samples, m."""
     import exudyn as exu
     from exudyn import itemInterface
 
@@ -84,11 +84,11 @@ def peer(elements: int, dt: float) -> np.ndarray:
 
 OURS = ((10, 5e-4), (10, 2.5e-4))
 PEERS = ((16, 5e-4), (16, 2.5e-4), (24, 2.5e-4))
-"""Elements a link and steps, s."""
+"""Elements per link and steps, s, of Exudyn's runs; OURS has those of the exact beam."""
 
 
 def compared(mine: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> str:
-    """Lines of what is how far apart, as shares of the arm's length."""
+    """Return lines with the distances between the programs' tips, over the arm's length."""
     length = sum(LENGTHS) + sum(map(sum, ENDS))
     own, finest = mine[_name(*OURS[-1])], other[_name(*PEERS[-1])]
     middle = other[_name(*PEERS[1])]
@@ -111,7 +111,7 @@ def _name(elements: int, dt: float) -> str:
 
 
 def main() -> None:
-    """See the module."""
+    """Run both programs and print the distances."""
     mine = {_name(*case): ours(*case).tip[:, :2] for case in OURS}
     print(compared(mine, {_name(*case): peer(*case) for case in PEERS}))
 

@@ -3,11 +3,11 @@
 The scenes need the extra `bench`; the strip is that of `FlexibleArm-v0`.
 
 In `run`, loads are switched off between two calls of the solver, so that no Python function runs inside the solver. A
-prescribed hub angle requires a function of time. Exudyn calls it from Python at least once per step, and its time
-includes these calls. `stepper` keeps the solver between control periods, writes no files, and has the fastest settings
-for a small system: dense matrices, modified Newton, linear elements, and the module without range checks. Its loop only
-sets the torque, solves the period, and reads tip and hub. It has no observation, reward or wrapper, which the package's
-environment has: the comparison favors Exudyn.
+prescribed hub angle requires a function of time, which Exudyn calls in Python at least once per step; Exudyn's time
+includes these calls. `stepper` reuses one solver object for all control periods, writes no files, and has the fastest
+settings for a small system: dense matrices, modified Newton, linear elements, and the module without range checks. The
+loop of `stepper` only sets the torque, solves the period, and reads tip and hub. The loop has no observation, reward or
+wrapper, which the package's environment has: the comparison favors Exudyn.
 """
 
 import itertools
@@ -30,8 +30,10 @@ def beam(
     mbs: Any, link: Link, elements: int, order: int, start: tuple[float, float] = (0.0, 0.0), angle: float = 0.0,
     tau_d: float = 0.0,
 ) -> list[Any]:  # fmt: skip
-    """The nodes of a straight link; order: 1 or 2, nodes of an element less one. An element is of one section, that of
-    its middle."""
+    """Add a straight link to an Exudyn system and return its nodes.
+
+    order: polynomial order of the elements, 1 or 2. Each element has the section at its middle.
+    """
     from exudyn import itemInterface
 
     along = np.array([np.cos(angle), np.sin(angle)])
@@ -57,7 +59,7 @@ def _marker(mbs: Any, node: Any, coordinate: int = 0) -> Any:
 
 
 def _held(mbs: Any, node: Any, coordinates: tuple[int, ...], **function: Any) -> None:
-    """Hold coordinates of a node where they are; function: an offset over time."""
+    """Fix coordinates of a node. function: keywords of a prescribed offset over time."""
     from exudyn import itemInterface
 
     ground = _marker(mbs, mbs.AddNode(itemInterface.NodePointGround()))
@@ -67,7 +69,7 @@ def _held(mbs: Any, node: Any, coordinates: tuple[int, ...], **function: Any) ->
 
 
 def settings_of(rho_inf: float, dense: bool) -> Any:
-    """Generalized-alpha, modified Newton, nothing written."""
+    """Return Exudyn settings: generalized-α, modified Newton, no output files."""
     import exudyn as exu
 
     settings: Any = exu.SimulationSettings()
@@ -80,7 +82,7 @@ def settings_of(rho_inf: float, dense: bool) -> Any:
 
 
 def sensor_of(mbs: Any, node: Any) -> Any:
-    """What keeps the places of a node."""
+    """Add a sensor that stores the positions of a node."""
     import exudyn as exu
     from exudyn import itemInterface
 
@@ -89,7 +91,8 @@ def sensor_of(mbs: Any, node: Any) -> Any:
 
 
 def run(name: str, elements: int, dt: float, *, rho_inf: float = 1.0) -> dict[str, Any]:
-    """One scene: tip positions at its sampling instants (m), CPU seconds of the solver, and whether it finished."""
+    """Run one scene; return tip positions at the sampling instants, m, the solver's CPU seconds, and whether it
+    finished."""
     import exudyn as exu
     from exudyn import itemInterface
 
@@ -136,7 +139,7 @@ def run(name: str, elements: int, dt: float, *, rho_inf: float = 1.0) -> dict[st
 
 
 def stepper(elements: int, n_steps: int, period: float = 0.02) -> Callable[[int], int]:
-    """A function of a count that makes so many control periods under random torque and returns that count."""
+    """Return a function that steps the strip by `count` control periods under random torques and returns `count`."""
     sys.exudynFast = True  # its module without range checks
     import exudyn as exu
     from exudyn import itemInterface

@@ -37,7 +37,7 @@ def _scene(name: str, arm: fx.Arm, duration: float, **more: Any) -> fx.Scene:
 
 
 def scenes() -> dict[str, fx.Scene]:
-    """One clamped link; a chain with oblique hinges; a right angle in free flight."""
+    """Return the compared scenes: a clamped link, a chain with oblique hinges, and a right angle in free flight."""
     one, two = (fx.Link(1.0, STRIP),), (fx.Link(0.6, STRIP), fx.Link(0.5, STRIP))
     tensor = ((2e-3, 2e-4, 0.0), (2e-4, 3e-3, 0.0), (0.0, 0.0, 2.5e-3))
     body = fx.Payload(0.15, tensor, (0.03, 0.05, -0.04))
@@ -56,20 +56,20 @@ def scenes() -> dict[str, fx.Scene]:
 
 
 def ours(scene: fx.Scene, elements: int, dt: float) -> tuple[Array, float, bool]:
-    """Tips (n, 3) m, CPU seconds, whether it came to its end."""
+    """Run a scene with the package; return tip positions (n, 3), m, CPU seconds, and whether the run finished."""
     runs = [fx.simulate(scene, elements=elements, dt=dt, rho_inf=0.9, estimate_error=False) for _ in range(2)]
     return runs[0].tip, min(run.cpu_seconds for run in runs), runs[0].finished
 
 
 def _inertia(value: Any, mass: float, c: Array) -> list[float]:
-    """Exudyn's six numbers, about the node."""
+    """Return Exudyn's six components of an inertia tensor about the node."""
     I = np.array(value) if isinstance(value, tuple) else value * np.eye(3)
     I = I + mass * (c @ c * np.eye(3) - np.outer(c, c))
     return [I[0, 0], I[1, 1], I[2, 2], I[1, 2], I[0, 2], I[0, 1]]
 
 
 def peer(scene: fx.Scene, elements: int, dt: float) -> tuple[Array, float, bool]:
-    """The same of Exudyn, the whole of one run."""
+    """Run a scene with Exudyn; return tip positions (n, 3), m, CPU seconds, and whether the run finished."""
     import exudyn as exu
     from exudyn import itemInterface
 
@@ -151,7 +151,7 @@ def peer(scene: fx.Scene, elements: int, dt: float) -> tuple[Array, float, bool]
 
 
 def _force(mbs: Any, item: Any, marker: Any, functions: list[Any], turning: bool) -> None:
-    """A force or torque of three functions of time (or None)."""
+    """Add a force or torque whose components are functions of time, or None."""
 
     def at(mbs: Any, t: float, load: Any) -> list[float]:
         return [0.0 if f is None else float(f(t)) for f in functions]
@@ -161,13 +161,13 @@ def _force(mbs: Any, item: Any, marker: Any, functions: list[Any], turning: bool
 
 
 CHECKED = ((16, 1e-3), (32, 5e-4))
-"""Elements a link and steps (s) that are extrapolated: both are of second order in both."""
+"""Elements per link and steps (s) of two runs whose results are extrapolated to second order in mesh and step."""
 MESHES = (4, 8, 16, 32)
 STEPS = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
 
 
 def measure(_: argparse.Namespace) -> dict[str, Any]:
-    """Both at once, and work against error."""
+    """Compare converged results of both programs, and measure run time against error."""
     rows: list[dict[str, Any]] = []
     checks = []
     for name, scene in scenes().items():
@@ -202,7 +202,7 @@ def measure(_: argparse.Namespace) -> dict[str, Any]:
 
 
 def front(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Those that none is better than in both."""
+    """Return the Pareto front of error and CPU time; each further row has at most 0.7 times the previous error."""
     best: list[dict[str, Any]] = []
     for row in sorted((row for row in rows if row["error"] == row["error"]), key=lambda row: row["cpu"]):
         if not best or row["error"] < 0.7 * best[-1]["error"]:
@@ -211,7 +211,7 @@ def front(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def blocks(found: dict[str, Any]) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the tables of the page."""
     lines = []
     for name in dict.fromkeys(row["scene"] for row in found["rows"]):
         for who in ("ours", "Exudyn"):

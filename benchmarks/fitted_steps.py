@@ -1,10 +1,10 @@
-"""Compare adaptive steps (fitted to a tolerance) with fixed ones: the error of a control period, and the cost.
+"""Compare adaptive steps (fitted to a tolerance) with fixed steps: the error of a control period, and the cost.
 
     python -m benchmarks.fitted_steps [--periods 400] [--page] [--out FOLDER]
 
-`FlexibleArm-v0` moves in four ways. The error of a period is the distance of its final tip position from the one with
-256 times shorter steps, from the same state and on the same mesh. The number of steps includes the steps taken for
-comparison. The CPU time is that of the compiled control period of one arm, the smallest of five rounds.
+`FlexibleArm-v0` moves in four ways. The error of a period is the distance of its final tip position from the tip
+position with 256 times shorter steps, from the same state and on the same mesh. The number of steps includes the steps
+taken for comparison. The CPU time is that of the compiled control period of one arm, the smallest of five rounds.
 """
 
 import argparse
@@ -29,7 +29,7 @@ from flexarm_env.validation import Array
 PERIOD = 0.02
 FINE = 256
 MOTIONS = ("calm", "random", "bang-bang, 3 times the limit", "light payload", "calm, then bang-bang")
-"""What they are says the page."""
+"""Names of the motions, which the page describes."""
 WAYS: dict[str, tuple[dict[str, Any], ...]] = {
     "elastica": (
         {"dt": 0.02}, {}, {"dt": 0.0025}, {"dt": 0.000625},
@@ -43,7 +43,7 @@ WAYS: dict[str, tuple[dict[str, Any], ...]] = {
 
 
 def actions_of(motion: str, count: int) -> Array:
-    """Torque over its limit in each period."""
+    """Return the torque of each period, divided by its limit."""
     rng = np.random.default_rng(5)
     signs = np.cumprod(np.where(rng.random(count) < 0.2, -1.0, 1.0))
     calm = 0.02 * rng.uniform(-1.0, 1.0, count)
@@ -57,7 +57,7 @@ def actions_of(motion: str, count: int) -> Array:
 
 
 def environment(motion: str, formulation: str, **options: Any) -> Any:
-    """The environment of a motion, unwrapped and started."""
+    """Make and reset the environment of a motion."""
     arm = arms.resolve("strip")
     if "bang-bang" in motion:
         assert arm.torque_limits is not None
@@ -71,7 +71,7 @@ def environment(motion: str, formulation: str, **options: Any) -> Any:
 
 
 def run(motion: str, formulation: str, options: dict[str, Any], periods: int, rounds: int = 5) -> dict[str, Any]:
-    """Errors that periods add (fractions of L), steps and CPU time of a period."""
+    """Run a motion; return the errors that each period adds (over L), and steps and CPU time per period."""
     env = environment(motion, formulation, **options)
     batch: Batch = env.batch
     actions, state = actions_of(motion, periods), env.get_state()
@@ -107,7 +107,7 @@ def run(motion: str, formulation: str, options: dict[str, Any], periods: int, ro
 
 
 def saved(rows: list[dict[str, Any]], tolerance: float = 1e-4) -> list[str]:
-    """What a tolerance costs, beside the longest of the fixed steps that adds no more in any of the motions."""
+    """Compare the CPU time at a tolerance with that of the longest fixed step that meets it in all motions."""
     lines = []
     for formulation in WAYS:
         mine = [row for row in rows if row["formulation"] == formulation]
@@ -126,14 +126,15 @@ def saved(rows: list[dict[str, Any]], tolerance: float = 1e-4) -> list[str]:
             or ("step_tolerance" not in row["options"] and row["options"].get("dt") == max(enough))
         }
         pairs = [f"{cpu[motion, True]:.2g} against {cpu[motion, False]:.2g} in {motion!r}" for motion in MOTIONS]
-        lines.append(f"- `{formulation}`, at most {100 * tolerance:g} % of the length a period: fixed steps must be "
-                     f"{1e3 * max(enough):.3g} ms in all motions. CPU µs a period, fitted against fixed: "
-                     f"{', '.join(pairs)}.")  # fmt: skip
+        lines.append(f"- With `{formulation}` and an error of at most {100 * tolerance:g} % of the length per "
+                     "control period, "
+                     f"fixed steps must be {1e3 * max(enough):.3g} ms in all motions. The CPU times per control "
+                     f"period, in µs, of fitted against fixed steps are {', '.join(pairs)}.")  # fmt: skip
     return lines
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Tables of the page, a motion each."""
+    """Format the tables of the page, one per motion."""
     lines = {"summary": saved(found["rows"])}
     for motion in MOTIONS:
         rows = []
@@ -151,7 +152,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """Run all."""
+    """Run all motions under all settings."""
     rows = []
     for motion, (formulation, ways) in itertools.product(MOTIONS, WAYS.items()):
         for way in ways:

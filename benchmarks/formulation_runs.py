@@ -27,32 +27,33 @@ ARMS = {
     "two strips": Arm("two strips", (Link(1.0, STRIP),) * 2, hub_inertia=0.05, elbows=(ELBOW,), payload=Payload(0.2)),
     "soft link": Arm("soft link", (Link(1.0, SOFT),), hub_inertia=0.05, payload=Payload(0.1)),
 }
-"""Slender, undamped arms of 1 m links: an aluminium strip of 5 mm, two of them, and a softer, heavier link."""
+"""Slender, undamped arms of 1 m links: an aluminium strip 5 mm thick, two such strips, and a softer, heavier link."""
 EXACT: dict[str, Any] = {"elements": 6, "order": 3, "rho_inf": 0.9}
-"""The mesh that slender arms are compared with."""
+"""Mesh of the exact beam with which slender arms are compared."""
 
 
 def simulate(scene: Scene, formulation: str, **options: Any) -> Trajectory:
-    """A run without the companions that would estimate its error: here it is measured."""
+    """Simulate a scene without the error estimate, since the benchmarks measure the error."""
     run = flexarm_env.simulate(scene, formulation, estimate_error=False, error_limit=1.0, **options)
     assert run.status in ("ok", "out_of_range"), run.message
     return run
 
 
 def slope(x: list[float], errors: list[float]) -> float:
-    """Order of convergence: slope in logarithms, by least squares."""
+    """Return the order of convergence: the slope of log(error) over log(x) by least squares."""
     return float(np.polyfit(np.log(x), np.log(errors), 1)[0])
 
 
 def apart(a: Trajectory, b: Trajectory) -> Array:
-    """Distance of the tips at the instants both have, as a share of the arm's length, (n,)."""
+    """Return the distance (n,) of two runs' tips at their common instants, as a share of the arm's length."""
     n = min(a.t.size, b.t.size)
     return np.asarray(np.hypot(*(a.tip[:n, :2] - b.tip[:n, :2]).T) / a.scene.arm.total_length)
 
 
 # ------------------------------------------------------------------- exact beam
 def exact_orders(folder: Path) -> dict[str, Any]:
-    """Tip error on robot_arm_motion_smooth against the mesh, for three orders of elements, and against the step."""
+    """Measure the tip error on robot_arm_motion_smooth against the mesh, for three element orders, and against the
+    step."""
     scene = named("robot_arm_motion_smooth")
 
     def tip(elements: int, order: int, dt: float) -> Array:
@@ -90,7 +91,10 @@ def exact_orders(folder: Path) -> dict[str, Any]:
 
 
 def known_path(name: str, t: Array) -> Array:
-    """Where a free arm's centre of mass is: a mass of 10 under a force of 8 for 2.5 s, or of 40 for 0.5 s, in x."""
+    """Return the known path (n, 2), m, of a free arm's center of mass.
+
+    The arm of 10 kg is pulled along x: "flying_rod" by 8 N for 2.5 s, any other by 40 N for 0.5 s.
+    """
     end, force = (2.5, 8.0) if name == "flying_rod" else (0.5, 40.0)
     pulled = np.minimum(t, end)
     x = 3.0 + force / 10.0 * (0.5 * pulled**2 + end * (t - pulled))
@@ -98,7 +102,8 @@ def known_path(name: str, t: Array) -> Array:
 
 
 def center_of_mass() -> float:
-    """Largest distance of flying_rod's centre of mass from its known path, m: 5 quadratic elements, step 0.005."""
+    """Return the largest distance, m, of flying_rod's center of mass from its known path: 5 quadratic elements, step 5
+    ms."""
     run = simulate(named("flying_rod"), "geometrically_exact", dt=0.005)
     total = np.zeros((run.t.size, 2))
     for e in range(5):  # a vertex each end; the mean of the interior function is 1 / (2 sqrt 3)
@@ -108,7 +113,10 @@ def center_of_mass() -> float:
 
 
 def long_run(simulation: Simulation, steps: int = 100_000) -> dict[str, Any]:
-    """Energy (kinetic + strain) each tenth step over many: wobble (max - min) and drift (last tenth less first)."""
+    """Record the energy (kinetic + strain) in every tenth step of a long run; return wobble and drift over the energy.
+
+    Wobble is the largest energy minus the smallest; drift is the mean of the run's last tenth minus that of its first.
+    """
     energies, start = [float(simulation.observe()[1].sum())], simulation.t
     for k in range(steps // 10):
         if not simulation.advance_to(start + 10 * (k + 1) * simulation.dt, False):
@@ -125,7 +133,8 @@ def long_run(simulation: Simulation, steps: int = 100_000) -> dict[str, Any]:
 
 
 def rod_energy(folder: Path) -> list[dict[str, Any]]:
-    """flying_rod after its loads have ended, undamped trapezoidal rule, 1e5 steps of several sizes."""
+    """Run flying_rod without loads over 1e5 undamped steps of several sizes; plot and return the energy's wobble and
+    drift."""
     scene, rows = named("flying_rod"), []
     for dt, tolerance in ((0.01, 1e-10), (0.005, 1e-10), (0.0025, 1e-10), (0.0025, 1e-12), (0.00125, 1e-10)):
         simulation = Simulation(scene, scene.settings("geometrically_exact", dt=dt, rho_inf=1.0, tolerance=tolerance))
@@ -137,7 +146,7 @@ def rod_energy(folder: Path) -> list[dict[str, Any]]:
 
 
 def _draw_energy(path: Path, rows: list[dict[str, Any]], title: str) -> None:
-    """Wobble and drift against the step; means of tenths."""
+    """Plot wobble and drift against the step, and the mean energy of each tenth of a run."""
     with styled_figure(path, 8.5, 3.4, title) as figure:
         left, right = figure.subplots(1, 2)
         rows = [row for row in rows if row["tolerance"] == rows[0]["tolerance"]]
@@ -161,16 +170,17 @@ def _draw_energy(path: Path, rows: list[dict[str, Any]], title: str) -> None:
 
 # --------------------------------------------------------------------- elastica
 def switched(values: Array, period: float) -> TimeFunction:
-    """A torque that takes the given values in turn, each for a period."""
+    """Return a torque that takes the given values one after the other, each for one period."""
     return stairs(np.arange(len(values)) * period, values)
 
 
 TORQUES = {"random": ((2.0,), (2.0, 0.6)), "bang-bang": ((2.0,), (1.0, 0.3)), "slow": ((2.0,), (1.0, 0.3))}
-"""Largest torques, N m: uniform random and of random sign each 20 ms; of changing sign each 0.5 s."""
+"""Largest torques, N m, of hub and elbow: uniform random or of random sign every 20 ms, or of alternating sign every
+0.5 s."""
 
 
 def driven(arm: Arm, kind: str, seed: int) -> Scene:
-    """An arm under torques of 4 s."""
+    """Return a scene of 4 s with torques of the given kind."""
     rng, loads = np.random.default_rng(seed), []
     for k, size in enumerate(TORQUES[kind][arm.n_links - 1]):
         if kind == "slow":
@@ -182,7 +192,8 @@ def driven(arm: Arm, kind: str, seed: int) -> Scene:
 
 
 def strips(folder: Path, seeds: int = 6) -> dict[str, Any]:
-    """Elastica against the exact beam on strips: 6 nodes at 2.5 ms, mesh error (against 12 nodes), step error."""
+    """Measure the errors of the elastica on strips: mesh error (against 12 nodes), and total error against the exact
+    beam."""
     nodes, steps = [3, 4, 5, 6, 7, 8, 10], [1e-2, 5e-3, 2.5e-3, 1.25e-3]
     found: dict[str, Any] = {"nodes": nodes, "steps": steps}
     for name in ("strip", "two strips"):
@@ -215,7 +226,7 @@ def strips(folder: Path, seeds: int = 6) -> dict[str, Any]:
 
 
 def release(h: float) -> Simulation:
-    """The strip let go from the static tip deflection of 20 % under a tip force, its hub held by inertia alone."""
+    """Return the strip released from a static tip deflection of 20 %; only the hub's inertia holds its root."""
     arm = ARMS["strip"]
 
     def bent(force: float) -> Simulation:
@@ -231,14 +242,15 @@ def release(h: float) -> Simulation:
 
 
 def elastica_energy(folder: Path) -> list[dict[str, Any]]:
-    """The released strip over 1e5 steps of several sizes."""
+    """Measure the energy of the released strip over 1e5 steps of several sizes."""
     rows = [long_run(release(h)) for h in (5e-3, 2.5e-3, 1.25e-3)]
     _draw_energy(folder / "elastica_energy.png", rows, "elastica, 6 nodes, released from a tip deflection of 20 % of L")
     return rows
 
 
 def left_out() -> dict[str, dict[str, float]]:
-    """Every named scene: the estimate of what leaving out stretch and shear costs, and what it cost, shares of L."""
+    """Compare the estimated error of omitting stretch and shear with the measured error, over L, in every named
+    scene."""
     found = {}
     for name in names():
         scene = named(name)
@@ -254,11 +266,12 @@ SWEEPS = {
     "strip": (0.1, 0.2, 0.3, 0.45, 0.6, 0.67, 0.8, 1.0, 1.3, 1.6),
     "two strips": (0.1, 0.2, 0.35, 0.53, 0.7, 0.9, 1.1, 1.3),
 }
-"""Torques of 0.4 s to and fro (N m; at the elbow 0.3 of the hub's), then none; the deflections follow."""
+"""Hub torques, N m: 0.4 s forward, 0.4 s backward, then 0; the elbow's torque is 0.3 times the hub's."""
 
 
 def _kept(rows: list[dict[str, Any]], links: int) -> dict[str, Any]:
-    """Of runs of growing deflection: the error's order, what it is at 10 %, up to where it is small."""
+    """Summarize runs of growing deflection: order of the error, error at 10 %, and deflection with an acceptable
+    error."""
     good = [row for row in rows if row["status"] == "ok"]
     x, error = np.log([[row["deflection"], row["error"]] for row in good]).T
     allowed = np.log(2e-3 * (1.0 if links == 1 else 2.5))  # 0.2 % of L, with two links 0.5 %
@@ -270,9 +283,10 @@ def _kept(rows: list[dict[str, Any]], links: int) -> dict[str, Any]:
 
 
 def reduction(folder: Path) -> dict[str, Any]:
-    """Three modes a link against the exact beam over 5 s: tip error against deflection and time, undamped.
+    """Measure the tip error of links reduced to three modes, against deflection and time, over 5 s without damping.
 
-    Modes seen from the chord are drawn; of those clamped to the root the figures alone are kept.
+    The reference is the exact beam. The plot shows modes in chord frames; results of modes clamped to the root are only
+    returned.
     """
     found: dict[str, Any] = {}
     title = "floating_frame, modes = 3, against the exact beam"

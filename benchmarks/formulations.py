@@ -3,8 +3,8 @@
 python -m benchmarks.formulations [--page] [--out FOLDER] [--figures FOLDER]
 
 For the exact beam the script measures orders of convergence, the center of mass, and long-run energy. For the elastica
-it measures errors on slender arms and the effects that the elastica omits. For the reduction it measures the error
-against deflection and time. The exit code is 1 if a result is outside of its bounds.
+the script measures errors on slender arms and the effects that the elastica omits. For the reduction the script
+measures the error against deflection and time. The exit code is 1 if a result is outside of its bounds.
 """
 
 import argparse
@@ -20,17 +20,17 @@ from flexarm_env.scenes import named
 
 
 def row_at(rows: list[dict[str, Any]], dt: float) -> dict[str, Any]:
-    """The run of a step."""
+    """Return the row of the run with a given step."""
     return next(row for row in rows if row["dt"] == dt)
 
 
 def energy_order(rows: list[dict[str, Any]]) -> float:
-    """Order at which the wobble falls with the step."""
+    """Return the order at which the energy's wobble decreases with the step."""
     return runs.slope([row["dt"] for row in rows], [row["wobble"] for row in rows])
 
 
 def verdicts(found: dict[str, Any]) -> dict[str, bool]:
-    """What has to hold, and whether it does."""
+    """Return the required properties, and whether each one holds."""
     orders, strips, reduction = found["exact_orders"], found["strips"], found["reduction"]
     rod, released = found["rod_energy"], found["elastica_energy"]
     own, usual = row_at(rod, named("flying_rod").dt), row_at(released, 2.5e-3)
@@ -67,7 +67,7 @@ def verdicts(found: dict[str, Any]) -> dict[str, bool]:
 
 
 def energy_table(rows: list[dict[str, Any]]) -> list[str]:
-    """Wobble and drift, a row a step."""
+    """Format a table of wobble and drift with one row per step."""
     lines = []
     for row in rows:
         growth = max(row["wobble_of_tenths"]) / row["wobble_of_tenths"][0]
@@ -78,7 +78,7 @@ def energy_table(rows: list[dict[str, Any]]) -> list[str]:
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the tables of the page."""
     orders, strips = found["exact_orders"], []
     for key, row in found["strips"].items():
         if isinstance(row, dict):
@@ -106,7 +106,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """Measure, draw."""
+    """Run all measurements and write their figures."""
     found: pages.Found = {
         "exact_orders": runs.exact_orders(options.figures),
         "center_of_mass": runs.center_of_mass(),

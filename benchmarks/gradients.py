@@ -3,11 +3,11 @@
 python -m benchmarks.gradients [--seeds 5] [--ppo 5] [--arms 512] [--kept] [--only ENV ...] [--page] [--out FOLDER]
     [--runs FOLDER]
 
-Both are trained by `agents.train_ppo` with --algo gradient and --algo ppo and the default configs, in one process with
-one thread. The processor time excludes imports, compilation, evaluation and checkpoints. It ends at the evaluation in
-which the task counts as solved (95 % of the validation episodes). The run's best policy is evaluated on the test
-episodes, which neither training nor the selection uses. Finished runs are kept, so that an interrupted benchmark can be
-continued; with --kept the page shows only these runs.
+`agents.train_ppo` trains with --algo gradient and --algo ppo and the default configs, in one process with one thread.
+The processor time excludes imports, compilation, evaluation and checkpoints, and ends at the evaluation in which the
+task counts as solved (95 % of the validation episodes). The run's best policy is evaluated on the test episodes, which
+neither training nor the selection uses. Finished runs are kept, so that an interrupted benchmark can be continued; with
+--kept the page shows only these runs.
 """
 
 import argparse
@@ -28,8 +28,12 @@ ENVS: dict[str, dict[str, Any]] = {
     "FlexibleArm-v0": {"most": 6.0, "every": 32_768}, "TwoLinkFlexArm-v0": {"most": 40.0, "every": 65_536},
     "SpatialFlexArm-v0": {"most": 90.0, "ppo": 600.0, "every": 65_536},
 }  # fmt: skip
-"""most: s of processor time within which gradients are to solve it; ppo: within which PPO is (where nothing is
-asked of it, gradients are to be no worse than it). every: steps from one evaluation to the next."""
+"""Limits and intervals of each environment.
+
+most: processor time, s, within which learning by gradients must solve the task. ppo: processor time, s, within which
+PPO must solve it; without this key, learning by gradients must be at least as good as PPO. every: steps between
+evaluations.
+"""
 
 TEST_EPISODES = 100
 
@@ -37,15 +41,15 @@ JUDGED = (
     ("success at least PPO's", "success", 1.0), ("median settling at most PPO's", "settling", -1.0),
     ("mean settling at most PPO's", "settling_mean", -1.0),
 )  # fmt: skip
-"""Of the policies in the test episodes: what, its key, which sign is better."""
+"""Compared results in the test episodes: description, key, and sign (1: larger is better, -1: smaller is better)."""
 
 MORE: tuple[dict[str, Any], ...] = ({}, {"tolerance": 1e-12})
 PERIODS = (1, 10, 200)
-"""Of the rollouts whose gradients are compared at two tolerances."""
+"""Numbers of periods of the rollouts whose gradients are compared at two solver tolerances."""
 
 
 def kept_bytes(env_id: str, n: int, periods: int = 20) -> float:
-    """What a rollout keeps, bytes an arm and period."""
+    """Return the memory of a rollout, bytes per arm and period."""
     from flexarm_env.derivatives import Arms
 
     arms = Arms(env_id, n, threads=1)
@@ -56,9 +60,12 @@ def kept_bytes(env_id: str, n: int, periods: int = 20) -> float:
 
 
 def gaps(env_id: str, n: int) -> dict[str, Any]:
-    """What the solver's tolerance leaves of a gradient: over so many periods, from the same starts under the same
-    actions, the norm of the difference from the gradient at 1e-12, over that gradient's; the largest of those of n arms
-    that do not fail. Of random cotangents of all that moves but accelerations."""
+    """Measure the error of a gradient that the solver's tolerance causes.
+
+    The error is the norm of the difference from the gradient at tolerance 1e-12, over the norm of that gradient. The
+    result is the largest error of n arms, for rollouts of 1, 10 and 200 periods. The gradients are those of a random
+    linear function of the final states, without accelerations.
+    """
     from flexarm_env.derivatives import Arms
 
     usual, sharp = (Arms(env_id, n, threads=1, **more) for more in MORE)
@@ -78,8 +85,10 @@ def gaps(env_id: str, n: int) -> dict[str, Any]:
 
 
 def learned(env_id: str, algorithm: str, seed: int, home: Path, kept: bool = False) -> dict[str, Any] | None:
-    """A run, from its folder where it has finished: when it was solved, and what its policy is worth. kept: None where
-    it has not finished."""
+    """Train a policy, or load a finished run; return when the task was solved, and the policy's test results.
+
+    kept: return None if the run has not finished.
+    """
     folder = home / f"{algorithm}-{env_id}-{seed}"
     record = folder / "run.json"
     there = record.exists()
@@ -108,7 +117,7 @@ def learned(env_id: str, algorithm: str, seed: int, home: Path, kept: bool = Fal
 
 
 def verdicts(sizes: dict[str, float], runs: list[dict[str, Any]]) -> dict[str, bool]:
-    """What the results were to show."""
+    """Return the required results, and whether each one holds."""
     found = {
         f"{env_id}: a rollout keeps at most 4 kB an arm and period": size <= 4096.0 for env_id, size in sizes.items()
     }
@@ -130,13 +139,13 @@ def _of(runs: list[dict[str, Any]], env_id: str, algorithm: str) -> list[dict[st
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the tables of the page."""
     gaps_of = [
         (f"`{row['env']}`", f"{row['tolerance']:.0e}", *(f"{row['gaps'][str(k)]:.1e}" for k in PERIODS))
         for row in found["gaps"]
     ]
-    sizes = ", ".join(f"{size:.0f} (`{env_id}`)" for env_id, size in found["bytes"].items())
-    lines = {"bytes": [f"A rollout stores per arm and period, in bytes: {sizes}."]}
+    sizes = ", ".join(f"{size:.0f} bytes (`{env_id}`)" for env_id, size in found["bytes"].items())
+    lines = {"bytes": [f"Per arm and control period a rollout stores {sizes}."]}
     lines["gaps"] = table("environment | tolerance | " + " | ".join(f"over {k}" for k in PERIODS), gaps_of)
     heads = (
         "algorithm | seed | solved after, steps | s | whole run, steps | s | success | settling, median, s | mean, s"
@@ -155,7 +164,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """Measure, train, judge."""
+    """Measure memory and errors of gradients, train the policies, and evaluate them."""
     chosen, sizes, runs, gap = options.only or list(ENVS), dict[str, float](), list[dict[str, Any]](), list[Any]()
     looked_at = chosen if options.seeds else []
     if options.only:
@@ -175,11 +184,11 @@ def measure(options: argparse.Namespace) -> pages.Found:
 
 
 if __name__ == "__main__":
-    what = "only these environments, the others as they are; so is what is told of an algorithm with no seeds"
+    what = "train in these environments only; the other results stay, as do those of an algorithm without seeds"
     flags: dict[str, dict[str, Any]] = {
         "runs": {"type": Path, "default": Path("runs/gradients"), "help": "folder of the runs"},
         "only": {"nargs": "+", "choices": ENVS, "help": what},
-        "kept": {"action": "store_true", "help": "tell of runs that have finished, start none"},
+        "kept": {"action": "store_true", "help": "evaluate finished runs only, start no run"},
     }
     sys.exit(pages.run("gradients", __doc__, measure, blocks, page="results/derivatives", more=flags, seeds=5, ppo=5,
                        arms=512))  # fmt: skip

@@ -27,7 +27,7 @@ CONFIG = ROOT / "configs/identify/quanser_2dsfl.toml"
 TRAIN, HELD = (DOCS / "hardware" / f"{name}.csv.gz" for name in ("ladder_lqr_may", "ladder_hinf_jun"))
 DESIGN = "quanser_2dsfl@design"
 HALF = 24.0
-"""s: variants are fitted to the training run up to here, and judged by the rest of it."""
+"""Time, s, at which the training run is split: variants are fitted to the part before and evaluated on the rest."""
 
 SIX = ("EI_1", "EI_2", "elbow_inertia", "tau_d", "clamp_1", "clamp_2")
 PULL = ("pull_x", "pull_y")
@@ -56,11 +56,14 @@ VARIANTS: tuple[tuple[str, tuple[str, ...], str], ...] = (
      DRIVE + FRICTION),
     ("six, pull, angles not filtered", (*SIX, *PULL), "unfiltered"),
 )  # fmt: skip
-"""What is told of them, what is fitted, what is added to the config."""
+"""Fitted variants: description, names of the fitted parameters, and lines added to the config."""
 
 
 def variant(label: str, names: tuple[str, ...], more: str) -> dict[str, Any]:
-    """A fit to the first part of the training run: VAF there, in the rest of it, and in the other run."""
+    """Fit a variant to the first part of the training run.
+
+    Return the variances accounted for (VAF), %, in this part, in the rest of the run, and in the other run.
+    """
     text = CONFIG.read_text()
     text = text.replace(", low_pass = 20.0", "") if more == "unfiltered" else text + more
     arm = arms.named(DESIGN)
@@ -88,7 +91,7 @@ def variant(label: str, names: tuple[str, ...], more: str) -> dict[str, Any]:
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """Fit all, draw."""
+    """Fit all variants and the final arm; plot its predictions."""
     variants = pages.begun(options.out, "hardware").get("variants", [])
     done = {v["label"] for v in variants}
     for label, names, more in VARIANTS[: options.variants]:
@@ -124,12 +127,12 @@ def measure(options: argparse.Namespace) -> pages.Found:
 
 
 def two(values: Any) -> str:
-    """ "95.1 / 93.7"."""
+    """Format percentages with one decimal, as in "95.1 / 93.7"."""
     return " / ".join(f"{value:.1f}" for value in values)
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the tables of the page."""
     rows = [
         (f"`{path}`", f"{a:.4g}", f"{x:.4g}", f"± {half:.2g}", "yes" if told_of else "no")
         for path, a, x, half, told_of in found["parameters"]
@@ -143,13 +146,15 @@ def blocks(found: pages.Found) -> pages.Blocks:
     single = ", ".join(f"{f:.2f} Hz ({z:.3f})" for f, z in found["oscillators"])
     return {
         "fit": table("parameter | initial | fitted | 95 % interval | determined by the log", rows),
-        "condition": [f"Condition number of the derivatives: {found['condition']:.3g}.", *blind],
+        "condition": [f"The fit's derivatives have the condition number {found['condition']:.3g}.", *blind],
         "prediction": table("run | use | fitted | vendor | baseline | NRMSE", judged),
         "variants": table("fitted parameters | first 24 s | rest | `ladder_hinf_jun`", variants),
         "frequencies": [
-            f"Fitted arm with both motors held: {own}. Measured while the joints rest: {seen['frequency']:.2f} Hz "
-            f"(ratio {seen['damping']:.3f}), medians of {seen['count']} intervals, which range from "
-            f"{seen['least']:.2f} to {seen['most']:.2f} Hz. Oscillators of the baseline: {single}."
+            f"With both motors held, the fitted arm has the frequencies (and damping ratios) {own}. While the "
+            "joints of "
+            f"the robot rest, the measured frequency is {seen['frequency']:.2f} Hz (ratio {seen['damping']:.3f}), the "
+            f"median of {seen['count']} intervals, which range from {seen['least']:.2f} to {seen['most']:.2f} Hz. The "
+            f"oscillators of the baseline have {single}."
         ],
     }  # fmt: skip
 

@@ -4,17 +4,17 @@ python -m benchmarks.identification [--cases N] [--page] [--out FOLDER]     an i
 
 Each case draws a strip (EI, payload and tau_d within 8 % of the nominal values), a smooth hub motion of nine sines, and
 1 % of white noise on a filtered strain gauge with an offset. Three parameters are fitted, starting from the nominal
-strip. A second fit adds the mass per length. With a prescribed hub angle, only its ratios to stiffness and payload are
-identifiable.
+strip. A second fit adds the mass per length. With a prescribed hub angle, only the ratios of this mass to stiffness and
+payload are identifiable.
 
 A case with torques has the log of another solver. A strip, every second one with a gear, has EI, payload, tau_d and hub
-inertia between 0.62 and 1.62 times the nominal values. It is computed as an exact beam with a thirtieth of the sampling
-interval as step, and driven by nine sines of torque. An encoder of 4096 counts and a noisy gauge are read at 100 or
-200 Hz. The fit starts from the nominal arm, with the default step and mesh.
+inertia between 0.62 and 1.62 times the nominal values. The log's arm is an exact beam, simulated with a thirtieth of
+the sampling interval as step, and driven by nine sines of torque. An encoder of 4096 counts and a noisy gauge are read
+at 100 or 200 Hz. The fit starts from the nominal arm, with the default step and mesh.
 
 A case in space draws a boom on a rotating pillar, with yaw and shoulder joints, under gravity. The fitted parameters
-are its bending stiffnesses in both planes, its torsional stiffness, the payload, tau_d and the shoulder's gear. The log
-contains three gauges and the motors' angles.
+are the boom's bending stiffnesses in both planes, its torsional stiffness, the payload, tau_d and the shoulder's gear.
+The log contains three gauges and the motors' angles.
 """
 
 import argparse
@@ -121,7 +121,7 @@ IN_SPACE = ("EI", "EI_y", "GJ", "payload", "tau_d", "gear")
 
 
 def turns(rng: np.random.Generator, t: np.ndarray, rough: np.ndarray) -> np.ndarray:
-    """A smooth random motion of a hub, rad, from rest."""
+    """Return a smooth random motion of a joint, rad, that starts from rest."""
     waves = zip(rng.normal(0, 1, 9), rough + rng.uniform(-2, 2, 9), rng.uniform(0, 6, 9), strict=True)
     return np.asarray(np.minimum(t, 1.0) ** 3 * sum(a * np.sin(w * t + p) / w for a, w, p in waves))
 
@@ -129,7 +129,10 @@ def turns(rng: np.random.Generator, t: np.ndarray, rough: np.ndarray) -> np.ndar
 def drawn(
     seed: int, arm: Arm, text: str, names: Sequence[str], joints: Sequence[str], seconds: float, rough: np.ndarray
 ) -> tuple[Problem, np.ndarray]:
-    """A log of an arm whose parameters of these names are drawn, as a problem, and the drawn values."""
+    """Simulate a log of an arm with random parameters; return the fitting problem and the true parameter values.
+
+    names: names of the random parameters.
+    """
     rng, t = np.random.default_rng(seed), np.arange(round(100 * seconds) + 1) / 100
     config = read_config(text, arm)
     motions = {joint: turns(rng, t, rough) for joint in joints}
@@ -145,7 +148,8 @@ def drawn(
 
 
 def by_torques(seed: int) -> tuple[Problem, np.ndarray]:
-    """A log that the exact beam wrote, as a problem, and the values of the parameters."""
+    """Simulate a log of a torque-driven exact beam with random parameters; return the fitting problem and the true
+    values."""
     rng = np.random.default_rng(seed)
     usual = arms.named("strip_geared" if seed % 2 else "strip")
     factors = 2.0 ** rng.uniform(-0.7, 0.7, len(OF_HUB))
@@ -170,14 +174,14 @@ def by_torques(seed: int) -> tuple[Problem, np.ndarray]:
 
 
 def case_by_torques(seed: int) -> dict[str, Any]:
-    """Whether each interval holds the truth, and the verdict's deviations of channels."""
+    """Fit a log with torques; return whether each 95 % interval contains the true value, and the suspected channels."""
     problem, truth = by_torques(seed)
     row = found_of(problem, truth)[1]
     return {"seed": seed, **row}
 
 
 def found_of(problem: Problem, truth: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
-    """The values of the fit, and whether each interval holds the truth."""
+    """Solve a fitting problem; return the fitted values, and whether each 95 % interval contains the true value."""
     solver = Solver(problem)
     resolved = resolve(solver, solver.run())
     problem, worth = resolved.problem, resolved.uncertainty
@@ -194,7 +198,8 @@ def found_of(problem: Problem, truth: np.ndarray) -> tuple[np.ndarray, dict[str,
 
 
 def case(seed: int) -> dict[str, Any]:
-    """Whether each interval holds the truth, and what is named as not told."""
+    """Fit a log with a prescribed hub angle; return the fit's results and the parameters that it reports as
+    unidentifiable."""
     arm = arms.named("strip")
     problem, truth = drawn(seed, arm, CONFIG, TOLD, ["joint0"], 4.0, np.linspace(4, 65, 9))
     values, row = found_of(problem, truth)
@@ -206,13 +211,13 @@ def case(seed: int) -> dict[str, Any]:
 
 
 def case_in_space(seed: int) -> dict[str, Any]:
-    """Whether each interval holds the truth, of a boom."""
+    """Fit a log of the boom in space; return whether each 95 % interval contains the true value."""
     problem, truth = drawn(seed, BOOM, SPACE, IN_SPACE, ["joint0", "motor1"], 2.0, np.linspace(3, 40, 9))
     return {"seed": seed, **found_of(problem, truth)[1]}
 
 
 def table_of(rows: list[dict[str, Any]], names: Sequence[str]) -> list[str]:
-    """How many of the cases hold, for each parameter."""
+    """Format a table: for each parameter, the number of cases whose interval contains the true value."""
     summary = []
     for name in names:
         held = sum(row["holds"][name] for row in rows)
@@ -225,18 +230,19 @@ def table_of(rows: list[dict[str, Any]], names: Sequence[str]) -> list[str]:
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Both tables, and what is named."""
+    """Format the tables of the page."""
     rows, space, torques = found["cases"], found["space"], found["torques"]
     suspect = sum(bool(row["suspect"]) for row in torques)
     right = sum(set(row["named"]) == set(RATIOS) for row in rows)
     rash, missed = (sum(bool(row["untold"]) for row in of) for of in (rows, space))
     return {
         "intervals": table_of(rows, TOLD),
-        "untold": [f"Exactly these three are named in {right} of {len(rows)} cases, and a determined one in {rash}."],
+        "untold": [f"The report names exactly these three parameters in {right} of {len(rows)} cases, and a "
+                   f"parameter that the log determines in {rash} cases."],
         "torques": [
             *table_of(torques, OF_HUB), "",
-            f"The report suspected a column or the clock in {suspect} of {len(torques)} cases. The step was halved "
-            f"{np.mean([row['refinements']['step'] for row in torques]):.1f} times on average.",
+            f"The report suspected a column of the log or the clock in {suspect} of {len(torques)} cases. The fit "
+            f"halved the step {np.mean([row['refinements']['step'] for row in torques]):.1f} times on average.",
         ],
         "space": [
             *table_of(space, IN_SPACE), "",
@@ -247,7 +253,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """All cases that a run which was broken off has not left."""
+    """Run all cases that an interrupted run has not computed."""
     found = {"cases": [], "space": [], "torques": [], **pages.begun(options.out, "identification")}
     clock = time.perf_counter()
     for key, one in (("cases", case), ("space", case_in_space), ("torques", case_by_torques)):

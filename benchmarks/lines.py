@@ -16,11 +16,11 @@ from pathlib import Path, PurePath
 ROOT = Path(__file__).resolve().parents[1]
 
 LAYOUT = {tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER, tokenize.COMMENT}
-"""Tokens that make no line a line of code."""
+"""Types of tokens that do not count as code."""
 
 
 def sources(commit: str | None) -> dict[str, str]:
-    """Return the text of each Python file by its path; commit None: of the working tree, without files git ignores."""
+    """Return the text of each Python file by its path. commit: None for the working tree without ignored files."""
     words = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.py"]
     if commit is not None:
         words = ["git", "ls-tree", "-r", "--name-only", commit]
@@ -62,7 +62,8 @@ def kinds(text: str) -> Counter[str]:
 
 
 def lines(commit: str | None) -> dict[str, Counter[str]]:
-    """Return the lines of each kind (`kinds`) by room and in all; commit None: of the working tree."""
+    """Return the number of lines of each kind (`kinds`) by subpackage and in total. commit: None for the working
+    tree."""
     found: dict[str, Counter[str]] = {"in all": Counter()}
     for name, text in sources(commit).items():
         own, rooms = kinds(text), PurePath(name).with_suffix("").parts
@@ -73,7 +74,8 @@ def lines(commit: str | None) -> dict[str, Counter[str]]:
 
 
 def cells(own: Counter[str], apart: bool) -> list[str]:
-    """Return a room's cells of one column: its lines or, `apart`, each kind and the comments' share of code."""
+    """Return a table row's cells for one commit: the number of lines, or (`apart`) each kind and the share of
+    comments."""
     if not apart:
         return [f"{own['all']:,}"]
     share = f"{100.0 * own['comments'] / own['code']:.1f} %" if own["code"] else ""
@@ -81,7 +83,7 @@ def cells(own: Counter[str], apart: bool) -> list[str]:
 
 
 def main(words: list[str]) -> None:
-    """Print a column, or one for each kind of line, for each commit and for the working tree."""
+    """Print a table of line counts with a column for each commit and for the working tree."""
     apart = "--kinds" in words
     commits = [word for word in words if word != "--kinds"]
     columns = {**{commit: lines(commit) for commit in commits}, "working tree": lines(None)}

@@ -1,8 +1,9 @@
 """Run a million steps of the strip under random bang-bang torque with zero net impulse, by every formulation.
 
-Each pair of torques is the full torque of one sign, then of the other, for the same random time (0.1 to 0.6 s). Some
-rows have a share of the full torque, since whole links reduced to modes are not suited to full torque. Settings are the
-environments' defaults, except those that a row names. The energy is checked each time the torque switches.
+Each pair of torques is the full torque of one sign, then of the other sign, for the same random time (0.1 to 0.6 s).
+Some rows have a share of the full torque, since links that are reduced to modes as a whole bend too far under full
+torque. Settings are the environments' defaults, except for the settings that a row names. The energy is checked each
+time the torque switches.
 """
 
 import time
@@ -43,7 +44,7 @@ LONG = (
 
 
 def torques(end: float, seed: int = 0) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Instants (s) and values (N m) of the torque."""
+    """Return instants (s) and values (N m) of a random bang-bang torque with zero net impulse."""
     rng = np.random.default_rng(seed)
     count = int(end / 0.2) + 2
     dwell = CONTROL * rng.integers(5, 31, count)
@@ -55,7 +56,7 @@ def torques(end: float, seed: int = 0) -> tuple[np.ndarray[Any, Any], np.ndarray
 
 
 def long_run(case: dict[str, Any]) -> dict[str, Any]:
-    """One run: steps taken, how it ended, energy that appeared or went over gross work, largest deflection."""
+    """Run one case; return its steps, status, created and lost energy over gross work, and largest deflection."""
     settings = Settings.make(case["formulation"], **DEFAULT_OPTIONS[case["formulation"]]).replace(**case["options"])
     assert settings.dt is not None
     end = case["steps"] * settings.dt
@@ -90,7 +91,7 @@ def long_run(case: dict[str, Any]) -> dict[str, Any]:
 
 
 def table_of_long_runs(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Of the page."""
+    """Format the table of long runs."""
     lines = [
         (row["case"]["label"], f"{row['dt']:g}", row["steps"], row["halvings"], f"{row['found']:.1e}",
          f"{row['taken']:.1e}", f"{100 * row['deflection']:.0f} %", row["status"].split(";")[0],

@@ -1,4 +1,4 @@
-"""Common functions of the benchmarks: parse the command line, describe the machine, write a file atomically."""
+"""Common functions of the benchmarks: parse the command line, describe the machine, measure processor time."""
 
 import argparse
 import os
@@ -28,7 +28,7 @@ def _processor() -> str:
 
 
 def describe_machine(*packages: str) -> dict[str, str]:
-    """Date, processor, cores, Python and the versions of the packages that matter (and of those named)."""
+    """Return date, processor, number of cores, Python version, and the versions of the main and the named packages."""
     facts = {
         "date": date.today().isoformat(),
         "processor": _processor(),
@@ -40,17 +40,17 @@ def describe_machine(*packages: str) -> dict[str, str]:
 
 
 def cpu_seconds() -> float:
-    """Processor time that this process and those that it has waited for have used up to now, s."""
+    """Return the processor time, s, that this process and its finished child processes have used."""
     return sum(os.times()[:4])
 
 
 def told(machine: Mapping[str, Any]) -> str:
-    """The machine's facts in a line."""
+    """Format the description of a machine as one line."""
     return " · ".join(f"{key}: {fact}" for key, fact in machine.items())
 
 
 def command(description: str | None, **numbers: int) -> argparse.ArgumentParser:
-    """A parser with whole numbers, by their defaults, and folders for what is found, below docs/."""
+    """Return a parser with the flags --out and --figures, and an integer flag for each of `numbers` (name=default)."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name, value in numbers.items():
         parser.add_argument(f"--{name}", type=int, default=value)

@@ -23,12 +23,15 @@ from flexarm_env.validation import Array
 mujoco.set_mju_user_warning(lambda message: None)
 
 Case = dict[str, Any]
-"""A chain and how it is stepped: springs (of a link), placement, fitted (to the first frequency), axes (hinges of a
-spring: "z", "xz" or "xyz"), integrator, step (s)."""
+"""Settings of a MuJoCo chain.
+
+Keys: springs (number per link), placement, fitted (to the first frequency), axes (hinges of a spring: "z", "xz" or
+"xyz"), integrator, step (s).
+"""
 
 
 def chain(arm: Arm, case: Case) -> Chain:
-    """The chain of a case."""
+    """Return the chain of rigid bodies for a case."""
     made = chain_of(dataclasses.replace(arm, joint_limits=None), case["springs"], case["placement"])
     axes = case.get("axes", "xyz")
     if axes != "xyz":
@@ -43,7 +46,7 @@ def chain(arm: Arm, case: Case) -> Chain:
 
 
 def model_of(arm: Arm, case: Case, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Any:
-    """The compiled model of a case."""
+    """Return the compiled MuJoCo model of a case."""
     text = mjcf(chain(arm, case), gravity=gravity, timestep=case["step"], integrator=case["integrator"])
     root = ElementTree.fromstring(text)
     for parent in list(root.iter()):
@@ -69,15 +72,17 @@ ROD = """<mujoco><option integrator="discrete" timestep="{step}" gravity="0 0 0"
 <contact selfcollide="none"/><edge equality="true" solref="0.0005 1" solimp="0.9999 0.9999 0.001 0.5 2"/>
 <elasticity young="{young}" poisson="0.3" damping="{tau}"/><pin id="0 1"/></flexcomp></body></worldbody>
 <actuator><motor name="motor0" joint="joint0"/></actuator></mujoco>"""
-"""The successor of the cable plugin: a discrete elastic rod, its first edge clamped to the hub, its edges kept at their
-lengths by constraints, which are hard here."""
+"""MuJoCo model of a discrete elastic rod, the successor of the cable plugin.
+
+The first edge is clamped to the hub. Stiff constraints preserve the edges' lengths.
+"""
 
 
 def rod_of(arm: Arm, springs: int, step: float) -> tuple[Any, str]:
-    """A one-link arm with a uniform section as MuJoCo's elastic rod, and the name of the body at the tip.
+    """Return a one-link arm with a uniform section as MuJoCo's elastic rod, and the name of the body at the tip.
 
-    The first edge and the last are half as long as the others, so that vertices, where a rod bends, lie in the middles
-    of equal pieces. A round section has the link's EI.
+    The first and the last edge are half as long as the others, so that the vertices, at which the rod bends, are the
+    midpoints of equal pieces. The rod's round section has the link's EI.
     """
     (link,) = arm.links
     section = link.uniform
@@ -100,7 +105,7 @@ def rod_of(arm: Arm, springs: int, step: float) -> tuple[Any, str]:
 
 
 def start_of(model: Any, angles: Array) -> Array:
-    """Full physics state of an arm at rest with these joint angles, links straight."""
+    """Return the full physics state of an arm at rest with straight links and the given joint angles, rad."""
     data = mujoco.MjData(model)
     for k, angle in enumerate(angles):
         data.joint(f"joint{k}").qpos[:] = angle
@@ -112,17 +117,17 @@ def start_of(model: Any, angles: Array) -> Array:
 
 
 def explicit_step(made: Chain) -> float:
-    """The longest step at which RK4 is stable, s: h omega < 2.8, and h 2 zeta omega < 2.8."""
+    """Return the largest stable step of RK4, s: h omega < 2.8, and h 2 zeta omega < 2.8."""
     frequencies, ratios = chain_modes(made, clamped=False)
     omega = 2.0 * np.pi * frequencies
     return float(2.8 / (omega * np.maximum(1.0, 2.0 * ratios)).max())
 
 
 class Rollouts:
-    """Episodes of a model under torques held over control periods, by `mujoco.rollout`.
+    """Episodes of a model under torques that are constant in each control period, run by `mujoco.rollout`.
 
-    torques (periods, episodes, joints): N m. starts (episodes, joints): rad. period: s. tip_body: the body whose place
-    is the tip; empty: the site "tip".
+    torques (periods, episodes, joints): N m. starts (episodes, joints): rad. period: s. tip_body: name of the body at
+    the tip; empty: the site "tip".
     """
 
     def __init__(self, model: Any, torques: Array, starts: Array, period: float, tip_body: str = "") -> None:
@@ -132,7 +137,7 @@ class Rollouts:
         self.starts = np.array([start_of(model, angles) for angles in starts])
 
     def run(self, episodes: int, threads: int = 1, periods: int | None = None) -> tuple[Array, float, float]:
-        """Tips (periods, episodes, 3), m; CPU and wall time, s."""
+        """Run episodes; return tip positions (periods, episodes, 3), m, CPU time, s, and wall time, s."""
         steps = self.control.shape[1] if periods is None else periods * self.per
         count = len(self.control)
         # more arms than episodes repeat them
@@ -146,7 +151,7 @@ class Rollouts:
         return self.tips(states[:, self.per - 1 :: self.per]), cpu, wall
 
     def tips(self, states: Array) -> Array:
-        """Tips (periods, episodes, 3), m, of states (episodes, periods, numbers)."""
+        """Return tip positions (periods, episodes, 3), m, from states (episodes, periods, numbers)."""
         data, model = mujoco.MjData(self.model), self.model
         place = data.body(self.tip_body).xpos if self.tip_body else data.site("tip").xpos
         found = np.full((states.shape[1], states.shape[0], 3), np.nan)
@@ -159,10 +164,10 @@ class Rollouts:
 
 
 class MujocoArm(gym.Env[Any, Any]):
-    """A chain as a Gymnasium environment, as lean as Python allows: one control period is one call of `mj_step`.
+    """MuJoCo chain as a minimal Gymnasium environment: one control period is one call of `mj_step`.
 
-    Observation: cosine and sine of the joint angles, their rates, the tip's place and velocity; reward: distance of the
-    tip from a target.
+    The observation contains cosines and sines of the joint angles, their rates, and the tip's position and displacement
+    per period. The reward is minus the distance of the tip from a target.
     """
 
     def __init__(self, model: Any, joints: int, period: float, limits: Array) -> None:
@@ -186,14 +191,14 @@ class MujocoArm(gym.Env[Any, Any]):
         return np.concatenate(parts).astype(np.float32), tip
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-        """Back to rest."""
+        """Reset the arm to rest."""
         super().reset(seed=seed)
         mujoco.mj_resetData(self.model, self.data)
         mujoco.mj_forward(self.model, self.data)
         return self._observe()[0], {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """One control period."""
+        """Advance by one control period."""
         self.data.ctrl[:] = self.limits * action
         mujoco.mj_step(self.model, self.data, self.steps)
         observation, tip = self._observe()
@@ -202,14 +207,14 @@ class MujocoArm(gym.Env[Any, Any]):
 
 
 def judged(policy: Any, env: Any, model: Any, seed: int) -> tuple[bool, float, float]:
-    """An episode of `FlexibleArm-v0` under a policy, played by the environment and by a chain of MuJoCo.
+    """Run an episode of `FlexibleArm-v0` under a policy, in the environment and on a MuJoCo chain.
 
-    The chain is driven through the observation that the environment documents: sine and cosine of the hub angle and its
-    rate, the tip's deflection and its rate, target less tip angle.
+    The policy observes the chain through the documented entries: sine and cosine of the hub angle and its rate, the
+    tip's deflection and its rate, and the target minus the tip angle.
 
     Returns:
-        Success in MuJoCo (0.5 s within 1 degree, the deflection's rate below 0.01 L/s); largest distance of the two
-        tips, over L; whether the environment's episode succeeded, 1.0 or 0.0.
+        Success in MuJoCo (0.5 s within 1 degree, with the deflection's rate below 0.01 L/s). Largest distance of the
+        two tips, over L. Success in the environment, 1.0 or 0.0.
     """
     observation, info = env.reset(seed=seed)
     plan = env.unwrapped.plan

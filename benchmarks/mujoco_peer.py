@@ -7,7 +7,7 @@ torques are held over control periods of 20 ms; half of the episodes have random
 reference is the converged exact beam. `three_dof` runs a quarter of its torques for 0.5 s in space. MuJoCo's chains are
 stepped in C (`mujoco.rollout`). The package's arms are Gymnasium environments, Python included. The error of an episode
 is the largest distance of the tip from the reference, in % of the arm's length; the worst episode counts. Times are CPU
-microseconds per arm and control period, the smallest of several rounds, all of one run; with two threads they are wall
+microseconds per arm and control period, the smallest of several rounds, all of one run; times with two threads are wall
 times. The script takes about ten CPU minutes and needs the extra `mujoco`.
 """
 
@@ -47,7 +47,8 @@ MESHES: tuple[tuple[str, str, tuple[int, ...], bool], ...] = (
     ("middles, fitted", "middle", (2, 4, 8, 16), True),
     ("Gauss points", "gauss", (2, 3, 4, 6), False),
 )
-"""Label, placement, springs a link, fitted to the first frequency."""
+"""Meshes of MuJoCo's chains: label, placement, numbers of springs per link, and whether the first frequency is
+fitted."""
 STEPS = {
     "RK4": (20.0, 10.0, 20.0 / 3.0, 5.0, 2.5, 1.0, 0.5, 0.25, 0.125, 0.0625),
     "implicitfast": (10.0, 5.0, 2.0, 1.0, 0.5, 0.25, 0.125),
@@ -55,31 +56,31 @@ STEPS = {
     "Euler": (5.0, 1.0, 0.25),
     "implicit": (5.0, 1.0, 0.25),
 }
-"""Steps tried, ms, by integrator, until both errors change by less than SETTLED."""
+"""Steps, ms, by integrator; shorter steps are tried until both errors change by less than the share SETTLED."""
 SETTLED = 0.02
 OTHERS = ("Euler", "implicit")
-"""Integrators that are tried on some chains alone: without constraints Euler is implicitfast for these chains."""
+"""Integrators that run on two chains only; without constraints Euler equals implicitfast for these chains."""
 LONGEST = 1500.0
-"""CPU microseconds that a control period may take; settings that take longer are left out."""
+"""Largest CPU time per control period, µs; slower settings are omitted."""
 TARGETS = (5.0, 2.0, 1.0, 0.5, 0.2)
-"""Errors, % of L, for which the quickest settings are listed."""
+"""Errors, % of L, for which the tables list the quickest settings."""
 OURS = {
     "elastica": {"formulation": "elastica", **DEFAULT_OPTIONS["elastica"]},
     "exact beam": {"formulation": "geometrically_exact", **DEFAULT_OPTIONS["geometrically_exact"]},
     "floating frame": {"formulation": "floating_frame", **DEFAULT_OPTIONS["floating_frame"]},
 }
 SECOND = {"formulation": "floating_frame", "segments": 6, "dt": 5e-4, "tolerance": 1e-10}
-"""The reference's check by another formulation."""
+"""Settings of a second reference, which checks the first with another formulation."""
 EXTRAPOLATED = (6, 12)
-"""Springs a link of MuJoCo's chains that are extrapolated in 1 / N^2."""
+"""Numbers of springs per link of the two chains that are extrapolated in 1 / N^2."""
 RODS: tuple[Case, ...] = tuple(
     {"label": "elastic rod", "rod": True, "springs": springs, "integrator": "discrete", "step": step}
     for springs, step in ((4, 0.002), (4, 0.001), (8, 0.001))
 )
-"""MuJoCo's own discrete elastic rods, for one link."""
+"""Runs with MuJoCo's discrete elastic rod, for one link."""
 SPACE = {"arm": "three_dof", "share": 0.25, "duration": 0.5, "period": 0.01, "angles": (0.2, 0.5, 0.8)}
 SPACE_AXES = {"z": "pitch alone", "xz": "pitch and torsion", "xyz": "pitch, torsion, lateral"}
-"""Hinges of a spring, and what bends."""
+"""Hinges of a spring, with the deformations that they allow."""
 SPACE_STEPS = {
     "RK4": (5.0, 2.0, 1.0, 0.5, 0.25, 0.1, 0.05), "implicitfast": (2.0, 0.5, 0.1, 0.05),
     "discrete": (5.0, 2.0, 1.0, 0.5, 0.1),
@@ -88,7 +89,7 @@ SPACE_OURS = {"elements": 2, "dt": 0.0025, "rho_inf": 0.7, "tolerance": 1e-5}
 
 
 def rollouts_of(arm: Any, case: Case, torques: Array, starts: Array) -> Rollouts:
-    """Episodes of a case in the plane."""
+    """Return the rollouts of a case in the plane."""
     if case.get("rod"):
         model, tip = rod_of(arm, case["springs"], case["step"])
         return Rollouts(model, torques, starts, PERIOD, tip)
@@ -96,12 +97,12 @@ def rollouts_of(arm: Any, case: Case, torques: Array, starts: Array) -> Rollouts
 
 
 def arm_of(env_id: str) -> Any:
-    """The arm of an environment."""
+    """Return the arm of an environment."""
     return gym.make(env_id, joint_limits=None).unwrapped.plan.arm
 
 
 def starts_of(env_id: str, count: int) -> Array:
-    """Joint angles (count, joints) at which the episodes of `choose_default.tips` begin, rad."""
+    """Return the initial joint angles (count, joints), rad, of the episodes of `choose_default.tips`."""
     env = gym.make_vec(env_id, num_envs=count, autoreset_mode="NextStep", joint_limits=None, duration=100.0, **EXACT)
     env.reset(seed=0)
     found = np.array([env.unwrapped.batch.joints(i)[0] for i in range(count)])
@@ -110,19 +111,19 @@ def starts_of(env_id: str, count: int) -> Array:
 
 
 def largest(places: Array, truth: Array, length: float) -> Array:
-    """Largest distance of each episode, % of L; inf where a number is not finite."""
+    """Return the largest tip distance of each episode, % of L; inf if a position is not finite."""
     distance = np.linalg.norm(places - truth, axis=2) * 100.0 / length
     return np.asarray(np.where(np.isfinite(distance).all(axis=0), distance.max(axis=0), np.inf))
 
 
 def worst(errors: Array) -> dict[str, float]:
-    """The worst episode of each kind, % of L."""
+    """Return the largest error of the episodes with each kind of torque, % of L."""
     half = len(errors) // 2
     return {"random": float(errors[:half].max()), "bang_bang": float(errors[half:].max())}
 
 
 def cases() -> list[list[Case]]:
-    """All settings of MuJoCo in the plane: of each chain and integrator, by steps."""
+    """Return all settings of MuJoCo in the plane: a list of steps for each chain and integrator."""
     found: list[list[Case]] = []
     for label, placement, counts, fitted in MESHES:
         for springs, (integrator, steps) in itertools.product(counts, STEPS.items()):
@@ -134,7 +135,7 @@ def cases() -> list[list[Case]]:
 
 
 def measure_steps(arm: Any, tried: list[Case], torques: Array, starts: Array, truth: Array) -> list[Row]:
-    """Rows of one chain and integrator: shorter and shorter steps, until the errors no longer change."""
+    """Measure a chain and integrator with shorter and shorter steps, until the errors no longer change."""
     found: list[Row] = []
     for case in tried:
         row = measure_chain(arm, case, torques, starts, truth)
@@ -150,7 +151,7 @@ def measure_steps(arm: Any, tried: list[Case], torques: Array, starts: Array, tr
 
 
 def measure_chain(arm: Any, case: Case, torques: Array, starts: Array, truth: Array) -> Row | None:
-    """Errors and time of a setting; None where it is unstable, or would take too long."""
+    """Measure the errors and the CPU time of a setting; return None if it is unstable or too slow."""
     count, length, probe = torques.shape[1], arm.total_length, 5
     rollouts = rollouts_of(arm, case, torques[:probe], starts)
     first, _, _ = rollouts.run(1)
@@ -170,7 +171,10 @@ def measure_chain(arm: Any, case: Case, torques: Array, starts: Array, truth: Ar
 
 
 def front(rows: Sequence[Row], kinds: Sequence[str] = KINDS, key: str = "cpu") -> list[Row]:
-    """Rows whose error no quicker one comes within 3 % of, quickest first; the error is the larger one of the kinds."""
+    """Return the rows, quickest first, whose error is at least 3 % smaller than that of any quicker row.
+
+    The error of a row is the larger one of its kinds of torque.
+    """
     found: list[Row] = []
     for row in sorted(rows, key=lambda r: float(r[key])):
         if not found or error_of(row, kinds) < 0.97 * error_of(found[-1], kinds):
@@ -179,12 +183,12 @@ def front(rows: Sequence[Row], kinds: Sequence[str] = KINDS, key: str = "cpu") -
 
 
 def error_of(row: Row, kinds: Sequence[str] = KINDS) -> float:
-    """The larger error of the kinds, % of L."""
+    """Return the largest error of the given kinds of torque, % of L."""
     return max(row[kind] for kind in kinds)
 
 
 def take_times(env_id: str, arm: Any, rows: list[Row], torques: Array, starts: Array, rounds: int) -> None:
-    """Fill in `alone`, `gym`, `batch` and `threads` of MuJoCo's rows, all in every round, the least of the rounds."""
+    """Measure MuJoCo's rows and store the times `alone`, `gym`, `batch` and `threads`, the minima over the rounds."""
     watches = []
     limits = np.array(arm.torque_limits)
     rng = np.random.default_rng(0)
@@ -212,7 +216,7 @@ def take_times(env_id: str, arm: Any, rows: list[Row], torques: Array, starts: A
 
 
 def measure_plane(env_id: str, episodes: int, rounds: int) -> Row:
-    """An environment's arm: MuJoCo's settings and ours, by the same episodes."""
+    """Run MuJoCo's settings and the package's defaults on the same episodes of an environment."""
     arm = arm_of(env_id)
     actions = actions_of(env_id, episodes, arm.n_links)
     truth, _ = tips(env_id, actions, EXACT)
@@ -248,7 +252,7 @@ def measure_plane(env_id: str, episodes: int, rounds: int) -> Row:
 
 
 def on_two_threads(env_id: str, options: dict[str, Any]) -> float:
-    """Microseconds by the clock of an arm and control period of 512 arms on two threads, the least of five rounds."""
+    """Return the wall time, µs, per arm and control period of 512 arms on two threads (minimum of five rounds)."""
     env = gym.make_vec(env_id, num_envs=512, threads=2, joint_limits=None, duration=1e6, **options)
     moves = np.random.default_rng(0).uniform(-1.0, 1.0, (20, *env.action_space.shape)).astype(np.float32)
     least = np.inf
@@ -263,7 +267,8 @@ def on_two_threads(env_id: str, options: dict[str, Any]) -> float:
 
 
 def measure_extrapolated(arm: Any, torques: Array, starts: Array, truth: Array, episodes: int) -> dict[str, float]:
-    """Distance of MuJoCo's chain, extrapolated in 1 / N^2, from the reference, % of L: the worst of some episodes."""
+    """Return the largest distance, % of L, of MuJoCo's chain, extrapolated in 1 / N^2, from the reference in four
+    episodes."""
     chosen = [*range(2), *range(episodes, episodes + 2)]
     tips_of = []
     for springs in EXTRAPOLATED:
@@ -277,7 +282,7 @@ def measure_extrapolated(arm: Any, torques: Array, starts: Array, truth: Array, 
 
 
 def measure_policy(count: int = 20) -> Row:
-    """The package's policy for `FlexibleArm-v0`, trained there, judged in MuJoCo on the same episodes."""
+    """Evaluate the packaged policy of `FlexibleArm-v0` in MuJoCo and in the environment, on the same episodes."""
     env = gym.make(IDS[0])
     policy = load_policy("flexible_arm", env)
     found = []
@@ -296,7 +301,7 @@ def measure_policy(count: int = 20) -> Row:
 
 
 def frequencies(arm: Any) -> list[Row]:
-    """Lowest frequencies, joints held, of the arm and of chains, Hz."""
+    """Return the lowest clamped frequencies, Hz, of an arm and of its chains."""
     own = arm_modes(arm)[0]
     found = [{"label": "the arm", "frequencies": own.tolist()}]
     for label, placement, springs, fitted in (
@@ -311,7 +316,7 @@ def frequencies(arm: Any) -> list[Row]:
 
 # -------------------------------------------------------------------- in space
 def space_scenes(count: int) -> list[Scene]:
-    """Scenes of `three_dof` in space under a quarter of its torques, random and bang-bang."""
+    """Return scenes of `three_dof` under random and bang-bang torques of a quarter of the limits."""
     arm = arms.named(SPACE["arm"])
     assert arm.torque_limits is not None
     rng = np.random.default_rng(7)
@@ -331,7 +336,7 @@ def space_scenes(count: int) -> list[Scene]:
 
 
 def space_cases() -> list[Case]:
-    """Settings of MuJoCo in space: which hinges a spring has, how many, integrator and step."""
+    """Return the settings of MuJoCo in space: hinges of a spring, number of springs, integrator and step."""
     found = []
     for axes, springs in itertools.product(("z", "xz", "xyz"), (2, 3, 4)):
         label = f"Gauss points, {SPACE_AXES[axes]}"
@@ -342,7 +347,7 @@ def space_cases() -> list[Case]:
 
 
 def measure_space(count: int, rounds: int) -> Row:
-    """`three_dof`: MuJoCo's settings and ours, by the same scenes."""
+    """Run MuJoCo's settings and the package's default on the same scenes of `three_dof`."""
     scenes = space_scenes(count)
     arm, period = scenes[0].arm, SPACE["period"]
 
@@ -389,14 +394,14 @@ def measure_space(count: int, rounds: int) -> Row:
 
 # -------------------------------------------------------------------- results
 def described(row: Row) -> str:
-    """Settings in a few words."""
+    """Return a row's settings in words."""
     if "springs" not in row:
         return f"**{row['label']}**"
     return f"{row['springs']}, {row['label']}, {row['integrator']} {1e3 * row['step']:.3g} ms"
 
 
 def short(value: float) -> str:
-    """A number with two or three digits, without an exponent."""
+    """Format a number with three digits, or without decimals from 100 on."""
     return f"{value:.0f}" if value >= 100.0 else f"{value:.3g}"
 
 
@@ -406,7 +411,7 @@ def _cells(row: Row) -> tuple[str, ...]:
 
 
 def front_table(found: Row) -> list[str]:
-    """MuJoCo's front and the package's defaults."""
+    """Format a table of MuJoCo's Pareto front and the package's defaults."""
     heads = "settings | random, % | bang-bang, % | one arm in C | Gymnasium | batch, one thread | two threads"
     lead = front(found["timed"])
     both = [row for row in found["timed"] if row in lead or row in front(found["timed"], ("random",))]
@@ -414,13 +419,13 @@ def front_table(found: Row) -> list[str]:
 
 
 def quickest(rows: Sequence[Row], kinds: Sequence[str], target: float, key: str) -> Row | None:
-    """The quickest row within an error."""
+    """Return the quickest row whose error is at most `target`, % of L, or None."""
     good = [row for row in rows if key in row and error_of(row, kinds) <= target]
     return min(good, key=lambda row: float(row[key])) if good else None
 
 
 def ratio_table(found: Row) -> list[str]:
-    """MuJoCo's quickest time over ours at an error, both from this run."""
+    """Format a table: MuJoCo's shortest time over the package's at the same error, both from one run."""
     lines = []
     for kinds, target in itertools.product((("random",), KINDS), TARGETS):
         cells = []
@@ -432,7 +437,7 @@ def ratio_table(found: Row) -> list[str]:
 
 
 def check_table(found: pages.Found) -> list[str]:
-    """How far references and MuJoCo's extrapolated chain are apart."""
+    """Format a table: differences of the second reference and of MuJoCo's extrapolated chain from the reference."""
     lines = []
     for env_id in IDS:
         own = found[env_id]
@@ -443,17 +448,17 @@ def check_table(found: pages.Found) -> list[str]:
 
 
 def frequency_table(found: pages.Found) -> list[str]:
-    """Lowest frequencies of arms and chains."""
+    """Format a table of the lowest frequencies of arms and chains."""
     lines = [(found[env_id]["arm"], row["label"], *(f"{f:.4g}" for f in row["frequencies"]))
              for env_id in IDS for row in found[env_id]["frequencies"]]  # fmt: skip
     return table("arm | model | 1, Hz | 2, Hz | 3, Hz", lines)
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Tables of the page."""
-    seconds = f"{found['cpu_seconds']:.0f} s of CPU time."
-    tried = ", ".join(f"{len(found[env_id]['rows'])} stable settings of MuJoCo on {env_id}" for env_id in IDS)
-    made: dict[str, list[str]] = {"runs": [f"{tried}; {seconds}"], "checks": check_table(found)}
+    """Format the tables of the page."""
+    tried = " and ".join(f"{len(found[env_id]['rows'])} stable settings on `{env_id}`" for env_id in IDS)
+    runs = f"MuJoCo was measured with {tried}, which took {found['cpu_seconds']:.0f} s of CPU time."
+    made: dict[str, list[str]] = {"runs": [runs], "checks": check_table(found)}
     for env_id in IDS:
         made |= {env_id: front_table(found[env_id]), f"{env_id} ratios": ratio_table(found[env_id])}
     made["policy"] = table(
@@ -470,12 +475,12 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 
 def finding(found: pages.Found) -> str:
-    """The ratios at 2 % under both kinds of torque, and where MuJoCo is as fast, in words."""
+    """Describe the result in words: the time ratios at an error of 2 %, and where MuJoCo is as fast."""
     own = found[IDS[0]]
     words = []
     pairs = (
-        ("alone", "gym", "one arm, MuJoCo in C and ours in Gymnasium"), ("gym", "gym", "one arm, both in Gymnasium"),
-        ("batch", "batch", "an arm of a batch"),
+        ("alone", "gym", "one arm, MuJoCo in C, the package in Gymnasium"),
+        ("gym", "gym", "one arm, both in Gymnasium"), ("batch", "batch", "an arm of a batch"),
     )  # fmt: skip
     for theirs, ours, what in pairs:
         a, b = quickest(own["timed"], KINDS, 2.0, theirs), quickest(own["ours"], KINDS, 2.0, ours)
@@ -484,14 +489,14 @@ def finding(found: pages.Found) -> str:
     coarse = quickest(own["timed"], ("random",), 1.0, "alone")
     best = min((error_of(row) for row in own["rows"]), default=np.nan)
     if words:
-        text = (f"On `FlexibleArm-v0` MuJoCo's quickest chain within 2 % under both kinds of torque takes "
-                f"{', '.join(words)} times as long as the package's quickest default.")  # fmt: skip
+        text = (f"On `FlexibleArm-v0` MuJoCo's fastest chain with an error within 2 % of L under both kinds of "
+                f"torque takes {', '.join(words)} times as long as the package's fastest default.")  # fmt: skip
     else:
         text = (f"On `FlexibleArm-v0` no setting of MuJoCo within {LONGEST:g} µs a period reaches 2 % under both kinds "
                 "of torque.")  # fmt: skip
-    text += f" Its smallest error under both is {best:.2g} %."
+    text += f" The smallest error of MuJoCo's chains under both kinds of torque is {best:.2g} %."
     if coarse is not None:
-        gyms = ", ".join(f"{row['gym']:.3g} ({row['label']}, {row['random']:.2g} %)" for row in own["ours"])
+        gyms = ", ".join(f"{row['gym']:.3g} µs ({row['label']}, error {row['random']:.2g} %)" for row in own["ours"])
         text += (f" At a coarse accuracy MuJoCo is fast: under random torques alone one arm in C takes "
                  f"{coarse['alone']:.3g} µs with an error of {coarse['random']:.2g} %; the package's Gymnasium "
                  f"environments take {gyms}.")  # fmt: skip
@@ -499,7 +504,7 @@ def finding(found: pages.Found) -> str:
 
 
 def figure(found: pages.Found, path: Path) -> None:
-    """Error over CPU time of one arm, and of one arm in a batch."""
+    """Plot the error over the CPU time of one arm, and of one arm in a batch."""
     columns = (("alone", "gym", "one arm: MuJoCo in C, ours in Gymnasium"), ("batch", "batch", "a batch on one thread"))
     with styled_figure(path, 10.0, 1.2 + 3.1 * len(IDS)) as fig:
         axes = fig.subplots(len(IDS), 2, sharex=True, sharey=True, squeeze=False)
@@ -525,7 +530,7 @@ def figure(found: pages.Found, path: Path) -> None:
 
 
 def measured(options: argparse.Namespace) -> pages.Found:
-    """Run all, draw."""
+    """Run all measurements and plot them."""
     begun = cpu_seconds()
     found: pages.Found = {env_id: measure_plane(env_id, options.episodes, options.rounds) for env_id in IDS}
     found["three_dof"] = measure_space(max(2, options.episodes // 3), options.rounds)

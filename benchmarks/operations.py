@@ -34,14 +34,14 @@ CASES: dict[str, tuple[str, str, dict[str, Any]]] = {
     "floating frame, 3 modes": ("strip", "floating_frame", {"modes": 3}),
     "floating frame, 5 segments": ("strip", "floating_frame", {"segments": 5, "elements": 1}),
 }
-"""What is counted and timed: arm, formulation, options."""
+"""Counted and timed cases: arm, formulation, options."""
 
 STEP, STEPS = 0.005, 8
 COUNTS = {"add": 0, "multiply": 0, "divide": 0}
 
 
 class Counted:
-    """A float that counts what is done with it."""
+    """Float that counts the operations on it."""
 
     __slots__ = ("x",)
 
@@ -63,24 +63,24 @@ class Counted:
     __hash__ = None
 
     def cos(self) -> Counted:
-        """What np.cos calls; counted as our own sine and cosine are."""
+        """Return the cosine, which np.cos calls; its count is that of the package's own sine and cosine."""
         COUNTS["multiply"] += 8
         COUNTS["add"] += 8
         return Counted(math.cos(self.x))
 
     def sin(self) -> Counted:
-        """What np.sin calls."""
+        """Return the sine, which np.sin calls."""
         self.cos()
         return Counted(math.sin(self.x))
 
     def sqrt(self) -> Counted:
-        """What np.sqrt calls."""
+        """Return the square root and count a division; np.sqrt calls this method."""
         COUNTS["divide"] += 1
         return Counted(math.sqrt(self.x))
 
 
 def _counting(word: str, name: str, operation: Any) -> None:
-    """Python's operation `word`, which counts as `name`."""
+    """Define the operator `word` of `Counted`; each use adds one to the count `name`."""
 
     def counted(a: Any, b: Any) -> Counted:
         COUNTS[name] += 1
@@ -91,7 +91,7 @@ def _counting(word: str, name: str, operation: Any) -> None:
 
 
 def _prepare() -> None:
-    """Let the kernels' few functions of Python's own floats, and their room on the stack, hold counting numbers."""
+    """Make the kernels' arithmetic functions and scratch arrays accept counting numbers."""
 
     def divided(a: float, b: float) -> float:
         return a / b if b else math.inf
@@ -119,7 +119,7 @@ def _prepare() -> None:
 
 
 def thrown(arm_name: str, formulation: str, options: dict[str, Any]) -> Simulation:
-    """An arm that its largest torques have driven away from rest, for four steps of 5 ms."""
+    """Return an arm that its torque limits have accelerated from rest for four steps of 5 ms."""
     arm = arms.resolve(arm_name)
     settings = Settings.make(formulation, dt=STEP, tolerance=1e-6, **options)
     simulation = Simulation(standing_scene(arm, STEP, None), settings)
@@ -130,7 +130,7 @@ def thrown(arm_name: str, formulation: str, options: dict[str, Any]) -> Simulati
 
 
 def count(arm_name: str, formulation: str, options: dict[str, Any]) -> dict[str, float]:
-    """Operations of a step, and Newton iterations, means over STEPS steps of 5 ms of the arm under constant torques."""
+    """Count the operations and Newton iterations per step: means over STEPS steps of 5 ms under constant torques."""
     from flexarm_env.physics.integrator.step import advance
 
     simulation = thrown(arm_name, formulation, options)
@@ -151,7 +151,7 @@ def count(arm_name: str, formulation: str, options: dict[str, Any]) -> dict[str,
 
 
 def main() -> None:
-    """Print the counts of all cases."""
+    """Print the counts of all cases as JSON."""
     if not UNCOMPILED:
         raise SystemExit("Run with FLEXARM_COMPILER=python: compiled kernels cannot be counted")
     _prepare()

@@ -22,7 +22,7 @@ Blocks = Mapping[str, list[str]]
 
 
 def filled(text: str, name: str, blocks: Blocks) -> str:
-    """A page's text with these lines in its blocks of a record; ValueError where it has none of that name."""
+    """Return a page's text with new lines in the blocks of a record. ValueError if the page lacks a block."""
     for block, lines in blocks.items():
         before, mark, rest = text.partition(f"<!-- {name} {block} -->\n")
         if not mark:
@@ -32,9 +32,9 @@ def filled(text: str, name: str, blocks: Blocks) -> str:
 
 
 def write_page(folder: Path, name: str, blocks: Blocks, page: str = "") -> None:
-    """Fill a page's blocks of a record, of the page in docs/ or of its copy in another folder.
+    """Write the blocks of a record into a page of docs/, or into a copy of the page in another folder.
 
-    page: below docs/, without .md; results/NAME where none is named.
+    page: path below docs/, without .md; default results/NAME.
     """
     source = DOCS / f"{page or 'results/' + name}.md"
     target = source if folder.resolve() in (DOCS / "results", DOCS) else folder / source.name
@@ -42,17 +42,17 @@ def write_page(folder: Path, name: str, blocks: Blocks, page: str = "") -> None:
 
 
 def short(value: Any) -> Any:
-    """A number in few digits; None as nothing."""
+    """Format a float with five digits; None becomes an empty text."""
     return f"{value:.5g}" if isinstance(value, float) else "" if value is None else value
 
 
 def options_of(case: Found) -> str:
-    """A case's options in a cell."""
+    """Format the options of a case for a table cell."""
     return " ".join(f"{key}={short(value)}" for key, value in case["options"].items())
 
 
 def write_csv(path: Path, heads: list[str], rows: Iterable[Iterable[Any]]) -> None:
-    """Rows below their heads."""
+    """Write a CSV file with a header line."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerows([heads, *([short(value) for value in row] for row in rows)])
@@ -60,26 +60,28 @@ def write_csv(path: Path, heads: list[str], rows: Iterable[Iterable[Any]]) -> No
 
 
 def kept(folder: Path, name: str) -> Found:
-    """What a record in a folder has; nothing where it is not there."""
+    """Return the contents of a record in a folder; an empty dictionary if the file is missing."""
     record = folder / f"{name}.json"
     return json.loads(record.read_text(encoding="utf-8")) if record.is_file() else {}
 
 
 def begun(folder: Path, name: str) -> Found:
-    """What a run that was broken off has left in a record, to go on from, by the same code; a whole one is measured
-    anew."""
+    """Return the results of an interrupted run from its record; an empty dictionary if that run was finished."""
     found = kept(folder, name)
     return {} if "machine" in found else found
 
 
 def parts(options: argparse.Namespace, name: str, measures: Mapping[str, Callable[[], Any]]) -> Found:
-    """What each part of a record is measured to be; where --only names some, the others are as they are kept, and the
-    date is that of the oldest and today's."""
+    """Measure the parts of a record.
+
+    With --only the other parts keep their recorded values, and the date becomes the range from the oldest part to
+    today.
+    """
     wanted = options.only or measures
     known = kept(options.out, name) if options.only else {}
     missing = [part for part in measures if part not in wanted and part not in known]
     if missing:
-        raise SystemExit(f"{options.out / name}.json has no {', '.join(missing)}, which --only leaves as they are")
+        raise SystemExit(f"{options.out / name}.json has no {', '.join(missing)}, which --only does not measure")
     found = {part: measure() if part in wanted else known[part] for part, measure in measures.items()}
     if options.only:
         today = describe_machine()["date"]
@@ -101,16 +103,20 @@ def run(
     more: Mapping[str, Mapping[str, Any]] | None = None,
     **numbers: int,
 ) -> int:
-    """The command of a benchmark: measure, keep NAME.json, write the page's blocks; 1 where a verdict does not hold.
+    """Run the command of a benchmark: measure, write NAME.json, and fill the page's blocks.
+
+    Return the exit code, which is 1 if a verdict does not hold.
 
     Args:
-        name: of the record. page, packages: where the lines go (`write_page`), and versions that are told there.
-        indent: of the record.
-        measure: what was found. Where it has "verdicts" (what has to hold, whether it does) they are a block too.
-        more: further flags, by their names: keywords of `add_argument`. numbers: flags of whole numbers, with defaults.
+        name: name of the record.
+        measure: function that returns the results. The results' entry "verdicts" (requirement -> whether it holds)
+            becomes a block.
+        page: page of the blocks, see `write_page`. packages: packages whose versions the page lists.
+        indent: indentation of the record's JSON.
+        more: further flags: name -> keywords of `add_argument`. numbers: integer flags with their defaults.
     """
     parser = command(description, **numbers)
-    parser.add_argument("--page", action="store_true", help="measure nothing: the page from the numbers that are kept")
+    parser.add_argument("--page", action="store_true", help="write the page from the record, measure nothing")
     for flag, keywords in (more or {}).items():
         parser.add_argument(f"--{flag}", **keywords)
     options = parser.parse_args(arguments)

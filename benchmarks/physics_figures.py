@@ -26,13 +26,13 @@ FLIGHTS: dict[str, dict[str, Any]] = {
     "flying_rod": {"segments": 4, "steps": [0.0125 / 2**k for k in range(5)], "long": 0.003125},
     "two_link_free_flight": {"segments": 2, "steps": [0.00125 / 2**k for k in range(5)], "long": 0.000625},
 }
-"""Segments a link, steps (s), and the step of a run eight times as long, which shows that nothing grows."""
+"""Free flights: segments per link, steps (s), and the step of a run eight times as long that must show no growth."""
 ORDERS = ((1.0, 2), (0.9, 2), (0.6, 3))
-"""rho_inf and segments of the runs that measure the order."""
+"""Numerical damping rho_inf and number of segments of the runs that measure the integrator's order."""
 
 
 def orders(steps: list[float], errors: list[float]) -> list[float]:
-    """Order of convergence from each step to the next."""
+    """Return the order of convergence between each step and the next."""
     return [
         float(np.log(a / b) / np.log(h / k))
         for h, k, a, b in zip(steps[:-1], steps[1:], errors[:-1], errors[1:], strict=True)
@@ -41,7 +41,7 @@ def orders(steps: list[float], errors: list[float]) -> list[float]:
 
 # ----------------------------------------------------------------- spin-up
 def spin_up(folder: Path) -> dict[str, Any]:
-    """Lag of the tip under the three couplings, and in the frame that is the default."""
+    """Measure the tip's lag in the spin-up for three couplings in root frames, and for the default chord frame."""
     spun: dict[str, Any] = {"segments": 1, "elements": 5, "sample": 0.02, "estimate_error": False}
     runs = {c: simulate(named("spin_up"), coupling=c, frame="root", **spun) for c in ("von_karman", "paper", "linear")}
     runs["von_karman, frame: chord"] = simulate(named("spin_up"), frame="chord", **spun)
@@ -63,7 +63,7 @@ def spin_up(folder: Path) -> dict[str, Any]:
 
 # ------------------------------------------------------------- free flight
 def center_of_mass(run: Trajectory) -> Array:
-    """Centre of mass (n, 2) of uniform links of equal mass, by Simpson's rule on the cubics between drawn points."""
+    """Return the center of mass (n, 2), m, of uniform links of equal mass, by Simpson's rule over the drawn points."""
     elements = (run.shapes.shape[1] - 1) // 8
     weights = np.zeros(run.shapes.shape[1])
     for e in range(elements):
@@ -72,13 +72,13 @@ def center_of_mass(run: Trajectory) -> Array:
 
 
 def free_energy(run: Trajectory) -> tuple[Array, Array]:
-    """Times and energy after the loads have ended."""
+    """Return the instants, s, and the energy, J, after the loads have ended."""
     free = run.t > max(run.scene.kinks) + 1e-9
     return run.t[free], run.energy[free]
 
 
 def free_flight(name: str, folder: Path) -> dict[str, Any]:
-    """Errors of the centre of mass and wobble of the energy against the step, undamped."""
+    """Measure the errors of the center of mass and the wobble of the energy against the step, without damping."""
     segments, steps = FLIGHTS[name]["segments"], FLIGHTS[name]["steps"]
     options: dict[str, Any] = {"segments": segments, "rho_inf": 1.0, "sample": 0.0125, "estimate_error": False}
     runs = [simulate(named(name), dt=h, **options) for h in steps]
@@ -120,7 +120,10 @@ def free_flight(name: str, folder: Path) -> dict[str, Any]:
 
 # ------------------------------------------------------------------- order
 def order_of_integrator(folder: Path) -> dict[str, Any]:
-    """Rms errors on robot_arm_motion_smooth: difference from a step four times finer, whose own error is taken out."""
+    """Measure rms errors on robot_arm_motion_smooth for several steps, relative to a run with a four times finer step.
+
+    The errors are corrected for the error of the run with the finer step, which is of second order.
+    """
     steps = [0.05 / 2**k for k in range(1, 6)]
     found = {}
     title = "robot_arm_motion_smooth: rms error against the step"
@@ -155,7 +158,7 @@ def order_of_integrator(folder: Path) -> dict[str, Any]:
 
 # ------------------------------------------------------------------- scenes
 def scenes(folder: Path) -> dict[str, str]:
-    """A figure of every named scene, eight segments a link."""
+    """Plot every named scene with eight segments per link."""
     status = {}
     for name in names():
         run = simulate(named(name), segments=8, dt=named(name).dt / 2)
@@ -166,7 +169,7 @@ def scenes(folder: Path) -> dict[str, str]:
 
 
 def verdicts(found: dict[str, Any]) -> dict[str, bool]:
-    """What has to hold, and whether it does."""
+    """Return the required properties, and whether each one holds."""
     spin, flights, order = found["spin_up"], found["free_flight"].values(), found["order"]
     stretch = spin["von_karman"]["steady_stretch"] / 5.143e-4 - 1.0
     windows = [f["long_run"]["energy_wobble_rms_of_eighths"] for f in flights]
@@ -184,7 +187,7 @@ def verdicts(found: dict[str, Any]) -> dict[str, bool]:
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the tables of the page."""
     spun = []
     for coupling, row in found["spin_up"].items():
         stretch = "–" if row["steady_stretch"] is None else f"{row['steady_stretch']:.4g}"
@@ -203,15 +206,16 @@ def blocks(found: pages.Found) -> pages.Blocks:
         eighths = ", ".join(f"{rms:.1e}" for rms in long["energy_wobble_rms_of_eighths"])
         length = f"{long['duration']:g} s, step {long['dt']:g} s"
         lines[name] = [
-            f"{name}, {row['segments']} segments a link, energy {row['energy']:.3f} J:", "",
+            f"`{name}` has {row['segments']} segments per link and the energy {row['energy']:.3f} J:", "",
             *table("step, s | centre of mass: largest error, m | energy: rms wobble, J", rows), "",
-            f"Wobble in each eighth of a run eight times as long ({length}): {eighths} J.",
+            f"In a run eight times as long ({length}), the wobble of the energy in each eighth of the run is "
+            f"{eighths} J.",
         ]  # fmt: skip
     return lines
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """Measure, draw."""
+    """Run all measurements and plot them."""
     found: pages.Found = {
         "spin_up": spin_up(options.figures),
         "free_flight": {name: free_flight(name, options.figures) for name in FLIGHTS},

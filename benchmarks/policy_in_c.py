@@ -16,7 +16,7 @@ PROGRAM = Path(__file__).with_name("policy_timed.c")
 
 
 def decision_time(name: str) -> float:
-    """Seconds for a decision of a packaged policy."""
+    """Return the time of one decision of a packaged policy in C, s."""
     observed = load_policy(name).weights[0][0].shape[0]
     with tempfile.TemporaryDirectory() as folder:
         written = ["flexarm", "export", name, "--to", "c", "--out", "policy.c"]

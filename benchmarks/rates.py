@@ -22,10 +22,11 @@ Made = tuple[Callable[[int], int], Callable[[], None]]
 
 @dataclass
 class Case:
-    """One thing whose rate is measured.
+    """A case whose rate of environment steps is measured.
 
-    make: opens it and gives (advance, close); advance(k) makes k control periods of all its environments and returns
-    how many environment steps that were (autoreset steps are none). rates: environment steps a second, one a round.
+    make: function that makes the environment and returns (advance, close). advance(k) runs k control periods in all its
+    environments and returns the number of environment steps, without autoreset steps. rates: environment steps per
+    second, one per round.
     """
 
     name: str
@@ -35,7 +36,7 @@ class Case:
     first_seconds: float = 0.0
 
     def row(self) -> dict[str, Any]:
-        """What a results file keeps: the best round (others share the machine) and the median one."""
+        """Return the results of the case: best and median rate over the rounds."""
         return {
             "case": self.name,
             **self.facts,
@@ -51,14 +52,14 @@ def _facts(env_id: str, **more: Any) -> dict[str, Any]:
 
 
 def _ready(env: Any, count: int, share: float = 1.0) -> list[Any]:
-    """Random actions, so many, of an environment that is reset."""
+    """Reset an environment and return `count` random actions."""
     env.action_space.seed(0)
     env.reset(seed=0)
     return [np.float32(share) * env.action_space.sample() for _ in range(count)]
 
 
 def single(name: str, env_id: str, **keywords: Any) -> Case:
-    """An environment as `gymnasium.make` gives it, wrappers included, driven by random actions made beforehand."""
+    """Return the case of a single environment from `gymnasium.make`, wrappers included, under random actions."""
 
     def make() -> Made:
         env = gym.make(env_id, **keywords)
@@ -78,9 +79,9 @@ def single(name: str, env_id: str, **keywords: Any) -> Case:
 
 
 def vector(name: str, env_id: str, n_envs: int, threads: int, share: float = 1.0, **keywords: Any) -> Case:
-    """The native vector environment, NEXT_STEP autoreset; steps in which an arm is only reset do not count.
+    """Return the case of a native vector environment with NEXT_STEP autoreset; autoreset steps are not counted.
 
-    share: of the torque limits that random actions go up to.
+    share: largest random action, as a share of the torque limits.
     """
 
     def make() -> Made:
@@ -102,7 +103,8 @@ def vector(name: str, env_id: str, n_envs: int, threads: int, share: float = 1.0
 
 
 def envpool_reacher() -> Case | None:
-    """EnvPool's Reacher-v4, one environment stepped synchronously; None where EnvPool is not installed."""
+    """Return the case of EnvPool's Reacher-v4, one environment stepped synchronously; None if EnvPool is not
+    installed."""
     if not find_spec("envpool"):
         return None
 
@@ -124,7 +126,10 @@ def envpool_reacher() -> Case | None:
 
 
 def exudyn_arm(elements: int = 5, n_steps: int = 4) -> Case | None:
-    """The strip in Exudyn, stepped from Python by its own solver: a control period of 20 ms in n_steps steps."""
+    """Return the case of the strip in Exudyn: a control period of 20 ms has n_steps steps.
+
+    None if Exudyn is not installed.
+    """
     if not find_spec("exudyn"):
         return None
 
@@ -137,7 +142,7 @@ def exudyn_arm(elements: int = 5, n_steps: int = 4) -> Case | None:
 
 
 def arithmetic(threads: int) -> Case:
-    """Multiplications and additions in registers, in eight lanes, on some threads: what these gain at most."""
+    """Return a case of register arithmetic in eight lanes, which bounds the gain by several threads."""
 
     def make() -> Made:
         numbers = [arithmetic_numbers() for _ in range(threads)]
@@ -161,7 +166,7 @@ def arithmetic(threads: int) -> Case:
 
 
 def own_cases(sizes: tuple[int, ...], threads: tuple[int, ...], formulations: tuple[str, ...]) -> list[Case]:
-    """Both ids under each formulation at the settings that the environments use by default, single and vector."""
+    """Return the cases of both environments under each formulation with default settings, single and vector."""
     cases = []
     for env_id, formulation in itertools.product(IDS, formulations):
         options: dict[str, Any] = {} if formulation == DEFAULT_FORMULATION else {"formulation": formulation}
@@ -176,7 +181,8 @@ def own_cases(sizes: tuple[int, ...], threads: tuple[int, ...], formulations: tu
 
 
 def reduced_cases(modes: int, n_envs: int) -> list[Case]:
-    """Both ids, each link a floating frame of so many modes at its default step, under torques within its range."""
+    """Return the cases of both environments with links reduced to `modes` modes, under torques within their valid
+    range."""
     cases = []
     for env_id, threads in itertools.product(IDS, (1, 2)):
         label = f"floating_frame, {modes} modes a link"
@@ -188,7 +194,7 @@ def reduced_cases(modes: int, n_envs: int) -> list[Case]:
 
 
 def measure(cases: list[Case], rounds: int, seconds: float, tell: Callable[[str], None]) -> None:
-    """Fill in the rates: `rounds` times through all cases, each for about `seconds`."""
+    """Measure all cases in turn, `rounds` times, each time for about `seconds`."""
     for number in range(rounds):
         for case in cases:
             clock = time.perf_counter()

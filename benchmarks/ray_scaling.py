@@ -4,10 +4,10 @@
 
 PPO is trained on FlexibleArm-v0 with the hyper-parameters of configs/ppo/default.yml: rollouts of 8192 steps of 64
 environments, 10 epochs, minibatches of 1024, network [64, 64], one torch thread in each process. `plain` is the same
-training loop with the same network in NumPy and torch, without Ray, on one core. All other cases are RLlib's PPO. Its
-runners are `native` (agents/rllib/runner.py) or `rllib` (RLlib's own). Runners and learners are separate processes, or
-the training process does their work. The cases alternate. Times are medians over iterations, without the first two of
-each turn.
+training loop with the same network in NumPy and torch, without Ray, on one core. All other cases are RLlib's PPO. The
+runners of RLlib's PPO are `native` (agents/rllib/runner.py) or `rllib` (RLlib's own). Runners and learners are separate
+processes, or the training process does their work. The cases alternate. Times are medians over iterations, without the
+first two of each turn.
 """
 
 import argparse
@@ -41,13 +41,13 @@ Row = dict[str, float]
 
 
 class Clock:
-    """Adds up how long calls take."""
+    """Stopwatch that adds up the durations of calls by name."""
 
     def __init__(self) -> None:
         self.spent: dict[str, float] = {}
 
     def timed(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        """The call, with its time added to `name`."""
+        """Return a function that calls `call` and adds the duration to the total of `name`."""
 
         def wrapped(*args: Any, **kwargs: Any) -> Any:
             begin = time.perf_counter()
@@ -59,14 +59,17 @@ class Clock:
         return wrapped
 
     def take(self) -> dict[str, float]:
-        """What has been added up; begin anew."""
+        """Return the durations, s, by name, and start again from zero."""
         spent, self.spent = self.spent, {}
         return spent
 
 
 # ------------------------------------------------------------------ with Ray
 def on_ray(config: Any, iterations: int, runners: int, native: bool, n_envs: int = 64, learners: int = 0) -> list[Row]:
-    """Seconds of each iteration and of its parts; the parts inside runners as the mean over the runners."""
+    """Train with RLlib; return the durations, s, of each iteration and of its parts.
+
+    The duration of a part inside the runners is the mean over the runners.
+    """
     from ray.rllib.algorithms.ppo import ppo
 
     from agents.rllib import setup
@@ -104,7 +107,7 @@ def on_ray(config: Any, iterations: int, runners: int, native: bool, n_envs: int
 
 # ------------------------------------------------------------------ without
 def plain(config: Any, iterations: int) -> list[Row]:
-    """The same training loop without Ray: seconds of each iteration and of its parts."""
+    """Train with the same loop without Ray; return the durations, s, of each iteration and of its parts."""
     import gymnasium as gym
     import torch
     from ray.rllib.core.columns import Columns
@@ -180,7 +183,7 @@ def plain(config: Any, iterations: int) -> list[Row]:
 
 
 def bare(config: Any, n: int = 64, repeats: int = 400) -> float:
-    """Microseconds that the environments alone take for a step of one arm, n of them on one thread."""
+    """Return the time of an environment step per arm, µs, for n environments on one thread without a policy."""
     import gymnasium as gym
 
     env = gym.make_vec(f"flexarm_env:{ENV}", num_envs=n, vectorization_mode="vector_entry_point", threads=1,
@@ -198,13 +201,13 @@ def bare(config: Any, n: int = 64, repeats: int = 400) -> float:
 
 # ------------------------------------------------------------------ the page
 def medians(rows: list[Row]) -> Row:
-    """Of each part, with the rate."""
+    """Return the medians over the iterations, and the rate in steps per second."""
     out = {key: float(np.median([row[key] for row in rows])) for key in rows[0]}
     return out | {"steps_per_second": out["steps"] / out["iteration"]}
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the tables of the page."""
     rows, shares = [], []
     for name, row in found["found"].items():
         cells = (row["steps"], row["steps_per_second"], row["steps"] / row["sampling"])
@@ -217,13 +220,14 @@ def blocks(found: pages.Found) -> pages.Blocks:
     heads = "runners | steps an iteration | steps/s | while sampling | iteration, ms | sampling, ms | learning, ms"
     parts_of = "environments | policy | building episodes | transfer to the training process | learning"
     return {
-        "load": [f"Load average at the start: {found['load_average']:.1f}."], "rates": table(heads, rows, True),
+        "load": [f"The machine's load average was {found['load_average']:.1f} at the "
+                 "start."], "rates": table(heads, rows, True),
         "cost": _cost(found["found"], found["bare_us"]), "shares": table(f"| {parts_of}", shares, True),
     }  # fmt: skip
 
 
 def _cost(found: dict[str, Row], bare_us: float) -> list[str]:
-    """What Ray costs."""
+    """Describe the cost of Ray and RLlib in words."""
     without, alone = (found[name]["iteration"] / found[name]["steps"] * 1e6 for name in (PLAIN, ALONE))
     names = ("1 runner", "2 runners")
     ours = [found[f"native, {name}"] for name in names]
@@ -233,13 +237,13 @@ def _cost(found: dict[str, Row], bare_us: float) -> list[str]:
         f"In one process on one core a step takes {without:.0f} µs without RLlib and {alone:.0f} µs with it: RLlib",
         f"takes {1.0 - without / alone:.0%} of the time. Compared with the plain loop, Ray and RLlib take",
         f"{share[0]:.0%} of an iteration with one runner and {share[1]:.0%} with two. RLlib's own runner samples",
-        f"{times[0]:.1f} (1 runner) and {times[1]:.1f} times (2 runners) as long as the native one. The environments",
-        f"alone take {bare_us:.2f} µs a step.",
+        f"{times[0]:.1f} (1 runner) and {times[1]:.1f} times (2 runners) as long as the native runner. The",
+        f"environments alone take {bare_us:.2f} µs a step.",
     ]
 
 
 def measure(arguments: argparse.Namespace) -> pages.Found:
-    """All arrangements in turn."""
+    """Measure all arrangements of processes in turn."""
     load = os.getloadavg()[0]
     from agents.rllib import cluster, setup
 

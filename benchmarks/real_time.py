@@ -34,10 +34,11 @@ BESIDE: dict[str, tuple[bool, bool, tuple[int, ...]]] = {
     "a busy process on each core": (True, False, RATES),
     "the same, served and driven with `chrt -f 10`": (True, True, (1000,)),
 }
-"""What runs beside it: whether cores are busy, whether server and peer go first, and at which rates."""
+"""Load beside the served arm: whether the cores are busy, whether server and peer have real-time priority, and rates,
+Hz."""
 SHARES = (50.0, 99.0, 99.9, 100.0)
 FIRST = 10
-"""Priority of the first come, first served."""
+"""Priority under the first-in-first-out scheduler."""
 ARMS: dict[str, tuple[str, dict[str, Any]]] = {
     f"{count}, {word}": (env_id, {"formulation": formulation})
     for count, env_id in (("one link", "FlexibleArm-v0"), ("two links", "TwoLinkFlexArm-v0"))
@@ -45,16 +46,16 @@ ARMS: dict[str, tuple[str, dict[str, Any]]] = {
                               ("floating frame", "floating_frame"))
 } | {"three joints in space, exact beam": ("SpatialFlexArm-v0", {})}  # fmt: skip
 MEASURED = 3000
-"""Periods for the arm's own share."""
+"""Number of periods for the measurement of the arm's own CPU time."""
 
 
 def arm_of(env_id: str, rate: float, **kwargs: Any) -> Any:
-    """As `flexarm serve` makes it."""
+    """Make the environment of an arm as `flexarm serve` does."""
     return gym.make(env_id, control_dt=1.0 / rate, duration=1e6, disable_env_checker=True, **kwargs)
 
 
 def alone_on(core: int, first: bool) -> None:
-    """This process on one core, before all that is not as urgent if it may."""
+    """Bind this process to one core. first: with first-in-first-out real-time priority."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {sorted(os.sched_getaffinity(0))[core]})
     if first:
@@ -62,7 +63,7 @@ def alone_on(core: int, first: bool) -> None:
 
 
 def may_go_first() -> bool:
-    """Whether this user may ask for it."""
+    """Return whether this user may run processes with real-time priority."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIRST))
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
@@ -72,7 +73,7 @@ def may_go_first() -> bool:
 
 
 def serve(rate: float, first: bool, wire: Connection) -> None:
-    """The process of the arm: sends its address, serves until it is told to end, sends what came of it."""
+    """Serve an arm in its own process until terminated; send its address first and its measured times at the end."""
     session = Session(arm_of("FlexibleArm-v0", rate), Limits(watchdog=int(rate)), seed=0)
     server = Server(session)
     alone_on(0, first)
@@ -88,7 +89,7 @@ def serve(rate: float, first: bool, wire: Connection) -> None:
 
 @contextlib.contextmanager
 def busy(wanted: bool) -> Iterator[None]:
-    """A process that never rests on each core."""
+    """Keep each core busy with an endless process while the context lasts."""
     cores = sorted(os.sched_getaffinity(0))[:2] if wanted else []
     beside = [subprocess.Popen([sys.executable, "-c", f"import os\nos.sched_setaffinity(0, {{{c}}})\nwhile True: pass"])
               for c in cores]  # fmt: skip
@@ -101,7 +102,7 @@ def busy(wanted: bool) -> Iterator[None]:
 
 
 def drive(rate: float, periods: int, first: bool, address: tuple[str, int], wire: Connection) -> None:
-    """The process of the peer: PD, and when it had each reading."""
+    """Drive the served arm by PD in the peer's process; send the arrival times of the readings."""
     alone_on(1, first)
     env = RemoteArmEnv(*address)
     policy = control.make("pd", arm_of("FlexibleArm-v0", rate))
@@ -117,7 +118,7 @@ def drive(rate: float, periods: int, first: bool, address: tuple[str, int], wire
 
 
 def kept(rate: int, periods: int, first: bool) -> Found:
-    """How one server and its peer keep time."""
+    """Measure how punctual a server and its peer are; return delays in ms and lost packets."""
     context = multiprocessing.get_context("spawn")
     (here, there), (mine, theirs) = context.Pipe(), context.Pipe()
     arm = context.Process(target=serve, args=(rate, first, there))
@@ -143,7 +144,8 @@ def kept(rate: int, periods: int, first: bool) -> Found:
 
 
 def share(env_id: str, rate: int, kwargs: Found) -> list[list[float]]:
-    """Median and worst us of a period: of the arm's step alone, and of serving it with its packets."""
+    """Return median and largest time, µs, of a control period: of the arm's step, and of serving it with its
+    packets."""
     env = arm_of(env_id, rate, **kwargs)
     plain, limits, spent = env.unwrapped, np.array(env.unwrapped.plan.arm.torque_limits), np.empty((MEASURED, 2))
     session = Session(arm_of(env_id, rate, **kwargs), seed=0)
@@ -167,7 +169,7 @@ def share(env_id: str, rate: int, kwargs: Found) -> list[list[float]]:
 
 
 def measure(options: argparse.Namespace) -> Found:
-    """How time is kept, and what the arms take of it."""
+    """Measure the punctuality of served arms, and the CPU time of each arm."""
     found: Found = {"load": os.getloadavg()[0], "kept": [], "arms": []}
     for name, (env_id, kwargs) in ARMS.items():
         found["arms"].append({"arm": name, "us": [share(env_id, rate, kwargs) for rate in RATES]})
@@ -186,7 +188,7 @@ def measure(options: argparse.Namespace) -> Found:
 
 
 def blocks(found: Found) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the tables of the page."""
     rows = []
     for one in found["kept"]:
         if "refused" in one:
@@ -204,7 +206,7 @@ def blocks(found: Found) -> pages.Blocks:
             arms.append((one["arm"], what, *cells))
     heads = "beside it | Hz | periods | took, s | begins late, ms | latency, ms | off, ms | missed | lost | us a period"
     quiet = found["load"] < 0.5
-    load = f"Load average {found['load']:.1f} before the first run, {found['load_after']:.1f} after the last."
+    load = f"The load average was {found['load']:.1f} before the first run, {found['load_after']:.1f} after the last."
     return {
         "kept": table(heads, rows),
         "arms": table(f"arm | what | {' | '.join(f'{r} Hz' for r in RATES)}", arms),

@@ -2,9 +2,9 @@
 
     python -m benchmarks.relative [--relative FOLDER --python PYTHON] [--runs FOLDER]
 
-FOLDER contains its files. PYTHON is an interpreter with CasADi and Gymnasium (3.10, because of its dataclasses).
-Without these flags, the recorded results of that environment are kept. Rates are of processor time; both environments
-alternate in one run.
+FOLDER contains the files of shamilmamedov/flexible_arm. PYTHON is an interpreter with CasADi and Gymnasium (3.10,
+because of the dataclasses in these files). Without these flags, the recorded results of that environment are kept.
+Rates are of processor time; both environments alternate in one run.
 """
 
 import argparse
@@ -33,26 +33,27 @@ OURS: tuple[dict[str, Any], ...] = ({"elements": 2}, {"elements": 4, "dt": 1e-3,
 EXACT: dict[str, Any] = {"elements": 6, "dt": 1.25e-4, "tolerance": 1e-9}
 PERIODS, SHOWN = 50, (10, 20, 30, 50)
 SHARE = 0.25
-"""Of the torque limits, that torques are drawn from."""
+"""Random torques are drawn from this share of the torque limits."""
 
 PROTOCOL = 300
-"""Control periods of its episodes."""
+"""Length of the other environment's episodes, control periods."""
 NEAR, KEPT = 0.01, 3
-"""m, and control periods, after which one of its episodes ends as reached."""
+"""Distance, m, and number of control periods within it, after which the other environment ends an episode as
+reached."""
 ANGLES = [(-math.pi / 2, 3 * math.pi / 2), (-math.pi / 2, math.pi / 2), (-math.pi + 0.05, math.pi - 0.05)]
-"""Joint angles of its starts and goals; its shoulder's, from 0 to pi above the horizontal, as they are here."""
+"""Ranges of the joint angles, rad, of the other environment's starts and goals, in this package's convention."""
 POLICIES = {"pd": 100, "zv": 100, "lqr": 100, "mpc": 20}
 LEARNED = "gradients (`--algo gradient`)"
 
 
 def theirs(angles: Array) -> list[float]:
-    """Joint angles, which it counts from the horizontal upwards; torques turn alike."""
+    """Convert joint angles, rad, to the other environment's convention, which counts from the horizontal upwards."""
     yaw, shoulder, elbow = angles.tolist()
     return [yaw, math.pi / 2 - shoulder, -elbow]
 
 
 class Relative:
-    """Its process, where there is one."""
+    """Process that runs the other environment."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         program = "import sys; sys.path.insert(0, sys.argv[1]); from relative_driver import main; main(sys.argv[2])"
@@ -60,7 +61,8 @@ class Relative:
         self.process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def run(self, elements: int, angles: Array, actions: Array) -> dict[str, Any]:
-        """Tips (T, 3), and processor time, under actions (T, 3) from straight links at rest at joint angles."""
+        """Simulate straight links at rest under actions (T, 3); return tip positions (T, 3), m, and processor time,
+        s."""
         torques = (actions * LIMITS * [1.0, -1.0, -1.0]).tolist()
         assert self.process.stdin is not None and self.process.stdout is not None
         print(json.dumps({"elements": elements, "torques": torques, "state": theirs(angles)}), file=self.process.stdin,
@@ -70,7 +72,7 @@ class Relative:
 
 
 def started(starts: Array, targets: Array | None = None, **settings: Any) -> tuple[Any, Any]:
-    """Arms at joint angles (n, 3), and what is observed of them."""
+    """Return a vector environment whose arms start at joint angles (n, 3), rad, and the first observations."""
     env = gym.make_vec(ID, num_envs=len(starts), **settings)
     observation, _ = env.reset(seed=0)
     for i, start in enumerate(starts):
@@ -80,7 +82,7 @@ def started(starts: Array, targets: Array | None = None, **settings: Any) -> tup
 
 
 def rates(relative: Relative) -> dict[str, float]:
-    """Steps a second of processor time of `Pendulum-v1`, of its simulator, and of ours, medians of turns."""
+    """Measure steps per second of processor time of `Pendulum-v1`, of the other simulator, and of this environment."""
     rng, found = np.random.default_rng(0), dict[str, list[float]]()
     actions = SHARE * rng.uniform(-1.0, 1.0, (PROTOCOL, 3))
     environments: dict[str, tuple[Any, int]] = {"pendulum": (gym.make("Pendulum-v1"), 1), "one": (gym.make(ID), 1)}
@@ -103,7 +105,10 @@ def rates(relative: Relative) -> dict[str, float]:
 
 
 def tips(relative: Relative, episodes: int) -> list[dict[str, Any]]:
-    """Distances of tips from the converged beam's, over the reach, that 98 % do not exceed up to some instants."""
+    """Return the 98 % quantiles of the largest tip error up to each instant, over the reach, of both packages.
+
+    The reference is a converged exact beam. Each row has torques on all joints or only on shoulder and elbow.
+    """
     rows, rng = list[dict[str, Any]](), np.random.default_rng(3)
     starts = rng.uniform(-1.0, 1.0, (episodes, 3)) * [1.0, 1.2, 1.2]
     for turned in (0.0, 1.0):
@@ -127,7 +132,10 @@ def tips(relative: Relative, episodes: int) -> list[dict[str, Any]]:
 
 
 def drawn(episodes: int) -> tuple[Array, Array]:
-    """Joint angles at the start and goals, m, by its rules: tip above the ground, tip and elbow before the wall."""
+    """Draw initial joint angles, rad, and goals, m, by the other environment's rules.
+
+    The tip is above the ground; tip and elbow are in front of the wall.
+    """
     rng, arm = np.random.default_rng(7), arms.named("three_dof")
     low, high = np.array(ANGLES).T
 
@@ -146,7 +154,7 @@ def drawn(episodes: int) -> tuple[Array, Array]:
 
 
 def reached(name: str, episodes: int, home: Path) -> dict[str, Any]:
-    """Instants, s, from which a tip is near its goal for so many periods, and from which it stays there to the end."""
+    """Run a policy; return the instants, s, at which the tips reach their goals, and from which they stay there."""
     starts, targets = drawn(episodes)
     env, observation = started(starts, targets)
     if name == LEARNED:
@@ -172,7 +180,7 @@ def reached(name: str, episodes: int, home: Path) -> dict[str, Any]:
 
 
 def drawing(rows: list[dict[str, Any]], folder: Path) -> None:
-    """Errors over time: its finest model, and ours as the environment is."""
+    """Plot the errors over time: the other environment's finest model, and this environment with default settings."""
     t = 0.01 * np.arange(1, PERIODS + 1)
     with styled_figure(folder / "relative.png", 6.4, 3.6) as figure:
         axes = figure.subplots()
@@ -186,7 +194,7 @@ def drawing(rows: list[dict[str, Any]], folder: Path) -> None:
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """Rates, tips, policies."""
+    """Measure rates, tip errors and policies."""
     if options.relative is None:
         found = {key: pages.kept(options.out, "relative")[key] for key in ("rates", "tips")}
     else:
@@ -198,7 +206,7 @@ def measure(options: argparse.Namespace) -> pages.Found:
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """The page's tables."""
+    """Format the tables of the page."""
     base = found["rates"]["pendulum"]
     names = {"one": "ours, one arm", "many": "ours, 1024 arms, one thread"}
     names |= {str(n): f"its, {n} element{'s' if n > 1 else ''} a link" for n in ELEMENTS}
@@ -225,7 +233,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 if __name__ == "__main__":
     flags: dict[str, dict[str, Any]] = {
-        "relative": {"type": Path, "help": "folder of its files; without it, what is kept of it stays"},
+        "relative": {"type": Path, "help": "folder of shamilmamedov/flexible_arm; default: keep the recorded results"},
         "python": {"default": "python3.10", "help": "interpreter that has CasADi"},
         "runs": {"type": Path, "default": Path("runs/relative"), "help": "folder of the trained policy"},
     }

@@ -1,9 +1,10 @@
 """Drive shamilmamedov/flexible_arm, from a folder with its files, in an interpreter with CasADi and Gymnasium.
 
 The program reads one line of JSON, {"elements", "torques" (T, 3), "state" (joint angles)}, and writes one line: the tip
-positions (T, 3), m, and the processor time of the steps, s. It runs the environment's simulator and computes the tip,
-which is the environment's step without distance and observation. The step itself cannot be used: with its default, an
-observation of the true state, it ends in an IndexError (commit fe633ce). Imports for planning and drawing are omitted.
+positions (T, 3), m, and the processor time of the steps, s. The program runs the environment's simulator and computes
+the tip, which is the environment's `step` without distance and observation. `step` itself cannot be used: with the
+default observation, the true state, `step` raises an IndexError (commit fe633ce). Imports for planning and drawing are
+omitted.
 """
 
 import json
@@ -17,7 +18,7 @@ import numpy as np
 
 
 def main(folder: str) -> None:
-    """Answer until there are no more lines."""
+    """Answer each request on standard input until the input ends."""
     for name in ("pinocchio", "pinocchio.visualize", "acados_template", "panda3d_viewer", "torch"):
         sys.modules[name] = MagicMock()
     answers = os.fdopen(os.dup(1), "w")

@@ -2,7 +2,7 @@
 
     python -m benchmarks.replayed_plans [--goals N] [--out FILE]
 
-Two packaged arms and two softer ones move to random goals, with and without a bound on deflections. Each plan is run on
+Two packaged arms and two softer arms move to random goals, with and without a bound on deflections. Each plan is run on
 the exact beam with 10 elements per link and steps of 0.5 ms. The largest deflection, the joint angles and the final
 rates of this run are compared with those of `Motion.replay`. A plan with `found` is wrong if on the exact beam it
 exceeds its bound by more than 6 % and 6e-4 of a link's length, or misses its goal by more than 0.02 rad.
@@ -32,7 +32,7 @@ ALUMINIUM = (7e10, 2700.0, 2.6e10)
 
 
 def limp(*thicknesses: float) -> Arm:
-    """Links of 0.5 and 0.4 m with a light elbow, and torques that bend them by a fifth of their length."""
+    """Return an arm with links of 0.5 and 0.4 m and torque limits that bend them by a fifth of their length."""
     links = [Link(l, Section.rectangle(0.03, h, *ALUMINIUM)) for l, h in zip((0.5, 0.4), thicknesses, strict=False)]
     return Arm("limp", tuple(links), 0.01, (Elbow(0.1, 1e-4, 1e-4),) * (len(links) - 1), Payload(0.05, 1e-5),
                torque_limits=(1.0, 0.3)[: len(links)])  # fmt: skip
@@ -42,12 +42,12 @@ ARMS = {"strip": (0.03, 1), "de_luca_siciliano": (0.1, 2), "limp, one link": (0.
 
 
 def arm_of(name: str) -> Arm:
-    """An arm of the table."""
+    """Return the arm with a name of `ARMS`."""
     return limp(*(0.003, 0.002)[: ARMS[name][1]]) if name.startswith("limp") else arms.named(name)
 
 
 def plans(name: str, bound: float, goals: int) -> list[dict[str, Any]]:
-    """Plans to random goals, a row each."""
+    """Plan motions to random goals; return one row per plan."""
     arm, rng = arm_of(name), np.random.default_rng(7)
     plant = dynamics(arm, PERIOD)
     angles = rng.uniform(-1.2, 1.2, (goals, arm.n_links))
@@ -79,7 +79,7 @@ def _run(arm: Arm, controls: Any, ends: int) -> Any:
 
 
 def wrong(row: dict[str, Any]) -> bool:
-    """Whether a plan that is found breaks its limits on the exact beam."""
+    """Return whether a plan marked as found violates its limits on the exact beam."""
     over = row["exact"] > row["bound"] + max(0.06 * row["bound"], 6e-4)
     return row["found"] and (row["status"] != "ok" or over or row["off_exact"] > 0.02)
 
@@ -88,7 +88,7 @@ KEPT = STORE / "replayed_plans.jsonl"
 
 
 def kept() -> list[dict[str, Any]]:
-    """The rows that a run has left."""
+    """Return the rows of an earlier run."""
     return [json.loads(line) for line in KEPT.read_text().splitlines()] if KEPT.is_file() else []
 
 
@@ -111,7 +111,7 @@ def main(args: list[str] | None = None) -> int:
 
 
 def summary(rows: list[dict[str, Any]]) -> list[str]:
-    """A table: how many plans are found by themselves and by their replay, and what the exact beam says."""
+    """Format a table: numbers of found plans, and their errors on the exact beam."""
     lines = []
     for key in dict.fromkeys((row["arm"], row["bound"]) for row in rows):
         own = [row for row in rows if (row["arm"], row["bound"]) == key]

@@ -13,21 +13,21 @@ from typing import Any
 Row = dict[str, Any]
 
 STORE = Path(__file__).parents[1] / "runs" / "benchmarks"
-"""Where results are kept on the way."""
+"""Folder of intermediate results."""
 
 
 def cores() -> int:
-    """Processor cores that this process may use."""
+    """Return the number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def key_of(case: Row) -> str:
-    """A case as one line of text."""
+    """Return a case as one line of JSON."""
     return json.dumps(case, sort_keys=True)
 
 
 def kept(path: Path) -> dict[str, Row]:
-    """Results of an earlier run by their case's key; a line cut short is left out."""
+    """Return the results of an earlier run by the key of their case; truncated lines are ignored."""
     rows = {}
     for line in path.read_text().splitlines() if path.exists() else ():
         try:
@@ -41,9 +41,9 @@ def kept(path: Path) -> dict[str, Row]:
 def run_all(
     label: str, cases: Sequence[Row], measure: Callable[[Row], Row], store: Path, workers: int = 1, fresh: bool = False
 ) -> list[Row]:
-    """Rows {"case": ..., **measure(case)} in the order of the cases; those in `store` are not run again.
+    """Run the cases; return rows {"case": ..., **measure(case)} in their order. Cases in `store` are not run again.
 
-    Kernels that the parent has compiled are inherited by the workers, which are forked.
+    The worker processes are forked and therefore inherit the kernels that the parent process has compiled.
     """
     from tqdm import tqdm
 
@@ -67,9 +67,10 @@ def run_all(
 
 
 def periods(env: Any, count: int, clock: Callable[[], float], keep_on: bool = False) -> float:
-    """Seconds of a clock that so many control periods of an environment take under random actions made beforehand.
+    """Return the time, s, that `count` control periods of an environment take under prepared random actions.
 
-    keep_on: a single environment whose episode ends is reset, in that time.
+    clock: function that returns the time, s. keep_on: reset a single environment when its episode ends; the time of
+    resets is included.
     """
     env.action_space.seed(0)
     actions = [env.action_space.sample() for _ in range(64)]
@@ -83,5 +84,5 @@ def periods(env: Any, count: int, clock: Callable[[], float], keep_on: bool = Fa
 
 
 def _measured(measure: Callable[[Row], Row], case: Row) -> Row:
-    """`measure` with its case put into the row."""
+    """Return the row of `measure` with its case."""
     return {"case": case, **measure(case)}

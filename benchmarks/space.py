@@ -29,7 +29,7 @@ Found = dict[str, Any]
 
 
 def known_answers() -> list[list[Any]]:
-    """Rows: case, known, found, elements."""
+    """Return table rows (case, known answer, computed answer, elements) of arms in space."""
     rows: list[list[Any]] = []
     for GJ, known in answers.BENT_45.items():
         coarse, fine = (answers.bend_of_45_degrees(GJ, elements=n) for n in (16, 32))
@@ -55,7 +55,7 @@ def known_answers() -> list[list[Any]]:
 
 
 def whirl() -> list[list[Any]]:
-    """Rows: of an overhung disc on a shaft without mass, beside torsion; of a shaft."""
+    """Return table rows: whirl of an overhung disc on a massless shaft, next to its torsion, and whirl of a shaft."""
     rows, spins, spin = list[list[Any]](), (15.0, 40.0), 0.2
     for turning, seen in zip(spins, campbell(answers.rotor(), spins, 5, elements=1).at_rest, strict=True):
         pair = (" ".join(f"{x:.4f}" for x in v) for v in (answers.whirl_of_the_rotor(turning), np.sort(seen)))
@@ -67,7 +67,8 @@ def whirl() -> list[list[Any]]:
 
 
 def free_spin() -> list[list[Any]]:
-    """Rows: a free rigid body about its middle axis against Euler's equations, over a flip."""
+    """Return table rows: free spin of a rigid body about its middle axis, compared with Euler's equations over a
+    flip."""
     rows, off = [], []
     for h in (1e-3, 5e-4):
         scene, known = answers.tumbling(h)
@@ -84,9 +85,12 @@ def free_spin() -> list[list[Any]]:
 
 
 def frame() -> list[list[Any]]:
-    """Rows: the right-angle frame, tip's displacement and the corner's along z, beside a rod in strains of 8
-    polynomials (and how far it is from one of 6, with ten times the tolerance in time); by steps and elements halved
-    together, extrapolated in second order."""
+    """Return table rows of the right-angle frame: displacement of the tip, and of the corner along z.
+
+    The known answer is a rod whose strains are polynomials with 8 coefficients; the rows give its distance from a rod
+    with 6 coefficients and ten times the tolerance in time. Step and element length are halved together, and the
+    results are extrapolated to second order.
+    """
     scene, times, found = scenes.named("right_angle_frame"), np.array([2.0, 4.0, 8.0]), []
     rods = [SpatialOracle(scene, n, n + 4).run(times, rtol) for n, rtol in ((8, 1e-7), (6, 1e-6))]
     known, other = (np.column_stack([rod["tip"] - [10.0, 10.0, 0.0], rod["bent"][:, 0, 2]]) for rod in rods)
@@ -105,8 +109,11 @@ def frame() -> list[list[Any]]:
 
 
 def free_arm() -> list[list[Any]]:
-    """Rows: a free arm after a push, without damping, rho_inf = 1: what ought to stay, over 100,000 steps, and how its
-    ripple shrinks with the step. Momenta are slopes of the kinetic energy by rigid motions."""
+    """Return table rows of an undamped free arm after a push: the drift of momenta and energy over 100,000 steps.
+
+    Further rows give the order at which the ripple decreases with the step. Momenta are derivatives of the kinetic
+    energy by rigid motions.
+    """
     same = {"elements": 2, "tolerance": 1e-11}
     long = answers.drift(2e-3, 200.0, 200, **same)
     halves = long[:100].max(axis=0), long[100:].max(axis=0)
@@ -123,8 +130,12 @@ def free_arm() -> list[list[Any]]:
 
 
 def drawn_planes() -> list[list[Any]]:
-    """Rows: two links with a payload off their line under gravity and a torque, mounted in ten drawn planes, the exact
-    beam in space against the planar kernels (20 cubic elements); both solved to 1e-12."""
+    """Return table rows: a planar two-link arm, mounted in ten random planes in space, compared with the planar
+    kernels.
+
+    The arm has a payload beside its line, under gravity and a torque. The planar reference has 20 cubic elements; the
+    tolerance is 1e-12.
+    """
     s = answers.section(5.0, 2.0, 9.0)
     links, rows = (fx.Link(0.6, s), fx.Link(0.5, s)), []
     rest_of: dict[str, Any] = {"elbows": (fx.Elbow(0.2, 1e-3, 1e-3),), "payload": fx.Payload(0.3, 1e-3, (0.05, 0.02))}
@@ -149,8 +160,10 @@ def drawn_planes() -> list[list[Any]]:
 
 
 def beside_the_plane() -> list[list[Any]]:
-    """Rows: scene, elements, error of the tip in space and in the plane (fractions of L), ratio of the times of a run
-    of one arm, and of steps of eight in lanes."""
+    """Return table rows: scene, elements, tip errors in space and in the plane (over L), and ratios of CPU times.
+
+    The ratios are those of a run of one arm, and of steps of eight arms in lanes.
+    """
     slender = fx.Arm("arm", (fx.Link(1.0, answers.section(10.0, 5.0, stiff=1e7)),), payload=fx.Payload(0.2))
     motion = fx.Motion("joint0", cycloid(3.0, 0.5))
     turn = fx.Scene("turn", slender, duration=1.0, dt=1e-3, sample=0.05, motions=(motion,))
@@ -172,7 +185,7 @@ def beside_the_plane() -> list[list[Any]]:
 
 
 def _with_sections(scene: fx.Scene, changes: Callable[[fx.Section], Found], **more: Any) -> fx.Scene:
-    """A scene with changes of the sections of all that bends."""
+    """Return a scene whose flexible sections have the changed values that `changes` returns."""
 
     def changed(link: Any) -> Any:
         if link.rigid:
@@ -184,12 +197,12 @@ def _with_sections(scene: fx.Scene, changes: Callable[[fx.Section], Found], **mo
 
 
 def _with_torsion(name: str) -> fx.Scene:
-    """A named scene with sections that could leave the plane."""
+    """Return a named planar scene with sections that can also bend and twist out of the plane."""
     return _with_sections(scenes.named(name), lambda s: {"EI_y": s.EI, "C_y": s.C, "J_y": s.J, "GJ": s.EI}, solver=())
 
 
 def omission() -> Found:
-    """`three_dof_slew` with all it has; without torsion; without lateral bending; with pitch bending alone."""
+    """Simulate `three_dof_slew` completely, without torsion, without lateral bending, and with pitch bending alone."""
     scene, found = scenes.named("three_dof_slew"), {}
     yaws, paths = {}, {}
     for name, factors in {
@@ -214,8 +227,11 @@ def omission() -> Found:
 
 
 def floating() -> list[list[Any]]:
-    """Rows: segments, tip off the exact beam, largest bend and twist; time over that of the exact beam with as many
-    elements, and over planar frames' on a scene of the plane."""
+    """Return table rows of floating frames: segments, tip distance from the exact beam, largest bend and twist, CPU
+    times.
+
+    The CPU times are ratios: over the exact beam with as many elements, and over planar frames in a planar scene.
+    """
     scene, rows = scenes.named("three_dof_slew"), []
     exact = fx.simulate(scene, elements=48, estimate_error=False)
     flat = _with_torsion("two_link_motion")
@@ -235,7 +251,7 @@ def floating() -> list[list[Any]]:
 
 
 def draw() -> None:
-    """The figures."""
+    """Draw the figures of the page."""
     figures = DOCS / "figures"
     for name in ("three_dof_slew", "right_angle_frame"):
         plot_trajectory(fx.simulate(scenes.named(name), estimate_error=False), figures / f"{name}.png")
@@ -252,14 +268,14 @@ PARTS: dict[str, Any] = {
 
 
 def measure(options: argparse.Namespace) -> Found:
-    """All of it, and the figures; or some parts."""
+    """Measure the parts of the page that --only names; without --only all of them, with the figures."""
     if not options.only:
         draw()
     return pages.parts(options, "space", PARTS)
 
 
 def blocks(found: Found) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the tables of the page."""
     cases = {k: v for k, v in found["omission"].items() if k != "modes"}
     heads = (
         "model | largest yaw, rad | tip out of the arm's plane, m | at, s | after the torque, m | largest twist, ° | "
@@ -280,10 +296,10 @@ def blocks(found: Found) -> pages.Blocks:
             found["floating"],
         ),
         "OMISSION": table(heads, rows),
-        "MODES": ["Modes, Hz: " + ", ".join(f"{x:.2f}" for x in found["omission"]["modes"]) + "."],
+        "MODES": ["The modes have " + ", ".join(f"{x:.2f}" for x in found["omission"]["modes"]) + " Hz."],
     }
 
 
 if __name__ == "__main__":
-    only = {"nargs": "+", "choices": PARTS, "help": "only these parts of the page, the others as they are"}
+    only = {"nargs": "+", "choices": PARTS, "help": "measure only these parts of the page"}
     pages.run("space", __doc__, measure, blocks, more={"only": only})

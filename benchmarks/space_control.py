@@ -10,6 +10,7 @@ import numpy as np
 from benchmarks import pages
 from benchmarks.machine import DOCS, table
 from flexarm_env import control, suite
+from flexarm_env.episodes import Actions, History, play
 from flexarm_env.suite import best
 
 GAUGES = [{"link": k, "measures": what} for k in (1, 2) for what in ("xy", "xz", "torsion")]
@@ -17,38 +18,36 @@ MEASURED: dict[str, Any] = {
     "observation": "measured", "sensors": {"encoders": {"counts": 2**16}, "strain_gauges": GAUGES},
 }  # fmt: skip
 FIRST = 50
-"""Reaches of `mpc`, of which one costs as much as hundreds of the others."""
+"""Number of reaches for `mpc`, whose reaches take hundreds of times as long as those of other controllers."""
 
 BEST = "best known"
-"""The record of `space-reach-v1`, whose episodes are these reaches: their torques, played without feedback."""
+"""Name of the recorded best torques of `space-reach-v1`, which has the same episodes; they are played without
+feedback."""
 
 HOLD = 50
-"""Control periods of success."""
+"""Number of control periods that the tip must rest at the target."""
 
 
 def settled(name: str, episodes: int, seed: int, **keywords: Any) -> list[float | None]:
-    """Times, s, from which the tip rests at its target for 0.5 s; None: it does not."""
+    """Return the times, s, from which the tips rest at their targets for 0.5 s; None for an episode without success."""
     env = gym.make_vec("SpatialFlexArm-v0", num_envs=episodes, **keywords)
     known = best.record(suite.task("space-reach-v1")).actions[:, :episodes]
-    controller: Any = best.Actions(known) if name == BEST else control.make(name, env)
-    seen, _ = env.reset(seed=seed)
-    controller.reset(seen)
-    found = np.full(episodes, np.nan)
-    for k in range(1, 501):
-        seen, *_, info = env.step(controller.act(seen))
-        found[info["is_success"] & np.isnan(found)] = 0.01 * (k - HOLD)
-    return [None if np.isnan(t) else float(t) for t in found]
+    controller: Any = Actions(known) if name == BEST else control.make(name, env)
+    history = History("is_success")
+    play(env, controller, range(seed, seed + episodes), [history])
+    good = history.info("is_success")
+    return [0.01 * (int(one.argmax()) - HOLD) if one.any() else None for one in good.T]
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """Times of each controller, on the same reaches."""
+    """Measure the settling times of each controller on the same reaches."""
     cases: dict[str, dict[str, Any]] = {"pd": {}, "zv": {}, "zvd": {}, "lqr": {}, "lqg": MEASURED, "mpc": {}, BEST: {}}
     counts = {name: min(options.episodes, FIRST) if name == "mpc" else options.episodes for name in cases}
     return {"times": {name: settled(name, counts[name], 10_000, **more) for name, more in cases.items()}}
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """The page's table."""
+    """Format the tables of the page."""
     rows = []
     for name, times in found["times"].items():
         known = [t for t in times if t is not None]

@@ -24,25 +24,26 @@ MESHES: dict[str, tuple[dict[str, int], ...]] = {
 }
 STEPS = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
 TARGETS = (3e-3, 1e-3, 3e-4)
-"""Errors, over the arm's length."""
+"""Error limits, over the arm's length."""
 REFERENCE = {"elements": 48}
 
 
 def arc() -> fx.Scene:
-    """A strip bent to 45 degrees without stress, its root driven about an axis across."""
+    """Return the scene of a strip, curved by 45 degrees without stress, whose root is driven about a transverse
+    axis."""
     strip = fx.Section.rectangle(0.03, 0.002, 200e9, 7870.0, 200e9 / 2.6)
     arm = fx.Arm("arc", (fx.Link(0.6, strip, curvature=math.pi / 4 / 0.6),), hub_axis=(0.0, 1.0, 0.0), tau_d=1e-3)
     return fx.Scene("shaken arc", arm, duration=0.5, dt=1e-3, motions=(fx.Motion("joint0", cycloid(1.5, 0.25)),))
 
 
 def cases() -> tuple[fx.Scene, ...]:
-    """Far bent links, one bent without stress, one that hardly bends."""
+    """Return three scenes: strongly bent links, a link curved without stress, and links that hardly bend."""
     slew, frame = scenes.named("three_dof_slew"), scenes.named("flying_frame")
     return dataclasses.replace(slew, duration=0.6), arc(), dataclasses.replace(frame, duration=min(1.0, frame.duration))
 
 
 def measure(_: argparse.Namespace) -> pages.Found:
-    """Of each scene, formulation and target the cheapest run that errs by less: CPU time, mesh, step."""
+    """Find the cheapest run within each error limit, for each scene and formulation: CPU time, mesh and step."""
     rows = []
     for scene in cases():
         scene = dataclasses.replace(scene, sample=scene.duration / 25)
@@ -67,7 +68,7 @@ def _tip(scene: fx.Scene, formulation: str, dt: float, mesh: dict[str, int]) -> 
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """The page's table."""
+    """Format the table of the page."""
     rows = []
     for row in found["rows"]:
         best = row["best"]

@@ -26,19 +26,25 @@ FRAMES: tuple[dict[str, Any], ...] = (
     {"modes": 2, "dt": 5e-3, "tolerance": 5e-6, "rho_inf": 0.5}, {"modes": 3, "dt": 2.5e-3},
     {"segments": 2, "dt": 2.5e-3},
 )  # fmt: skip
-"""Floating frames, which are looked at under a quarter of the torques; the first is that whose steps are counted: with
-the default 0.9 of rho_inf what such steps do not resolve goes on, and a step takes 1.4 times the iterations."""
+"""Settings with floating frames, run under a quarter of the torque limits; the first one is also timed.
+
+The timed setting has rho_inf = 0.5. With the default 0.9, high frequencies that the step does not resolve persist, and
+a step needs 1.4 times the iterations.
+"""
 COARSE: tuple[dict[str, Any], ...] = ({"elements": 1, "dt": 2.5e-3}, {"elements": 1, "dt": 1 / 300, "tolerance": 7e-6})
-"""One element a link, likewise; of longer steps with the default tolerance of 1e-5 the solver takes a far smaller one,
-since forces of so weak motors would be off (docs: theory, section 6)."""
+"""Settings with one element per link, run under a quarter of the torque limits.
+
+At longer steps with the default tolerance of 1e-5 the solver reduces the tolerance, because errors of the weak motors'
+torques would be too large (docs: theory, section 6).
+"""
 KEPT: tuple[dict[str, Any], ...] = (*CANDIDATES[:3], {"elements": 2, "dt": 5e-4, "tolerance": 1e-7})
 TIMES = (10, 20, 30, 50)
-"""Control periods."""
+"""Numbers of control periods after which errors are compared."""
 ENERGIES = ("energy_kinetic", "energy_strain", "energy_gravity", "energy_dissipated")
 
 
 def tips(share: float, episodes: int, **settings: Any) -> NDArray[np.float64]:
-    """Places of the tips (periods, episodes, 3) under torques drawn anew in each control period."""
+    """Return tip positions (periods, episodes, 3), m, under random torques that change in each control period."""
     env = gym.make_vec(ID, num_envs=episodes, **settings)
     env.reset(seed=1)
     rng, found = np.random.default_rng(5), []
@@ -49,8 +55,10 @@ def tips(share: float, episodes: int, **settings: Any) -> NDArray[np.float64]:
 
 
 def books(who: str, count: int = 100, **settings: Any) -> float:
-    """Largest error of an arm's books over what work has turned over, median of eight episodes. who: "pd", or "full":
-    torques of full size whose signs are drawn in each period."""
+    """Return the largest error of the energy balance over the exchanged work: the median of eight episodes.
+
+    who: "pd", or "full": torques at their limits with random signs in each period.
+    """
     env: Any = gym.make(ID, info_level="full", **settings)
     rng, found = np.random.default_rng(5), []
     for seed in range(8):
@@ -69,13 +77,15 @@ def books(who: str, count: int = 100, **settings: Any) -> float:
 
 
 def rate(env: Any, steps: int, n: int = 1) -> float:
-    """Steps a second of the clock of an environment under random actions."""
+    """Return the steps per second of wall time of an environment under random actions."""
     return n * steps / periods(env, steps, time.perf_counter, keep_on=n == 1)
 
 
 def rates() -> pages.Found:
-    """Of `Pendulum-v1`, one arm, and 1024 on one thread and on two, these under a quarter of the torques with `COARSE`
-    links and with modes too, in turns."""
+    """Measure steps per second of `Pendulum-v1`, of one arm, and of 1024 arms on one and on two threads, alternately.
+
+    The vectors run with full torques, and with a quarter of the torque limits also with `COARSE` links and modes.
+    """
     arm = arms.named("three_dof")
     weak = dataclasses.replace(arm, torque_limits=tuple(0.25 * limit for limit in arm.torque_limits or ()))
     modes = {"formulation": "floating_frame", **FRAMES[0]}
@@ -90,7 +100,7 @@ def rates() -> pages.Found:
 
 
 def accuracy(episodes: int) -> list[pages.Found]:
-    """Errors of the tips by `TIMES` against a refined run, over the reach."""
+    """Return the tip errors against a refined run after each of `TIMES` periods, over the arm's reach."""
     rows: list[pages.Found] = []
     for share in (1.0, 0.25):
         exact = tips(share, episodes, **REFERENCE)
@@ -104,7 +114,7 @@ def accuracy(episodes: int) -> list[pages.Found]:
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """Tips against a refined run, books of energy, steps a second."""
+    """Measure tip errors, energy balances and rates."""
     return pages.parts(options, "space_envs", {
         "accuracy": lambda: accuracy(options.episodes),
         "books": lambda: [{**one, **{who: books(who, **one) for who in ("pd", "full")}} for one in KEPT],
@@ -113,19 +123,19 @@ def measure(options: argparse.Namespace) -> pages.Found:
 
 
 def percent(share: float) -> str:
-    """A share in two digits."""
+    """Format a share as a percentage with two digits."""
     return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
 
 
 def mesh(row: pages.Found) -> str:
-    """What links are made of."""
+    """Describe the mesh of a link."""
     own = next(f"{row[name]} {name}" for name in ("elements", "modes", "segments") if name in row)
     own = own.removesuffix("s") if own.startswith("1 ") else own
     return f"{own}, `rho_inf` {row['rho_inf']}" if "rho_inf" in row else own
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """The page's tables."""
+    """Format the tables of the page."""
     shares, step = {1.0: "full", 0.25: "a quarter"}, "{:.3g} ms".format
     errors = [
         (shares[row["share"]], mesh(row), step(1e3 * row["dt"]), *(percent(e) for e in row["errors"]))
@@ -144,8 +154,8 @@ def blocks(found: pages.Found) -> pages.Blocks:
         "accuracy": table("torques | a link | dt | after 0.1 s | 0.2 s | 0.3 s | 0.5 s", errors),
         "books": table("elements | dt | under `pd` | full torques of random sign", kept),
         "rates": [
-            f"Steps a second over those of `Pendulum-v1`, {base:,.0f} in the same run: one arm "
-            f"{rates['one'] / base:.2f}; of 1024:",
+            f"The rates are steps per second, divided by the {base:,.0f} steps per second of `Pendulum-v1` in the same "
+            f"run. One arm has the rate {rates['one'] / base:.2f}. The table has the rates of 1024 arms:",
             "",
             *table("torques | a link | dt | on one thread | on two", fast),
         ],
@@ -153,6 +163,6 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 
 if __name__ == "__main__":
-    only = {"only": {"nargs": "+", "choices": ("accuracy", "books", "rates"), "help": "only these parts anew"}}
+    only = {"only": {"nargs": "+", "choices": ("accuracy", "books", "rates"), "help": "measure only these parts"}}
     page = "environments/spatial_results"
     sys.exit(pages.run("space_envs", __doc__, measure, blocks, page=page, more=only, episodes=32))

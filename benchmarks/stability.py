@@ -10,9 +10,10 @@ A run is silently wrong if its status is "ok" and one of two conditions holds:
        a tenth of them;
   (ii) its tip is further from the converged solution than 1 % of L and than five times its `error_estimate`.
 Condition (i) is tested in every case that ended. Condition (ii) is tested in all cases about damping, and in every
-fourth of the others. It requires a converged solution: two meshes and steps agree within 0.3 % of L, and there is no
-drag, which the exact beam lacks. In all other cases the tip's error is unknown, and the page states their number. The
-exit code is 1 if a run was silently wrong, returned a NaN, raised an exception or took too long.
+fourth of the others. Condition (ii) requires a converged solution: two meshes and steps agree within 0.3 % of L, and
+there is no drag, which the exact beam lacks. In all other cases the tip's error is unknown, and the page states the
+number of these cases. The exit code is 1 if a run was silently wrong, returned a NaN, raised an exception or took too
+long.
 """
 
 import argparse
@@ -40,24 +41,31 @@ from flexarm_env.scenes import named
 from flexarm_env.simulation import Trajectory, simulate
 
 TIME_LIMIT = 20.0
-"""s that the run itself, and each of its companions, may take."""
+"""Largest CPU time, s, of a run and of each companion run."""
 GAIN, LOSS, TIP, TRUST = 1e-2, 0.1, 0.01, 5.0
-"""What makes a run wrong: energy found or taken, as shares; tip error as a share of L, and over the estimate."""
+"""Limits of a run with status "ok".
+
+GAIN, LOSS: created and lost energy over gross work and initial energy. TIP: tip error over L. TRUST: tip error over its
+estimate.
+"""
 TURN = 0.2
-"""What an error of a rad of the tip's axes counts in space, over L."""
+"""Weight of an error of the tip's axes in space: 1 rad counts as this share of L."""
 REFERENCE_SPREAD = 0.003
 LONG_STEP_TIP = 0.05
-"""Of the runs with long steps on the paper's scenes."""
+"""Largest tip error, over L, that a run at long steps may have without a message."""
 EVERY = 4
 ALWAYS = ("damping", "damped and bent")
-"""Families whose tips are all asked: damping leaves no trace in the energy's balance, whatever it damps."""
+"""Families whose tip errors are all checked, because wrong damping does not show in the energy balance."""
 OUTCOMES = ("ok", "inaccurate", "failed", "silently wrong", "broken")
 
 
 def measure(
     case: Case, scene_of: Callable[..., Any] = scene_of, reference_of: Callable[..., Any] = reference_of
 ) -> dict[str, Any]:
-    """One case: how it ended, its energy, and how far its tip is from the converged one; of what makes scenes of it."""
+    """Run a case; return its status, its energy error and, if the case is marked, its tip error.
+
+    scene_of, reference_of: functions that make the case's scene and its reference.
+    """
     case = dict(case)
     check = case.pop("check", False)
     clock = time.process_time()
@@ -90,7 +98,8 @@ def _number(x: float) -> float | None:
 
 
 def _energy(run: Trajectory) -> tuple[float, float]:
-    """What appeared and what was taken, over gross work and initial energy (of gravity's, what was exchanged)."""
+    """Return the created and the lost energy over gross work and initial energy (for gravity: over the exchanged
+    energy)."""
     have = run.turned_over
     if have <= 0.0:
         return 0.0, 0.0
@@ -113,7 +122,8 @@ def _tip_error(case: Case, run: Trajectory, reference_of: Callable[..., Any]) ->
 
 
 def apart(one: Trajectory, two: Trajectory) -> tuple[float, float]:
-    """Largest distance of tips, m; largest angle between their axes, rad, in space."""
+    """Return the largest distance of two runs' tips, m, and the largest angle between their axes, rad (0 in the
+    plane)."""
     if not one.scene.spatial:
         return float(np.hypot(*(one.tip - two.tip)[:, :2].T).max()), 0.0
     axes: list[Any] = [run.tip_rotation for run in (one, two)]  # type: ignore[attr-defined]
@@ -122,7 +132,7 @@ def apart(one: Trajectory, two: Trajectory) -> tuple[float, float]:
 
 
 def outcome(row: dict[str, Any]) -> str:
-    """One of OUTCOMES."""
+    """Classify a case: return one of OUTCOMES."""
     if row["status"] == "crashed" or not row.get("finite", False) or row["cpu"] > 8.0 * TIME_LIMIT:
         return "broken"
     if row["status"] == "inaccurate":
@@ -137,7 +147,7 @@ def outcome(row: dict[str, Any]) -> str:
 
 # ------------------------------------------------------------------- a peer
 def hard_cases() -> list[dict[str, Any]]:
-    """The paper's first scenes at long steps under every formulation, and by Exudyn where it is installed."""
+    """Return the paper's first scenes at long steps under every formulation, and with Exudyn if it is installed."""
     programs = [("flexarm_env", method) for method in HARD]
     programs += [("Exudyn", f"rho_inf {rho:g}") for rho in (1.0, 0.7)] if find_spec("exudyn") else []
     runs = itertools.product(("robot_arm_motion", "robot_arm_torque", "flying_rod"), (0.1, 0.05, 0.02), (5, 20))
@@ -149,7 +159,7 @@ def hard_cases() -> list[dict[str, Any]]:
 
 
 def hard_step(case: dict[str, Any]) -> dict[str, Any]:
-    """One of `hard_cases`: status, error and its estimate, fractions of L."""
+    """Run one of `hard_cases`; return its status, tip error and error estimate, over L."""
     name, dt, elements = case["scene"], case["dt"], case["elements"]
     if case["program"] == "Exudyn":
         found = exudyn_peer.run(name, elements, dt, rho_inf=float(case["method"].split()[1]))
@@ -174,13 +184,13 @@ HARD: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def _against_converged(name: str, t: Any, tip: Any) -> float | None:
-    """Largest distance of the tip from the kept solution, as a share of L."""
+    """Return the largest tip distance from the stored solution, over L."""
     return _number(tip_error(name, t, tip) / named(name).arm.total_length)
 
 
 # -------------------------------------------------------------------- report
 def report(rows: Sequence[dict[str, Any]], hard: list[dict[str, Any]], long: list[dict[str, Any]]) -> dict[str, Any]:
-    """Counts, in all and by family and formulation."""
+    """Count the outcomes of all cases, and by family and formulation."""
     tally: dict[str, Counter[str]] = {}
     for row in rows:
         for key in ("all", row["case"]["family"], f"method: {row['case']['method']}"):
@@ -217,7 +227,7 @@ def report(rows: Sequence[dict[str, Any]], hard: list[dict[str, Any]], long: lis
 
 
 def _not_asked(rows: Sequence[dict[str, Any]]) -> dict[str, int]:
-    """Why the tip of runs with status ok was not held against the converged solution, and how many those are."""
+    """Count the runs with status "ok" whose tip was not compared with a converged solution, by reason."""
     reasons: Counter[str] = Counter()
     for row in rows:
         if row["status"] == "ok" and row.get("reference") != "good":
@@ -227,7 +237,7 @@ def _not_asked(rows: Sequence[dict[str, Any]]) -> dict[str, int]:
 
 
 def _ratios(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """Percentiles of estimate over error where the error is above 0.1 % of L."""
+    """Return percentiles of estimate over error, for errors above 0.1 % of L."""
     known = [row for row in rows if row["tip_error"] > 1e-3 and row["estimate"] is not None]
     ratio = [row["estimate"] / row["tip_error"] for row in known]
     if not ratio:
@@ -236,7 +246,10 @@ def _ratios(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
 
 
 def write_rows(path: Path, rows: Sequence[dict[str, Any]], errors: Sequence[str], names: Sequence[str]) -> None:
-    """Each case by its entries `names`, and how it ended; what is wrong is printed. errors: of tips that are told."""
+    """Write a CSV line for each case: entries `names`, outcome, estimate and errors; print the wrong cases.
+
+    errors: names of the tip errors.
+    """
     ends = ["estimate", *errors, "gain", "loss", "steps"]
     pages.write_csv(path, [*names, "options", "outcome", "status", *ends], (
         (*(row["case"][name] for name in names), pages.options_of(row["case"]), row["outcome"], row["status"],
@@ -246,24 +259,35 @@ def write_rows(path: Path, rows: Sequence[dict[str, Any]], errors: Sequence[str]
         print(json.dumps(row))
 
 
+REASONS = {
+    "not among those asked": "the case was not selected for the check",
+    "converged solution: failed": "the run of the converged solution failed",
+    "converged solution: not converged": "the converged solution is too uncertain",
+    "drag, which the exact beam has not": "the exact beam has no drag",
+}
+"""Reasons for unchecked tips in a record, in the words of the page."""
+
+
 def table_of_cases(found: pages.Found) -> list[str]:
-    """Of the page: what was asked of how many cases, and how they ended."""
-    reasons = ", ".join(f"{k}: {v}" for k, v in found["tip_not_asked"].items())
+    """Format the table of cases: how many were checked, and their outcomes."""
+    reasons = "; ".join(f"{REASONS.get(k, k)} ({v})" for k, v in found["tip_not_asked"].items())
     ratios = ", ".join(f"{k}: {v:g}" for k, v in found["estimate_over_error"].items())
     counted = [[key, *(counts.get(name, 0) for name in OUTCOMES)] for key, counts in found["outcomes"].items()]
     return [
-        f"{found['cases']} cases, {found['case_seconds']:.0f} s in all, the longest {found['longest_case']:.1f} s. "
-        f"The energy (criterion i) was checked for all {found['energy_checked']} with status `ok`, the tip (criterion "
-        f"ii) for {found['tip_checked']} of them. The other tips are unchecked ({reasons}).",
+        f"The {found['cases']} cases took {found['case_seconds']:.0f} s, the longest {found['longest_case']:.1f} s. "
+        f"The energy (criterion i) was checked for all {found['energy_checked']} cases with status `ok`, and the tip "
+        f"(criterion ii) for {found['tip_checked']} of these cases. The tip was not checked for these reasons, with "
+        f"the numbers of cases: {reasons}.",
         "", *table(" | ".join(["", *OUTCOMES]), counted), "",
-        f"Percentiles of estimate over true error, for cases with an error above 0.1 % of L: {ratios}. "
-        f"{found['needlessly_inaccurate']} runs were `inaccurate` although their tip was within 1 % of L.",
-        "", f"Statuses: {', '.join(f'{k} {v}' for k, v in sorted(found['statuses'].items()))}.",
+        "In cases with an error above 0.1 % of L, the estimate divided by the true error has these percentiles: "
+        f"{ratios}. {found['needlessly_inaccurate']} runs were `inaccurate` although their tip was within 1 % of L.",
+        "", "The runs ended with the statuses "
+            f"{', '.join(f'{k} ({v})' for k, v in sorted(found['statuses'].items()))}.",
     ]  # fmt: skip
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the tables of the page."""
     hard = [
         (row["program"], row["method"], row["status"],
          *("–" if row[key] is None else f"{100 * row[key]:.2g}" for key in ("error", "estimate")))
@@ -282,7 +306,11 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 
 def chosen(full: bool, limit: int | None) -> list[Case]:
-    """The cases; all of the families ALWAYS, every fourth of the others by method (`full`: all) are marked for (ii)."""
+    """Return the cases; mark those whose tip is compared with a converged solution (condition ii).
+
+    All cases of the families ALWAYS are marked, and every fourth case of the others by formulation. full: all cases are
+    marked.
+    """
     count: Counter[tuple[str, str]] = Counter()
     found = []
     for case in cases(full):
@@ -293,7 +321,7 @@ def chosen(full: bool, limit: int | None) -> list[Case]:
 
 
 def warm_up() -> None:
-    """Compile every kernel once, here, for all workers to inherit."""
+    """Compile every kernel once in this process, so that forked workers inherit the code."""
     seen = set()
     for case in cases():
         scene, formulation, options = scene_of(case)
@@ -309,7 +337,7 @@ def warm_up() -> None:
 
 
 def measured(options: argparse.Namespace) -> pages.Found:
-    """Run all, draw."""
+    """Run all cases, count their outcomes, and draw the maps."""
     warm_up()
     store, workers, fresh = STORE / "stability.jsonl", options.workers, options.fresh
     rows = run_all("stability", chosen(options.full, options.limit), measure, store, workers, fresh)
@@ -333,11 +361,11 @@ def measured(options: argparse.Namespace) -> pages.Found:
 
 FLAGS: dict[str, dict[str, Any]] = {
     "limit": {"type": int, "help": "only about this many cases"},
-    "fresh": {"action": "store_true", "help": "forget what an earlier run has left"},
+    "fresh": {"action": "store_true", "help": "delete the intermediate results of an earlier run"},
 }
 FULL: dict[str, dict[str, Any]] = {
-    "full": {"action": "store_true", "help": "more than twice the cases, all of them against (ii)"},
-    "no-long-runs": {"action": "store_true", "help": "leave the runs of a million steps out"},
+    "full": {"action": "store_true", "help": "more than twice as many cases, all tested for condition (ii)"},
+    "no-long-runs": {"action": "store_true", "help": "skip the runs of a million steps"},
 }
 
 

@@ -22,7 +22,7 @@ from flexarm_env.time_functions import steps as stairs
 Case = dict[str, Any]
 
 TORQUE_LIMIT = 0.286
-"""Torque limit of the strip over its EI / L."""
+"""Torque limit of the strip, in units of EI / L."""
 
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "floating frame": ("floating_frame", {"segments": 5}),
@@ -39,7 +39,7 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 MAIN = ("floating frame", "modes", "exact", "elastica")
 FORMS = ("clamped frames", "joined frames", "modes in segments", "clamped modes")
-"""Of the floating frame, beside its two of MAIN."""
+"""Variants of the floating frame besides those in MAIN."""
 
 DEFAULTS: Case = {
     "drive": "pulse", "amplitude": 1.0, "dwell": 0.25, "slender": 1e6, "payload": 0.5, "zeta": 0.0, "mass_damping": 0.0,
@@ -48,13 +48,13 @@ DEFAULTS: Case = {
 
 
 def period(case: Case) -> float:
-    """First period of the clamped arm with its payload (s), by Rayleigh's quotient."""
+    """Return the first period, s, of the clamped arm with its payload, by Rayleigh's quotient."""
     flexibility = 1.0 / 3.0 + 3.0 / case["slender"]
     return 2.0 * math.pi * math.sqrt(flexibility * (case["payload"] + 33.0 / 140.0))
 
 
 def arm_of(case: Case) -> Arm:
-    """The arm: equal links of a homogeneous section."""
+    """Return the arm of a case: equal links with a uniform section."""
     n, slender = case["links"], case["slender"]
     section = Section(EI=1.0, EA=slender, C=slender / 3.0, m=1.0, J=1.0 / slender)
     tau = case["zeta"] * period(case) / math.pi
@@ -66,7 +66,7 @@ def arm_of(case: Case) -> Arm:
 
 
 def switched(case: Case, joint: int, end: float) -> TimeFunction:
-    """Full torque of random sign, held for the dwell (a fraction of T1)."""
+    """Return a torque of random sign that may change after each dwell time (a fraction of T1)."""
     rng = np.random.default_rng([case["seed"], joint])
     dwell = case["dwell"] * period(case)
     count = min(4000, max(1, math.ceil(end / dwell)))
@@ -74,7 +74,7 @@ def switched(case: Case, joint: int, end: float) -> TimeFunction:
 
 
 def _jumps(case: Case, end: float) -> TimeFunction:
-    """A hub motion of straight lines between irregular instants, some of them almost together."""
+    """Return a piecewise linear hub motion with irregular kinks, some of which nearly coincide."""
     rng = np.random.default_rng(case["seed"])
     gaps = rng.exponential(case["dwell"] * period(case), 40)
     gaps[5::7] *= 1e-5
@@ -85,7 +85,7 @@ def _jumps(case: Case, end: float) -> TimeFunction:
 
 
 def scene_of(case: Case) -> tuple[Scene, str, dict[str, Any]]:
-    """Scene, formulation and options of a case."""
+    """Return the scene, formulation and options of a case."""
     formulation, options = METHODS[case["method"]]
     T, end, a = period(case), case["horizon"] * period(case), case["amplitude"]
     limit, omega = TORQUE_LIMIT * a, 2.0 * math.pi / period(case)
@@ -130,7 +130,8 @@ def scene_of(case: Case) -> tuple[Scene, str, dict[str, Any]]:
 
 
 def reference_of(case: Case, fine: bool) -> tuple[Scene, dict[str, Any]]:
-    """The same scene and the settings of its converged solution; not `fine`: of the check on that."""
+    """Return the scene of a case with the settings of its converged solution. fine False: settings of a coarser
+    check."""
     scene = dataclasses.replace(scene_of(case)[0], name="reference")
     per_link = max(4 if fine else 2, math.ceil((12 if fine else 6) / case["links"]))
     h = min(period(case) / 800.0, 0.25 * scene.dt)
@@ -141,7 +142,7 @@ def reference_of(case: Case, fine: bool) -> tuple[Scene, dict[str, Any]]:
 
 # ------------------------------------------------------------------- families
 def cases(full: bool = False) -> list[Case]:
-    """All cases, of which no two are the same; `full`: about three times as many."""
+    """Return all different cases. full: about three times as many."""
     found: dict[str, Case] = {}
     for family, rows in FAMILIES.items():
         for row in rows(3 if full else 1):
@@ -153,7 +154,7 @@ def cases(full: bool = False) -> list[Case]:
 
 
 def grid(**axes: Any) -> Iterator[Case]:
-    """Every combination of the axes' values."""
+    """Yield every combination of the axes' values as a dictionary."""
     for values in itertools.product(*axes.values()):
         yield dict(zip(axes, values, strict=True))
 
@@ -205,7 +206,7 @@ def _damping(more: int) -> Iterator[Case]:
 
 
 def _bent(more: int) -> Iterator[Case]:
-    """Damped arms that are bent by a fifth of their length and more: by their weight, by full torques."""
+    """Yield damped arms that their weight or full torques bend by at least a fifth of their length."""
     methods = (*MAIN, *FORMS, "one frame")
     zeta = [1e-3, 0.01, 0.05, 0.2, 1.0]
     yield from grid(method=methods, zeta=zeta, gravity=[0.7, 2.0], links=[1, 2], h=[0.002, 0.01],
@@ -257,7 +258,7 @@ def _fitted(more: int) -> Iterator[Case]:
 
 
 def _corrected(more: int) -> Iterator[Case]:
-    """The exact beam with its period corrected: step, stiffness, drives, damping, as they come."""
+    """Yield cases of the exact beam with period correction and varied step, stiffness, drive and damping."""
     given: list[Case] = [{"period_correction": True}]
     yield from grid(method=["exact"], drive=["pulse", "ramp", "bang", "jumps"], options=given,
                      h=np.geomspace(1e-3, 0.5, 5 * more).tolist(), amplitude=[0.3, 2.0, 10.0],

@@ -3,11 +3,11 @@
     python -m benchmarks.stability_envs [--arms N] [--seed S] [--only KIND ...] [--workers N] [--fresh] [--page]
         [--out FOLDER]
 
-An arm, its features and its torque limits are random. Eight episodes of 100 control periods follow. Their actions are
-uniform or from {-1, 1}, and held for 1 or 8 periods. The tip is compared with two runs of the exact beam with small
-steps (`FINE`). An episode is evaluated if these runs reach their end and agree within 0.5 % of the arm's length
-throughout. An error counts as reported in four cases: `make` warned or rejected the arm, info was out of range, the
-episode ended with a reason, or `info["error_estimate"]` is at least the error.
+Arms, their features and their torque limits are random. Each arm runs eight episodes of 100 control periods, with
+actions that are uniform or from {-1, 1} and are held for 1 or 8 periods. The tip is compared with two reference runs,
+exact beams with small steps (`FINE`). An episode is evaluated if both reference runs reach the end of the episode and
+agree within 0.5 % of the arm's length throughout. An error counts as reported in four cases: `make` warned or rejected
+the arm, info was out of range, the episode ended with a reason, or `info["error_estimate"]` is at least the error.
 """
 
 import argparse
@@ -43,20 +43,20 @@ PERIODS, LANES = 100, 8
 SPREAD, LARGE, SMALL = 0.005, 0.05, 0.01
 FINE = ({"elements": 8, "steps": 64}, {"elements": 12, "steps": 128})
 FINE_IN_SPACE = ({"elements": 4, "steps": 32}, {"elements": 6, "steps": 64})
-"""Of the two fine runs: elements a link, steps a control period."""
+"""Meshes and steps of the two reference runs in space: elements per link, and steps per control period."""
 MATERIALS = ((70e9, 2700.0, 26e9), (205e9, 7850.0, 79e9), (2.5e9, 1200.0, 0.9e9))
-"""E, rho, G of aluminium, steel, plastic."""
+"""Young's modulus E (Pa), density rho (kg/m^3) and shear modulus G (Pa) of aluminium, steel and plastic."""
 Draw = np.random.Generator
 Case = dict[str, Any]
 
 
 def decades(draw: Draw, low: float, high: float) -> float:
-    """A number whose logarithm is drawn uniformly."""
+    """Return a random number whose logarithm is uniform."""
     return float(np.exp(draw.uniform(math.log(low), math.log(high))))
 
 
 def strip(draw: Draw, length: float, feature: str) -> Link:
-    """A strip of one of the materials, even, stepped or tapered."""
+    """Return a random strip of one of the materials: uniform, stepped or tapered."""
     E, rho, G = MATERIALS[draw.integers(3)]
     thickness = decades(draw, 0.0015, 0.008) * length
     width = max(decades(draw, 0.02, 0.1) * length, 2.0 * thickness)
@@ -71,7 +71,10 @@ def strip(draw: Draw, length: float, feature: str) -> Link:
 
 
 def joint(draw: Draw, feature: str, inertia: float, torque: float) -> Joint:
-    """What turns a joint, over decades; inertia (kg m^2) of all beyond it, torque: its limit, N m."""
+    """Return a random joint with a gear, backlash, friction or a motor.
+
+    inertia: inertia, kg m^2, of all bodies beyond the joint. torque: torque limit, N m.
+    """
     if feature in ("gear", "play", "loop"):
         play = decades(draw, 1e-3, 0.1) if feature == "play" else 0.0
         stiffness = torque / decades(draw, 1e-3, 0.3)
@@ -93,7 +96,7 @@ def joint(draw: Draw, feature: str, inertia: float, torque: float) -> Joint:
 
 
 def drawn(kind: str, seed: int) -> tuple[Arm, str]:
-    """An arm of a kind and its feature."""
+    """Return a random arm of a kind, and the name of its feature."""
     draw, count = np.random.default_rng([seed, LINKS[kind], kind == "space"]), LINKS[kind]
     feature = "plain" if kind == "space" or draw.random() < 0.4 else str(draw.choice(FEATURES[1:]))
     links = tuple(strip(draw, decades(draw, 0.2, 2.0), feature) for _ in range(count))
@@ -125,7 +128,7 @@ def drawn(kind: str, seed: int) -> tuple[Arm, str]:
 
 
 def actions(seed: int, count: int) -> Any:
-    """(PERIODS, LANES, N): drawn uniformly or bang-bang, held for 1 or 8 periods."""
+    """Return actions (PERIODS, LANES, count): uniform or from {-1, 1}, held for 1 or 8 periods."""
     draw, found = np.random.default_rng([seed, 1]), np.zeros((PERIODS, LANES, count), np.float32)
     for i in range(LANES):
         held = (1, 8)[i % 2]
@@ -135,7 +138,10 @@ def actions(seed: int, count: int) -> Any:
 
 
 def run(kind: str, arm: Arm, given: Any, mode: str, **options: Any) -> dict[str, Any]:
-    """Tips (PERIODS, LANES, 2 or 3), NaN from an episode's end on; ends, estimate, steps and warnings."""
+    """Run eight episodes of an arm; return tips, ends, warnings, steps per period and the error estimate.
+
+    Tip positions (PERIODS, LANES, 2 or 3), m, are NaN from an episode's end on.
+    """
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         env = gym.make_vec(
@@ -165,12 +171,12 @@ def run(kind: str, arm: Arm, given: Any, mode: str, **options: Any) -> dict[str,
 
 
 def apart(one: Any, two: Any, length: float) -> Any:
-    """Largest distance of tips in each episode, over the length; NaN where one has ended."""
+    """Return the largest tip distance of each episode over the arm's length; NaN if an episode has ended early."""
     return np.max(np.linalg.norm(one - two, axis=2), axis=0) / length
 
 
 def measure(case: Case) -> dict[str, Any]:
-    """One arm under all formulations: its episodes' errors, and what was reported."""
+    """Run one arm under all formulations; return the errors of its episodes, and which errors were reported."""
     kind, begun = case["kind"], time.process_time()
     arm, feature = drawn(kind, case["seed"])
     mode = {"motor": "voltage", "loop": "residual_pd"}.get(feature, "torque")
@@ -204,7 +210,7 @@ def measure(case: Case) -> dict[str, Any]:
 
 
 def cases(arms_: int, seed: int, only: Sequence[str] | None) -> list[Case]:
-    """`arms_` arms of one link, three sevenths as many of two, a fortieth each of three and in space."""
+    """Return the cases: `arms_` arms with one link, 3/7 as many with two, and 1/40 each with three and in space."""
     counts = {"one": arms_, "two": arms_ * 3 // 7, "three": arms_ // 40, "space": arms_ // 40}
     return [
         {"kind": kind, "seed": seed + i} for kind, n in counts.items() if not only or kind in only for i in range(n)
@@ -212,7 +218,13 @@ def cases(arms_: int, seed: int, only: Sequence[str] | None) -> list[Case]:
 
 
 def tally(rows: Sequence[dict[str, Any]]) -> list[Any]:
-    """Episodes judged, ended, with large and small errors, of these unreported, warned arms, steps a period."""
+    """Count the evaluated episodes of `rows` and their large and unreported errors.
+
+    Returns:
+        Number of evaluated episodes; number that ended early; percentages with an error above 5 % and above 1 %;
+        percentages with such an error that was not reported; numbers of arms with a warning and of rejected arms;
+        median and 95 % percentile of the steps per control period.
+    """
     found = [one for row in rows for one in row]
     known = [one for one in found if "errors" in one]
     errors = np.array([math.nan if x is None else x for one in known for x in one["errors"]])
@@ -234,7 +246,7 @@ HEAD = (
 
 
 def measured(options: argparse.Namespace) -> pages.Found:
-    """Run all."""
+    """Run all cases and count their errors."""
     todo = cases(options.arms, options.seed, options.only)
     flexarm_env.Settings.make("elastica")
     rows = run_all("environments", todo, measure, STORE / "stability_envs.jsonl", options.workers, options.fresh)
@@ -259,14 +271,15 @@ def measured(options: argparse.Namespace) -> pages.Found:
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the table of the page."""
     rows = [[key, *map(pages.short, counts)] for key, counts in {**found["counts"], "all": found["all"]}.items()]
-    return {"counts": [f"{found['arms']} arms, seed {found['seed']}, eight episodes each under each formulation.", "",
+    return {"counts": [f"The {found['arms']} arms were drawn from seed {found['seed']}; each ran eight episodes "
+                       "under each formulation.", "",
                        *table(HEAD, rows)]}  # fmt: skip
 
 
 MORE: dict[str, dict[str, Any]] = {
-    "fresh": {"action": "store_true", "help": "forget what an earlier run has left"},
+    "fresh": {"action": "store_true", "help": "delete the intermediate results of an earlier run"},
     "only": {"nargs": "+", "choices": tuple(IDS), "help": "only these kinds of arms"},
 }
 

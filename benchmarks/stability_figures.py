@@ -26,7 +26,7 @@ def _label(value: Any) -> str:
 
 
 def maps(rows: Sequence[dict[str, Any]], path: Path, methods: Sequence[str]) -> Path:
-    """One row of panels a family, one column a formulation."""
+    """Draw maps of the outcomes: one row of panels per family, one column per formulation."""
     with styled_figure(path, 2.9 * len(methods), 2.35 * len(MAPS) + 0.4) as figure:
         panels = figure.subplots(len(MAPS), len(methods), squeeze=False)
         for axes, method in zip(panels[0], methods, strict=True):
@@ -56,7 +56,7 @@ def maps(rows: Sequence[dict[str, Any]], path: Path, methods: Sequence[str]) -> 
 
 
 def _mosaic(axes: Any, i: int, j: int, cell: list[str]) -> None:
-    """The cell's outcomes as strips of the width that is theirs."""
+    """Draw the outcomes of a cell as strips whose widths are their shares."""
     left = 0.0
     for name, color in PAINT.items():
         share = cell.count(name) / max(1, len(cell))

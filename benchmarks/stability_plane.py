@@ -6,10 +6,10 @@ The arms have one to three links: stepped, kinked, tapered and uniform strips of
 Payloads are up to three times the arm's mass. Gears are elastic, with friction and backlash. Torques, forces and
 motions are smooth, jump, or change faster than the step. Steps are between a 500th and a tenth of the first period, at
 most 20 ms. All formulations run with default and random meshes. The reference is another formulation on a mesh three
-times as fine with a sixteenth of the step. A second reference, on two thirds of that mesh with twice that step,
-estimates the error of the first. A case is not evaluated if the references differ by more than a fifth of the limit, or
-if the run's error exceeds the limit by less than this difference. A run is wrong if its status is "ok" and its error
-exceeds max(1.5 times its estimate, 1e-5 of the length).
+times as fine with a sixteenth of the step. A second reference, with two thirds of the first reference's mesh and twice
+the step, estimates the error of the first. A case is not evaluated if the references differ by more than a fifth of the
+limit, or if the run's error exceeds the limit by less than this difference. A run is wrong if its status is "ok" and
+its error exceeds max(1.5 times its estimate, 1e-5 of the length).
 """
 
 import argparse
@@ -37,7 +37,11 @@ from flexarm_env.trajectory import Trajectory
 Case = dict[str, Any]
 
 COVERED, LEAST, SPREAD = 1.5, 1e-5, 0.2
-"""Errors may be so many times the estimate, and so much of the length; what references may differ by, over that."""
+"""Limits of the evaluation.
+
+The error limit is COVERED times the estimate, but at least LEAST times the arm's length. The two references may differ
+by SPREAD times this limit.
+"""
 TIME_LIMIT = 300.0
 MATERIALS = {"aluminium": (70e9, 2700.0, 26e9), "steel": (205e9, 7850.0, 80e9), "plastic": (2.2e9, 1150.0, 0.8e9)}
 METHODS = ("elastica", "geometrically_exact", "floating_frame")
@@ -52,7 +56,8 @@ def _strip(rng: np.random.Generator, material: str, width: float, thickness: flo
 
 
 def link_of(rng: np.random.Generator, kind: str) -> Link:
-    """A strip of 0.2 to 1 m, whose thickness changes by up to a factor of four in one to three places."""
+    """Return a random strip of 0.2 to 1 m; its thickness is uniform, tapered, stepped, or kinked at one to three
+    places."""
     material, length = str(rng.choice(list(MATERIALS))), float(rng.uniform(0.2, 1.0))
     width, thickest = float(rng.uniform(0.015, 0.05)), length * float(10 ** rng.uniform(-2.7, -1.9))
 
@@ -77,7 +82,11 @@ def link_of(rng: np.random.Generator, kind: str) -> Link:
 
 
 def joint_of(rng: np.random.Generator, kind: str, inertia: float, torque: float) -> Joint:
-    """Rotor of 0.03 to 3 times the arm's inertia, friction up to half the torque, gears of 1 to 30 Hz, play to 0.05."""
+    """Return a random joint.
+
+    The rotor has 0.03 to 3 times the arm's inertia; Coulomb friction is at most half of `torque`, N m; the gear has 1
+    to 30 Hz, and its backlash is at most 0.05 rad.
+    """
     if kind == "ideal":
         return Joint()
     rotor = inertia * float(10 ** rng.uniform(-1.5, 0.5))
@@ -93,7 +102,10 @@ def joint_of(rng: np.random.Generator, kind: str, inertia: float, torque: float)
 
 
 def drive_of(rng: np.random.Generator, kind: str, size: float, dt: float, end: float) -> TimeFunction:
-    """A torque (N m) or force (N) of a size; "fast": with a period from a quarter of dt to eight dt."""
+    """Return a random torque (N m) or force (N) over time with amplitude `size`.
+
+    kind "fast": a sine with a period of dt / 4 to 8 dt.
+    """
     if kind in ("sine", "tip"):
         return sine(size, 2.0 * math.pi * float(10 ** rng.uniform(-0.3, 1.0)), float(rng.uniform(0.0, 6.0)))
     if kind == "pulse":
@@ -111,7 +123,7 @@ def drive_of(rng: np.random.Generator, kind: str, size: float, dt: float, end: f
 
 
 def scene_of(case: Case) -> tuple[Scene, str, dict[str, Any]]:
-    """Scene, formulation and options of a case: its seed draws everything."""
+    """Return the scene, formulation and options of a case, all drawn from its seed."""
     rng = np.random.default_rng([20261129, case["seed"]])
     count, links = int(rng.choice([1, 1, 2, 3])), []
     kinds = [str(rng.choice(LINKS)) for _ in range(count)]
@@ -162,7 +174,7 @@ def scene_of(case: Case) -> tuple[Scene, str, dict[str, Any]]:
 
 
 def references(scene: Scene, formulation: str) -> tuple[Trajectory, Trajectory]:
-    """Of another formulation, the finer one first."""
+    """Run the two references with another formulation than the case's; return the finer one first."""
     other = "floating_frame" if formulation == "geometrically_exact" else "geometrically_exact"
     name = "segments" if other == "floating_frame" else "elements"
     usual = default_mesh(scene.arm, other).get(name, int(default_options(other)[name]))
@@ -176,14 +188,14 @@ def references(scene: Scene, formulation: str) -> tuple[Trajectory, Trajectory]:
 
 
 def apart(one: Trajectory, other: Trajectory) -> float:
-    """Largest distance of tips, over the arm's length; infinite where a run ended early."""
+    """Return the largest tip distance of two runs over the arm's length; infinity if a run ended early."""
     if one.tip.shape != other.tip.shape:
         return math.inf
     return float(np.hypot(*(one.tip - other.tip)[:, :2].T).max()) / one.scene.arm.total_length
 
 
 def measure(case: Case) -> dict[str, Any]:
-    """A case: how it ended, its estimate and error, and how far its references are apart."""
+    """Run a case; return its status, error estimate and error, and the difference between its references."""
     clock = time.process_time()
     try:
         scene, formulation, drawn = scene_of(case)
@@ -199,7 +211,7 @@ def measure(case: Case) -> dict[str, Any]:
 
 
 def outcome(row: dict[str, Any]) -> str:
-    """How a case is counted."""
+    """Classify a case: return one of OUTCOMES."""
     if "error" not in row:
         return "failed" if row["status"] != "crashed" else "crashed"
     limit = max(COVERED * row["estimate"], LEAST)
@@ -215,7 +227,8 @@ def outcome(row: dict[str, Any]) -> str:
 
 
 def report(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Counts by method, section, joint and drive; ratios of error and estimate."""
+    """Count the outcomes by formulation, section, joint and drive; return them with percentiles of error over
+    estimate."""
     tally: dict[str, Counter[str]] = {}
     for row in rows:
         keys = ["all"]
@@ -236,20 +249,21 @@ OUTCOMES = ("covered", "wrong", "inaccurate", "not judged", "failed", "crashed")
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """The tables of the page."""
+    """Format the tables of the page."""
     counted = [[key, *(counts.get(name, 0) for name in OUTCOMES)] for key, counts in found["counts"].items()]
     ratios = ", ".join(f"{k}: {v:g}" for k, v in found["error over estimate"].items())
     return {
         "plane": [
-            f"{found['cases']} scenes, {found['cpu']:.0f} s in all. Percentiles of error over estimate, for judged "
-            f"runs with status `ok`: {ratios}.", "", *table(" | ".join(["", *OUTCOMES]), counted),
+            f"The {found['cases']} scenes took {found['cpu']:.0f} s. In judged runs with status `ok`, the error "
+            "divided by "
+            f"the estimate has these percentiles: {ratios}.", "", *table(" | ".join(["", *OUTCOMES]), counted),
         ],
         "plans": found["plans"],
     }  # fmt: skip
 
 
 def measured(options: argparse.Namespace) -> dict[str, Any]:
-    """The sweep, and plans that an earlier `benchmarks.replayed_plans` has left."""
+    """Run the random scenes, and read the plans that `benchmarks.replayed_plans` has stored."""
     cases = [{"seed": seed} for seed in range(options.cases)]
     rows = run_all("plane", cases, measure, STORE / "stability_plane.jsonl", options.workers, options.fresh)
     for row in rows:
@@ -267,7 +281,7 @@ def measured(options: argparse.Namespace) -> dict[str, Any]:
     return found
 
 
-FLAGS: dict[str, dict[str, Any]] = {"fresh": {"action": "store_true", "help": "forget what an earlier run has left"}}
+FLAGS: dict[str, dict[str, Any]] = {"fresh": {"action": "store_true", "help": "delete results of an earlier run"}}
 
 
 if __name__ == "__main__":

@@ -4,8 +4,9 @@
 
 Arms have length 1 m, mass 1 kg and EI = 1 N m^2, their own EI_y and torsional stiffness, and oblique axes. Times are
 multiples of the first period T1 of the clamped arm. The converged solution is that of the exact beam on two meshes with
-two steps, which agree within 0.3 % of L. For arms stiffer than `STIFF` it is the solution of an arm of stiffness
-`STIFF`, which is practically rigid. An error of 1 rad of the tip's axes counts as much as a tip error of a fifth of L.
+two steps, which agree within 0.3 % of L. An arm whose stiffness factor exceeds `STIFF` is compared with the solution of
+an arm with the factor `STIFF`, which is practically rigid. An error of 1 rad of the tip's axes counts as much as a tip
+error of a fifth of L.
 """
 
 import argparse
@@ -34,14 +35,14 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "elastica": ("elastica", {"nodes": 6}),
 }
 DRAWN = ("exact", "floating frame", "modes in segments")
-"""Of which each case of `random` draws one; all of them are the elastica's as well."""
+"""Formulations from which each case of the family `random` draws; each of these cases also runs with the elastica."""
 DEFAULTS: Case = {
     "drive": "push", "amplitude": 1.0, "dwell": 0.25, "slender": 1e6, "flat": 4.0, "torsion": 0.6, "payload": 0.5,
     "zeta": 0.0, "links": 1, "h": 0.01, "rho": None, "horizon": 2.0, "seed": 0, "gravity": 0.0, "friction": 0.0,
     "gear": math.inf, "backlash": 0.0, "start": "unloaded", "stiff": 1.0, "which": "all", "options": {},
 }  # fmt: skip
 STIFF = 1e4
-"""Stiffnesses times more than this are compared with those times this."""
+"""Largest stiffness factor of a reference; stiffer arms are compared with an arm of this factor."""
 ALWAYS = ("stiff", "twist", "damping")
 EVERY = 3
 WHICH = {"all": ("EI", "EI_y", "GJ", "EA", "C", "C_y"), "bending": ("EI", "EI_y"), "torsion": ("GJ",),
@@ -49,7 +50,7 @@ WHICH = {"all": ("EI", "EI_y", "GJ", "EA", "C", "C_y"), "bending": ("EI", "EI_y"
 
 
 def arm_of(case: Case) -> Arm:
-    """The arm: equal links of a homogeneous section, on oblique axes, with a payload beside its tip."""
+    """Return the arm of a case: equal links with a uniform section, oblique axes, and a payload beside its tip."""
     n, slender, flat = case["links"], case["slender"], case["flat"]
     own = {"EI": 1.0, "EI_y": flat, "GJ": case["torsion"], "EA": slender, "C": slender / 3.0, "C_y": slender / 3.0}
     own |= {name: own[name] * case["stiff"] for name in WHICH[case["which"]]}
@@ -68,7 +69,10 @@ def arm_of(case: Case) -> Arm:
 
 
 def scene_of(case: Case) -> tuple[Scene, str, dict[str, Any]]:
-    """Scene, formulation and options of a case: every scene has gravity and a load at the tip, if of nothing."""
+    """Return the scene, formulation and options of a case.
+
+    Every scene has gravity and a load at the tip, possibly zero, so that fewer kernels are compiled.
+    """
     formulation, options = METHODS[case["method"]]
     T, a, arm, drive = period(case), case["amplitude"], arm_of(case), case["drive"]
     end, limit, omega, n = case["horizon"] * T, TORQUE_LIMIT * a, 2.0 * math.pi / T, arm.n_links
@@ -118,7 +122,8 @@ def scene_of(case: Case) -> tuple[Scene, str, dict[str, Any]]:
 
 
 def reference_of(case: Case, fine: bool) -> tuple[Scene, dict[str, Any]]:
-    """The same scene and the settings of its converged solution; not `fine`: of the check on that."""
+    """Return the scene of a case with the settings of its converged solution. fine False: settings of a coarser
+    check."""
     scene = dataclasses.replace(scene_of({**case, "stiff": min(case["stiff"], STIFF)})[0], name="reference")
     h = min(period(case) / 500.0, 0.5 * scene.dt)
     if case["drive"] == "spin":
@@ -129,7 +134,10 @@ def reference_of(case: Case, fine: bool) -> tuple[Scene, dict[str, Any]]:
 
 # ------------------------------------------------------------------- families
 def cases() -> list[Case]:
-    """All cases, of which no two are the same; those of the families ALWAYS and some of the others marked for tips."""
+    """Return all different cases; mark those whose tip is compared with a converged solution.
+
+    All cases of the families ALWAYS are marked, and every third case of the others.
+    """
     found: dict[str, Case] = {}
     for family, rows in FAMILIES.items():
         for i, row in enumerate(rows()):
@@ -220,7 +228,7 @@ FAMILIES: dict[str, Callable[[], Iterator[Case]]] = {
 
 # -------------------------------------------------------------------- report
 def warm_up() -> None:
-    """Compile every kernel once, here, for all workers to inherit."""
+    """Compile every kernel once in this process, so that forked workers inherit the code."""
     seen = set()
     for case in cases():
         joints = bool(case["friction"]), case["gear"] == math.inf, bool(case["backlash"])
@@ -235,7 +243,7 @@ measure = functools.partial(stability.measure, scene_of=scene_of, reference_of=r
 
 
 def measured(options: argparse.Namespace) -> pages.Found:
-    """Run all."""
+    """Run all cases and count their outcomes."""
     warm_up()
     chosen = cases()
     if options.limit:
@@ -251,7 +259,7 @@ def measured(options: argparse.Namespace) -> pages.Found:
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the table of the page."""
     return {"cases": stability.table_of_cases(found)}
 
 

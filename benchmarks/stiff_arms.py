@@ -2,9 +2,8 @@
 
 The strip turns for a second under half of its torque limit. In one series EI, EA and C are multiplied by
 10^0 ... 10^14, in another EI alone, and in a third EA and C alone. With a large EI the arm is practically rigid and
-turns by T t^2 / 2 I. With EA and C alone multiplied, it moves as the strip does. A run is wrong if the tip's angle is
-off by more than 1 %, or if a kinetic energy is negative.
-A part of `benchmarks.stability`.
+turns by T t^2 / 2 I. With EA and C alone multiplied, the arm moves as the strip does. A run is wrong if the tip's angle
+is off by more than 1 %, or if a kinetic energy is negative. A part of `benchmarks.stability`.
 """
 
 import dataclasses
@@ -37,11 +36,11 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
 OUTCOMES = ("ok", "inaccurate", "refused", "failed", "silently wrong")
 OFF = 0.01
 SOFT = 1.4497
-"""rad: the strip itself."""
+"""Tip angle, rad, that the strip reaches with its own stiffness."""
 
 
 def arm_of(which: str, factor: float) -> Arm:
-    """The strip with its stiffnesses times a factor."""
+    """Return the strip with some of its stiffnesses multiplied by a factor."""
     strip = arms.named("strip")
     section = strip.links[0].uniform
     assert section is not None
@@ -51,21 +50,21 @@ def arm_of(which: str, factor: float) -> Arm:
 
 
 def wanted(which: str, factor: float) -> float:
-    """Angle of the tip, rad; with little stiffness more, what the strip does between the two."""
+    """Return the expected tip angle, rad: the strip's own angle if EI is unchanged, otherwise that of a rigid arm."""
     strip = arms.named("strip")
     inertia = strip.hub_inertia + strip.links[0].mass / 3.0 + strip.payload.mass + strip.links[0].rotary
     return SOFT if which == "EA, C" or factor == 1.0 else 0.5 / inertia
 
 
 def outcome(status: str, angle: float, kinetic: float, right: float) -> str:
-    """One of OUTCOMES."""
+    """Classify a run: return one of OUTCOMES."""
     if status == "ok":
         return "ok" if abs(angle - right) <= OFF * right and kinetic >= 0.0 else "silently wrong"
     return "inaccurate" if status == "inaccurate" else "failed"
 
 
 def in_environment(arm: Arm, formulation: str, options: dict[str, Any]) -> tuple[str, Any, float]:
-    """Status, tip and least kinetic energy of a second of FlexibleArm-v0."""
+    """Run FlexibleArm-v0 for 1 s; return its status, the tip position, m, and the smallest kinetic energy, J."""
     env = gym.make("FlexibleArm-v0", arm=arm, formulation=formulation, info_level="full", **options)
     env.reset(seed=0, options={"start": 0.0})
     least = math.inf
@@ -78,7 +77,8 @@ def in_environment(arm: Arm, formulation: str, options: dict[str, Any]) -> tuple
 
 
 def as_scene(arm: Arm, formulation: str, options: dict[str, Any]) -> tuple[str, Any, float]:
-    """The same by `simulate`."""
+    """Run the same motion with `simulate`; return its status, the tip position, m, and the smallest kinetic energy,
+    J."""
     load = JointTorque(0, constant(1.0))
     scene = Scene("stiff", arm, duration=1.0, dt=0.005, sample=0.05, loads=(load,))
     run = simulate(scene, formulation, time_limit=60.0, **options)
@@ -89,7 +89,8 @@ WHERE = {"environment": in_environment, "scene": as_scene}
 
 
 def cases() -> list[dict[str, Any]]:
-    """Where, by which method, what is stiff, how much; the elastica has bending alone."""
+    """Return all cases: environment or scene, method, multiplied stiffnesses and factor; the elastica varies EI
+    only."""
     return [
         {"where": where, "method": method, "which": which, "factor": factor}
         for where, method, which, factor in itertools.product(WHERE, METHODS, WHICH, FACTORS)
@@ -98,7 +99,7 @@ def cases() -> list[dict[str, Any]]:
 
 
 def measure(case: dict[str, Any]) -> dict[str, Any]:
-    """How a case ends."""
+    """Run a case and return its outcome."""
     which, factor = case["which"], case["factor"]
     try:
         status, (x, y), least = WHERE[case["where"]](arm_of(which, factor), *METHODS[case["method"]])
@@ -108,7 +109,7 @@ def measure(case: dict[str, Any]) -> dict[str, Any]:
 
 
 def tallied(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """How many of each line's factors end how, and the largest that is right."""
+    """Count the outcomes of each series over its factors, and find the largest factor with outcome "ok"."""
     lines: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for row in rows:
         lines.setdefault(tuple(row["case"][key] for key in ("where", "method", "which")), []).append(row)
@@ -120,7 +121,7 @@ def tallied(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def table_of(lines: list[dict[str, Any]]) -> list[str]:
-    """Of the page."""
+    """Format the table of stiff arms."""
     cells = [
         (*line["line"], *(line["outcomes"].get(name, 0) for name in OUTCOMES), f"{line['right_up_to']:.0e}")
         for line in lines

@@ -2,9 +2,10 @@
 
     python -m benchmarks.suite_agreement [--results docs/results/suite]
 
-The script considers all pairs of runs on the same episode of a task of which one succeeded and the other did not. It
-counts how often the successful run has the higher return (minus the task's price times cost). A pair with equal returns
-counts against the agreement. Each task in its latest version must have at least 30 pairs, of which at least 95 % agree.
+The script considers all pairs of runs on the same episode of a task of which one succeeded and the other did not. The
+script counts how often the successful run has the higher return (minus the task's price times cost). A pair with equal
+returns counts against the agreement. Each task in its latest version must have at least 30 pairs, of which at least 95
+% agree.
 """
 
 import argparse
@@ -22,7 +23,8 @@ LEAST, PAIRS = 0.95, 30
 
 
 def agreement(task: suite.Task, found: Sequence[Results]) -> tuple[int, int]:
-    """Pairs of one success and one that is none, on the same episode; in how many the success has the higher value."""
+    """Count pairs of a successful and a failed run on the same episode, and those in which success has the higher
+    value."""
     entries = [entry for _, entry in of_task(task, found)]
     pairs = right = 0
     found_values = np.array([values(task, entry) for entry in entries])
@@ -34,7 +36,7 @@ def agreement(task: suite.Task, found: Sequence[Results]) -> tuple[int, int]:
 
 
 def rows(found: Sequence[Results]) -> list[tuple[str, int, str, str]]:
-    """Of each task: its id, pairs, the share that agrees, whether that is enough."""
+    """Return one row per task: id, number of pairs, share that agrees, and whether this is sufficient."""
     lines = []
     for task in suite.tasks(earlier=True):
         pairs, right = agreement(task, found)
@@ -46,7 +48,7 @@ def rows(found: Sequence[Results]) -> list[tuple[str, int, str, str]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table, and write it into its page where the results are those of the project; 1 where one fails."""
+    """Print the table; write it into its page if the results are the project's. The exit code is 1 if a task fails."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--results", type=Path, default=DOCS / "results" / "suite", help="folder of results files")
     options = parser.parse_args(arguments)

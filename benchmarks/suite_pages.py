@@ -24,13 +24,13 @@ PAGES = {
 
 
 def row(task: suite.Task) -> list[str]:
-    """Of the overview."""
+    """Return a task's row in the overview table."""
     link = f"[`{task.id}`](suite/{task.id}.md)"
     return [str(task.number), link, task.title, f"`{task.environment}`", f"{task.budget / 1e6:g} million"]
 
 
 def overview() -> str:
-    """docs/suite.md with its table and the list of pages; the rest stands there alone."""
+    """Return docs/suite.md with a new table and list of pages; the other text is unchanged."""
     rows = table("# | task | title | environment | training budget (control periods)", map(row, suite.tasks()))
     latest = [f"suite/{task.id}" for task in suite.tasks()]
     tree = ["```{toctree}", ":hidden:", "", *latest, "suite/earlier", "```"]
@@ -38,24 +38,24 @@ def overview() -> str:
 
 
 def earlier() -> str:
-    """docs/suite/earlier.md: the tasks in versions before the latest, apart from those in the sidebar."""
+    """Return docs/suite/earlier.md, the list of superseded versions of tasks."""
     latest = {task.id for task in suite.tasks()}
     before = [task for task in suite.tasks(earlier=True) if task.id not in latest]
     cells = ([f"[`{task.id}`]({task.id}.md)", task.title, f"`{task.environment}`"] for task in before)
     rows = table("task | title | environment", cells)
-    head = "Superseded versions of the tasks. They never change, so results obtained on them stay valid."
+    head = "Superseded versions of the tasks never change, so results obtained on these versions stay valid."
     tree = ["```{toctree}", ":hidden:", "", *(task.id for task in before), "```"]
     return "\n".join(["# Earlier versions", "", head, "", *rows, "", *tree]) + "\n"
 
 
 def keywords(task: suite.Task) -> str:
-    """As `gymnasium.make` takes them."""
+    """Return the call of `gymnasium.make` that makes a task's environment."""
     lines = [f"    {name}={value!r},".replace("'", '"') for name, value in task.arguments.items()]
     return "\n".join(["gym.make(", f'    "flexarm_env:{task.environment}",', *lines, ")"])
 
 
 def facts(task: suite.Task, plan: Plan) -> list[list[str]]:
-    """What the task's table has."""
+    """Return the rows of a task's table: name and value."""
     bands = ", ".join(
         f"{name} below {bound:.4g} {unit}".strip()
         for (name, (_, unit)), bound in zip(plan.kind.bands.items(), plan.record.bands, strict=True)
@@ -83,33 +83,34 @@ def facts(task: suite.Task, plan: Plan) -> list[list[str]]:
 
 
 def page(task: suite.Task, players: Path) -> str:
-    """docs/suite/ID.md."""
+    """Return the page docs/suite/ID.md of a task."""
     plan = resolved(task)
     entries = ", ".join(f"`{name}`" for name in plan.names)
-    several = f"The observation contains the last {plan.history} readings, oldest first. Each has these entries"
+    several = f"The observation contains the last {plan.history} readings, oldest first. Each reading has these entries"
     order = several if plan.history > 1 else "Observation entries, in order"
     player = [f"```{{player}} {task.id}", "```", ""] if (players / f"{task.id}.json").is_file() else []
     latest = next(one for one in suite.tasks() if one.name == task.name)
-    later = [] if latest == task else [f"Superseded by [`{latest.id}`]({latest.id}.md).", ""]
+    newer = f"This version of the task is superseded by [`{latest.id}`]({latest.id}.md)."
+    later = [] if latest == task else [newer, ""]
     lines = [
         f"# {task.title}" + (f" (version {task.version})" if later else ""), "", *later, fill(task.hard, WIDTH), "",
         *player, *table(f"`{task.id}` | ", facts(task, plan)), "",
         fill(f"{order}: {entries}.", WIDTH, break_on_hyphens=False), "",
-        "The task is this environment:", "",
+        "The task is the environment that this code makes:", "",
         "```python", "import gymnasium as gym", "", f"env = {keywords(task)}", "```", "",
-        "Reward and success are defined on [](../suite.md).",
+        "The page [](../suite.md) defines reward and success.",
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
 
 
 def pages() -> dict[Path, str]:
-    """All pages, by their places below docs/."""
+    """Return all pages by their paths below docs/."""
     found = {Path("suite.md"): overview(), Path("suite") / "earlier.md": earlier()}
     return found | {Path("suite") / f"{task.id}.md": page(task, DOCS / "players") for task in suite.tasks(earlier=True)}
 
 
 def main() -> None:
-    """Write them."""
+    """Write all pages."""
     for path, text in pages().items():
         (DOCS / path).parent.mkdir(exist_ok=True)
         write_text(DOCS / path, text)

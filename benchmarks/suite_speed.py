@@ -21,7 +21,7 @@ ARMS, PERIODS = 64, 190
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """Rates of all tasks, 1/s, and of their environments as they come, from the same rounds."""
+    """Measure steps per second of all tasks and of their plain environments, alternately."""
     rows = []
     for task in suite.tasks():
         ids = f"flexarm_env:{task.environment}", task.env_id
@@ -35,7 +35,7 @@ def measure(options: argparse.Namespace) -> pages.Found:
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Table of the page."""
+    """Format the table of the page."""
     cells = [
         (f"[{row['task']}](../suite/{row['task']}.md)", f"`{row['environment']}`", f"{row['plain_rate']:,.0f}",
          f"{row['task_rate']:,.0f}", f"{row['ratio']:.2f}")

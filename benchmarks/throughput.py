@@ -34,11 +34,12 @@ def resident():
         return next(int(line.split()[1]) for line in status if line.startswith("VmRSS"))
 print(resident() / 1024, env.unwrapped.batch.block.nbytes / int(sys.argv[2]))
 """
-"""Resident memory (MB) of a process, and bytes of state an environment."""
+"""Program that prints the resident memory of its process, MB, and the bytes of state per environment."""
 
 
 def memory(env_id: str) -> dict[str, float]:
-    """Resident MB of a process with 64 and with 4096 environments (the same code loaded), and bytes of state each."""
+    """Return the memory, MB, of a process with 64 and with 4096 environments, and the bytes of state per
+    environment."""
 
     def resident(n: int) -> list[float]:
         done = subprocess.run(
@@ -52,7 +53,7 @@ def memory(env_id: str) -> dict[str, float]:
 
 
 def error(env_id: str, formulation: str, settings: dict[str, Any]) -> str:
-    """What benchmarks.choose_default has found of these settings."""
+    """Return the tip errors of these settings from the results of `benchmarks.choose_default`."""
     found = pages.kept(DOCS / "results", "default_settings")
     wanted = {"order": 2} | settings if formulation == "geometrically_exact" else settings
     wanted = {"formulation": formulation.split(",")[0], **wanted}
@@ -64,7 +65,7 @@ def error(env_id: str, formulation: str, settings: dict[str, Any]) -> str:
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the tables of the page."""
     rows = found["rates"]
     pendulum = next(r["steps_per_second"] for r in rows if r["case"] == "Pendulum-v1")
     rated = [
@@ -91,7 +92,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 
 def speedups(results: dict[str, Any]) -> dict[str, tuple[float, float]]:
-    """Rate of 1024 environments on two threads over one, best rounds and medians; and that of arithmetic alone."""
+    """Return the speedup of two threads for 1024 environments and for register arithmetic: best and median rounds."""
     vectors = [r for r in results["rates"] if r["n_envs"] == 1024]
     pairs = {
         f"{two['id']} {two['formulation']}": (one, two)
@@ -106,7 +107,7 @@ def speedups(results: dict[str, Any]) -> dict[str, tuple[float, float]]:
 
 
 def figure(results: dict[str, Any], path: Path) -> None:
-    """Steps a second over the number of environments."""
+    """Plot steps per second over the number of environments."""
     rows = results["rates"]
     pendulum = next(r["steps_per_second"] for r in rows if r["case"] == "Pendulum-v1")
     with styled_figure(path, 10.0, 4.2) as fig:
@@ -136,7 +137,7 @@ def figure(results: dict[str, Any], path: Path) -> None:
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """All cases, in turn."""
+    """Measure the rates of all cases alternately, and the memory."""
     sizes, formulations = ((16, 1024), FORMULATIONS[:1]) if options.quick else (SIZES, FORMULATIONS)
     cases = [rates.single("Pendulum-v1", "Pendulum-v1")]
     cases += [case for case in (rates.envpool_reacher(), rates.exudyn_arm()) if case is not None]
@@ -153,7 +154,7 @@ def measure(options: argparse.Namespace) -> pages.Found:
 
 if __name__ == "__main__":
     flags: dict[str, dict[str, Any]] = {
-        "seconds": {"type": float, "default": 0.5, "help": "of one case in one round"},
+        "seconds": {"type": float, "default": 0.5, "help": "duration of a case in a round, s"},
         "quick": {"action": "store_true", "help": "two sizes, one formulation, no memory"},
     }
     sys.exit(pages.run("throughput", __doc__, measure, blocks, packages=("envpool", "exudyn"), more=flags, rounds=5))

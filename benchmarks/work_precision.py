@@ -42,7 +42,7 @@ from flexarm_env.validation import Array
 Case = dict[str, Any]
 
 ENVIRONMENTS = {"FlexibleArm-v0": ("strip", 4.0), "TwoLinkFlexArm-v0": ("de_luca_siciliano", 2.0)}
-"""Arm and horizon (s) of each environment; longer runs of two links are chaotic."""
+"""Arm and duration (s) of each environment's scene; longer motions of two links are chaotic."""
 LONG = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
 STEPS = {
     "two_link_motion": (0.01, 0.005, 0.002, 0.001, 0.0005), "two_link_free_flight": (0.01, 0.005, 0.002, 0.001, 0.0005),
@@ -50,10 +50,10 @@ STEPS = {
     "FlexibleArm-v0": (0.02, 0.01, 0.02 / 3, 0.005, 0.0025, 0.00125, 0.0005),
     "TwoLinkFlexArm-v0": (0.02, 0.01, 0.02 / 3, 0.005, 0.0025, 0.00125, 0.0005),
 }  # fmt: skip
-"""Steps tried, s; LONG for the others."""
+"""Steps, s, of the runs of some scenes; all other scenes have those of LONG."""
 SAMPLE = {"spin_up": 0.1, "FlexibleArm-v0": 0.02, "TwoLinkFlexArm-v0": 0.02}
 TARGETS = (5.0, 1.0, 0.3, 0.1, 0.03)
-"""Errors in % of L for which advice is given."""
+"""Error limits, % of L, for which the page lists the quickest settings."""
 CHAINS = ("floating frame", "modes")
 FLOATING, EXACT = "floating_frame", "geometrically_exact"
 AT_ONE_STEP: dict[str, tuple[str, dict[str, Any]]] = {
@@ -70,7 +70,7 @@ AT_ONE_STEP: dict[str, tuple[str, dict[str, Any]]] = {
     "elastica, 8 nodes": ("elastica", {"nodes": 8, "rho_inf": 1.0}),
     "Exudyn, 20 quadratic elements": ("Exudyn", {"elements": 20, "rho_inf": 1.0}),
 }
-"""The runs of the table of all formulations; a step of 5 ms but for AT_STEP."""
+"""Runs of the table of all formulations; their step is 5 ms, except for scenes in AT_STEP."""
 AT_STEP = {"two_link_motion": 0.001, "spin_up": 0.01}
 MIDDLE = {"order": 2, "elements": 5, "rho_inf": 0.7, "dt": 0.005}
 FITTED = {"order": 2, "elements": 5, "step_tolerance": 0.002, "dt": 0.005}
@@ -85,13 +85,13 @@ CORRECTED = {
     "robot_arm_motion_smooth": (8, 0.05), "robot_arm_torque": (8, 0.02), "flying_rod": (8, 0.05),
     "two_link_motion": (5, 0.002), "two_link_free_flight": (8, 0.005),
 }  # fmt: skip
-"""Elements and a step that is the limit, for runs without and with the correction of the period."""
+"""Numbers of elements and steps (s) of runs that compare the exact beam with and without period correction."""
 
 
 # -------------------------------------------------------------------- scenes
 @cache
 def scene_named(name: str) -> Scene:
-    """A validation scene, or an environment's arm under its torque limits, their signs switched at random."""
+    """Return a validation scene, or an environment's arm under random bang-bang torques."""
     if name not in ENVIRONMENTS:
         return named(name)
     arm_name, end = ENVIRONMENTS[name]
@@ -105,7 +105,7 @@ def scene_named(name: str) -> Scene:
 
 
 def reference_of(name: str) -> dict[str, Array]:
-    """The converged solution's columns; an environment's is made once and kept."""
+    """Return the columns of a scene's converged solution; an environment's solution is computed once and stored."""
     path = CONVERGED / f"{name}.csv" if name not in ENVIRONMENTS else STORE / f"{name}.csv"
     if not path.exists():
         runs = [
@@ -120,7 +120,7 @@ def reference_of(name: str) -> dict[str, Array]:
 
 
 def meshes(full: bool) -> list[tuple[str, str, dict[str, Any]]]:
-    """Label, formulation and options of all that is tried, steps left out."""
+    """Return label, formulation and options of all runs, without their steps."""
     found: list[tuple[str, str, dict[str, Any]]] = []
     own: tuple[tuple[str, str, dict[str, Any]], ...] = (
         ("floating frame", "modes", {}),
@@ -155,7 +155,7 @@ def meshes(full: bool) -> list[tuple[str, str, dict[str, Any]]]:
 
 
 def cases_of(name: str, full: bool) -> list[Case]:
-    """All runs of a scene."""
+    """Return all runs of a scene."""
     found: list[Case] = []
     for (label, formulation, options), dt in itertools.product(meshes(full), STEPS.get(name, LONG)):
         found.append({"scene": name, "label": label, "formulation": formulation, "options": {**options, "dt": dt}})
@@ -179,7 +179,8 @@ def cases_of(name: str, full: bool) -> list[Case]:
 
 # ------------------------------------------------------------------ measuring
 def measure(case: Case) -> dict[str, Any]:
-    """One run: errors of tip (% of L) and energy, CPU seconds per simulated second, Newton iterations a step."""
+    """Run a case; return the errors of tip (% of L) and energy, CPU seconds per simulated second, and iterations per
+    step."""
     scene, length = scene_named(case["scene"]), scene_named(case["scene"]).arm.total_length
     if case["label"] in PEERS:
         options = case["options"]
@@ -215,7 +216,7 @@ def measure(case: Case) -> dict[str, Any]:
 
 
 def describe(case: Case) -> str:
-    """Settings in a few words."""
+    """Return the settings of a run in words."""
     options = case["options"]
     if case["label"] == "PyElastica":
         return f"PyElastica {options['elements']} elements, {options['share']:g} of its longest step"
@@ -240,7 +241,7 @@ def describe(case: Case) -> str:
 
 # -------------------------------------------------------------------- results
 def front(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Runs that no other beats in both time and error, quickest first."""
+    """Return the Pareto front of CPU time and error, quickest run first."""
     found: list[dict[str, Any]] = []
     for row in sorted(rows, key=lambda r: (r["cpu"], r["max_error"])):
         if not found or row["max_error"] < found[-1]["max_error"]:
@@ -249,18 +250,18 @@ def front(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def behind(row: dict[str, Any], best: Sequence[dict[str, Any]]) -> float:
-    """CPU time over that of the front at the row's error."""
+    """Return a run's CPU time over that of the quickest run on the front with at most its error."""
     return float(row["cpu"] / min(other["cpu"] for other in best if other["max_error"] <= row["max_error"]))
 
 
 def advice(rows: Sequence[dict[str, Any]], target: float) -> dict[str, Any] | None:
-    """The quickest of our runs within an error, % of L."""
+    """Return the package's quickest run with an error of at most `target`, % of L, or None."""
     good = [row for row in rows if row["case"]["label"] not in PEERS and row["max_error"] <= target]
     return min(good, key=lambda row: row["cpu"]) if good else None
 
 
 def floating_frames(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """The front of chains of floating frames against that of the same formulation joined by multipliers."""
+    """Format a table: CPU time of floating frames joined by multipliers over that of chains, at the same error."""
     found = []
     for name in dict.fromkeys(row["case"]["scene"] for row in rows):
         mine = [row for row in rows if row["case"]["scene"] == name and row["status"] == "ok"]
@@ -280,7 +281,7 @@ def floating_frames(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def found_of(rows: Sequence[dict[str, Any]], scene: str, formulation: str, options: dict[str, Any]) -> Any:
-    """The run of these settings."""
+    """Return the run with these settings, or None."""
     for row in rows:
         case = row["case"]
         if case["scene"] == scene and case["formulation"] == formulation and case["options"] == options:
@@ -289,7 +290,10 @@ def found_of(rows: Sequence[dict[str, Any]], scene: str, formulation: str, optio
 
 
 def all_formulations(rows: Sequence[dict[str, Any]], known: dict[str, Any]) -> list[str]:
-    """Every formulation on every scene at one step; known: the converged solutions' own study."""
+    """Format a table of every formulation on every scene at one step.
+
+    known: accuracies of the converged solutions.
+    """
     lines = []
     for name in (name for name in known if name in {row["case"]["scene"] for row in rows}):
         dt, mine = AT_STEP.get(name, 0.005), [row for row in rows if row["case"]["scene"] == name]
@@ -312,7 +316,7 @@ def all_formulations(rows: Sequence[dict[str, Any]], known: dict[str, Any]) -> l
 
 
 def corrected(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """What the correction of the period brings where the step is the limit."""
+    """Format a table: error and CPU time with and without period correction, in runs whose error is due to the step."""
     lines = []
     for name, (elements, dt) in CORRECTED.items():
         mesh = {"order": 2, "elements": elements, "rho_inf": 0.7}
@@ -329,7 +333,7 @@ def corrected(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def checked(known: dict[str, Any]) -> list[str]:
-    """How the converged solutions were checked."""
+    """Format a table of the checks of the converged solutions."""
     lines = []
     for name, entry in known.items():
         share, check = 100.0 / entry["length"], entry.get("cross_check", {})
@@ -342,7 +346,7 @@ def checked(known: dict[str, Any]) -> list[str]:
 
 
 def advised(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """The quickest settings for an error, by scene."""
+    """Format a table of the quickest settings for each error limit, by scene."""
     found = []
     for name in dict.fromkeys(row["case"]["scene"] for row in rows):
         good = [row for row in rows if row["case"]["scene"] == name and row["status"] == "ok"]
@@ -354,7 +358,7 @@ def advised(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def defaults(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """What is used where nothing is said, over the front's time."""
+    """Format a table of the default settings: their errors, and their CPU times over that of the front."""
     found = []
     for row in (row for row in rows if row["case"].get("default")):
         name = row["case"]["scene"]
@@ -368,7 +372,7 @@ def defaults(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def front_of(name: str, rows: Sequence[dict[str, Any]]) -> list[str]:
-    """A scene's front, and what the peers need."""
+    """Format the Pareto front of a scene, and the results of the other programs."""
     good, found = [row for row in rows if row["status"] == "ok"], []
     for row in front(good):
         rest = ("–", "–"), "–"
@@ -381,18 +385,22 @@ def front_of(name: str, rows: Sequence[dict[str, Any]]) -> list[str]:
                 and other["max_error"] <= row["max_error"]]  # fmt: skip
         ratio = f"{row['cpu'] / min(ours):.0f} times the front's time" if ours else "beyond our front"
         found.append((describe(row["case"]), f"{row['max_error']:.3g}", "–", "–", f"{1e3 * row['cpu']:.3g}", ratio))
+    early = len(rows) - len(good)
+    ended = f"{early} of the runs ended early, with a status that states the reason"
     return [
-        f"{len(rows)} runs, {len(rows) - len(good)} ended early (with a status).", "",
+        f"The scene was run with {len(rows)} settings. {ended if early else 'None of the runs ended early'}.", "",
         *table("settings | error, max | rms | energy | CPU, ms per s | iterations a step", found),
     ]  # fmt: skip
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
-    """Tables of the page."""
+    """Format the tables of the page."""
     rows, known = found["rows"], json.loads((CONVERGED / "converged.json").read_text())
     by_scene = {name: [row for row in rows if row["case"]["scene"] == name] for name in (*names(), *ENVIRONMENTS)}
     return {
-        "runs": [f"{len(rows)} runs, {found['seconds']:.0f} s by the clock for what was not kept from before."],
+        "runs": [f"The tables have the results of {len(rows)} runs. The last measurement took "
+                 f"{found['seconds']:.0f} s of "
+                 "wall time; results of earlier measurements were kept."],
         "advice": advised(rows), "defaults": defaults(rows), "joined": floating_frames(rows),
         "formulations": all_formulations(rows, {name: known[name] for name in names()}),
         "corrected": corrected(rows), "converged": checked(known),
@@ -401,7 +409,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 
 def measured(options: argparse.Namespace) -> pages.Found:
-    """Run all, draw."""
+    """Run all cases and draw the figures."""
     clock = time.monotonic()
     for name in options.scene:
         if options.fresh and name in ENVIRONMENTS:
@@ -430,7 +438,7 @@ if __name__ == "__main__":
     flags: dict[str, dict[str, Any]] = {
         "full": {"action": "store_true", "help": "more values of rho_inf"},
         "scene": {"nargs": "*", "choices": every, "default": every, "help": "scenes to run (default: all)"},
-        "fresh": {"action": "store_true", "help": "forget what an earlier run has left"},
+        "fresh": {"action": "store_true", "help": "delete the intermediate results of an earlier run"},
     }
     sys.exit(pages.run("work_precision", __doc__, measured, blocks, packages=("exudyn", "pyelastica"), indent=None,
                        more=flags))  # fmt: skip

@@ -34,7 +34,7 @@ def _limits(axes: Any, rows: Rows) -> None:
 
 
 def scene_figure(name: str, rows: Rows, front: Callable[[Rows], Rows], folder: Path) -> Path:
-    """All runs of a scene, the front of each formulation, defaults marked."""
+    """Plot all runs of a scene, the front of each formulation, and the default settings."""
     path = folder / f"work_precision_{name}.png"
     good = [row for row in rows if row["status"] == "ok"]
     with styled_figure(path, 7.6, 4.8) as figure:
@@ -61,7 +61,7 @@ def scene_figure(name: str, rows: Rows, front: Callable[[Rows], Rows], folder: P
 
 
 def summary_figure(scenes: Sequence[str], rows: Rows, front: Callable[[Rows], Rows], path: Path) -> Path:
-    """The fronts of all scenes, small."""
+    """Plot the fronts of all scenes in small panels."""
     columns = 2 if len(scenes) <= 4 else 5
     lines = -(-len(scenes) // columns)
     with styled_figure(path, 2.6 * columns, 2.5 * lines + 0.4) as figure:

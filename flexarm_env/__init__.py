@@ -6,11 +6,10 @@ of `flexarm_env.suite`. The public names below are imported when they are first 
 
 from collections.abc import Mapping
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from gymnasium.envs.registration import register, registry
-
-from .suite.data import tasks as _tasks
 
 __version__ = "0.2.0"
 
@@ -81,5 +80,8 @@ if "RemoteArm-v0" not in registry:
     register("RemoteArm-v0", entry_point="flexarm_env.remote.client:RemoteArmEnv")
 for _id in _ENVIRONMENTS:
     _register(_id, _id, {})
-for _task in _tasks(earlier=True):
-    _register(_task.registered, _task.environment, _task.arguments)
+if find_spec(f"{__name__}.suite"):  # the environments run without it
+    from .suite.data import tasks as _tasks
+
+    for _task in _tasks(earlier=True):
+        _register(_task.registered, _task.environment, _task.arguments)

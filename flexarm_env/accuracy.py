@@ -6,16 +6,16 @@ The error has these parts, each a fraction of the arm's length:
                 method is a third of this distance; the rest is a safety margin.) If the step does not resolve the
                 slowest vibration, or its decay: the whole distance from a run with an eighth of the step. In space up
                 to 1.5 times the distance, if a run with four times the step shows no second order
-    mesh        half the distance between this companion and another one with twice the step on half the mesh; the whole
-                distance if the other mesh is the finer one. Links may be so stubby that chords have an error on any
-                mesh, or under such tension that they bend within less than an element. The part is then at least the
-                distance from frames clamped at their roots, in space from an exact beam (theory, section 8;
-                `accuracy_space`)
+    mesh        half the distance between the companion with twice the step and another companion, with twice the step
+                on half the mesh; the whole distance if the other mesh is finer. Links may be so stubby that chords have
+                an error on any mesh, or under such tension that they bend within less than an element. The part is then
+                at least the distance from frames clamped at their roots, in space from an exact beam (theory, section
+                8; `accuracy_space`)
     energy      five times the energy that the scheme created, or half of the energy that it dissipated, as a fraction
                 of the energy turned over (`Trajectory.turned_over`)
     others      errors of the formulation that are known before the run: System.notes
 
-The estimate is the sum of time step, mesh and notes, or the part `energy` if this part is larger.
+The estimate is the sum of the parts time_step, mesh and others, or the part `energy` if `energy` is larger.
 """
 
 import math
@@ -77,7 +77,7 @@ class Estimate:
 
 
 def missed(settings: Settings, step_error: float) -> str:
-    """Return why fitted steps are inaccurate; "" if step_error, the largest of a stretch, meets the step_tolerance."""
+    """Return why fitted steps are inaccurate; "" if the largest error of a stretch meets the step_tolerance."""
     if settings.step_tolerance is None or step_error <= settings.step_tolerance:
         return ""
     return (
@@ -102,8 +102,8 @@ HALF = 0.5
 def other_mesh(settings: Settings, space: bool = False) -> tuple[Settings, float]:
     """Return settings with another mesh, and the error per unit of distance from a run with these settings.
 
-    The mesh is coarser, or finer if there is no coarser one. For planar links reduced to modes, the settings are the
-    full model. In space they have another number of segments with the same number of modes.
+    The mesh is coarser, or finer if there is no coarser mesh. For links reduced to modes the settings are those of the
+    full model in the plane, and have another number of segments with the same number of modes in space.
     """
     if settings.formulation == "elastica":
         assert settings.nodes is not None
@@ -133,9 +133,9 @@ def other_mesh(settings: Settings, space: bool = False) -> tuple[Settings, float
 
 
 def companion_mesh(scene: Scene, settings: Settings) -> tuple[Scene, Settings, float]:
-    """Return scene and settings with another mesh, and the error per unit of distance from a run with them. If a
+    """Return scene and settings with another mesh, and the error per unit of distance from a run on this mesh. If a
     section jumps or kinks, all cells are halved: a coarser mesh may have the same cells in the critical piece and would
-    hide their error. Otherwise the mesh is that of `other_mesh`."""
+    hide the error of these cells. Otherwise the mesh is that of `other_mesh`."""
     if divided(scene.arm):
         if halved := halved_mesh(scene.arm, settings):
             return replace(scene, arm=halved[0]), halved[1], 1.0
@@ -146,18 +146,18 @@ def companion_mesh(scene: Scene, settings: Settings) -> tuple[Scene, Settings, f
 
 
 COARSE, FINER = 0.5, 0.125
-"""Step times the rate of the slowest vibration above which runs with h and 2 h may have the same error. Such a run is
-compared with a run with FINER times its step."""
+"""Step times the rate of the slowest vibration above which runs with h and 2 h may have the same error. Runs above this
+limit are compared with runs with FINER times their step."""
 
 
 DRIVEN = 4.0
-"""Factor on the step: if the longer step still resolves loads and motions, half the distance suffices. Otherwise the
-arm's vibration at their frequency may be out of phase in both runs, and the whole distance counts."""
+"""Factor on a companion run's step: half the distance from this run suffices if its step resolves loads and motions.
+Otherwise the vibration at the loads' frequency may be out of phase in both runs, and the whole distance counts."""
 
 
 QUARTER, SLOW, QUICK = 0.25, 0.2, 30.0
-"""Arms on elastic gears: factor on the step of the companion run. Step times the rate of a gear's vibration below which
-the step resolves the vibration (SLOW), and above which the gear is practically rigid (QUICK)."""
+"""QUARTER: factor on the step of the companion run of an arm with elastic gears. SLOW and QUICK: step times the rate of
+a gear's vibration below which the step resolves the vibration, and above which the gear is practically rigid."""
 
 
 def clamped(scene: Scene, settings: Settings) -> Settings | None:
@@ -176,7 +176,7 @@ def rubs(scene: Scene) -> bool:
 
 def gear_rate(scene: Scene) -> float:
     """Return the rate (1/s) of the fastest vibration of a rotor on its elastic gear against the rigid arm after the
-    gear. Return 0 if there is no such gear, or for an arm in space."""
+    gear. Return 0 if no gear is elastic, or for an arm in space."""
     arm, rates = scene.arm, [0.0]
     if scene.spatial:
         return 0.0
@@ -302,7 +302,7 @@ def estimate(
     run: Callable[..., Probe],
     levels: Sequence[int] = (),
 ) -> tuple[dict[str, float], str]:
-    """Return the parts "time_step" and "mesh" of the error, fractions of L, and the reason if one is infinite.
+    """Return the parts "time_step" and "mesh" of the error, fractions of L, and the reason if a part is infinite.
 
     mine: the run itself, sampled every `sample` s. run: function that makes a companion run from a scene, settings, a
     sampling interval and, for fitted steps, the halvings of dt in each stretch (`Trajectory.step_levels`). levels:

@@ -24,7 +24,7 @@ SHEARED = 1e-4
 LAYER = 2.0
 """Element length over sqrt(EI/N), the bending length of a link under an axial force N.
 
-Above this ratio any run in space is compared with a finer exact beam.
+If the ratio exceeds LAYER, any run in space is compared with a finer exact beam.
 """
 
 AT_LEAST, AT_MOST = 12, 200
@@ -66,7 +66,8 @@ def witness(scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Set
     Args:
         t, tip: instants (n,) s and positions of the tip and its axes (n, 4, 3) m of the run.
     Returns:
-        The settings, or None if no such error is expected, and whether their elements are short enough.
+        The settings and whether their elements are short enough. None in place of the settings if coarser meshes show
+        all errors.
     """
     links = [link for link in scene.arm.links if not link.rigid]
     if not scene.spatial or not links:
@@ -105,7 +106,7 @@ LITTLE = 1e-7
 def step_factor(growth: float) -> float:
     """Return the error of a run with step h per unit of its distance from a run with step 2 h.
 
-    growth: factor by which this distance grows if both steps are doubled. If the error is a power of h, it is 1 /
+    growth: factor by which the distance grows if both steps are doubled. If the error is a power of h, the error is 1 /
     (growth - 1) of the distance: a third in second order. The result includes a safety factor of 1.5. Vibrations that
     no step resolves have an error of the size of their amplitude at any step. growth is then about 1, and the error is
     at most the distance, times 1.5.
@@ -116,8 +117,8 @@ def step_factor(growth: float) -> float:
 def mesh_factor(n: int) -> float:
     """Return the error of a run with n elements over its distance from a run with m elements, m = n / 2 rounded up.
 
-    If the error is proportional to the squared element length, it is 1 / ((n/m)^2 - 1) of the distance: a third if m is
-    half of n. The result includes a safety factor of 1.5. For n = 1 the other run has two elements, and the result is 1
-    (by the same rule the error would be 4/3 of the distance).
+    If the error is proportional to the squared element length, the error is 1 / ((n/m)^2 - 1) of the distance: a third
+    if m is half of n. The result includes a safety factor of 1.5. For n = 1 the other run has two elements, and the
+    result is 1 (by the same rule the error would be 4/3 of the distance).
     """
     return 1.0 if n == 1 else 1.5 / ((n / -(-n // 2)) ** 2 - 1.0)

@@ -3,18 +3,20 @@
 import dataclasses
 import os
 from collections.abc import Callable, Mapping
-from functools import cache, partial
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from flexarm_env import sensors
+from flexarm_env import records, sensors
 from flexarm_env import validation as check
 from flexarm_env.files import read_toml
 from flexarm_env.parameters import Arm, Base, Elbow, Joint, Link, Motor, Payload, Points, RigidLink, Section, Taper
+from flexarm_env.records import made
 from flexarm_env.sections import ACROSS, ENDS
 
-_SECTION = ("EI", "EA", "C", "m", "J")
+_SECTION = tuple(name for name in check.names_of(Section) if name not in ACROSS)
+_OPTIONAL = {"kappa", *(name for name in check.names_of(Section) if hasattr(Section, name))}
 _RECTANGLE = ("width", "thickness", "E", "rho", "G", "kappa")
 _TUBE = ("diameter", "wall", "E", "rho", "G", "kappa")
 _CIRCLE = ("diameter", "E", "rho", "G", "kappa")
@@ -27,14 +29,14 @@ _BESIDE = ("randomization", "identification")
 
 
 def names() -> tuple[str, ...]:
-    """Names of the arms that come with the package."""
+    """Return the names of the arms that come with the package."""
     folder = resources.files("flexarm_env") / "data" / "arms"
     return tuple(sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".toml")))
 
 
 @cache
 def named(name: str) -> Arm:
-    """A named arm. Return a packaged arm; raise ValueError if the name is unknown."""
+    """Return the packaged arm with this name; raise ValueError if the name is unknown."""
     check.choice("arm", name, names())
     return from_toml((resources.files("flexarm_env") / "data" / "arms" / f"{name}.toml").read_text("utf-8"))
 
@@ -88,11 +90,11 @@ def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm
         values.setdefault("name", default_name)
     check.needed("", values, "name", "must be a text")
     check.needed("", values, "links", "must be a sequence of tables with length and section")
-    for key, read in (("links", _link), ("elbows", partial(check.made, kind=Elbow)), ("joints", _joint)):
+    for key, read in (("links", _link), ("elbows", _elbow), ("joints", _joint)):
         entries = check.sequence(key, values.get(key, ()), "tables")
         values[key] = tuple(read(f"{key}[{i}]", value=entry) for i, entry in enumerate(entries))
     if "payload" in values:
-        values["payload"] = check.made("payload", Payload, values["payload"], prefix="")
+        values["payload"] = made("payload", Payload, values["payload"], prefix="")
     if "base" in values:
         values["base"] = base_of(values["base"])
     if "sensors" in values:
@@ -109,8 +111,7 @@ def section_of(path: str, value: object) -> Section:
 
 def base_of(value: object) -> Base:
     """Read a base from its table. Raises ValueError that names the key path, the value and the rule."""
-    needed = {"mass": "must be a number, zero or positive (kg)", "inertia": "must be a positive number (kg m^2)"}
-    return check.made("base", Base, value, **needed)
+    return made("base", Base, value)
 
 
 def _link(path: str, value: object) -> Link:
@@ -169,7 +170,7 @@ def _section(path: str, section: dict[str, Any], inside: str | None = None) -> S
         keys, make = _RECTANGLE, Section.rectangle
     check.known_keys(own, section, (*keys, *_RECTANGLE) if make is Section else keys)
     for key in keys:
-        if key not in ("kappa", "J", *ACROSS):
+        if key not in _OPTIONAL:
             check.needed(own, section, key, what)
     check.known_keys(own, section, keys)
     with check.under(path):
@@ -182,9 +183,104 @@ def _joint(path: str, value: object) -> Joint:
     if "motor" in table:
         check.known_keys(path, table, check.names_of(Joint))
         with check.under(path):
-            constant = "must be a positive number (N m/A)"
-            table["motor"] = check.made("motor", Motor, table["motor"], prefix="", torque_constant=constant)
-    return check.made(path, Joint, table)
+            table["motor"] = made("motor", Motor, table["motor"], prefix="")
+    return made(path, Joint, table)
+
+
+def _elbow(path: str, value: object) -> Elbow:
+    """Read an elbow's table."""
+    return made(path, Elbow, value)
+
+
+# ------------------------------------------------------------------ JSON schema
+def schema() -> dict[str, Any]:
+    """Return the JSON schema (draft 2020-12) of arm files, with which editors complete and check them."""
+    motor = records.schema(Motor)
+    arm = records.schema(
+        Arm,
+        name={"type": "string", "minLength": 1, "description": "name of the arm"},
+        links={"type": "array", "items": _LINK_SCHEMA, "minItems": 1, "description": "links, root to tip"},
+        elbows={"type": "array", "items": records.schema(Elbow), "description": "elbows, one less than the links"},
+        joints={"type": "array", "items": records.schema(Joint, motor=motor), "description": "drives, one per link"},
+        payload=records.schema(Payload), base=records.schema(Base), sensors=_sensors_schema(),
+        source={"type": "string", "description": "origin of the numbers"},
+        torque_limits={
+            "type": "array", "items": {"type": "number", "exclusiveMinimum": 0.0},
+            "description": "largest torque of each joint (N m)",
+        },
+        joint_limits={
+            "type": "array", "items": {"type": "array", "items": {"type": "number"}, "maxItems": 2},
+            "description": "range (low, high) of each joint (rad); []: no limit",
+        },
+    )  # fmt: skip
+    # a file may lack the name, which is then the file's, or contain the arm in a table [arm]
+    alone = {**arm, "required": ["links"]}
+    beside = {"type": "object", "properties": {"arm": arm, **{key: {"type": "object"} for key in _BESIDE}}}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema", "title": "arm of flexarm_env",
+        **records.by_key({"arm": {**beside, "required": ["arm"], "additionalProperties": False}}, alone),
+    }  # fmt: skip
+
+
+def _sensors_schema() -> dict[str, Any]:
+    """Return the schema of the table of sensors; a file may abbreviate encoders and places of strain gauges."""
+
+    def one(kind: Any) -> dict[str, Any]:
+        return records.schema(kind, low_pass=records.schema(sensors.LowPass))
+
+    def table_or(kind: Any, other: dict[str, Any]) -> dict[str, Any]:
+        return {"if": {"type": "object"}, "then": one(kind), "else": other}
+
+    gauges = {"type": "array", "items": table_or(sensors.StrainGauge, {"type": ["number", "array"]})}
+    encoders = table_or(sensors.Encoder, {"type": "array", "items": one(sensors.Encoder)})
+    single = {name: one(kind) for name, kind in sensors.SINGLES.items()}
+    return records.schema(sensors.Sensors, encoders=encoders, strain_gauges=gauges, **single)
+
+
+def _material(**sides: dict[str, Any]) -> dict[str, Any]:
+    """Return the schema of a homogeneous section with these sides."""
+    positive = {"type": "number", "exclusiveMinimum": 0.0}
+    own = {
+        "E": {**positive, "description": "Young's modulus (Pa)"},
+        "rho": {**positive, "description": "density (kg/m^3)"},
+        "G": {**positive, "description": "shear modulus (Pa)"},
+    }  # fmt: skip
+    kappa = {**positive, "maximum": 1.0, "description": "shear coefficient"}
+    known = {**sides, **own, "kappa": kappa}
+    return {
+        "type": "object", "properties": known, "required": [*sides, *own], "additionalProperties": False,
+    }  # fmt: skip
+
+
+def _side(text: str) -> dict[str, Any]:
+    return {"type": "number", "exclusiveMinimum": 0.0, "description": f"{text} (m)"}
+
+
+def _sides(text: str) -> dict[str, Any]:
+    return {"type": "array", "items": _side(text), "minItems": 2, "maxItems": 2, "description": f"{text} (m)"}
+
+
+def _section_schema(**more: dict[str, Any]) -> dict[str, Any]:
+    """Return the schema of a section's table, whose kind follows from its keys. more: further required keys."""
+    plain = records.schema(Section)
+    kinds = {
+        "wall": _material(diameter=_side("outer diameter"), wall=_side("thickness of the wall"), **more),
+        "diameter": _material(diameter=_side("diameter"), **more),
+        "width": _material(width=_side("across the plane"), thickness=_side("in the plane"), **more),
+    }
+    own = {"properties": {**plain["properties"], **more}, "required": [*plain["required"], *more]}
+    return records.by_key(kinds, {**plain, **own})
+
+
+_TAPERED = _material(widths=_sides("width at root and tip"), thicknesses=_sides("thickness at root and tip"))
+_PLACE = {"type": "number", "minimum": 0.0, "description": "distance from the link's root (m)"}
+_LINK_SCHEMA = records.by_key(
+    {"section": records.schema(Link, section={
+        "if": {"type": "array"}, "then": {"type": "array", "items": _section_schema(s=_PLACE), "minItems": 2},
+        "else": records.by_key({"widths": _TAPERED, "thicknesses": _TAPERED}, _section_schema()),
+    })},
+    records.by_key(dict.fromkeys(_RIGID[1:], records.schema(RigidLink)), records.schema(Link)),
+)  # fmt: skip
 
 
 def _link_table(link: Link, space: bool) -> dict[str, Any]:
@@ -211,11 +307,8 @@ def to_table(arm: Arm, space: bool = True) -> dict[str, Any]:
     table: dict[str, Any] = {"name": arm.name}
     if arm.source:
         table["source"] = arm.source
-    for key in ("hub_inertia", "tau_d", "mass_damping", "hub_mount"):
-        if getattr(arm, key):
-            table[key] = getattr(arm, key)
-    if arm.hub_axis != Arm.hub_axis:
-        table["hub_axis"] = arm.hub_axis
+    own = check.changed(arm)
+    table |= {key: own[key] for key in records.rules(Arm) if key in own}
     if arm.torque_limits is not None:
         table["torque_limits"] = arm.torque_limits
     if arm.joint_limits is not None:
@@ -239,7 +332,7 @@ def to_table(arm: Arm, space: bool = True) -> dict[str, Any]:
 
 
 def _elbow_table(elbow: Elbow) -> dict[str, Any]:
-    own = {key: value for key, value in check.changed(elbow).items() if key in ("axis", "mount")}
+    own = {key: value for key, value in check.changed(elbow).items() if key in ("axis", "mount", "radius")}
     return {key: getattr(elbow, key) for key in ("mass", "inertia_left", "inertia_right")} | own
 
 

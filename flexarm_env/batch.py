@@ -1,7 +1,7 @@
 """Many arms of one kind; one compiled call advances all arms by a control period. A single arm is a batch of one.
 
 The arms share a Model and a task; each arm has its own payload, stiffness, damping and torque constant. Arms are stored
-in lane groups, which threads divide among themselves. An arm's bits do not depend on the batch or the threads.
+in lane groups, which threads share. An arm's results do not depend on batch size or threads.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from .compiler import SINGLE, WIDEST, Beside, Placed, entry, native, uncompiled
 from .compiler.crew import CROWDED, OneAtATime, one_at_a_time
 from .compiler.pace import Team, default_threads
 from .compiler.sheets import Sheet
+from .geometry.poses import joint_angles
 from .parameters import Arm
 from .physics import assembly, precision
 from .physics.gauges import Spot, curvature_rows
@@ -82,11 +83,10 @@ from .tasks.slew import Slew
 from .tasks.space import SpaceReach
 from .tasks.starts import ALWAYS, FACTOR_NAMES, Starts
 from .tasks.task import Task
-from .trajectory import joint_angles
 from .validation import Array
 
 LANES_FROM = 3  # smallest batch that is stored in lanes of eight arms; smaller batches advance arms one by one
-ALONE_AFTER = 20  # steps after which a single arm's program is compiled, for arms whose Newton iteration fails
+ALONE_AFTER = 1  # steps after which a single arm's program is compiled, for arms whose Newton iteration fails
 
 
 def gauge_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, places: Sequence[Spot]) -> Array:
@@ -104,25 +104,25 @@ class Batch:
         task: record of a task. starts: ranges of drawn starts.
         period: control period, s, a whole number of settings.dt. account: record energies, work and dissipation.
         threads: maximum number; None selects the fastest number by timing (`compiler.pace`).
-        extras: controllers, motors, sensors, moving targets.
-        left: error of the tip due to mesh and step, over the arm's length; inf: unknown. contacts: the arms' contacts.
+        extras: controllers, motors, sensors, moving targets. contacts: the arms' contacts.
+        left: error of the tip (mesh, step) over the arm's length; inf: unknown. starting: compile starts of episodes.
     Attributes:
         action (n, A) float32: input of `step`. observation (n, O) float32, reward (n,), terminated, truncated (n,):
             results of the last step or start. table: entries of info, one row each, one column per arm (and spare
-            columns). sheet: the table with its views. info_at: row of each entry of `INFO`. request: a `REQUEST`; NaN:
-            draw. address: address of the program's memory, argument of the compiled functions.
+            columns). sheet: the table with its views. info_at: row of each entry of `INFO`. request: the next start, a
+            `REQUEST` (NaN: draw at random). address: address of the program's memory for compiled functions.
     """
 
     def __init__(
         self, arm: Arm, settings: Settings, n: int, task: Task, starts: Starts, *,
         period: float, gravity: tuple[float, ...] | None = None, account: bool = False, threads: int | None = 1,
-        extras: Extras | None = None, left: float = math.inf, contacts: tuple[Contact, ...] = (),
+        extras: Extras | None = None, left: float = math.inf, contacts: tuple[Contact, ...] = (), starting: bool = True,
     ) -> None:  # fmt: skip
         """Assemble the arm, choose lanes and threads, and compile or load the programs."""
         assert settings.dt is not None
         self.arm, self.settings, self.n, self.task, self.starts = arm, settings, n, task, starts
         self.period, self.gravity, self.account, self.extras = period, gravity, account, extras or Extras()
-        self.left, self.contacts = left, contacts
+        self.left, self.contacts, self.starting = left, contacts, starting
         drawn = starts.drawn
         self.tolerance = precision.of_torques(arm, settings, precision.largest(drawn), drawn["damping"][1])
         pushed = self.extras.pushes is not None
@@ -183,7 +183,7 @@ class Batch:
         self._placed = Placed(self.program)
         self.address = self._placed.address
         self.compiled_step = entry(environment.step, self._placed, 0, 0)
-        self._start = entry(starts.start_episodes, self._placed, 0, 0)
+        self._start = entry(starts.start_episodes, self._placed, 0, 0) if self.starting else None
         self._finish_guided: Any = None
         self._team = Team(self.groups, None if self.paced else self.threads)
         self._native = native(environment.step, self._placed, 0, 0) if self._team.most > 1 else 0
@@ -208,8 +208,8 @@ class Batch:
     @property
     def estimate(self) -> float:
         """Estimated error of the tip over the arm's length, due to mesh, step, and the elastica's neglect of stretch
-        and shear. The last part is a linear estimate, too small for links that whip round (theory, section 5). inf:
-        unknown; nan would differ from itself in checks of determinism."""
+        and shear. The last part is a linear estimate, too small for links that whip round (theory, section 5). An
+        unknown error is inf, since nan would differ from itself in checks of determinism."""
         return self.left + self.system.notes.get("stretch_and_shear", 0.0)
 
     # --- one arm's entries -----------------------------------------------------------------------
@@ -285,10 +285,10 @@ class Batch:
     def start(self, arms: Sequence[int], keys: Sequence[int], *, limit: int, mode: int = RUNNING) -> None:
         """Start episodes of `arms` with at most `limit` periods; keys: 64 random bits per arm for draws and noise."""
         lanes, at = len(self.lane), self.layout.record + PERIODS_ALLOWED * len(self.lane)
-        chosen = np.asarray(arms, np.int64)
-        self.queue[: len(chosen)] = chosen
+        self.queue[: len(arms)] = chosen = np.asarray(arms, np.int64)
         self.stream[chosen] = np.asarray(keys, np.uint64)
         self.block[chosen // lanes, at + chosen % lanes] = limit
+        self._start = self._start or entry(starts.start_episodes, self._placed, 0, 0)
         self._start(self.address, mode, len(arms))
 
     def take_report(self, i: int, code: int, action: Array, report: Mapping[str, Array]) -> None:
@@ -327,7 +327,7 @@ class Batch:
 
     def renew(self, keep: bool = True) -> None:
         """Let later steps write to a new table; references from outside to the present table stay unchanged. keep: copy
-        the present entries to the new table; otherwise a step must write all of them."""
+        the present entries to the new table; otherwise a step must write all entries."""
         sheets = self._sheets
         if not sheets[1].is_free():
             sheets[1] = Sheet(np.empty_like(self.table))
@@ -356,9 +356,9 @@ class Batch:
         return Beside(ALONE_AFTER if len(self.lane) > 1 else 0)
 
     def _one(self) -> Batch:
-        """Create a batch of one arm that is otherwise equal to this batch."""
-        names = ("period", "gravity", "account", "extras", "left", "contacts")
-        return Batch(self.arm, self.settings, 1, self.task, self.starts, **{k: getattr(self, k) for k in names})
+        """Create a batch of one arm that is otherwise equal to this batch; it continues episodes and starts none."""
+        names = ("arm", "settings", "task", "starts", "period", "gravity", "account", "extras", "left", "contacts")
+        return Batch(n=1, starting=False, **{k: getattr(self, k) for k in names})
 
     def get_state(self, i: int) -> dict[str, Any]:
         """Return a copy of arm i's complete state."""

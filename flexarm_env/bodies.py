@@ -1,11 +1,13 @@
 """Parameters of arms in space: joint axes, mounts, inertia tensors and rigid links."""
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from flexarm_env import validation as check
+from flexarm_env.records import described, number, validate, value
 from flexarm_env.rotations import matrices
 from flexarm_env.sections import Link, Section
 from flexarm_env.validation import Array
@@ -20,7 +22,7 @@ Z: Vector = (0.0, 0.0, 1.0)
 
 
 def vector(path: str, value: object, unit: str = "") -> Vector:
-    """Validate three finite numbers."""
+    """Validate a vector of three finite numbers and return it as a tuple."""
     x, y, z = check.numbers(path, value, f"three numbers{f' ({unit})' if unit else ''}", 3, unit)
     return x, y, z
 
@@ -94,13 +96,38 @@ def inertia(path: str, value: object) -> Inertia:
     return rows(path, 0.5 * (given + given.T))
 
 
+VECTOR = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
+"""JSON schema of three numbers."""
+
+_ROWS = {"type": "array", "items": VECTOR, "minItems": 3, "maxItems": 3}
+_TENSOR = {"if": {"type": "array"}, "then": _ROWS, "else": {"type": "number", "minimum": 0.0}}
+_ROTATION = {"type": "array", "minItems": 2, "maxItems": 3}
+
+
+def inertia_field(text: str) -> Any:
+    """Declare a field of a record with a moment of inertia or an inertia tensor."""
+    words = f"{text}: a number for any axis, or in space a tensor of three rows"
+    return value(inertia, _TENSOR, words, "kg m^2", 0.0)
+
+
+def axis_field(text: str) -> Any:
+    """Declare a field of a record with a direction."""
+    return value(unit_vector, VECTOR, text, "", Z)
+
+
+def mount_field(text: str) -> Any:
+    """Declare a field of a record with a rotation."""
+    words = f"{text}: a rotation matrix, or (axis, angle in rad)"
+    return value(mount, _ROTATION, words, "", None, optional=True)
+
+
 def tensor(value: Inertia) -> Array:
-    """Return the 3 x 3 inertia tensor; a number stands for that number times the identity."""
+    """Return the 3 x 3 inertia tensor; a number means the number times the identity."""
     return np.array(value) if isinstance(value, tuple) else value * np.eye(3)
 
 
 def about_z(value: Inertia) -> float:
-    """Return the moment of inertia about z."""
+    """Return the component of a moment of inertia (number or tensor) about the z axis, kg m^2."""
     return float(value[2][2]) if isinstance(value, tuple) else value
 
 
@@ -116,20 +143,18 @@ _STIFF = Section(EI=1.0, EA=1.0, C=1.0, m=1.0)
 """Placeholder for the section of a rigid link."""
 
 
+@described
 @dataclass(frozen=True)
 class RigidLink(Link):
-    """A rigid link, for example a pillar, a gearbox or a satellite; an arm with a rigid link is computed in space.
+    """A rigid link, for example a pillar, a gearbox or a satellite; an arm with a rigid link is computed in space."""
 
-    Args:
-        length: m, along the link's x axis from the joint at its root to the next joint or the arm's tip.
-        mass: kg. centre: center of mass relative to the root, m, three numbers in the link's axes.
-        inertia: kg m^2, about the center of mass: a tensor of three rows in the link's axes, or a number for all axes.
-    """
-
-    length: float
-    mass: float = 0.0
-    centre: Vector = (0.0, 0.0, 0.0)
-    inertia: Inertia = 0.0
+    length: float = number("distance along x from the joint at the root to the next joint or the tip", "m", minimum=0.0)
+    mass: float = number("mass", "kg", 0.0, minimum=0.0)
+    centre: Vector = value(
+        partial(vector, unit="m"), VECTOR, "center of mass relative to the root, in the link's axes", "m",
+        (0.0, 0.0, 0.0),
+    )  # fmt: skip
+    inertia: Inertia = inertia_field("inertia about the center of mass, in the link's axes")
     section: Section = field(init=False, default=_STIFF, repr=False)
     tau_d: None = field(init=False, default=None, repr=False)
     root_offset: float = field(init=False, default=0.0, repr=False)
@@ -142,13 +167,7 @@ class RigidLink(Link):
 
     def __post_init__(self) -> None:
         """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
-        check.store(
-            self,
-            length=check.number("length", self.length, "m", minimum=0.0),
-            mass=check.number("mass", self.mass, "kg", minimum=0.0),
-            centre=vector("centre", self.centre, "m"),
-            inertia=inertia("inertia", self.inertia),
-        )
+        validate(self)
 
     @property
     def rigid(self) -> bool:

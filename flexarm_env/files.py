@@ -131,13 +131,13 @@ def without_units(header: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def listed(header: tuple[str, ...]) -> str:
-    """Return column names as one phrase of at most 300 characters; "none" if there are none."""
+    """Return column names as one phrase of at most 300 characters; "none" for an empty list."""
     text = ", ".join(header) or "none"
     return text if len(text) <= 300 else text[:297] + "..."
 
 
 def numbers(k: int, name: str, lines: list[list[str]], columns: int) -> Array:
-    """Return the numbers of column k as (n,); raise ValueError that names row and column if one is invalid."""
+    """Return the numbers of column k as (n,); raise ValueError that names row and column of an invalid number."""
     values = []
     for i, line in enumerate(lines):
         if len(line) != columns:

@@ -15,6 +15,7 @@ from typing import Any
 from flexarm_env import bodies
 from flexarm_env import validation as check
 from flexarm_env.bodies import Inertia, RigidLink, Vector
+from flexarm_env.records import choice, described, number, validate, value
 from flexarm_env.sections import Link, Points, Section, Taper
 from flexarm_env.sensors import Sensors
 from flexarm_env.validation import store as _store
@@ -27,35 +28,25 @@ __all__ = [
 JointRange = tuple[float, float]
 
 
+@described
 @dataclass(frozen=True)
 class Elbow:
     """Masses and axis of the joint between two links.
 
-    ``mass`` (kg) and ``inertia_left`` (kg m^2) belong to the tip of the link before the joint, ``inertia_right`` (kg
-    m^2) to the root of the link after the joint. All are zero or positive. Inertias may be tensors (three rows) in the
-    axes of their link; a number holds for any axis.
-
     In space the root axes of the link after the joint are R_tip mount exp(angle axis), with the axes R_tip of the tip
-    before the joint. ``axis`` is a unit vector in the axes of the link after the joint. ``mount`` is a rotation matrix,
-    (axis, angle in rad) or None.
+    before the joint. The sphere of ``radius`` touches obstacles (`Contact`) and turns with the link before the joint.
     """
 
-    mass: float = 0.0
-    inertia_left: Inertia = 0.0
-    inertia_right: Inertia = 0.0
-    axis: Vector = bodies.Z
-    mount: Any = None
+    mass: float = number("mass at the tip of the link before the joint", "kg", 0.0, minimum=0.0)
+    inertia_left: Inertia = bodies.inertia_field("inertia at the tip of the link before the joint, in that link's axes")
+    inertia_right: Inertia = bodies.inertia_field("inertia at the root of the link after the joint, in its axes")
+    axis: Vector = bodies.axis_field("joint axis, a unit vector in the axes of the link after the joint")
+    mount: Any = bodies.mount_field("rotation at a joint angle of 0")
+    radius: float = number("radius of the sphere that touches obstacles; 0: a point", "m", 0.0, minimum=0.0)
 
     def __post_init__(self) -> None:
         """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
-        _store(
-            self,
-            mass=check.number("mass", self.mass, "kg", minimum=0.0),
-            inertia_left=bodies.inertia("inertia_left", self.inertia_left),
-            inertia_right=bodies.inertia("inertia_right", self.inertia_right),
-            axis=bodies.unit_vector("axis", self.axis),
-            mount=bodies.mount("mount", self.mount),
-        )
+        validate(self)
 
     @property
     def spatial(self) -> bool:
@@ -64,34 +55,34 @@ class Elbow:
         return self.axis != bodies.Z or self.mount is not None or tensors
 
 
+def _offset(path: str, value: object) -> tuple[float, ...]:
+    """Validate a payload's offset; a third component that is 0 is dropped: the payload is then planar."""
+    what = "two numbers (m), along the tip's tangent and across it"
+    count = 3 if isinstance(value, list | tuple) and len(value) == 3 else 2
+    offset = check.numbers(path, value, what, count, "m")
+    return offset if any(offset[2:]) else offset[:2]
+
+
+@described
 @dataclass(frozen=True)
 class Payload:
     """A rigid body fixed to the tip of the last link.
 
-    ``mass`` (kg) and ``inertia`` (kg m^2, about the center of mass) are zero or positive. ``offset`` is the center's
-    position relative to the tip, m (along the tip's tangent, across it to the left). In space the inertia may be a
-    tensor (three rows, in the tip's axes; a number holds for any axis), and the offset may have a third component.
-    ``radius`` (m) is the radius of the sphere about the tip that touches obstacles (`Contact`); 0 stands for a point.
+    A payload with a third component of its offset, or with an inertia tensor, is computed in space.
     """
 
-    mass: float = 0.0
-    inertia: Inertia = 0.0
-    offset: tuple[float, ...] = (0.0, 0.0)
-    radius: float = 0.0
+    mass: float = number("mass", "kg", 0.0, minimum=0.0)
+    inertia: Inertia = bodies.inertia_field("inertia about the center of mass")
+    offset: tuple[float, ...] = value(
+        _offset, {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3},
+        "center of mass relative to the tip: along its tangent and across it, in space along the tip's x, y, z", "m",
+        (0.0, 0.0),
+    )  # fmt: skip
+    radius: float = number("radius of the ball about the tip that touches obstacles", "m", 0.0, minimum=0.0)
 
     def __post_init__(self) -> None:
         """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
-        _store(
-            self,
-            mass=check.number("payload.mass", self.mass, "kg", minimum=0.0),
-            inertia=bodies.inertia("payload.inertia", self.inertia),
-            radius=check.number("payload.radius", self.radius, "m", minimum=0.0),
-        )
-        # a third component that is 0 is dropped: the payload is then planar
-        what = "two numbers (m), along the tip's tangent and across it"
-        count = 3 if isinstance(self.offset, list | tuple) and len(self.offset) == 3 else 2
-        offset = check.numbers("payload.offset", self.offset, what, count, "m")
-        _store(self, offset=offset if any(offset[2:]) else offset[:2])
+        validate(self, "payload")
 
     @property
     def spatial(self) -> bool:
@@ -109,44 +100,47 @@ class Payload:
         return complex(*self.offset[:2])
 
 
+@described
 @dataclass(frozen=True)
 class Motor:
     """An electric motor: torque = torque_constant i, voltage = resistance i + back_emf rate, with i the current in A.
 
     Torque (N m) and rate (rad/s) are those of the shaft before the gear.
-
-    Args:
-        torque_constant: N m/A, positive.
-        resistance: resistance of the winding, ohm, positive; None: unknown, and voltage commands are not available.
-        back_emf: V s/rad, zero or positive; None: equal to the torque constant, as in SI units.
-        current_limit: A, positive, or None. voltage_limit: V, positive, or None; requires a resistance.
     """
 
-    torque_constant: float
-    resistance: float | None = None
-    back_emf: float | None = None
-    current_limit: float | None = None
-    voltage_limit: float | None = None
+    torque_constant: float = number("torque over current", "N m/A", above=0.0)
+    resistance: float | None = number(
+        "resistance of the winding; None: unknown, without voltage commands", "ohm", None, above=0.0, optional=True
+    )
+    back_emf: float | None = number(
+        "voltage over rate; None: equal to the torque constant, as in SI units", "V s/rad", None, minimum=0.0,
+        optional=True,
+    )  # fmt: skip
+    current_limit: float | None = number("largest current", "A", None, above=0.0, optional=True)
+    voltage_limit: float | None = number("largest voltage; requires a resistance", "V", None, above=0.0, optional=True)
 
     def __post_init__(self) -> None:
         """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
-        # the limits and the resistance may be None
-        positive = {"resistance": "ohm", "current_limit": "A", "voltage_limit": "V"}
-        for name, unit in positive.items():
-            value = getattr(self, name)
-            _store(self, **{name: None if value is None else check.number(f"motor.{name}", value, unit, above=0.0)})
-        # back_emf None stands for the torque constant
-        constant = check.number("motor.torque_constant", self.torque_constant, "N m/A", above=0.0)
-        emf = self.back_emf
-        _store(self, torque_constant=constant)
-        _store(self, back_emf=None if emf is None else check.number("motor.back_emf", emf, "V s/rad", minimum=0.0))
-        if self.resistance is None and (self.voltage_limit is not None or emf is not None):
+        validate(self, "motor")
+        if self.resistance is None and (self.voltage_limit is not None or self.back_emf is not None):
             raise check.MissingKey("motor.resistance", "a voltage says nothing about the current without it (ohm)")
 
 
 FRICTION_SIDES = ("motor", "link")
 
 
+def _stiffness(path: str, value: object) -> float:
+    """Validate a gear's stiffness: a positive number, or infinity, which is no number of the unit."""
+    if isinstance(value, float) and value == math.inf:
+        return value
+    try:
+        return check.number(path, value, "N m/rad", above=0.0)
+    except check.InvalidValue as error:
+        what = "must be a positive number (N m/rad), or inf for a gear that does not give"
+        raise check.InvalidValue(path, error.value, what) from None
+
+
+@described
 @dataclass(frozen=True)
 class Joint:
     """Drive of a joint: rotor, gear and friction. Angles, rates and torques are on the gear's output side.
@@ -156,52 +150,34 @@ class Joint:
     The motor's coordinate is "motor0", in addition to "joint0", the angle of the link's root. Spring and damper act
     between both.
 
-    Args:
-        stiffness: stiffness of the gear, N m/rad, positive; inf: rigid, without the motor's coordinate.
-        damping: damping of the gear, N m s/rad, in parallel with the spring; 0 for infinite stiffness.
-        motor_inertia: inertia of the rotor about its own axis, kg m^2. The rotor's energy is 1/2 motor_inertia
-            (gear_ratio rate)^2, with the rate of the motor's angle relative to the previous link. An elastic gear needs
-            a positive inertia unless a motion prescribes the motor's angle. In space the rotor's angular momentum
-            causes a gyroscopic moment when the rotor's axis turns.
-        gear_ratio: turns of the rotor per turn of the joint, positive, at most 1e9.
-        friction_viscous: N m s/rad. friction_coulomb: N m: the torque that holds the joint at rest and brakes it in
-            motion.
-        friction_side: "motor" or "link": the side of an elastic gear on which the friction acts.
-        backlash: total play of an elastic gear at its output, rad. The spring engages after half of the play to either
-            side. The damping also acts in the gap.
-        motor: source of the torque; None: the torque is applied directly.
+    The rotor's energy is 1/2 motor_inertia (gear_ratio rate)^2, with the rate of the motor's angle relative to the
+    previous link. An elastic gear needs a positive rotor inertia unless a motion prescribes the motor's angle. In space
+    the rotor's angular momentum causes a gyroscopic moment when the rotor's axis turns.
     """
 
-    stiffness: float = math.inf
-    damping: float = 0.0
-    motor_inertia: float = 0.0
-    gear_ratio: float = 1.0
-    friction_viscous: float = 0.0
-    friction_coulomb: float = 0.0
-    backlash: float = 0.0
+    stiffness: float = value(
+        _stiffness, {"type": "number", "exclusiveMinimum": 0.0},
+        "stiffness of the gear; inf: rigid, without the motor's coordinate", "N m/rad", math.inf,
+    )  # fmt: skip
+    damping: float = number(
+        "damping of the gear, in parallel with the spring; 0 for a rigid gear", "N m s/rad", 0.0, minimum=0.0
+    )
+    motor_inertia: float = number("inertia of the rotor about its own axis", "kg m^2", 0.0, minimum=0.0)
+    gear_ratio: float = number("turns of the rotor per turn of the joint", "", 1.0, above=0.0, maximum=1e9)
+    friction_viscous: float = number("viscous friction", "N m s/rad", 0.0, minimum=0.0)
+    friction_coulomb: float = number(
+        "torque that holds the joint at rest and brakes it in motion", "N m", 0.0, minimum=0.0
+    )
+    backlash: float = number(
+        "total play of an elastic gear at its output; the spring engages after half of the play to either side, the "
+        "damping also acts in the gap", "rad", 0.0, minimum=0.0,
+    )  # fmt: skip
     motor: Motor | None = None
-    friction_side: str = "motor"
+    friction_side: str = choice(FRICTION_SIDES, "side of an elastic gear on which the friction acts", "motor")
 
     def __post_init__(self) -> None:
         """Validate the fields and their combinations: a rigid gear has neither damping nor backlash."""
-        # infinite stiffness is no number of the unit, but permitted
-        if not (isinstance(self.stiffness, float) and self.stiffness == math.inf):
-            try:
-                stiffness = check.number("stiffness", self.stiffness, "N m/rad", above=0.0)
-            except check.InvalidValue as error:
-                what = "must be a positive number (N m/rad), or inf for a gear that does not give"
-                raise check.InvalidValue("stiffness", error.value, what) from None
-            _store(self, stiffness=stiffness)
-        _store(
-            self,
-            damping=check.number("damping", self.damping, "N m s/rad", minimum=0.0),
-            motor_inertia=check.number("motor_inertia", self.motor_inertia, "kg m^2", minimum=0.0),
-            gear_ratio=check.number("gear_ratio", self.gear_ratio, above=0.0, maximum=1e9),
-            friction_viscous=check.number("friction_viscous", self.friction_viscous, "N m s/rad", minimum=0.0),
-            friction_coulomb=check.number("friction_coulomb", self.friction_coulomb, "N m", minimum=0.0),
-            backlash=check.number("backlash", self.backlash, "rad", minimum=0.0),
-        )
-        check.choice("friction_side", self.friction_side, FRICTION_SIDES)
+        validate(self)
         # a rigid gear has neither damping nor backlash
         if self.damping > 0.0 and not self.elastic:
             what = "must be 0 where the stiffness is infinite: the gear's two sides turn as one"
@@ -228,46 +204,38 @@ class Joint:
         return self.elastic or self.rotor > 0.0 or self.friction_viscous > 0.0 or self.friction_coulomb > 0.0
 
 
+@described
 @dataclass(frozen=True)
 class Base:
     """Rigid body that carries a freely floating arm (`Scene`, root="free"); its center of mass is at the hub.
 
     The first joint turns link 0 relative to the base, and the reaction torque turns the base.
-
-    Args:
-        mass: kg, zero or positive. inertia: about the base's center of mass, kg m^2, positive.
     """
 
-    mass: float
-    inertia: float
+    mass: float = number("mass", "kg", minimum=0.0)
+    inertia: float = number("inertia about the base's center of mass", "kg m^2", above=0.0)
 
     def __post_init__(self) -> None:
         """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
-        _store(
-            self,
-            mass=check.number("mass", self.mass, "kg", minimum=0.0),
-            inertia=check.number("inertia", self.inertia, "kg m^2", above=0.0),
-        )
+        validate(self)
 
 
+@described
 @dataclass(frozen=True)
 class Arm:
     """A chain of N links with hub, elbows, joints and payload.
 
+    The axes of link 0's root are hub_mount exp(angle hub_axis). With `tau_d` the stress is D (strain + tau_d strain
+    rate), so that zeta_k = tau_d omega_k / 2. `mass_damping` acts on the motion of a link, its elbow's mass and the
+    payload relative to the link's floating frame, eq. [65]; it adds mass_damping / (2 omega_k) to zeta_k and requires
+    one frame per link (formulation "floating_frame" with segments=1 or only modes).
+
     Args:
         name: a short word.
         links: N >= 1 links, root to tip.
-        hub_inertia: inertia at the root of link 0, kg m^2; in space also a tensor, in the axes of link 0.
-        hub_axis, hub_mount: axis and mount of the root joint relative to the ground (see `Elbow.axis` and
-            `Elbow.mount`): the axes of link 0's root are hub_mount exp(angle hub_axis).
         elbows: N-1 elbows, or () for massless elbows.
         joints: N drives (:class:`Joint`), or () for ideal joints.
         payload: payload at the tip of the last link.
-        tau_d: Kelvin-Voigt time constant, s, of the links that do not define their own: stress = D (strain + tau_d
-            strain rate), so that zeta_k = tau_d omega_k / 2.
-        mass_damping: 1/s, drag on the motion of a link, its elbow's mass and the payload relative to the link's
-            floating frame, eq. [65]; it adds mass_damping / (2 omega_k) to zeta_k. The drag requires one frame per link
-            (formulation "floating_frame" with segments=1 or only modes); other formulations raise an error.
         torque_limits: N positive numbers, N m, or None (no limit).
         joint_limits: N entries, each None or (low, high) in rad (joint 0: the root angle; joint k: the angle of
             link k's root from link k-1's tip), or None (no limits at all).
@@ -279,18 +247,18 @@ class Arm:
 
     name: str
     links: tuple[Link, ...]
-    hub_inertia: Inertia = 0.0
+    hub_inertia: Inertia = bodies.inertia_field("inertia at the root of link 0, in its axes")
     elbows: tuple[Elbow, ...] = ()
     payload: Payload = field(default_factory=Payload)
-    tau_d: float = 0.0
-    mass_damping: float = 0.0
+    tau_d: float = number("Kelvin-Voigt time constant of links without their own", "s", 0.0, minimum=0.0)
+    mass_damping: float = number("drag relative to the links' floating frames", "1/s", 0.0, minimum=0.0)
     torque_limits: tuple[float, ...] | None = None
     joint_limits: tuple[JointRange | None, ...] | None = None
     source: str = ""
     joints: tuple[Joint, ...] = ()
     sensors: Sensors | None = None
-    hub_axis: Vector = bodies.Z
-    hub_mount: Any = None
+    hub_axis: Vector = bodies.axis_field("axis of the root joint")
+    hub_mount: Any = bodies.mount_field("rotation of the root joint relative to the ground at an angle of 0")
     base: Base | None = None
 
     def __post_init__(self) -> None:
@@ -317,16 +285,12 @@ class Arm:
             check.instance("sensors", self.sensors, Sensors)
             with check.under("sensors"):
                 self.sensors.check_for(links)
+        validate(self)
         _store(
             self,
             links=links,
             elbows=elbows,
             joints=joints,
-            hub_inertia=bodies.inertia("hub_inertia", self.hub_inertia),
-            hub_axis=bodies.unit_vector("hub_axis", self.hub_axis),
-            hub_mount=bodies.mount("hub_mount", self.hub_mount),
-            tau_d=check.number("tau_d", self.tau_d, "s", minimum=0.0),
-            mass_damping=check.number("mass_damping", self.mass_damping, "1/s", minimum=0.0),
             torque_limits=_torque_limits(self.torque_limits, n),
             joint_limits=_joint_limits(self.joint_limits, n),
         )

@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,7 @@ from flexarm_env import validation as check
 from flexarm_env.batch import curvature_rows, gauge_table
 from flexarm_env.envs.ids import permitted
 from flexarm_env.envs.single import checked_action
+from flexarm_env.episodes import Actions, periods
 from flexarm_env.files import from_json, read_npz, write_npz
 from flexarm_env.parameters import Arm
 from flexarm_env.scene import Scene
@@ -242,14 +244,12 @@ def _played(env: Any, episode: Episode) -> Iterator[tuple[Array32, dict[str, Any
     # restore the generator that drew the start
     if episode.generator is not None:
         env.unwrapped.np_random.bit_generator.state = dict(episode.generator)
-    yield env.reset(seed=episode.seed, options=options)
-    over = False
-    for k, action in enumerate(episode.actions):
-        if over:
-            raise check.InvalidValue("actions", f"{len(episode)} of them", f"must be {k}: played again, it ends there")
-        observation, _, terminated, truncated, info = env.step(action)
-        over = terminated or truncated
-        yield observation, info
+    k, policy = 0, Actions(episode.actions)
+    for now in islice(periods(env, policy, [episode.seed], options), len(episode) + 1):
+        k = now.period
+        yield now.observation, dict(now.info)
+    if k < len(episode):
+        raise check.InvalidValue("actions", f"{len(episode)} of them", f"must be {k}: played again, it ends there")
 
 
 # --------------------------------------------------------------------- files

@@ -47,7 +47,8 @@ def resting(scene: Scene) -> Scene:
             if k not in scene.rigid_joints and not pair and not (k == 0 and scene.root == "free"):
                 held.append(f"{'motor' if scene.arm.joint(k).elastic else 'joint'}{k}")
     joints = {int(name[5:]) for name in [*names, *held] if not name.startswith("root")}
-    moved = replace(scene, motions=(), loads=(), start="unloaded")
+    contacts = tuple(contact.held() for contact in scene.contacts)
+    moved = replace(scene, motions=(), loads=(), start="unloaded", contacts=contacts)
     motions = tuple(Motion(name, constant(moved.initial_value(name))) for name in (*names, *held))
     acting = [load for load in scene.loads if not (isinstance(load, JointTorque) and load.joint in joints)]
     return replace(moved, motions=motions, loads=tuple(_at_start(load) for load in acting))
@@ -140,7 +141,7 @@ def _reason(simulation: Any, last: float) -> str:
 def out_of_range(model: Any, share: str = "") -> str:
     """Return an error message: the arm at rest exceeds the range of its formulation.
 
-    share: share of the loads from which on the arm exceeds it."""
+    share: smallest share of the loads at which the arm exceeds the range."""
     bound = float(getattr(model, "bound", 0.0))
     why = "beyond the range of the reduction to modes" if bound else "larger than a floating body can have"
     instead = "take more segments (no modes), or formulation='geometrically_exact'"

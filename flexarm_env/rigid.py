@@ -1,4 +1,4 @@
-"""Arm with rigid links in the plane: reach, inertia, Coriolis torques, and scales derived from them.
+"""Arm with rigid links in the plane: reach, inertia, Coriolis torques, and time scales derived from them.
 
 The angle alpha_k is the absolute angle of the tangent at link k's root, rad. Positions are complex numbers x + i y: a
 link that spans a from joint to joint contributes a exp(i alpha_k).
@@ -6,6 +6,7 @@ link that spans a from joint to joint contributes a exp(i alpha_k).
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,11 +18,25 @@ from .validation import Array
 
 ComplexOrReal = NDArray[Any]
 
+SETTLED = 0.5
+"""Time, s, for which the tip has to stay at a target to count as a success."""
+TURNS, PERIODS = 2.0, 50.0
+"""Quarter turns per episode, in addition to `SETTLED`; control periods per quarter turn."""
+STEPS = (1.0, 2.0, 5.0)
+"""Leading digits of suggested control periods."""
+
 
 def reach(arm: Arm) -> tuple[float, float]:
     """Return the smallest and largest distance of the tip from the root, m."""
     lengths = [link.span for link in arm.links]
     return max(0.0, 2.0 * max(lengths) - sum(lengths)), sum(lengths)
+
+
+def largest_force(arm: Arm) -> float:
+    """Return the largest tip force, N, for which every motor can balance the force at the straight arm's lever."""
+    levers = np.cumsum([link.span for link in arm.links][::-1])[::-1]
+    assert arm.torque_limits is not None
+    return float(min(np.array(arm.torque_limits) / levers))
 
 
 def link_inertia(arm: Arm) -> ComplexOrReal:
@@ -159,8 +174,8 @@ def rate_scale(arm: Arm, joint: int) -> float:
 def centre_shift(arm: Arm) -> float:
     """Return the hub's largest distance from the center of mass of arm and floating base, m; 0 without a base.
 
-    If the base floats freely, this center of mass is a fixed point. The hub stays within the returned distance of
-    it, and the tip within the arm's length less this distance.
+    If the base floats freely, this center of mass is a fixed point. The hub stays within the returned distance of the
+    center of mass, and the tip within the arm's length less this distance.
     """
     if arm.base is None:
         return 0.0
@@ -174,3 +189,41 @@ def centre_shift(arm: Arm) -> float:
         along += link.span
     moment += arm.payload.mass * (along + math.hypot(*arm.payload.offset))
     return moment / (arm.mass + arm.base.mass)
+
+
+@dataclass(frozen=True)
+class TimeScales:
+    """Time scales of an arm with torque limits.
+
+    Attributes:
+        quarter_turns (N,): minimum time of a quarter turn of each joint from rest to rest, s. The torque is full and
+            reversed midway, and the arm beyond the joint is straight and rigid. slew: the longest of these times, s.
+        duration: duration of an episode, s. control_dt: control period, s. gamma: discount factor per control period,
+            whose horizon dt/(1 - gamma) equals a slew.
+    """
+
+    quarter_turns: tuple[float, ...]
+    slew: float
+    duration: float
+    control_dt: float
+    gamma: float
+
+
+def timescales(arm: Arm, control_dt: float | None = None) -> TimeScales:
+    """Compute the time scales of an arm.
+
+    control_dt: control period, s, for the discount factor; None: a suggested one.
+    """
+    # minimum time of a quarter turn, 2 sqrt(I (pi/2) / tau)
+    quarters = tuple(math.pi / rate_scale(arm, k) for k in range(arm.n_links))
+    slew = max(quarters)
+    # rounded up to half a second
+    duration = math.ceil(2.0 * (TURNS * slew + SETTLED)) / 2.0
+    period = _leading(slew / PERIODS) if control_dt is None else control_dt
+    return TimeScales(quarters, slew, duration, period, round(max(0.5, 1.0 - period / slew), 4))
+
+
+def _leading(value: float) -> float:
+    """Round a value down to 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return float(f"{max(step for step in STEPS if step * power <= value * (1.0 + 1e-9)) * power:.1g}")

@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 from flexarm_env import validation as check
-from flexarm_env.envs.around import AroundControllerVector, Inside
+from flexarm_env.around import AroundControllerVector, Inside
 from flexarm_env.envs.lengths import LengthsVectorEnv
 from flexarm_env.envs.options import ARGUMENTS
 from flexarm_env.envs.spec import CHANGEABLE, same
@@ -58,7 +58,7 @@ def make_sb3_vec(
             environment has no single environments; with wrappers, "vector_entry_point" is therefore "sync".
         lengths: factors on the links' lengths; the environments are divided among them (`envs.lengths`).
         around: a controller inside the environments; the actions are added to its torques
-            (`envs.around.AroundControllerVector`).
+            (`flexarm_env.around.AroundControllerVector`).
         kwargs: keywords of the environment.
     Returns:
         VecNormalize(VecMonitor(GymnasiumVecEnv)), without the wrappers that are not requested.

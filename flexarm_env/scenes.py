@@ -100,7 +100,7 @@ class Reference:
 
 
 def reference_names() -> tuple[str, ...]:
-    """Names of the scenes with a packaged reference trajectory."""
+    """Return the names of the scenes with a packaged reference trajectory."""
     return tuple(name for name in ORDER if name in _references())
 
 

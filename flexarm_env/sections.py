@@ -12,52 +12,37 @@ import numpy as np
 from flexarm_env import curves, meshing
 from flexarm_env import validation as check
 from flexarm_env.curves import Curvature
+from flexarm_env.records import described, number, validate, value
 from flexarm_env.validation import Array
 
 
+def _across(text: str, unit: str, **bounds: float) -> Any:
+    """Declare a property of motion out of the x-y plane."""
+    return number(f"{text}; required in space", unit, None, optional=True, **(bounds or {"above": 0.0}))
+
+
+@described
 @dataclass(frozen=True)
 class Section:
     """Cross-section of a beam, constant along a link (symbols of docs/theory.md; paper [41], [52]).
-
-    Args:
-        EI: bending stiffness, N m^2, positive.
-        EA: axial stiffness, N, positive.
-        C: shear stiffness kappa G A, N, positive.
-        m: mass per length, kg/m, positive.
-        J: rotary inertia per length, kg m (rho I for a homogeneous section), zero or positive.
-        EI_y, C_y, J_y: bending and shear stiffness and rotary inertia in the x-z plane; required in space, otherwise
-            None.
-        GJ: torsional stiffness, N m^2, positive (G times Saint-Venant's constant, not the polar moment); required in
-            space.
 
     A link's x axis runs along it, y along its thickness, z along its width. An arm in the plane bends in x-y. The polar
     rotary inertia is J + J_y.
     """
 
-    EI: float
-    EA: float
-    C: float
-    m: float
-    J: float = 0.0
-    EI_y: float | None = None
-    C_y: float | None = None
-    J_y: float | None = None
-    GJ: float | None = None
+    EI: float = number("bending stiffness", "N m^2", above=0.0)
+    EA: float = number("axial stiffness", "N", above=0.0)
+    C: float = number("shear stiffness kappa G A", "N", above=0.0)
+    m: float = number("mass per length", "kg/m", above=0.0)
+    J: float = number("rotary inertia per length, rho I for a homogeneous section", "kg m", 0.0, minimum=0.0)
+    EI_y: float | None = _across("bending stiffness in the x-z plane", "N m^2")
+    C_y: float | None = _across("shear stiffness in the x-z plane", "N")
+    J_y: float | None = _across("rotary inertia per length in the x-z plane", "kg m", minimum=0.0)
+    GJ: float | None = _across("torsional stiffness, G times Saint-Venant's constant, not the polar moment", "N m^2")
 
     def __post_init__(self) -> None:
         """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
-        check.store(
-            self,
-            EI=check.number("section.EI", self.EI, "N m^2", above=0.0),
-            EA=check.number("section.EA", self.EA, "N", above=0.0),
-            C=check.number("section.C", self.C, "N", above=0.0),
-            m=check.number("section.m", self.m, "kg/m", above=0.0),
-            J=check.number("section.J", self.J, "kg m", minimum=0.0),
-        )
-        for name, unit in ACROSS.items():
-            if (value := getattr(self, name)) is not None:
-                limit: dict[str, float] = {"minimum": 0.0} if name == "J_y" else {"above": 0.0}
-                check.store(self, **{name: check.number(f"section.{name}", value, unit, **limit)})
+        validate(self, "section")
 
     @classmethod
     def rectangle(cls, width: float, thickness: float, E: float, rho: float, G: float, kappa: float = 0.85) -> Section:
@@ -194,43 +179,38 @@ ENDS = {
 """Fields of a link's rigid ends, and their units."""
 
 
+@described
 @dataclass(frozen=True)
 class Link:
     """A beam with one section, or with sections that vary along it; it is straight, or curved without stress.
 
+    Rigid ends (a clamp, a hub's radius) extend from the joint at the link's root to the beam, and from the beam to the
+    next joint or the arm's tip, along the beam's end tangents. Their masses are at their midpoints.
+
     Args:
-        length: m, positive.
         section: a :class:`Section`; a :class:`Taper`; or a sequence of (s, Section), s in m from the root, ascending
             from 0 to the length. Properties are linear between points; two points with the same s are a jump. Points
             with equal sections are replaced by one Section.
-        tau_d: Kelvin-Voigt time constant of this link, s; None selects the arm's.
-        root_offset, tip_offset: m, zero or positive, lengths of rigid ends (a clamp, a hub's radius). The ends extend
-            from the joint at the link's root to the beam, and from the beam to the next joint or the arm's tip, along
-            the beam's end tangents.
-        root_mass, tip_mass: kg, masses of these ends, at their midpoints. root_inertia, tip_inertia: kg m^2, about the
-            midpoints.
         curvature: 1/m, of the stress-free beam, positive to the left; or a sequence of (s, curvature), with s as in
             `section`, linear between points. Two points with the same s are a jump.
     """
 
-    length: float
-    section: Section | Taper | Points
-    tau_d: float | None = None
-    root_offset: float = 0.0
-    tip_offset: float = 0.0
-    root_mass: float = 0.0
-    tip_mass: float = 0.0
-    root_inertia: float = 0.0
-    tip_inertia: float = 0.0
+    length: float = number("length of the beam", "m", above=0.0)
+    section: Section | Taper | Points = value(lambda path, given: given, {}, "section, or sections along the link")
+    tau_d: float | None = number(
+        "Kelvin-Voigt time constant of this link; None: the arm's", "s", None, minimum=0.0, optional=True
+    )
+    root_offset: float = number("length of the rigid end at the root", "m", 0.0, minimum=0.0)
+    tip_offset: float = number("length of the rigid end at the tip", "m", 0.0, minimum=0.0)
+    root_mass: float = number("mass of the rigid end at the root", "kg", 0.0, minimum=0.0)
+    tip_mass: float = number("mass of the rigid end at the tip", "kg", 0.0, minimum=0.0)
+    root_inertia: float = number("inertia of the root's rigid end about its midpoint", "kg m^2", 0.0, minimum=0.0)
+    tip_inertia: float = number("inertia of the tip's rigid end about its midpoint", "kg m^2", 0.0, minimum=0.0)
     curvature: Curvature = 0.0
 
     def __post_init__(self) -> None:
         """Validate the fields. section: a `Section`, a `Taper`, or points along the link."""
-        check.store(self, length=check.number("length", self.length, "m", above=0.0))
-        if self.tau_d is not None:
-            check.store(self, tau_d=check.number("tau_d", self.tau_d, "s", minimum=0.0))
-        for name, unit in ENDS.items():
-            check.store(self, **{name: check.number(name, getattr(self, name), unit, minimum=0.0)})
+        validate(self)
         check.store(self, curvature=curves.checked(self.curvature, self.length))
         if not isinstance(self.section, Section | Taper):
             check.store(self, section=_points(self.section, self.length))

@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from flexarm_env import validation as check
+from flexarm_env.records import choice, described, integer, number, validate, value
 
 Range = tuple[float, float]
 UNITS, SIDES = ("curvature", "strain"), ("link", "motor")
@@ -30,57 +31,58 @@ LARGEST, FINEST = 1e15, 1e-12
 """Largest gain, bias, noise, quantum or filter damping, and smallest quantum; other values spoil the rounding."""
 
 
+def _constant_or_range(path: str, value: Any) -> float | Range:
+    """Validate a number, or a range (low, high)."""
+    if not isinstance(value, list | tuple):
+        return check.number(path, value, minimum=-LARGEST, maximum=LARGEST)
+    both = check.sequence(path, value, "a number, or two: (low, high)", 2)
+    return check.limits(path, both, minimum=-LARGEST, maximum=LARGEST)
+
+
+@described
 @dataclass(frozen=True)
 class LowPass:
-    """Low-pass filter w / (s + w) of order 1, or w^2 / (s^2 + 2 damping w s + w^2) of order 2; w = 2 pi frequency.
+    """Low-pass filter w / (s + w) of order 1, or w^2 / (s^2 + 2 damping w s + w^2) of order 2; w = 2 pi frequency."""
 
-    Args:
-        frequency: Hz, positive. order: 1 or 2. damping: damping ratio, positive; for order 2 only.
-    """
-
-    frequency: float
-    order: int = 1
-    damping: float = math.sqrt(0.5)
+    frequency: float = number("corner frequency", "Hz", above=0.0)
+    order: int = integer("order of the filter", 1, minimum=1, maximum=2)
+    damping: float = number("damping ratio, for order 2 only", "", math.sqrt(0.5), above=0.0, maximum=LARGEST)
 
     def __post_init__(self) -> None:
         """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
-        check.store(
-            self,
-            frequency=check.number("low_pass.frequency", self.frequency, "Hz", above=0.0),
-            order=check.integer("low_pass.order", self.order, minimum=1, maximum=2),
-            damping=check.number("low_pass.damping", self.damping, above=0.0, maximum=LARGEST),
-        )
+        validate(self, "low_pass")
 
 
+_RANGE = {"if": {"type": "array"}, "then": {"items": {"type": "number"}, "minItems": 2, "maxItems": 2},
+          "else": {"type": "number"}}  # fmt: skip
+
+
+@described
 @dataclass(frozen=True, kw_only=True)
 class Law:
     """Parameters common to all sensors, in the unit of the reading.
 
     Args:
-        gain: a number, or (low, high), from which the gain is drawn uniformly for each episode.
-        bias: drawn uniformly for each episode, from -b to b for a number b, or from (low, high), which may be equal.
-        noise: standard deviation of each reading.
         low_pass: filter of the quantity before the sensor is read, or None.
-        quantum: resolution: readings are whole multiples of it; 0: no rounding.
-        delay: s; it may be any number, not only a whole number of periods.
     """
 
-    gain: float | Range = 1.0
-    bias: float | Range = 0.0
-    noise: float = 0.0
+    gain: float | Range = value(
+        _constant_or_range, _RANGE, "gain, or (low, high), from which it is drawn uniformly for each episode", "", 1.0
+    )
+    bias: float | Range = value(
+        _constant_or_range, _RANGE, "drawn uniformly for each episode: from -b to b for a number b, or from "
+        "(low, high), which may be equal", "", 0.0,
+    )  # fmt: skip
+    noise: float = number("standard deviation of each reading", "", 0.0, minimum=0.0, maximum=LARGEST)
     low_pass: LowPass | None = None
-    quantum: float = 0.0
-    delay: float = 0.0
+    quantum: float = number(
+        "resolution: readings are whole multiples of it; 0: no rounding", "", 0.0, minimum=0.0, maximum=LARGEST
+    )
+    delay: float = number("delay, which need not be a whole number of periods", "s", 0.0, minimum=0.0)
 
     def __post_init__(self) -> None:
         """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
-        check.store(
-            self,
-            **{name: _constant_or_range(name, getattr(self, name)) for name in ("gain", "bias")},
-            noise=check.number("noise", self.noise, minimum=0.0, maximum=LARGEST),
-            quantum=check.number("quantum", self.quantum, minimum=0.0, maximum=LARGEST),
-            delay=check.number("delay", self.delay, "s", minimum=0.0),
-        )
+        validate(self)
         # a finer quantum is lost to rounding
         if 0.0 < self.quantum < FINEST:
             raise check.InvalidValue("quantum", self.quantum, f"must be 0, or at least {FINEST:g}")
@@ -113,6 +115,7 @@ class Law:
         return 0.0
 
 
+@described
 @dataclass(frozen=True, kw_only=True)
 class Encoder(Law):
     """Encoder of a joint: its angle, rad, and its rate, rad/s.
@@ -120,28 +123,24 @@ class Encoder(Law):
     The rate is the difference of two readings over the time T between them, through a low-pass of order 1:
     rate_k = a rate_(k-1) + (1 - a) (reading_k - reading_(k-1)) / T with a = exp(-2 pi rate_frequency T).
 
-    Args:
-        counts: counts per turn of the encoder's shaft; readings are multiples of 2 pi / counts, with side "motor"
-            divided by the gear ratio. None: no rounding, or the rounding of `quantum`.
-        side: "link": angle of the link's root relative to the previous tip. "motor": the motor's angle over the gear
-            ratio; with a rigid gear (`Joint`) both angles are equal.
-        rate_frequency: Hz.
+    Readings are multiples of 2 pi / counts, with side "motor" divided by the gear ratio. Side "link" is the angle of
+    the link's root relative to the previous tip, side "motor" the motor's angle over the gear ratio; with a rigid gear
+    (`Joint`) both angles are equal.
     """
 
-    counts: int | None = None
-    side: str = "link"
-    rate_frequency: float = RATE_FREQUENCY
+    counts: int | None = integer(
+        "counts per turn of the encoder's shaft; None: no rounding, or that of `quantum`", None, minimum=1,
+        maximum=10**9, optional=True,
+    )  # fmt: skip
+    side: str = choice(SIDES, "measured angle", "link")
+    rate_frequency: float = number("low-pass of the rate", "Hz", RATE_FREQUENCY, above=0.0)
 
     def __post_init__(self) -> None:
         """Validate the fields; counts and quantum exclude each other."""
         super().__post_init__()
-        check.choice("side", self.side, SIDES)
-        check.store(self, rate_frequency=check.number("rate_frequency", self.rate_frequency, "Hz", above=0.0))
         # counts and quantum both set the resolution: only one is permitted
-        if self.counts is not None:
-            check.store(self, counts=check.integer("counts", self.counts, minimum=1, maximum=10**9))
-            if self.quantum > 0.0:
-                raise check.InvalidValue("quantum", self.quantum, "must not be given together with counts")
+        if self.counts is not None and self.quantum > 0.0:
+            raise check.InvalidValue("quantum", self.quantum, "must not be given together with counts")
 
     def behind(self, ratio: float) -> Encoder:
         """Return the encoder with its resolution at the output of a gear of this ratio."""
@@ -156,39 +155,31 @@ class Encoder(Law):
         return self.quantum if self.counts is None else 2.0 * math.pi / self.counts
 
 
+@described
 @dataclass(frozen=True, kw_only=True)
 class StrainGauge(Law):
     """Strain gauge: bending of a link at a place; in space also bending out of the x-y plane, and torsion.
 
-    Args:
-        link: number of the link, from 0. place: position along the link, from 0 (root) to 1 (tip).
-        unit: "curvature", 1/m, or "strain", which is curvature times `distance`.
-        distance: m, of the gauge from the neutral axis; required for the shear strain of torsion. None: half the
-            thickness of the rectangle that has the section's m and J, sqrt(3 J / m), or m and J_y for bending in x-z.
-        measures: "xy": curvature in the x-y plane, positive if the link bends towards y; "xz": in the x-z plane,
-            towards z; "torsion": twist over length, positive about x. In the plane only "xy" is possible.
+    The reading is the curvature (1/m), or the strain, which is curvature times `distance`. It measures "xy": curvature
+    in the x-y plane, positive if the link bends towards y; "xz": in the x-z plane, towards z; "torsion": twist over
+    length, positive about x. In the plane only "xy" is possible. The default distance is half the thickness of the
+    rectangle that has the section's m and J, sqrt(3 J / m), or m and J_y for bending in x-z.
     """
 
-    link: int = 0
-    place: float = 0.0
-    unit: str = "curvature"
-    distance: float | None = None
-    measures: str = "xy"
+    link: int = integer("number of the link, from 0", 0, minimum=0)
+    place: float = number("position along the link, from 0 (root) to 1 (tip)", "", 0.0, minimum=0.0, maximum=1.0)
+    unit: str = choice(UNITS, "kind of reading", "curvature")
+    distance: float | None = number(
+        "distance of the gauge from the neutral axis; required for the shear strain of torsion", "m", None, above=0.0,
+        optional=True,
+    )  # fmt: skip
+    measures: str = choice(MEASURES, "measured component", "xy")
 
     def __post_init__(self) -> None:
         """Validate the fields; a gauge of shear strain requires its distance from the axis."""
         super().__post_init__()
-        check.store(
-            self,
-            link=check.integer("link", self.link, minimum=0),
-            place=check.number("place", self.place, minimum=0.0, maximum=1.0),
-        )
-        check.choice("unit", self.unit, UNITS)
-        check.choice("measures", self.measures, MEASURES)
         # bending strains have a default distance, shear strains of torsion have none
-        if self.distance is not None:
-            check.store(self, distance=check.number("distance", self.distance, "m", above=0.0))
-        elif self.unit == "strain" and self.measures == "torsion":
+        if self.distance is None and self.unit == "strain" and self.measures == "torsion":
             raise check.InvalidValue("distance", None, "must be given (m) for the shear strain that torsion makes")
 
     @property
@@ -237,24 +228,19 @@ class Gyroscope(Law):
     """Gyroscope at the arm's tip: angular velocity about the tip's axes x, y, z, rad/s; for arms in space."""
 
 
+@described
 @dataclass(frozen=True, kw_only=True)
 class Camera(Law):
     """Camera: position of the tip, m, along fixed axes; in space also two angles of the tip's x axis, rad.
 
     The angles are the elevation of this axis out of the x-z plane towards y, and out of the x-y plane towards z; each
-    is in -pi/2 to pi/2.
-
-    Args:
-        period: s from one picture to the next, a whole number of control periods (or samples); None: one
-            picture at each. The first picture arrives at 0. A picture that arrives at t shows the tip at t - delay.
+    is in -pi/2 to pi/2. The first picture arrives at 0. A picture that arrives at t shows the tip at t - delay.
     """
 
-    period: float | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.period is not None:
-            check.store(self, period=check.number("period", self.period, "s", above=0.0))
+    period: float | None = number(
+        "time from one picture to the next, a whole number of control periods (or samples); None: a picture at each",
+        "s", None, above=0.0, optional=True,
+    )  # fmt: skip
 
     @property
     def interval(self) -> float:
@@ -267,15 +253,12 @@ class ForceSensor(Law):
     """Force sensor at the arm's tip: normal force and magnitude of the friction force of contacts on the tip, N."""
 
 
+@described
 @dataclass(frozen=True, kw_only=True)
 class ContactSwitch(Law):
     """Contact switch at the arm's tip: 1 if the normal force exceeds the threshold (N), otherwise 0."""
 
-    threshold: float = 0.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check.store(self, threshold=check.number("threshold", self.threshold, "N", minimum=0.0))
+    threshold: float = number("smallest normal force of a contact", "N", 0.0, minimum=0.0)
 
 
 SINGLES: dict[str, type[Law]] = {
@@ -287,16 +270,18 @@ SINGLES: dict[str, type[Law]] = {
 _OF_CONTACT = {"force": ("tip_force_normal", "tip_force_tangential"), "switch": ("contact_switch",)}
 OF_THE_TIP: dict[bool, dict[str, tuple[str, ...]]] = {
     False: {
-        "accelerometer": ("tip_acceleration_x", "tip_acceleration_y"), "camera": ("camera_x", "camera_y"),
+        "accelerometer": ("tip_acceleration_x", "tip_acceleration_y"),
+        "camera": ("camera_x", "camera_y"),
         **_OF_CONTACT,
     },
     True: {
         "accelerometer": ("tip_acceleration_x", "tip_acceleration_y", "tip_acceleration_z"),
         "gyroscope": ("gyroscope_x", "gyroscope_y", "gyroscope_z"),
-        "camera": ("camera_x", "camera_y", "camera_z", "camera_rise_y", "camera_rise_z"), **_OF_CONTACT,
+        "camera": ("camera_x", "camera_y", "camera_z", "camera_rise_y", "camera_rise_z"),
+        **_OF_CONTACT,
     },
 }
-"""Names of the readings of these sensors, in the plane (False) and in space (True), in the order of an observation."""
+"""Names of the readings of sensors at the tip, in the plane (False) and in space (True), in an observation's order."""
 
 
 @dataclass(frozen=True)
@@ -411,14 +396,6 @@ KEYS = check.names_of(Sensors)
 """Keys in a table of sensors."""
 
 S = TypeVar("S", bound=Law)
-
-
-def _constant_or_range(path: str, value: Any) -> float | Range:
-    """Validate a number, or a range (low, high)."""
-    if not isinstance(value, list | tuple):
-        return check.number(path, value, minimum=-LARGEST, maximum=LARGEST)
-    both = check.sequence(path, value, "a number, or two: (low, high)", 2)
-    return check.limits(path, both, minimum=-LARGEST, maximum=LARGEST)
 
 
 def _gauge(path: str, entry: Any) -> StrainGauge:

@@ -25,10 +25,10 @@ from .runtime.fitted import APART, FITS, close_fit, end_run, open_fit, start_run
 from .runtime.keeping import save_lanes
 from .runtime.layout import fit_rooms
 from .runtime.sampling import ANEW, AT_KINK, GOES_ON, NEAR, SAMPLE, STRETCH, has_gained_energy, observe_arm, sample_rows
-from .scene import Scene, computed, resolving_step
+from .scene import Scene, at_points, computed, resolving_step
 from .settings import Settings, steps_in
-from .spatial import placed
-from .trajectory import Trajectory, check_work, recorded, tips_of
+from .trajectory import Trajectory, check_work, kind_of, recorded
+from .trajectory.space import placed
 from .validation import Array
 
 Start = tuple[float, float, bool]
@@ -72,12 +72,12 @@ class Simulation:
     def __init__(self, scene: Scene, settings: Settings, moves: bool = True) -> None:
         """Assemble the scene for steps of settings.dt, s, and start it at t = 0."""
         assert settings.dt is not None
-        self.scene, self.settings, self.dt = scene, settings, settings.dt
+        self.scene, self.settings, self.dt = (scene := at_points(scene)), settings, settings.dt
         self._systems = fitted_systems(scene, settings)
         self.follow: Sequence[int] = ()
         self.system = rested(self._systems[-1], scene, settings, Simulation)
-        self.drive, self.n_motions = assembly.drive(scene, self.system), len(scene.motions)
-        self.scheme = assembly.scheme_of(settings, precision.of_scene(scene, settings))
+        self.n_motions = len((drive := assembly.drive(scene, self.system)).known)
+        self.drive, self.scheme = drive, assembly.scheme_of(settings, precision.of_scene(scene, settings))
         self.model, self.par = self.system.model, self.system.par.copy()
         # _flat holds the whole state; work gives views of it
         self._flat = np.zeros(int(uncompiled(work_size)(1, self.model, self.n_motions)))
@@ -400,7 +400,7 @@ def simulate(
     there = computed(scene)
     settings = dataclasses.replace(settings, dt=resolving_step(there, settings, end))
     simulation = Simulation(there, accuracy.in_steps(there, settings, end, interval))
-    physics.contact.build.check_steps(there, simulation.settings, simulation.system)
+    physics.contact.build.check_steps(simulation.scene, simulation.settings, simulation.system, start=True)
     simulation.compile()
     clock = time.thread_time()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed
@@ -420,8 +420,7 @@ def judge(trajectory: Trajectory, interval: float, error_limit: float = 0.05, ti
     # runs of other steps and meshes; then the elastica's neglect of stretch and shear
     if companions:
         companion = partial(_probe, end=float(t[-1]), allowed=time_limit)
-        tips = tips_of(scene, settings, {"q": trajectory.q}) if scene.spatial else trajectory.tip[:, :2]
-        mine = accuracy.Probe(t, tips, True)
+        mine = accuracy.Probe(t, trajectory.compared_tips, True)
         found, why = accuracy.estimate(scene, settings, mine, float(t[-1]), interval, companion, levels)
         parts |= found | accuracy.followed(scene, settings, mine, interval, companion, levels, trajectory.notes)
     total = accuracy.total(parts)
@@ -444,7 +443,8 @@ def _probe(scene: Scene, settings: Settings, interval: float, levels: Sequence[i
     simulation.compile()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed
     fields, _ = simulation.record(end, interval)
-    return accuracy.Probe(fields["time"], tips_of(scene, settings, fields), simulation.status == OK)
+    tips = kind_of(scene).read_tips(scene, settings, fields)
+    return accuracy.Probe(fields["time"], tips, simulation.status == OK)
 
 
 __all__ = ["Simulation", "Trajectory", "simulate"]

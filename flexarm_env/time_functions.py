@@ -36,7 +36,7 @@ class TimeFunction:
 
         value(t) = c0 + c1 s + c2 s^2 + c3 s^3 + A sin(w s + p),   s = t - t0,   for t0 <= t < next t0
 
-    The first piece also holds before its ``t0``, and the last piece extends to infinity. ``kind`` and ``parameters``
+    The first piece is also valid before its ``t0``, and the last piece extends to infinity. ``kind`` and ``parameters``
     record how the function was made, as in a TOML file. Two functions are equal if their pieces are equal.
     """
 
@@ -347,7 +347,7 @@ def hermite_table(
 
     Args:
         t (n,): s, increasing. psi (n,): rad or m. psi_dot (n,): 1/s. psi_ddot (n,): 1/s^2, or None.
-    After the last row the value is constant; if the rate is not zero there, it is a kink. ValueError names the row.
+    After the last row the value is constant; a rate other than 0 makes this row a kink. ValueError names the row.
     """
     if psi_ddot is None:
         time, y, v = _columns(t, 2, psi=psi, psi_dot=psi_dot)

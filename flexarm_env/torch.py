@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import validation as check
-from .derivatives import Arms
+from .derivatives import Arms, Differentiable
 
 with check.needs("flexarm_env.torch", "torch", "train"):
     import torch
@@ -87,7 +87,7 @@ def _numbers(name: str, value: Tensor) -> NDArray[np.float64]:
 
 class _Step(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, arms: Arms, state: Tensor, action: Tensor) -> tuple[Tensor, ...]:
+    def forward(ctx: Any, arms: Differentiable, state: Tensor, action: Tensor) -> tuple[Tensor, ...]:
         outcome = arms.step(_numbers("state", state), _numbers("action", action))
         ctx.arms = arms
         ctx.save_for_backward(state, action)
@@ -104,7 +104,7 @@ class _Step(torch.autograd.Function):
 
 class _Observe(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, arms: Arms, state: Tensor) -> Tensor:
+    def forward(ctx: Any, arms: Differentiable, state: Tensor) -> Tensor:
         seen = arms.observe(_numbers("state", state))
         ctx.arms = arms
         ctx.save_for_backward(state)

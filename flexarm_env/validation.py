@@ -331,7 +331,7 @@ def column(path: str, values: object, unit: str = "") -> np.ndarray[Any, np.dtyp
 
 
 Shape = tuple[int | str, ...]
-"""Lengths of the axes; a word stands for any length from 1 on, the same wherever the word occurs."""
+"""Lengths of the axes; a word means any length from 1 on, the same wherever the word occurs."""
 
 
 def floats(path: str, values: Any, what: str = "numbers") -> Array:

@@ -109,32 +109,6 @@ def test_returns_decide_which_policy_is_kept_where_none_succeeds():
     assert better == [True, True, False, True] and progress.best_steps == 3 and progress.best == 1.0
 
 
-# ------------------------------------------------------------------ measuring
-def test_settling_time_is_counted_from_the_last_exit():
-    setup = type("S", (), {"task": "slew", "control_dt": 0.1})
-    errors = np.full((11, 4), 1.0)
-    errors[4:, 0] = 0.01
-    errors[4:, 1] = 0.01
-    errors[7, 1] = 0.5
-    errors[10, 2] = 0.001
-    settling, settled = episodes._settling(setup, errors, np.zeros(4, bool))
-    assert settling == pytest.approx([0.4, 0.8, 1.0, 1.0])
-    assert settled.tolist() == [True, True, True, False]
-    early = np.array([True, False, False, False])
-    assert episodes._settling(setup, errors, early)[0][0] == pytest.approx(1.0)
-
-
-def test_vibration_and_overshoot():
-    bends = np.zeros((101, 2, 1))
-    bends[-20:, 0, 0] = 0.003 * np.sin(np.arange(20))
-    bends[:10, 1, 0] = 0.5
-    vibration = episodes._vibration(bends, np.array([100, 100]), 50)
-    half = 0.5 * 0.003 * np.ptp(np.sin(np.arange(20)))  # half of the distance between the extremes
-    assert vibration == pytest.approx([half, 0.0], abs=1e-9)
-    misses = np.array([[[0.5]], [[0.1]], [[-0.05]], [[0.0]]])
-    assert episodes._overshoot(misses) == pytest.approx([0.1])
-
-
 def test_the_best_known_begins_with_the_quickest_policy_and_the_elbow_it_has():
     """Of two ways to bend the elbow that to which the policy led, turned as often as it has turned."""
     ends = np.array([[0.42, -0.9, 0.0, 0.0], [6.8, 0.51, 0.0, 0.0]])

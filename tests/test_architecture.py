@@ -7,15 +7,21 @@ ROOMS says which room of the package may import which. A room is a module or a s
 from __future__ import annotations
 
 import ast
+import json
 import re
+import shutil
 import subprocess
+from collections import Counter
 from collections.abc import Iterator
 from importlib.util import resolve_name
 from inspect import signature
 from pathlib import Path
+from typing import Any
 
+import gymnasium as gym
 import pytest
 
+from flexarm_env import suite
 from flexarm_env.physics import contributions, protocol
 from tests.processes import ROOT, python
 
@@ -23,33 +29,38 @@ PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
 _BASICS = {
-    "validation", "curves", "meshing", "rotations", "sections", "bodies", "parameters", "sensors", "rigid", "settings",
-    "files", "time_functions",
+    "validation", "records", "curves", "meshing", "rotations", "sections", "bodies", "parameters", "sensors", "rigid",
+    "settings", "files", "time_functions",
 }  # fmt: skip
 _DESCRIPTION = {*_BASICS, "arms", "scene", "scenes", "shapes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
-_PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "accuracy_space", "simulation", "batch", "linear"}
+_PHYSICS = {
+    *_DESCRIPTION, "physics", "geometry", "trajectory", "accuracy", "accuracy_space", "simulation", "batch",
+    "equations", "linear",
+}  # fmt: skip
 _PUBLIC = {
-    *_PHYSICS - {"physics"}, "comparison", "control", "derivatives", "envs", "exchange", "identification", "library",
-    "plotting", "recording", "remote", "sb3", "suite", "torch", "training", "view", "__init__",
+    *_PHYSICS - {"physics"}, "around", "comparison", "control", "derivatives", "envs", "episodes", "exchange",
+    "identification", "library", "plotting", "recording", "remote", "sb3", "suite", "torch", "training", "view",
+    "__init__",
 }  # fmt: skip
 
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
 ROOMS: dict[str, set[str]] = {
     "validation": set(),
+    "records": {"validation"},
     "curves": {"validation"},
     "meshing": {"validation"},
-    "sections": {"validation", "curves", "meshing"},
+    "sections": {"validation", "records", "curves", "meshing"},
     "rotations": {"validation"},
-    "bodies": {"validation", "rotations", "sections"},
-    "sensors": {"validation"},
+    "bodies": {"validation", "records", "rotations", "sections"},
+    "sensors": {"validation", "records"},
     "shapes": {"validation", "bodies"},
-    "parameters": {"validation", "sections", "bodies", "sensors"},
+    "parameters": {"validation", "records", "sections", "bodies", "sensors"},
     "rigid": {"validation", "bodies", "parameters"},
     "settings": {"validation"},
     "files": {"validation"},
     "time_functions": {"validation", "files"},
-    "arms": {"validation", "files", "sections", "parameters", "sensors"},
+    "arms": {"validation", "records", "files", "bodies", "sections", "parameters", "sensors"},
     "scene": {
         "validation", "files", "curves", "meshing", "bodies", "sections", "parameters", "settings",
         "time_functions", "arms", "shapes",
@@ -61,27 +72,30 @@ ROOMS: dict[str, set[str]] = {
     "physics": {*_DESCRIPTION, "compiler", "layout"},
     "tasks": {"compiler", "layout", "physics"},
     "runtime": {"compiler", "layout", "physics", "tasks"},
-    "view": {*_DESCRIPTION, "physics"},
-    "trajectory": {*_DESCRIPTION, "physics", "runtime", "view"},
-    "spatial": {"validation", "rotations", "sensors", "scene", "physics", "trajectory"},
+    "view": {*_DESCRIPTION, "geometry", "physics"},
+    "geometry": {*_DESCRIPTION, "physics", "tasks"},
+    "trajectory": {*_DESCRIPTION, "geometry", "physics", "runtime", "view"},
     "accuracy": {*_DESCRIPTION, "accuracy_space"},
     "accuracy_space": {*_DESCRIPTION},
     "rest": {"validation", "compiler", "physics", "scene", "settings", "time_functions"},
-    "simulation": {*_DESCRIPTION, *_COMPILED, "trajectory", "spatial", "accuracy", "rest"},
-    "batch": {*_DESCRIPTION, *_COMPILED, "layout", "trajectory", "simulation"},
-    "linear": {*_DESCRIPTION, *_COMPILED, "trajectory", "simulation", "rest"},
+    "simulation": {*_DESCRIPTION, *_COMPILED, "trajectory", "accuracy", "rest"},
+    "batch": {*_DESCRIPTION, *_COMPILED, "geometry", "layout", "trajectory", "simulation"},
+    "equations": {*_DESCRIPTION, *_COMPILED, "geometry", "simulation"},
+    "linear": {*_DESCRIPTION, *_COMPILED, "equations", "geometry", "trajectory", "simulation", "rest"},
     "comparison": {"validation", "accuracy"},
     "derivatives": {*_COMPILED, "batch", "simulation", "trajectory", "validation"},
     "control": {*_PHYSICS, "tasks", "derivatives"},
+    "episodes": {"validation", "control"},
     "exchange": {*_DESCRIPTION, "simulation", "linear"},
-    "envs": {*_PHYSICS, "compiler", "control", "view"},
+    "envs": {*_PHYSICS, "compiler", "tasks"},
+    "around": {"control"},
     "torch": {"derivatives", "validation"},
     "plotting": {*_PHYSICS, "comparison", "view"},
-    "recording": {*_DESCRIPTION, "trajectory", "batch", "envs", "view"},
-    "sb3": {*_DESCRIPTION, "envs"},
-    "suite": {*_DESCRIPTION, "control", "envs", "trajectory"},
+    "recording": {*_DESCRIPTION, "trajectory", "batch", "envs", "episodes", "view"},
+    "sb3": {*_DESCRIPTION, "around", "envs"},
+    "suite": {*_DESCRIPTION, "control", "envs", "episodes", "trajectory"},
     "remote": {"validation", "files", "control", "envs"},
-    "training": {*_DESCRIPTION, "control", "derivatives", "envs", "plotting", "sb3", "suite"},
+    "training": {*_DESCRIPTION, "around", "control", "derivatives", "envs", "episodes", "plotting", "sb3", "suite"},
     "library": {*_DESCRIPTION, *_COMPILED, "layout", "batch", "control", "derivatives"},
     "identification": {*_PHYSICS - {"batch"}, "derivatives", "plotting"},
     "cli": {*_PUBLIC, "data", "compiler"},
@@ -89,13 +103,15 @@ ROOMS: dict[str, set[str]] = {
     "__init__": {*_PHYSICS, "control", "envs", "identification", "suite"},
 }
 
+_ENTRANCES = {"__init__", "cli"}
+
 # other packages that only some rooms may import, anywhere in their code
 EXTERNALS: dict[str, set[str]] = {
     "torch": {"sb3", "torch", "training"},
     "stable_baselines3": {"sb3", "training"},
     "numba": set(),
     "llvmlite": {"compiler"},
-    "gymnasium": {"__init__", "envs", "derivatives", "recording", "remote", "sb3", "suite", "training", "cli"},
+    "gymnasium": {*_ENTRANCES, "around", "derivatives", "envs", "recording", "remote", "sb3", "suite", "training"},
     "pygame": {"envs"},
     "matplotlib": {"plotting"},
     "minari": {"recording"},
@@ -104,6 +120,15 @@ EXTERNALS: dict[str, set[str]] = {
     "mujoco": {"exchange"},
     "ray": set(),
 }
+
+# the core: environments, and all rooms that they need
+CORE = {
+    *_DESCRIPTION, *_COMPILED, "__init__", "accuracy", "accuracy_space", "batch", "data", "envs", "equations",
+    "geometry", "layout", "rest", "simulation", "trajectory",
+}  # fmt: skip
+
+# methods of the core that need a room beyond it when they are called: clips of runs, linear models of environments
+BEYOND_THE_CORE = {("flexarm_env.trajectory.recorded", "view"), ("flexarm_env.envs.states", "linear")}
 
 # code outside of the package uses the public rooms only
 OUTSIDE = ("agents", "benchmarks")
@@ -144,7 +169,8 @@ def room_of(module: str) -> str:
 def imports_of(text: str, package: str, modules: set[str]) -> Iterator[tuple[int, str]]:
     """Line and dotted name of every import in a text of a package, inside functions and for types alone included.
 
-    `from a import b` counts as `a.b` where that is one of the modules, as `a` elsewhere.
+    `from a import b` counts as `a.b` where that is one of the modules, as `a` elsewhere. `import_module` of a text
+    counts too; a name that is composed at run time counts as `?`.
     """
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
@@ -155,6 +181,12 @@ def imports_of(text: str, package: str, modules: set[str]) -> Iterator[tuple[int
             for alias in node.names:
                 inner = f"{base}.{alias.name}"
                 yield node.lineno, inner if inner in modules else base
+        elif isinstance(node, ast.Call) and "import_module" in (getattr(node.func, key, "") for key in ("id", "attr")):
+            name, *packages = node.args
+            if isinstance(name, ast.Constant):
+                yield node.lineno, resolve_name(name.value, package) if name.value.startswith(".") else name.value
+            elif packages:
+                yield node.lineno, f"{PACKAGE}.?"
 
 
 def imports_in(path: Path, modules: set[str]) -> Iterator[tuple[int, str]]:
@@ -171,7 +203,9 @@ def package_faults(path: Path, known: set[str]) -> list[str]:
     faults = []
     for line, name in imports_in(path, known):
         top = name.split(".")[0]
-        if top == PACKAGE:
+        if name.endswith("?"):
+            faults += [] if room == "__init__" else [f"{module}:{line}: a relative import must name its module"]
+        elif top == PACKAGE:
             target = room_of(name)
             if target != room and target not in ROOMS[room]:
                 faults.append(f"{module}:{line}: '{room}' may not import '{target}'")
@@ -269,11 +303,14 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
 
 
 def test_a_circle_is_found() -> None:
-    """Also where one of its imports stands in a function, or is there for types alone."""
+    """Also where one of its imports is inside a function, for types alone, or a call of `import_module`."""
     assert in_circles({"a": {"b"}, "b": {"c"}, "c": {"b", "d"}, "d": set()}) == ["b", "c"]
     modules = {"package", "package.room", "package.room.a", "package.b"}
     for text in ("def f():\n    from ..b import x\n", "if TYPE_CHECKING:\n    import package.b\n", "from .. import b"):
         assert [name for _, name in imports_of(text, "package.room", modules)] == ["package.b"]
+    for text in ("import_module('..b', __package__)", "def f():\n    importlib.import_module('package.b')\n"):
+        assert [name for _, name in imports_of(text, "package.room", modules)] == ["package.b"]
+    assert [name for _, name in imports_of("import_module(f'.{x}', __package__)", "p", modules)] == ["flexarm_env.?"]
     found = imports_of("from . import a\nfrom .a import f", "package.room", modules)
     assert list(found) == [(1, "package.room.a"), (2, "package.room.a")]
 
@@ -291,6 +328,58 @@ def test_imports_point_one_way() -> None:
     known = existing_rooms()
     faults = [fault for path in python_files(PACKAGE) for fault in package_faults(path, known)]
     assert not faults, "\n".join(faults)
+
+
+def test_the_core_imports_no_other_room() -> None:
+    known, beyond = existing_rooms(), set()
+    for path in python_files(PACKAGE):
+        module = module_name(path)
+        if room_of(module) in CORE - {"__init__"}:
+            rooms = {room_of(name) for _, name in imports_in(path, known) if name.split(".")[0] == PACKAGE}
+            beyond |= {(module, room) for room in rooms - CORE}
+    assert beyond == BEYOND_THE_CORE
+
+
+def test_the_page_says_how_large_the_core_is() -> None:
+    """In thousands of lines, to 3 %."""
+    lines = Counter[str]()
+    for path in python_files(PACKAGE):
+        lines[room_of(module_name(path))] += len(path.read_text(encoding="utf-8").splitlines())
+    page = (ROOT / "docs" / "architecture.md").read_text("utf-8")
+    said = re.search(r"The core has ([\d,]+) of the package's ([\d,]+) lines", page)
+    assert said
+    core, package = (int(word.replace(",", "")) for word in said.groups())
+    assert sum(lines[room] for room in CORE) == pytest.approx(core, rel=0.03)
+    assert sum(lines.values()) == pytest.approx(package, rel=0.03)
+
+
+@pytest.mark.slow
+def test_a_copy_of_the_core_steps_every_environment(tmp_path: Path) -> None:
+    """Those of the package, and the suite's tasks by their keywords."""
+    own = [n for n, spec in gym.registry.items() if str(spec.entry_point).startswith(f"{PACKAGE}.envs.")]
+    environments: dict[str, list[Any]] = {name: [name, {}] for name in own if "/" not in name}
+    assert len(environments) == 4
+    environments |= {task.id: [task.environment, dict(task.arguments)] for task in suite.tasks(earlier=True)}
+    package = tmp_path / PACKAGE
+    shutil.copytree(ROOT / PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
+    for path in [*package.iterdir(), package / "data" / "suite"]:
+        if path.stem not in CORE:
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+    (tmp_path / "environments.json").write_text(json.dumps(environments, default=list))
+    program = """
+import json, sys
+sys.path.insert(0, sys.argv[1])
+import gymnasium as gym
+import flexarm_env
+assert flexarm_env.__file__.startswith(sys.argv[1]), flexarm_env.__file__
+for name, (env_id, keywords) in sorted(json.load(open(sys.argv[1] + "/environments.json")).items()):
+    env = gym.make(env_id, **keywords)
+    env.reset(seed=0)
+    steps = [env.step(env.action_space.sample()) for _ in range(3)]
+    assert all(env.observation_space.contains(step[0]) for step in steps)
+    print(name)
+"""
+    assert python("-c", program, str(tmp_path), cwd=tmp_path).stdout.split() == sorted(environments)
 
 
 def test_agents_and_benchmarks_use_public_rooms() -> None:

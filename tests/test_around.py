@@ -12,13 +12,13 @@ from gymnasium.vector import AutoresetMode
 
 import flexarm_env  # noqa: F401
 from flexarm_env import control
+from flexarm_env.around import AroundController, AroundControllerVector
 from flexarm_env.cli import main
 from flexarm_env.control.around import Inside, linear_law
 from flexarm_env.control.catalogue import Following, controller
 from flexarm_env.control.export import Entries, onnx_bytes
 from flexarm_env.control.export_around import around_c_source, onnx_law
 from flexarm_env.control.policy import FORMAT_AROUND, AroundPolicy, load_npz, policy_from
-from flexarm_env.envs.around import AroundController, AroundControllerVector
 from flexarm_env.suite.second import of_arrays
 from tests.c_tools import needs_compiler, shared
 from tests.refusals import refuses

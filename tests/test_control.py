@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from flexarm_env import arms, control
-from flexarm_env.control import kinematics, lqr, shaping, time_optimal
+from flexarm_env.control import lqr, shaping, time_optimal
 from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.catalogue import gains_from, tuned_gains
 from flexarm_env.control.pd import PDGains
+from flexarm_env.geometry import plane
 from flexarm_env.rigid import coriolis, rigid_inertia
 from flexarm_env.training import episodes, export_policy, tune
 from tests.differences import central
@@ -74,8 +75,8 @@ def test_goal_angles_reach_the_target_within_limits():
     angles = np.stack([rng.uniform(-3, 3, n), rng.uniform(-2.5, 2.5, n)], axis=1)
     radius, bearing = rng.uniform(0.3, 0.95, n), rng.uniform(-3, 3, n)
     target = np.stack([radius * np.cos(bearing), radius * np.sin(bearing)], axis=1)
-    goal = kinematics.goal_angles(TWO, angles, target, np.ones((n, 2)))
-    tip = kinematics.tip_in_hub_frame(TWO, goal[:, 1:], np.zeros((n, 2)))
+    goal = plane.goal_angles(TWO, angles, target, np.ones((n, 2)))
+    tip = plane.tip_in_hub_frame(TWO, goal[:, 1:], np.zeros((n, 2)))
     turn = goal[:, 0] - angles[:, 0]
     c, s = np.cos(turn), np.sin(turn)
     reached = np.stack([c * tip[:, 0] - s * tip[:, 1], s * tip[:, 0] + c * tip[:, 1]], axis=1)
@@ -92,7 +93,7 @@ def test_the_goal_is_where_the_environment_has_its_target(slew, reach):
         controller.reset(observation)
         if controller.setup.task == "slew":
             hub = np.arctan2(observation[:, 0], observation[:, 1])
-            off = kinematics.wrapped(controller.goal[:, 0] - info["target"])
+            off = plane.wrapped(controller.goal[:, 0] - info["target"])
             assert off == pytest.approx(0.0, abs=1e-5)
             assert np.abs(controller.goal[:, 0] - hub).max() <= np.pi / 2 + 1e-5
         else:

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from flexarm_env import arms as arms_by_name
+from flexarm_env.compiler import SINGLE, kernel, size
 from flexarm_env.derivatives import Arms, Jacobians
 from flexarm_env.parameters import Payload
 from flexarm_env.physics.joints.layout import PLACE, PLACES
+from flexarm_env.physics.protocol import State, Weights, assemble, factor, solve, solve_transposed
 from flexarm_env.validation import Array
 from tests.differences import central
 from tests.refusals import refuses
@@ -101,11 +103,15 @@ CASES = [
     case("floating frame, modes, two links", TWO, back=True, modes=2, segments=1, **FLOATING),
     case("root frames, payload off the tip", TWO, back=True, arm=laden(), frame="root", **FALL, **MOTORS, **FLOATING),
     case("root frames, modes, drag", TWO, 1e-14, back=True, arm=dragged(), parameters=True, **ROOT_MODES, **FLOATING),
-    case("motors and controllers, floating frame", TWO, **MOTORS, **PD, **FLOATING),
-    case("motors and controllers, exact beam", TWO, 1e-14, **MOTORS, **PD, **EXACT),
-    case("a hub and laws drawn, parameters", ONE, arm=geared(), parameters=True, **LAWS),
+    case("motors and controllers, floating frame", TWO, back=True, **MOTORS, **PD, **FLOATING),
+    case("motors and controllers, exact beam", TWO, 1e-14, back=True, **MOTORS, **PD, **EXACT),
+    case("a hub and laws drawn, parameters", ONE, back=True, arm=geared(), parameters=True, **LAWS),
     case("a hub and laws drawn", TWO, back=True, arm=geared(2), **LAWS),
-    case("a hub drawn, parameters", ONE, parameters=True, randomization={"hub_inertia": (0.5, 2.0)}),
+    case("a hub drawn, parameters", ONE, back=True, parameters=True, randomization={"hub_inertia": (0.5, 2.0)}),
+    case("targets", TWO, back=True, task="track", sensors={"delay": 0.04}),
+    case("strain gauges", TWO, back=True, sensors={"strain_gauges": [{"place": 0.1}]}),
+    case("pushes", ONE, back=True, pushes=EVENTS["pushes"]),
+    case("pushes, floating frame", TWO, back=True, pushes=EVENTS["pushes"], **FLOATING),
     case("targets, late, several at once", ONE, task="track", history=2, sensors={"delay": 0.04, **GAUGE}),
     case("sensors' gains and biases", ONE, parameters=True, observation="measured", sensors=SENSORS, history=2),
     case("targets, sensors", TWO, task="track", observation="measured", sensors=SENSORS, history=2),
@@ -235,12 +241,12 @@ def as_the_jacobians(
 def test_in_space(keywords: dict[str, Any]) -> None:
     """Of `SHORT`: relative error of a period below 3e-6 for each arm, by
     one of two steps of the differences (forces are cut off in Newton's matrix, which is a kink of 1e-4 that one of them
-    may step over; accelerations have round-off of 1e-6), of five periods' observations below 1e-5. Without controllers
-    and targets that move cotangents of exact beams have their own kernels, and are what the Jacobians give to 1e-10."""
+    may step over; accelerations have round-off of 1e-6), of five periods' observations below 1e-5. Cotangents
+    have their own kernels, and are what the Jacobians give to 1e-10."""
     arm = dataclasses.replace(SHORT, joints=geared(2).joints) if keywords.pop("geared", False) else SHORT
     mesh = {} if "formulation" in keywords else {"elements": 1}
     arms = Arms("SpatialFlexArm-v0", 9, tolerance=1e-14, **mesh, **{"arm": arm, "dt": 0.0025, **keywords})
-    assert arms.backwards == (not {"action_mode", "task", "formulation", "contacts"} & {*keywords})
+    assert arms.backwards
     as_in_the_environment(arms)
     state, action = moving(arms)
     touching = [float(arms.environment.batch.view(i).touches[:, 6].sum()) > 1.0 for i in range(arms.n)]
@@ -288,6 +294,33 @@ def test_factors_in_space_are_those_on_sections() -> None:
         total = central(stiffer, e, 2)
         total[:, k] = 1.0  # the factor itself
         assert np.linalg.norm(found.moved[:, :, k] - total) < 1e-5 * np.linalg.norm(total)
+    arms.close()
+
+
+@kernel
+def _solved(lane, model, par, state, u, r, S, plain, transposed):  # type: ignore[no-untyped-def]
+    """Replace the rows of both matrices by S^-1 and S^-T times them."""
+    assemble(lane, model, par, state, u, Weights(1.0, 0.01, 1e-4, newton_share=1.0), r, S)
+    factor(lane, model, S)
+    for k in range(plain.shape[0]):
+        solve(lane, model, S, plain[k])
+        solve_transposed(lane, model, S, transposed[k])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("modes", [None, 2])
+def test_the_transposed_solution_in_space(modes: int | None) -> None:
+    """The columns of S^-T are the rows of S^-1, with modes within segments and without, two segments a link."""
+    mesh = {"segments": 2, **FLOATING, **({} if modes is None else {"modes": modes})}
+    arms = Arms("SpatialFlexArm-v0", 1, arm=SHORT, dt=0.0025, **mesh)
+    system, rng = arms.environment.batch.system, np.random.default_rng(0)
+    model, n = system.model, len(system.q0)
+    state = State(system.q0 + 0.1 * rng.normal(size=n), rng.normal(size=n), rng.normal(size=n))
+    u, S = np.zeros(int(size(model.n_inputs))), np.zeros(int(size(model.n_factor)))
+    plain, transposed = np.eye(n), np.eye(n)
+    _solved(SINGLE, model, system.par, state, u, np.zeros(n), S, plain, transposed)
+    assert abs(plain - plain.T).max() > 1e-3 * abs(plain).max()  # S is not symmetric
+    assert abs(plain - transposed.T).max() < 1e-12 * abs(plain).max()
     arms.close()
 
 
@@ -415,6 +448,8 @@ RUBS = [
     pytest.param(ONE, {"arm": rough(friction_side="link")}, 1e-12, id="link's side"),
     pytest.param(ONE, {"arm": rough(backlash=0.01)}, 1e-12, id="backlash"),
     pytest.param(TWO, {"arm": rough(2), **MOTORS}, 3e-12, id="two links, motors"),
+    pytest.param(ONE, {"arm": rough(), "parameters": True}, 1e-12, id="parameters"),
+    pytest.param(ONE, {"arm": rough(), "segments": 2, **FLOATING}, 1e-10, id="floating frame"),
     pytest.param(ONE, {"arm": bare(rough()), "tolerance": 1e-15, **EXACT}, 1e-9, id="exact beam"),
     pytest.param(ONE, {"arm": bare(rough()), "tolerance": 1e-15, **MOTORS, **EXACT}, 5e-9, id="exact beam, motors"),
 ]

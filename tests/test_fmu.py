@@ -24,6 +24,12 @@ from tests.refusals import refuses
 Array = np.ndarray[Any, Any]
 
 
+WALL: dict[str, Any] = {
+    "obstacle": {"shape": "half_space", "point": [0.0, 0.4], "normal": [0.0, -1.0]}, "stiffness": 1e4, "damping": 0.3,
+    "friction": 0.3,
+}  # fmt: skip
+
+
 class Unit:
     """A unit that a file holds, called as an importing tool does."""
 
@@ -104,9 +110,11 @@ class Unit:
 
 @pytest.mark.slow
 @needs_c
-@pytest.mark.parametrize("form", FORMS)
-def test_unit(form: str, tmp_path: Path) -> None:
-    env = gym.make("FlexibleArm-v0", info_level="full", duration=1000.0)
+@pytest.mark.parametrize(
+    ("form", "contacts"), [*((form, None) for form in FORMS), pytest.param("3.0", WALL, id="3.0, touches")]
+)
+def test_unit(form: str, contacts: dict[str, Any] | None, tmp_path: Path) -> None:
+    env = gym.make("FlexibleArm-v0", info_level="full", duration=1000.0, contacts=contacts)
     write_fmu(env, tmp_path / "arm.fmu", "arm", form)
     unit, rng = Unit(tmp_path / "arm.fmu", tmp_path / "unit", form), np.random.default_rng(1)
     outputs = [one.attrib["name"] for one in unit.tree.findall(".//*[@causality='output']")]
@@ -120,14 +128,16 @@ def test_unit(form: str, tmp_path: Path) -> None:
     env.reset(seed=0, options={"start": 0.4, "target": 0.9})
     names = ["tip[0]", "tip[1]", "deflection[0]", "energy.strain", "energy.work", "applied_torque[0]"]
     told = ("tip_position", "tip_deflection", "energy_strain", "work", "joint_torque")
-    limit, at = env.unwrapped.plan.arm.torque_limits[0], 0.0
+    limit, at, touched = env.unwrapped.plan.arm.torque_limits[0], 0.0, 0
     for _ in range(200):
         action = np.float32(rng.uniform(-0.6, 0.6))
         info = env.step(np.array([action]))[-1]
+        touched += info.get("contact_force", 0.0) > 0.0
         assert unit.set(torque__0=float(action) * limit) == 0 and unit.step(at, 0.02) == 0
         at += 0.02
         assert np.array_equal(unit.get(*names), np.concatenate([np.ravel(info[word]) for word in told]))
     assert abs(unit.get("time")[0] - at) < 1e-9
+    assert (touched > 0) == (contacts is not None)
 
     kept = unit.state()
     assert unit.step(at, 0.1) == 0  # five periods

@@ -9,8 +9,8 @@ import pytest
 import flexarm_env as fx
 from flexarm_env import time_functions
 from flexarm_env.derivatives import Arms
+from flexarm_env.geometry.ribbons import ribbons
 from flexarm_env.shapes import Box, Cylinder, HalfSpace, Shape, Sphere
-from flexarm_env.view.ribbons import ribbons
 from tests.env_tools import assert_pair_same, assert_same, pair
 from tests.refusals import says
 

@@ -33,6 +33,11 @@ DRAWN = {
     "actuator": {"delay": (0.0, 0.04), "jitter": 0.04},
     "sensors": {"delay": (0.0, 0.06), "strain_gauges": [{"gain": (0.9, 1.1)}]},
 }
+TOUCHING: dict[str, Any] = {
+    "obstacle": {"shape": "half_space", "point": [0.0, 0.02], "normal": [0.0, -1.0]}, "stiffness": 1e4, "damping": 0.3,
+    "friction": 0.3,
+}  # fmt: skip
+FLOOR = {**TOUCHING, "obstacle": {"shape": "half_space", "point": [0.0, 0.0, 0.2], "normal": [0.0, 0.0, 1.0]}}
 CASES: list[Any] = [
     pytest.param("flexarm/slew-geared-v2", {}, id="gears with friction, delay"),
     pytest.param("flexarm/reach-measured-v1", {}, id="noise"),
@@ -45,14 +50,26 @@ CASES: list[Any] = [
         {"arm": "strip_geared", "randomization": {"friction": (0.5, 2.0), "hub_inertia": (0.5, 2.0)}, **DRAWN},
         id="joints and delays drawn",
     ),
+    pytest.param(
+        "FlexibleArm-v0", {"contacts": TOUCHING, "sensors": {"force": {}, "switch": {}}}, id="touches, force sensor"
+    ),
+    pytest.param(
+        "TwoLinkFlexArm-v0",
+        {"contacts": {**TOUCHING, "bodies": ["tip", "joint1"]}, "formulation": "geometrically_exact"},
+        id="touches, exact",
+    ),
+    pytest.param("SpatialFlexArm-v0", {"contacts": FLOOR, "elements": 1}, id="touches in space"),
 ]
 
 
 COUNTING = (ROOT / "tests/programs/counting.c").read_text("utf-8")
 
 
-def compare(env: Any, arm: Arm, seed: int, periods: int, most: float = 0.7) -> int:
-    """An episode of both, bit for bit: observations, info, poses, rewards; how many periods it took."""
+def compare(env: Any, arm: Arm, seed: int, periods: int, most: float = 0.7, forces: list[float] | None = None) -> int:
+    """An episode of both, bit for bit: observations, info, poses, rewards; how many periods it took.
+
+    forces: contact forces are appended to it.
+    """
     batch, rng = env.unwrapped.batch, np.random.default_rng(seed)
     seen, _ = env.reset(seed=seed)
     assert arm.seeded(seed) == 0
@@ -65,7 +82,9 @@ def compare(env: Any, arm: Arm, seed: int, periods: int, most: float = 0.7) -> i
         assert np.array_equal(arm.row("get_poses", poses.size), poses.ravel())
         assert abs(arm("get_time") - k * env.unwrapped.dt) < 1e-9
         action = rng.uniform(-most, most, env.action_space.shape).astype(np.float32)
-        seen, reward, ended, *_ = env.step(action)
+        seen, reward, ended, _, info = env.step(action)
+        if forces is not None:
+            forces.append(info.get("contact_force", 0.0))
         assert arm("step", action.astype(np.float64)) == (0 if not ended else numbers[batch.info_at.reason])
         assert arm("get_reward") == reward
         if ended:
@@ -80,8 +99,10 @@ def test_bits(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> None:
     env = gym.make(env_id, info_level="full", **keywords)
     built = write(env, tmp_path, "arm", "native", derivatives=False)
     arm = Arm(built)
+    forces: list[float] = []
     for seed in (1, 2):
-        compare(env, arm, seed, 150)
+        compare(env, arm, seed, 150, forces=forces)
+    assert (max(forces) > 0.0) == ("contacts" in keywords)
     arm.destroy()
     env.close()
 

@@ -10,11 +10,11 @@ import pytest
 import flexarm_env as fx
 from flexarm_env import arms
 from flexarm_env.compiler import UNCOMPILED
+from flexarm_env.equations import at_rest_of
+from flexarm_env.equations.differences import derivative, step_along
+from flexarm_env.equations.motion import Equations
+from flexarm_env.equations.reduced import Point
 from flexarm_env.linear import linearize, modes, static_equilibrium
-from flexarm_env.linear.differences import derivative, step_along
-from flexarm_env.linear.equations import Equations
-from flexarm_env.linear.equilibrium import at_rest_of
-from flexarm_env.linear.reduced import Point
 from flexarm_env.simulation import Simulation
 from tests.linear_tools import ELASTICA, EXACT, MODES, SEGMENTS
 from tests.scene_tools import everything

@@ -18,7 +18,7 @@ from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.catalogue import tuned_gains
 from flexarm_env.control.lqr import design
 from flexarm_env.control.margins import margins
-from flexarm_env.control.timescales import timescales
+from flexarm_env.rigid import timescales
 
 HEAVY = Arm(
     "heavy", (Link(3.0, Section(EI=2000.0, EA=1e7, C=1e7, m=1.0)),), hub_inertia=0.5, payload=Payload(5.0),
@@ -213,13 +213,13 @@ def test_lqr_reads_the_noise_that_there_is() -> None:
 
 def test_settled_is_a_share_of_the_arms_length() -> None:
     """An absolute 2 cm was 6.7 % of a 0.3 m arm and 0.4 % of a boom of 5 m."""
-    from flexarm_env.training import episodes
+    from flexarm_env.episodes import measures
 
     for length in (0.3, 1.0, 5.0):
         links = tuple(Link(0.5 * length, Section(EI=1.0, EA=1e4, C=1e4, m=0.2)) for _ in range(2))
         arm = dataclasses.replace(arms.named("de_luca_siciliano"), links=links)
         setup = dataclasses.replace(Setup.of(gym.make("TwoLinkFlexArm-v0")), arm=arm)
-        assert episodes.reach_band(setup) == pytest.approx(0.02 * length)
+        assert float(measures.settling_band(setup, 0.0)) == pytest.approx(0.02 * length)
 
 
 def test_a_controller_on_an_arm_of_ones_own_can_be_viewed(tmp_path: Path) -> None:

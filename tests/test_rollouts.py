@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flexarm_env.derivatives import Arms, Outcome, Rollout
+from flexarm_env.derivatives import Arms, Jacobians, Outcome, Rollout, rollout
 from flexarm_env.validation import Array
 from tests.differences import central
 from tests.refusals import refuses
@@ -210,3 +210,50 @@ def test_other_packages_are_told() -> None:
         with pytest.raises(ValueError, match=f"id = '{id}': must be of an environment of this package"):
             Arms(id, 2)
     refuses("id = None: must be a text", lambda: Arms(None, 2))  # type: ignore[arg-type]
+
+
+class Linear:
+    """n copies of x+ = A x + B u, which observe x+ and are paid -x+ x+ / 2: `derivatives.Differentiable`."""
+
+    def __init__(self, A: Array, B: Array, n: int) -> None:
+        self.A, self.B, self.n = A, B, n
+        self.state_size = self.observation_size = self.moving = len(A)
+        self.action_size = B.shape[1]
+        self.failed, self.past = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+
+    def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
+        after = state @ self.A.T + action @ self.B.T
+        return after, after, -0.5 * (after**2).sum(1)
+
+    def jacobians(self, state: Array, action: Array) -> Jacobians:
+        after = self.step(state, action)[0]
+        both = np.repeat(np.hstack([self.A, self.B])[None], self.n, 0)
+        return Jacobians(*self.step(state, action), np.concatenate([both, both, -after[:, None] @ both], axis=1))
+
+    def vjp(self, state: Array, action: Array, *bars: Array) -> tuple[Array, Array]:
+        return self.jacobians(state, action).vjp(*bars)
+
+    def observe(self, state: Array) -> Array:
+        return state
+
+    def observe_jacobian(self, state: Array) -> tuple[Array, Array]:
+        return state, np.repeat(np.eye(self.state_size)[None], self.n, 0)
+
+
+def test_a_rollout_takes_any_object_with_the_methods() -> None:
+    """Of a linear system: powers of A in both directions, in closed form."""
+    rng, n, periods = np.random.default_rng(3), 4, 6
+    A, B = rng.normal(size=(3, 3)) / 3.0, rng.normal(size=(3, 2))
+    run = rollout(Linear(A, B, n), rng.normal(size=(n, 3)), rng.normal(size=(periods, n, 2)))
+    way = rng.normal(size=(periods, n, 2))
+    last = sum(way[k] @ B.T @ np.linalg.matrix_power(A, periods - 1 - k).T for k in range(periods))
+    assert abs(run.jvp(actions=way).states[-1] - last).max() < 1e-13
+    weight = np.zeros((periods + 1, n, 3))
+    weight[-1] = rng.normal(size=(n, 3))
+    back = run.vjp(states=weight)
+    assert abs(back.state - weight[-1] @ np.linalg.matrix_power(A, periods)).max() < 1e-13
+    assert abs(back.actions[0] - weight[-1] @ np.linalg.matrix_power(A, periods - 1) @ B).max() < 1e-13
+    # the reward of period 1 alone: -x_1 (A dx_0)
+    paid = np.zeros((periods, n))
+    paid[0] = 1.0
+    assert abs(run.vjp(rewards=paid).state + run.states[1] @ A).max() < 1e-13

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from flexarm_env.compiler import uncompiled
+from flexarm_env.geometry.outlines import faces_of, outline_of
 from flexarm_env.physics.obstacles import distance, packed
 from flexarm_env.shapes import Box, Cylinder, HalfSpace, Shape, Sphere, shape_of
-from flexarm_env.view.outlines import faces_of, outline_of
 from tests.refusals import refuses, says
 
 TURN = ((1.0, 2.0, -1.0), 0.7)

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 import flexarm_env as fx
 from flexarm_env import arms, scenes
 from flexarm_env.compiler import SINGLE, kernel, uncompiled
+from flexarm_env.equations import at_rest_of
 from flexarm_env.linear import modes, static_equilibrium
-from flexarm_env.linear.equilibrium import at_rest_of
 from flexarm_env.linear.stability import at_rest
 from flexarm_env.physics import assembly, protocol
 from flexarm_env.physics.gauges import curvatures
@@ -23,8 +23,8 @@ from flexarm_env.physics.protocol import State, Weights
 from flexarm_env.physics.space.layout import FRAME, points_for
 from flexarm_env.sections import torsion_constant
 from flexarm_env.simulation import Simulation
-from flexarm_env.spatial import SpatialTrajectory
 from flexarm_env.time_functions import constant, cycloid, pulse, sine
+from flexarm_env.trajectory import SpatialTrajectory
 from flexarm_env.validation import Array
 from tests import space_answers as answers
 from tests.refusals import says

@@ -13,7 +13,8 @@ from flexarm_env.control import lqg, optimal, shaping
 from flexarm_env.control.catalogue import tuned_gains
 from flexarm_env.control.dynamics import SpatialDynamics, dynamics
 from flexarm_env.control.replay import finer
-from flexarm_env.control.space import held_model, holding, rest, tip_at
+from flexarm_env.control.space import held_model, rest
+from flexarm_env.geometry.space import holding, tip_at
 from flexarm_env.linear.state_space import held
 from flexarm_env.physics.space.reading import frames, tips
 from flexarm_env.rigid import coriolis, rigid_inertia

@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import check_env
 
 import flexarm_env as fx
 from flexarm_env import arms, control
-from flexarm_env.control.space import holding
+from flexarm_env.geometry.space import holding
 from flexarm_env.physics.space.reading import frames, links
 from flexarm_env.rigid import rate_scale
 from flexarm_env.rotations import matrices, of_quaternions, vectors

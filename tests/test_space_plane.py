@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 import flexarm_env as fx
 from flexarm_env.scene import in_plane
 from flexarm_env.sensors import Accelerometer, Encoder, Gyroscope, Sensors, StrainGauge
-from flexarm_env.spatial import SpatialTrajectory
 from flexarm_env.time_functions import constant, cycloid, pulse, sine
+from flexarm_env.trajectory import SpatialTrajectory
 
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 FLAT = fx.Section.rectangle(0.05, 0.006, 70e9, 2700.0, 26e9)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 import flexarm_env as fx
 from flexarm_env import scenes
+from flexarm_env.geometry.ribbons import ribbons, sides
 from flexarm_env.physics.space.reading import links
-from flexarm_env.view.ribbons import ribbons, sides
 
 pytest.importorskip("pygame")
 

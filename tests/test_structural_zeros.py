@@ -27,6 +27,9 @@ FORMULATIONS: dict[str, tuple[str, dict[str, Any]]] = {
     "root frames": (ONE, {"formulation": "floating_frame", "frame": "root", "segments": 2}),
     "multipliers": (TWO, {"formulation": "floating_frame", "multipliers": True, "segments": 1, "elements": 1}),
     "exact beam": (ONE, {"formulation": "geometrically_exact", "elements": 2}),
+    "exact beam in space": (SPACE, {"formulation": "geometrically_exact", "elements": 1, "dt": 0.0025}),
+    "floating frame in space": (SPACE, {"formulation": "floating_frame", "segments": 1, "dt": 0.0025}),
+    "modes in space": (SPACE, {"formulation": "floating_frame", "modes": 2, "segments": 1, "dt": 0.0025}),
 }
 """Environment and keywords of each formulation."""
 
@@ -57,8 +60,10 @@ def with_gears(env_id: str, **joint: Any) -> Any:
 def lever(env_id: str) -> Any:
     """With rigid ends and a payload off the tip."""
     arm = plain(env_id)
-    links = [dataclasses.replace(link, root_offset=0.02, tip_offset=0.03, tip_mass=0.05) for link in arm.links]
-    return dataclasses.replace(arm, links=links, payload=dataclasses.replace(arm.payload, offset=(0.03, 0.02)))
+    ends = {"root_offset": 0.02, "tip_offset": 0.03, "tip_mass": 0.05}
+    links = [link if link.rigid else dataclasses.replace(link, **ends) for link in arm.links]
+    offset = (0.03, 0.02, 0.01) if env_id == SPACE else (0.03, 0.02)
+    return dataclasses.replace(arm, links=links, payload=dataclasses.replace(arm.payload, offset=offset))
 
 
 FEATURES: dict[str, Any] = {
@@ -66,6 +71,7 @@ FEATURES: dict[str, Any] = {
     "gravity": lambda env_id: {"arm": plain(env_id)} | ({} if env_id == SPACE else FALL),
     "gears": lambda env_id: {"arm": with_gears(env_id)},
     "gears, viscous friction": lambda env_id: {"arm": with_gears(env_id, friction_viscous=0.05)},
+    "gears, dry friction": lambda env_id: {"arm": with_gears(env_id, friction_coulomb=0.02)},
     "gears with play": lambda env_id: {"arm": with_gears(env_id, backlash=0.01)},
     "rigid gears, rotors": lambda env_id: {"arm": with_gears(env_id, stiffness=float("inf"), damping=0.0)},
     "levers": lambda env_id: {"arm": lever(env_id)},
@@ -81,15 +87,20 @@ QUICK = {("none", "elastica"), ("gears", "elastica"), ("motors", "elastica")}
 
 TABLE: dict[str, tuple[str, ...]] = {
     "elastica": (
-        "none", "gravity", "gears", "gears, viscous friction", "gears with play", "rigid gears, rotors", "levers",
-        "motors", "sensors", "targets that move",
+        "none", "gravity", "gears", "gears, viscous friction", "gears, dry friction", "gears with play",
+        "rigid gears, rotors", "levers", "motors", "sensors", "targets that move",
     ),
     "elastica, two links": ("floating base", "controllers"),
     "floating frame": ("none", "gears, viscous friction"),
     "modes": ("none", "gears, viscous friction", "motors"),
     "root frames": ("none",),
     "multipliers": ("none",),
-    "exact beam": ("none", "gears, viscous friction", "motors", "floating base", "levers", "controllers"),
+    "exact beam": (
+        "none", "gears, viscous friction", "gears, dry friction", "motors", "floating base", "levers", "controllers",
+    ),
+    "exact beam in space": ("none", "gears, viscous friction", "levers", "motors", "controllers"),
+    "floating frame in space": ("none",),
+    "modes in space": ("none", "motors"),
 }  # fmt: skip
 """Features that each formulation is tried with."""
 

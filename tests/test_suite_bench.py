@@ -392,7 +392,7 @@ def test_the_page_is_made_of_all_files_in_a_folder(tmp_path: Path, monkeypatch: 
     assert f"- short-0.json: {FIRST_TASK.id}" in text
     assert f"- zv on `{FIRST_TASK.id}`, `swing-up-v1`: needs what is not seen\n" in text
     # ppo is below its budget of training
-    finding = "The best policy is `pd` on 1 of 1 tasks. Its score is 0.00 to 0.00,"
+    finding = "On 1 tasks the best policy is `pd` on 1. The score of a task's best policy is 0.00 to 0.00,"
     assert text.startswith(f"# Results on the suite\n\n{finding}")
     assert page(results.folder_of(tmp_path)) == text
 

@@ -11,10 +11,10 @@ import pytest
 
 from flexarm_env import Arm, Elbow, Link, Section, arms
 from flexarm_env.batch import FURTHER
-from flexarm_env.control.space import holding
 from flexarm_env.envs.options import plan
 from flexarm_env.envs.space import SPACE
 from flexarm_env.envs.task import REACH, SLEW
+from flexarm_env.geometry.space import holding
 from flexarm_env.tasks.starts import FACTOR
 from tests.refusals import refuses, says
 
@@ -144,7 +144,7 @@ def test_heavier_payloads_are_held_too() -> None:
 
 def test_two_joints_in_space_find_their_targets() -> None:
     """J J' of two joints has no full rank: for some targets of a long arm the steps raised LinAlgError."""
-    from flexarm_env.control.space import angles_at, tip_at
+    from flexarm_env.geometry.space import angles_at, tip_at
 
     three, rng = arms.named("three_dof"), np.random.default_rng(0)
     for joints in ((0, 1), (1, 2)):
@@ -158,7 +158,7 @@ def test_two_joints_in_space_find_their_targets() -> None:
 
 def test_of_several_postures_the_one_that_motors_hold_is_taken() -> None:
     """Both elbows reach a point; near the base, with the upper arm up, less is asked of the shoulder."""
-    from flexarm_env.control.space import angles_at, tip_at
+    from flexarm_env.geometry.space import angles_at, tip_at
 
     arm = arms.named("three_dof")
     gravity, rng, weaker = (0.0, 0.0, -9.81), np.random.default_rng(1), 0

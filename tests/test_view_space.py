@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from flexarm_env import Scene, named, simulate
+from flexarm_env.geometry.ribbons import ribbons
 from flexarm_env.recording import EpisodeRecorder, load_episodes, save_episodes
 from flexarm_env.scene import PointLoad
 from flexarm_env.shapes import Cylinder, HalfSpace
 from flexarm_env.time_functions import constant
 from flexarm_env.view import Player, SpaceClip
-from flexarm_env.view.ribbons import ribbons
 from tests.test_view import allows_its_own_script_alone, data, numbers
 
 

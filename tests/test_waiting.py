@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import flexarm_env  # noqa: F401  (registers the environments)
-from flexarm_env.batch import ALONE_AFTER
 from flexarm_env.compiler import UNCOMPILED, Beside, compiling, kernel, objects, waiting
 from flexarm_env.tasks.program import RETRY
 
@@ -112,19 +111,18 @@ def test_beside(lines: pytest.LogCaptureFixture) -> None:
 
 @pytest.mark.slow  # two programs are compiled
 def test_the_program_of_an_arm_alone_is_there_when_it_is_needed() -> None:
-    """The first arm whose iteration fails beside others waits for no compiler; a short run compiles nothing."""
+    """The first arm whose iteration fails beside others waits for no compiler, nor does the first step."""
     envs = gym.make_vec("FlexibleArm-v0", num_envs=8, vectorization_mode="vector_entry_point")
     envs.reset(seed=0)
     batch, actions = envs.unwrapped.batch, np.zeros((8, 1), np.float32)
-    for _ in range(ALONE_AFTER - 1):
-        envs.step(actions)
     assert batch._alone._thread is None and batch._alone._found is None
     envs.step(actions)
     thread = batch._alone._thread
-    assert thread is not None
+    assert thread is not None, "begins after the first step"
     thread.join()
     found, before = batch._alone._found, batch.get_state(3)["block"]
     assert found is not None and found.n == 1
+    assert found._start is None, "it continues episodes, so that no start is compiled"
     batch.table[batch.info_at.reason, 3] = RETRY
     batch._repeat_alone()
     assert batch.alone() is found and not np.array_equal(batch.get_state(3)["block"], before), "moved by it"

@@ -12,11 +12,11 @@ MISSING = (
     'or pip install -c constraints-ray.txt "flexarm_env[ray]"'
 )
 MEMORY = 500_000_000
-"""Size, bytes, of the object store of a Ray that is started here; rollouts are small."""
+"""Size of Ray's object store, bytes, if Ray is started on this machine; rollouts are small."""
 
 
 def need_ray() -> Any:
-    """Return the module `ray` with RLlib. Raises ValueError with a sentence if they are missing."""
+    """Import and return the module `ray`. Raises ValueError with instructions if Ray or RLlib is missing."""
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     try:
         import ray
@@ -27,7 +27,10 @@ def need_ray() -> Any:
 
 
 def connect(address: str | None, processes: int, verbose: bool = False) -> Any:
-    """Start Ray on this machine, or join a cluster."""
+    """Start Ray on this machine, or join the cluster at `address`; return the module `ray`.
+
+    Raises ValueError if there is no cluster at the address, or if the cluster has fewer processors than `processes`.
+    """
     import logging
 
     ray = need_ray()
@@ -43,7 +46,7 @@ def connect(address: str | None, processes: int, verbose: bool = False) -> Any:
             reason = str(error).splitlines()[0]
             raise ValueError(
                 f"--address {address}: no Ray cluster there ({reason}); it is begun by ray start --head; where it "
-                "wants a token, RAY_AUTH_MODE=token and the head's token are needed here too"
+                "requires a token, set RAY_AUTH_MODE=token and the head's token here, too"
             ) from error
         for name in ("ray", "ray.rllib", "ray.tune"):
             logging.getLogger(name).setLevel(level)
@@ -57,7 +60,7 @@ def connect(address: str | None, processes: int, verbose: bool = False) -> Any:
 
 @contextlib.contextmanager
 def one_at_a_time(name: str = "compile", folder: Path | None = None) -> Iterator[None]:
-    """Hold a lock that processes of this node and user share; the system releases it when its holder dies.
+    """Hold a lock that all processes of a user on a node share; the system releases the lock when its holder ends.
 
     The lock surrounds the first use of an environment: the first process compiles and writes the cache, then the others
     load the compiled code. On systems without such locks (Windows) no process waits.

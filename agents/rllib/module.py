@@ -17,13 +17,13 @@ from flexarm_env.training.export_policy import TOLERANCE, weights_of
 
 
 class FreeDeviationModule(DefaultPPOTorchRLModule):
-    """RLlib's own network for PPO, with the actions' standard deviation as a parameter with a given initial value.
+    """RLlib's network for PPO, whose standard deviation of the actions is a parameter with a given initial value.
 
     model_config: RLlib's own keys and "log_std_init", the logarithm of the initial standard deviation.
     """
 
     def setup(self) -> None:
-        """Build the networks with orthogonal weights, which are small in the action layer, and zero biases."""
+        """Build the networks; initialize orthogonal weights, small in the action layer, and zero biases."""
         super().setup()
         with torch.no_grad():
             for part, last in ((self.encoder, 2**0.5), (self.pi, 0.01), (self.vf, 1.0)):
@@ -35,12 +35,15 @@ class FreeDeviationModule(DefaultPPOTorchRLModule):
 
 
 def deviation(module: Any) -> float:
-    """Return the mean standard deviation of the actions."""
+    """Return the standard deviation of the actions, averaged over their entries."""
     return float(torch.exp(module.pi.log_std.detach()).mean())
 
 
 def numpy_policy(module: Any, meta: Mapping[str, Any]) -> NumpyPolicy:
-    """Return a module's deterministic policy as NumPy arrays."""
+    """Convert a module's deterministic policy to a `NumpyPolicy`. ValueError if both policies give different actions.
+
+    meta: entries of the policy file besides the network, such as the environment.
+    """
     weights = weights_of([*module.encoder.actor_encoder.modules(), *module.pi.modules()])
     activation = module.model_config["fcnet_activation"]
     own = {"format": FORMAT, "layers": len(weights), "activation": activation, "squash": False}
@@ -52,7 +55,7 @@ def numpy_policy(module: Any, meta: Mapping[str, Any]) -> NumpyPolicy:
 
 
 def difference(policy: NumpyPolicy, module: Any, n: int = 1024, seed: int = 0) -> float:
-    """Return the largest difference between the actions of both policies on random observations of the space."""
+    """Return the largest difference between a NumPy policy's and a module's actions, on n random observations."""
     bounds = np.minimum(module.observation_space.high, 3.0)
     observations = np.random.default_rng(seed).uniform(-bounds, bounds, (n, len(bounds))).astype(np.float32)
     with torch.no_grad():

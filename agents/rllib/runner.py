@@ -1,4 +1,4 @@
-"""Environment runner: it steps the native vector environment with arrays and passes RLlib the episodes."""
+"""Environment runner for RLlib that steps the native vector environment with arrays and builds RLlib's episodes."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from agents.rllib.cluster import one_at_a_time
 from flexarm_env.training.starts import staggered
 
 TIMES = ("environment_s", "policy_s", "episodes_s")
-"""Measured parts of a runner's time; the metrics sum each part over the runners."""
+"""Names of the measured parts of a runner's time; the metrics sum each part over the runners."""
 
 
 class NativeEnvRunner(SingleAgentEnvRunner):
     """RLlib's runner without its Python loop over environments.
 
-    It accepts any vector environment in next-step autoreset mode whose observations and actions are boxes. Connectors
-    and the callbacks of single steps are not called. Actions are drawn from the module's distribution and clipped to
-    the action space; observations reach the module unchanged. The episodes equal those of RLlib's own runner, without
-    infos.
+    The runner accepts any vector environment in next-step autoreset mode whose observations and actions are boxes.
+    RLlib's connectors and step callbacks are not called. Actions are drawn from the module's distribution and clipped
+    to the action space; observations reach the module unchanged. The episodes equal those of RLlib's own runner,
+    without infos.
 
-    The first environment of a node is made and stepped once under a lock, because it compiles; the others load the
-    compiled code.
+    The first environment of a node compiles; it is made and stepped once under a lock, so that all other environments
+    load the compiled code.
     """
 
     def make_env(self) -> None:

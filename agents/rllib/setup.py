@@ -39,7 +39,7 @@ def load(path: Path | None, env_id: str) -> configs.Config:
 def split(config: configs.Config, runners: int, learners: int, envs_per_runner: int | None) -> tuple[int, int, int]:
     """Return the number of environments per runner, and the steps and the minibatch size of each learner.
 
-    Raises ValueError if the numbers do not divide.
+    Raises ValueError if the environments or the batches cannot be divided evenly.
     """
     value = DEFAULTS | dict(config.text)
     value["n_envs"] = int(float(value["n_envs"]))
@@ -61,7 +61,7 @@ def algorithm_config(
     env_id: str, config: configs.Config, env_kwargs: dict[str, Any], *, seed: int, runners: int, learners: int,
     envs_per_runner: int | None, native: bool,
 ) -> Any:  # fmt: skip
-    """Return RLlib's PPOConfig on the new API stack."""
+    """Return RLlib's PPOConfig (new API stack) for an environment and its hyper-parameters."""
     import gymnasium as gym
     from ray.rllib.algorithms.ppo import PPOConfig
     from ray.rllib.core.rl_module.rl_module import RLModuleSpec
@@ -108,7 +108,7 @@ def algorithm_config(
 
 
 def build(setup: Any) -> Any:
-    """Build the algorithm of a config, without RLlib's own log folder."""
+    """Build the algorithm of an RLlib config, and remove RLlib's empty log folder."""
     algorithm = setup.build_algo()
     with contextlib.suppress(OSError):
         Path(algorithm.logdir).rmdir()

@@ -16,10 +16,10 @@ from flexarm_env.control import Setup
 from flexarm_env.control.catalogue import tuned_gains
 from flexarm_env.control.margins import MARGINS_OF, margins
 from flexarm_env.control.time_optimal import slew_plan
-from flexarm_env.control.timescales import timescales
 from flexarm_env.envs.ids import make_registered
 from flexarm_env.linear import modes
 from flexarm_env.parameters import Arm
+from flexarm_env.rigid import timescales
 from flexarm_env.scene import Scene
 
 FREQUENCIES = 3

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def clean(as_json: bool) -> int:
-    """Delete the compiled code of every version in the folder; return 1 if some of it cannot be deleted."""
+    """Delete the compiled code of every version in the folder; return 1 if a file cannot be deleted."""
     from flexarm_env.compiler import objects
 
     folder = objects.folders()[0]

@@ -1,4 +1,4 @@
-"""Help texts of `flexarm export` and `flexarm import`."""
+"""Help texts of `flexarm export`, `flexarm import` and `flexarm schema`."""
 
 FORMS = {"onnx": ".onnx", "c": ".c", "library": "", "fmu": ".fmu", "mjcf": ".xml", "urdf": ".urdf"}
 """Values of --to, each with the ending of the file's name; a library is a folder."""
@@ -49,4 +49,12 @@ You can also edit the TOML file afterwards.
   flexarm import reacher.xml --root body0 --out reacher.toml
   flexarm import ur5_robot.urdf --out ur5.toml \\
       --flexible 'upper_arm_link={diameter = 0.1, wall = 0.002, E = 70e9, rho = 2700.0, G = 26e9, kappa = 0.5}'
+"""
+
+SCHEMA = """\
+Print the JSON schema (draft 2020-12) of arm files. Editors with TOML support use it to complete and check a file whose
+first line names the schema. The rules that relate several fields are checked when the file is read.
+
+  flexarm schema > arm.schema.json
+  #:schema arm.schema.json                        (first line of my_arm.toml)
 """

@@ -24,7 +24,7 @@ from flexarm_env.library import write, write_controller_fmu, write_fmu
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the exported file or folder, and print what it contains; returns the exit code."""
+    """Write the exported file or folder, and print the contents; returns the exit code."""
     if not args.out.strip():
         raise check.InvalidValue("--out", args.out, "must be a path")
     out = Path(args.out)

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Sequence
 
 from flexarm_env.cli.codes import BAD_INPUT, DONE, INTERRUPTED, sentence
-from flexarm_env.cli.exchange_texts import EXPORT, FORMS, IMPORT
+from flexarm_env.cli.exchange_texts import EXPORT, FORMS, IMPORT, SCHEMA
 from flexarm_env.training.arguments import Parser
 
 OVERVIEW = """\
@@ -20,6 +20,7 @@ Robot arms with flexible links, in the plane and in space: simulate, train, eval
   flexarm view robot_arm_motion                    write an HTML page that plays it
   flexarm view two_link pd                         show a policy and a controller in the same episode
   flexarm arm my_arm.toml                          print an arm's time scales, frequencies and margins
+  flexarm schema > arm.schema.json                 write the JSON schema of arm files, for editors
   flexarm play FlexibleArm-v0 --policy lqr         watch a controller; without --policy, use the keyboard
   flexarm train --env FlexibleArm-v0               train a policy
   flexarm evaluate --policy pd,zvd,lqr             evaluate controllers and policies
@@ -253,7 +254,7 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     run.add_argument("--sample", type=float, metavar="DT", help="sampling interval of the output, s")
     run.add_argument(
         "--error-limit", type=float, metavar="E", default=0.05,
-        help="status inaccurate if error_estimate (fraction of the arm's length) exceeds this (0.05)",
+        help="status inaccurate if error_estimate, a fraction of the arm's length, exceeds E (0.05)",
     )  # fmt: skip
     run.add_argument("--strict", action="store_true", help="exit code 3 if the status is inaccurate")
     run.add_argument("--time-limit", type=float, metavar="T", help="wall-time limit, s; then the status is timed_out")
@@ -350,10 +351,10 @@ def build_parser() -> Parser:
     serve.add_argument("what", metavar="ARM", help="an environment id, a task or an arm, as for export --to library")
     serve.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="control periods per second (100)")
     serve.add_argument("--host", default="127.0.0.1", metavar="ADDRESS", help="address to listen on (127.0.0.1)")
-    serve.add_argument("--port", type=int, default=7070, metavar="N", help="port to listen on; 0: any free one (7070)")
+    serve.add_argument("--port", type=int, default=7070, metavar="N", help="port to listen on; 0: any free port (7070)")
     serve.add_argument("--key", metavar="FILE", help="shared key, which signs every packet")
     serve.add_argument("--insecure", action="store_true", help="allow other machines without a key")
-    serve.add_argument("--watchdog", type=int, default=5, metavar="N", help="periods without a command, then hold (5)")
+    serve.add_argument("--watchdog", type=int, default=5, metavar="N", help="periods without commands until a hold (5)")
     serve.add_argument("--hold", choices=("zero", "angles"), default="zero", help="hold by no torque (default) or PD")
     serve.add_argument("--most-angle", type=float, metavar="RAD", help="joint angle beyond which the arm is held")
     serve.add_argument("--most-rate", type=float, metavar="RAD/S", help="joint rate beyond which the arm is held")
@@ -368,8 +369,8 @@ def build_parser() -> Parser:
     run.add_argument("--to", required=True, metavar="HOST:PORT", help="address of the arm")
     run.add_argument("--key", metavar="FILE", help="key shared with the server")
     run.add_argument("--env", metavar="ENV", help="environment that a controller uses as its model")
-    run.add_argument("--env-kwargs", metavar="JSON", help="keywords of that environment")
-    run.add_argument("--seconds", type=float, metavar="T", help="duration, s (10; for FILE.csv its own)")
+    run.add_argument("--env-kwargs", metavar="JSON", help="keywords of the environment")
+    run.add_argument("--seconds", type=float, metavar="T", help="duration, s (10; or the duration of FILE.csv)")
     run.add_argument("--most-angle", type=float, metavar="RAD", help="joint angle beyond which the run ends")
     run.add_argument("--most-rate", type=float, metavar="RAD/S", help="joint rate beyond which the run ends")
 
@@ -404,6 +405,7 @@ def build_parser() -> Parser:
     compile_.add_argument("--all", action="store_true", help="all formulations, not only the defaults")
     compile_.add_argument("--clean", action="store_true", help="delete the cached code and compile nothing")
 
+    add("schema", "print the JSON schema of arm files", SCHEMA, "schema", "")
     add("doctor", "print versions, threads and cache; run a self-test", DOCTOR, "doctor", "")
     return parser
 

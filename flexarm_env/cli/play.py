@@ -19,6 +19,7 @@ from flexarm_env.control import NamedPolicy, find_policy
 from flexarm_env.envs.ids import make_registered, permitted
 from flexarm_env.envs.options import ARGUMENTS
 from flexarm_env.envs.video import film_path, write_film
+from flexarm_env.episodes import periods
 from flexarm_env.recording import EpisodeRecorder, save_episodes
 from flexarm_env.training.episodes import judged_in
 
@@ -95,21 +96,19 @@ def play(env: Any, player: NamedPolicy, seeds: range, outcomes: list[dict[str, A
     """Play an episode for each seed, yield its pictures, and append its outcome; stop when the window is closed."""
     env.reset(seed=seeds[0])
     policy = player.make(env)
-    for seed in seeds:
-        observation, info = env.reset(seed=seed)
-        policy.reset(observation)
+    total = 0.0
+    for now in periods(env, policy, seeds):
+        total = total + float(now.reward) if now.period else 0.0
         yield from _picture(env)
-        total, steps, over = 0.0, 0, False
-        while not over:
-            observation, reward, terminated, truncated, info = env.step(policy.act(observation))
-            total, steps, over = total + float(reward), steps + 1, terminated or truncated
-            yield from _picture(env)
-            renderer = env.unwrapped.renderer
-            if (renderer is not None and renderer.closed) or (player.name == KEYBOARD and policy.held("escape")):
-                return
-        seconds = steps * env.unwrapped.dt
-        outcome = {"seed": seed, "success": info["is_success"], "return": total, "seconds": seconds}
-        outcomes.append(outcome | {"ended": info.get("termination_reason", "failure" if terminated else "") or "time"})
+        renderer, escaped = env.unwrapped.renderer, player.name == KEYBOARD and policy.held("escape")
+        if now.period and (escaped or (renderer is not None and renderer.closed)):
+            return
+        if now.terminated or now.truncated:
+            ended = now.info.get("termination_reason", "failure" if now.terminated else "") or "time"
+            outcomes.append({
+                "seed": now.seeds[0], "success": now.info["is_success"], "return": total,
+                "seconds": now.period * env.unwrapped.dt, "ended": ended,
+            })  # fmt: skip
 
 
 def _picture(env: Any) -> Iterator[NDArray[np.uint8]]:
@@ -132,7 +131,7 @@ def keywords(text: str | None) -> dict[str, Any]:
 def _environment(args: argparse.Namespace, player: NamedPolicy, mode: str | None) -> Any:
     """Make the environment, with recording.
 
-    Its keywords are the policy's own; those of the user override them.
+    The environment's keywords are the policy's keywords; the user's keywords override them.
     """
     env_id = args.env or player.env_id or DEFAULT_ENV
     if player.env_id and env_id != player.env_id:

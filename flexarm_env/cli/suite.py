@@ -12,6 +12,7 @@ from flexarm_env import suite
 from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE, FAILED
 from flexarm_env.cli.progress import show
+from flexarm_env.episodes import Actions
 from flexarm_env.files import to_folder, write_text
 from flexarm_env.suite import best
 from flexarm_env.suite.data import Task
@@ -40,7 +41,7 @@ methods on the page.
 A policy is a controller (pd, zv, zvd, lqr, lqg, mpc, time_optimal; at a wall hybrid_force, impedance, lqr_force), a
 run folder or policy.npz, a policy of the package, an .onnx file, or your own MODULE:NAME: a function of observations
 (n, entries) to actions (n, joints) or of one observation to one action, or an object with `reset` and `act`, or its
-class. `reset` receives the first observations. {PLACE} in the name is replaced by the task's id, if each task has its own policy.
+class. `reset` receives the first observations. If each task has its own policy, write {PLACE} in the name for the task's id.
 
   flexarm bench suite --list            with --json: id, for --task, and env_id, for gymnasium.make
   flexarm bench suite --policy pd,lqg --out runs/suite
@@ -74,7 +75,7 @@ def _suite(words: Sequence[str]) -> int:
     parser.add_argument("--out", default="runs/suite", metavar="FOLDER", help="folder of results files (runs/suite)")
     parser.add_argument("--name", metavar="NAME", help="name of the method; default: from the policy")
     parser.add_argument("--run", type=int, metavar="K", help="number of the run; default: the policy's seed, or 0")
-    parser.add_argument("--episodes", type=int, default=EPISODES, metavar="N", help="fewer: a preview; more: see above")
+    parser.add_argument("--episodes", type=int, default=EPISODES, metavar="N", help="number (100); fewer: a preview")
     parser.add_argument("--again", action="store_true", help="repeat evaluations that are already in FOLDER")
     parser.add_argument("--best", metavar="ID[,ID...]", help="only play the best known results of these tasks")
     parser.add_argument("--list", action="store_true", help="list the tasks")
@@ -116,7 +117,7 @@ def _best(wanted: Sequence[Task], as_json: bool) -> int:
     for task in wanted:
         kept = best.record(task)
         env = suite.make_vec(task.id, kept.actions.shape[1])
-        values, successes = best.played(task, env, best.Actions(kept.actions))
+        values, successes = best.played(task, env, Actions(kept.actions))
         env.close()
         found[task.id] = {
             "date": kept.date, "value": float(values.mean()), "success_rate": float(successes.mean()),

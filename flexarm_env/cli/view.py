@@ -17,6 +17,7 @@ from flexarm_env.cli.play import DEFAULT_ENV, choose, keywords, play
 from flexarm_env.cli.progress import ProgressBar, show
 from flexarm_env.control import NamedPolicy
 from flexarm_env.envs.ids import PACKAGE, own_ids
+from flexarm_env.episodes import Actions
 from flexarm_env.files import npz_names
 from flexarm_env.recording import EpisodeRecorder, load_episodes
 from flexarm_env.scene import Scene
@@ -28,7 +29,7 @@ from flexarm_env.view import Clip, SpaceClip
 from flexarm_env.view import Player as Page
 
 OF_THE_POLICY = ("action_mode", "residual_share", "observation", "history", "sensors")
-"""Keywords of a policy's environment that define its observation and action. Controllers on the page use others."""
+"""Keywords of a policy's environment that define observation and action; controllers on the page do not use them."""
 KINDS = {
     "episodes": "a file of recorded episodes", "scene": "a scene", "player": "a controller, a policy or a task",
 }  # fmt: skip
@@ -113,7 +114,7 @@ def _who(word: str, seed: int) -> NamedPolicy:
     n = kept.actions.shape[1]
     k = check.integer("--seed", seed, minimum=FIRST, maximum=FIRST + n - 1) - FIRST
     name, env_id = f"best known ({kept.by[k]})", task(word).registered
-    return NamedPolicy(name, env_id, {}, lambda env: best.Actions(kept.actions[:, k]))
+    return NamedPolicy(name, env_id, {}, lambda env: Actions(kept.actions[:, k]))
 
 
 def _of_episodes(path: Path, args: argparse.Namespace) -> Clip | SpaceClip:

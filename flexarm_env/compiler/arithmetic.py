@@ -33,9 +33,12 @@ COMPARED = {
 _PLAIN = {"Add": "add", "Sub": "sub", "Mult": "mul", "BitAnd": "and_", "BitOr": "or_", "BitXor": "xor"}
 
 
+_NUMBERS = (int, float, np.int64, np.uint64, np.bool_)
+
+
 def known(x: Any) -> bool:
     """Return whether x is a number known at compile time."""
-    return isinstance(x, int | float | np.int64 | np.uint64 | np.bool_)
+    return isinstance(x, _NUMBERS)
 
 
 def whole_kind(x: Any) -> bool:
@@ -61,9 +64,10 @@ def number(b: Any, x: Any) -> Value:
 
 
 def whole(b: Any, x: Any, unsigned: bool = False) -> Any:
-    """Convert an integer or truth value to an LLVM i64. Refused (error): other items, and known integers out of range.
+    """Convert an integer or truth value to an LLVM i64.
 
-    unsigned: known integers up to 2^64 - 1 are accepted, otherwise up to 2^63 - 1.
+    unsigned: known integers up to 2^64 - 1 are accepted, otherwise up to 2^63 - 1. Raises Refused for larger known
+    integers and for other items.
     """
     if isinstance(x, Integer):
         return x.value
@@ -78,7 +82,7 @@ def whole(b: Any, x: Any, unsigned: bool = False) -> Any:
 
 
 def truth(b: Any, x: Any) -> Any:
-    """Convert x to a truth value: a bool where it is known, otherwise an LLVM i1. Refused: lanes, arrays."""
+    """Convert x to a truth value: a bool if x is known, otherwise an LLVM i1. Raises Refused for lanes and arrays."""
     if isinstance(x, Truth):
         return x.value
     if isinstance(x, Integer | Narrow) and whole_kind(x):
@@ -115,8 +119,8 @@ def _reckonable(*items: Any) -> None:
 def far_from_exact(x: Any, y: Any) -> bool:
     """Return whether x / y of signed integers may differ from the quotient of x and y converted to float64.
 
-    If so, `wholes.ratio` computes it, rounded once as in Python. Unsigned integers are converted to float64 first, as
-    in NumPy.
+    If the two may differ, `wholes.ratio` computes the quotient, rounded once as in Python. Unsigned integers are
+    converted to float64 first, as in NumPy.
     """
     both = (x, y)
     if any(isinstance(item, np.uint64) or (isinstance(item, Integer) and item.unsigned) for item in both):
@@ -127,7 +131,7 @@ def far_from_exact(x: Any, y: Any) -> bool:
 
 
 def binary(b: Any, op: str, x: Any, y: Any) -> Any:
-    """Write x op y; op is the name of an AST operator class (`Add`, `FloorDiv`, ...). Known operands are folded."""
+    """Emit x op y; op is the name of an AST operator class (`Add`, `FloorDiv`, ...). Known operands are folded."""
     _reckonable(x, y)
     if known(x) and known(y):
         # Python would raise at run time; here it is a compile error
@@ -154,17 +158,19 @@ def binary(b: Any, op: str, x: Any, y: Any) -> Any:
         if p.count > 1 or q.count > 1 or p.tangents or q.tangents:
             raise Refused(f"{told(p)} and {told(q)}: floor division and remainder take plain numbers")
         return _floored(b, op, p, q)
-    raise Refused(f"{told(x)} and {told(y)}: bits of whole numbers alone")
+    raise Refused(f"{told(x)} and {told(y)}: bit operations need integers")
 
 
 def _of_tuples(op: str, x: Any, y: Any) -> Any:
-    """Concatenate two tuples, or repeat one a known number of times. Refused: other operations.
+    """Concatenate two tuples, or repeat a tuple a known number of times. Raises Refused for other operations.
 
-    Also refused: two tuples that both hold run-time numbers. Python would join them, but the sum of vectors is meant.
+    Two tuples that both contain run-time numbers are refused, too: Python would join the tuples, but the sum of vectors
+    is meant.
     """
     if op == "Add" and is_tuple(x) and is_tuple(y):
         if all(any(isinstance(item, Value) for item in one) for one in (x, y)):
-            raise Refused(f"{told(x)} and {told(y)}: + joins tuples, it adds no vectors; write (*a, *b), or a record")
+            what = "+ concatenates tuples, it does not add vectors; write (*a, *b), or a record"
+            raise Refused(f"{told(x)} and {told(y)}: {what}")
         return x + y
     if op == "Mult" and isinstance(x if is_tuple(y) else y, int):
         return KNOWN[op](x, y)
@@ -172,7 +178,7 @@ def _of_tuples(op: str, x: Any, y: Any) -> Any:
 
 
 def _unsigned(x: Any, y: Any) -> bool:
-    """Return whether integer operands are unsigned. Refused: a signed and an unsigned one."""
+    """Return whether integer operands are unsigned. Raises Refused for one signed and one unsigned operand."""
     # known Python integers adapt to the other operand
     kinds = {item.unsigned for item in (x, y) if isinstance(item, Integer)}
     kinds |= {True for item in (x, y) if isinstance(item, np.uint64)}
@@ -182,7 +188,7 @@ def _unsigned(x: Any, y: Any) -> bool:
 
 
 def _wholes(b: Any, op: str, x: Any, y: Any) -> Any:
-    """Write an integer operation, as an `Integer`; of two truth values only &, |, ^ are defined, as a `Truth`."""
+    """Emit an integer operation and return an `Integer`; for two truth values only &, | and ^, with a `Truth`."""
     unsigned = _unsigned(x, y)
     p, q = whole(b, x, unsigned), whole(b, y, unsigned)
     if isinstance(x, Truth) and isinstance(y, Truth):
@@ -265,7 +271,10 @@ def _signed(b: Any, x: Any, sign: Any) -> Any:
 
 
 def _power(b: Any, x: Any, y: Any) -> Any:
-    """Write x ** y: 2 ** n as a shift, float64 by C's pow. Refused: lanes, tangents, other integer powers."""
+    """Emit the code of x ** y: 2 ** n as a shift, float64 by C's pow.
+
+    Raises Refused for lanes, tangents and other integer powers.
+    """
     if whole_kind(x) and whole_kind(y):
         if known(x) and x == 2:
             return _wholes(b, "LShift", 1, y)
@@ -288,7 +297,7 @@ def external(b: Any, name: str, count: int) -> Any:
 
 
 def negative(b: Any, x: Any) -> Any:
-    """Write -x."""
+    """Emit the code of -x."""
     _reckonable(x)
     if known(x) or isinstance(x, Value):
         return -x
@@ -300,7 +309,10 @@ def negative(b: Any, x: Any) -> Any:
 
 
 def compare(b: Any, op: str, x: Any, y: Any) -> Any:
-    """Write x op y, a `Truth`, or a bool where both are known; op names an AST comparison. Refused: lanes."""
+    """Emit the code of x op y and return a `Truth`, or a bool if x and y are known; op names an AST comparison.
+
+    Raises Refused for lanes.
+    """
     sign, reckoned = COMPARED[op]
     _reckonable(x, y)
     if (known(x) and known(y)) or (is_static(x) and is_static(y) and type(x) is type(y) and isinstance(x, str | tuple)):
@@ -330,7 +342,10 @@ def _test(b: Any, sign: str, x: Any, y: Any, said: str) -> tuple[Any, Any, Any]:
 
 
 def least(b: Any, sign: str, x: Any, y: Any) -> Any:
-    """Write min (sign "<") or max (">") of two: y where it is less (greater), otherwise x, also for NaN. No lanes."""
+    """Emit the code of min(x, y) (sign "<") or max(x, y) (">").
+
+    The result is y if y is less (greater) than x, otherwise x, also for NaN. Lanes are not accepted.
+    """
     _reckonable(x, y)
     if known(x) and known(y):
         return min(x, y) if sign == "<" else max(x, y)
@@ -344,7 +359,7 @@ def least(b: Any, sign: str, x: Any, y: Any) -> Any:
 
 
 def truncated(b: Any, x: Any) -> Any:
-    """Write int(x), toward zero; saturated beyond 64 bits, 0 for NaN (Python raises an error)."""
+    """Emit int(x), rounded toward zero. Results beyond 64 bits saturate; NaN gives 0 (Python raises an error)."""
     if known(x):
         return int(x)
     if isinstance(x, Integer) and x.unsigned:
@@ -363,14 +378,14 @@ def truncated(b: Any, x: Any) -> Any:
 
 
 def truncated_unsigned(b: Any, x: Any, signed: Any) -> Any:
-    """Return float x as an unsigned 64-bit integer: truncated and saturated from 2^63 on, below that `signed`."""
+    """Convert a float x to an unsigned integer: from 2^63 on truncated and saturated; below 2^63 return `signed`."""
     value, kind = number(b, x).value, ir.FunctionType(WORD, [DOUBLE])
     above = b.call(b.module.declare_intrinsic("llvm.fptoui.sat.i64.f64", (), kind), [value])
     return b.select(b.fcmp_ordered(">=", value, ir.Constant(DOUBLE, 2.0**63)), above, signed.value)
 
 
 def absolute(b: Any, x: Any) -> Any:
-    """Write abs(x) of an integer or of float64 lanes."""
+    """Emit the code of abs(x) of an integer or of float64 lanes."""
     _reckonable(x)
     if known(x) or (isinstance(x, Integer) and x.unsigned):
         return abs(x) if known(x) else x
@@ -381,7 +396,7 @@ def absolute(b: Any, x: Any) -> Any:
 
 
 def passed(b: Any, k: Any, step: Any) -> Any:
-    """Write k + step of signed integers, saturated at the 64-bit limits: a loop counter that cannot wrap."""
+    """Emit the code of k + step of signed integers, saturated at the 64-bit limits: a loop counter that cannot wrap."""
     kind = ir.FunctionType(WORD, [WORD, WORD])
     return b.call(b.module.declare_intrinsic("llvm.sadd.sat.i64", (), kind), [k, step])
 

@@ -13,8 +13,8 @@ T = TypeVar("T")
 class Beside(Generic[T]):
     """A value that is made once: in a thread after `calls` calls of `count`, or by an earlier call of `get`.
 
-    With calls = 0 only `get` makes it. The thread is not a daemon: LLVM cannot be interrupted, so the process waits for
-    the thread before it exits.
+    With calls = 0 only `get` makes the value. The thread is not a daemon: LLVM cannot be interrupted, so the process
+    waits for the thread before it exits.
     """
 
     def __init__(self, calls: int) -> None:

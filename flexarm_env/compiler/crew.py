@@ -3,10 +3,11 @@
 Waking a thread takes longer than a step of a small batch, and a thread that returns to the interpreter waits for the
 GIL. Therefore a worker stays in compiled code and polls its board for the next task for a while. The caller polls its
 own board for the end of the task. A thread that has polled without success marks itself ASLEEP on its board, returns to
-Python and blocks on a lock. The thread that needs it marks it CALLED, and Python releases the lock. Work is distributed
-by stealing. Each thread begins with its own part of a task and takes half of the rest at a time. Then it takes work
-from the ends of other threads' parts, so that no thread waits for one that the system does not schedule. Parts are
-taken by compare-and-swap: if two threads try, one succeeds. Threads are created at first use, and again after a fork.
+Python and blocks on a lock. Another thread that needs a sleeping thread marks the sleeper CALLED, and Python releases
+the lock. Work is distributed by stealing. Each thread begins with its own part of a task and takes half of the rest at
+a time. A thread without work takes work from the ends of other threads' parts, so that no thread waits for a thread
+that the system does not schedule. Parts are taken by compare-and-swap: if two threads try, one succeeds. Threads are
+created at first use, and again after a fork.
 """
 
 import atexit
@@ -363,16 +364,16 @@ CROWDED = (
 
 
 class OneAtATime:
-    """Context manager that admits one thread at a time; a second one gets a RuntimeError instead of waiting.
+    """Context manager that admits one thread at a time; a second thread gets a RuntimeError instead of waiting.
 
-    A lock would let two threads alternate steps of the same environment. Therefore this raises an error instead.
+    A lock would let two threads alternate steps of the same environment, which is an error of the caller.
     """
 
     def __init__(self) -> None:
         self._inside: dict[str, int] = {}
 
     def __enter__(self) -> None:
-        """Admit the thread, or raise RuntimeError if another one is inside."""
+        """Admit the thread, or raise RuntimeError if another thread is inside."""
         me = threading.get_ident()
         # setdefault is atomic, so of two threads one is admitted
         if self._inside.setdefault("thread", me) != me:

@@ -109,13 +109,13 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 
 _by_python = ContextVar("_by_python", default=False)
-"""True while Python runs kernels that Python calls, in this thread."""
+"""True while Python, instead of compiled code, runs the kernels that this thread calls."""
 
 
 def uncompiled(function: Any) -> Any:
-    """Return a function that lets Python run a kernel and all that it calls.
+    """Return a function by which Python runs a kernel, and all kernels that it calls, without compilation.
 
-    It serves rare calls and kernels that return arrays.
+    The returned function serves rare calls and kernels that return arrays.
     """
     if not isinstance(function, Kernel):
         return function
@@ -167,7 +167,8 @@ def _by_python_alone(function: Callable[..., Any]) -> Any:
 def inlined(function: Callable[..., Any]) -> Any:
     """Decorate a kernel that is always inlined into its callers.
 
-    Use it for kernels with many array arguments, if passing them costs more than compiling the code at every call site.
+    The decorator suits kernels with many array arguments, if passing the arrays costs more than compiling the code at
+    every call site.
     """
     return _by_python_alone(function) if UNCOMPILED else Kernel(function, ["alwaysinline"])
 
@@ -175,7 +176,7 @@ def inlined(function: Callable[..., Any]) -> Any:
 def entry_point(function: Callable[..., Any]) -> Any:
     """Decorate a kernel that Python calls repeatedly: its loops are unrolled, which takes longer to compile.
 
-    Here LLVM unrolls loops of run-time length eight times; in other programs it does not unroll them.
+    In an entry point LLVM unrolls loops of run-time length eight times; in other programs such loops are not unrolled.
     """
     return _by_python_alone(function) if UNCOMPILED else Kernel(function, often=True)
 
@@ -190,7 +191,7 @@ def superword(function: Callable[..., Any]) -> Any:
 
 
 def noinline(function: Callable[..., Any]) -> Any:
-    """Decorate a kernel that is never inlined: a large one that is seldom called.
+    """Decorate a large and seldom called kernel, so that the kernel is never inlined.
 
     One very large function takes longer to compile than several.
     """

@@ -64,8 +64,9 @@ class Description:
     def made(cls, root: Any, shapes: Sequence[Any], used: Reads) -> Description:
         """Describe a program that has just been compiled.
 
-        root: its kernel. shapes: its argument types (`kinds.described_as`). used: functions in it with the global names
-        that they read. Indescribable: a value, or a function that no other function refers to by a global name.
+        root: the program's kernel. shapes: the kernel's argument types (`kinds.described_as`). used: functions of the
+        program with the global names that they read. Raises Indescribable for a value that processes cannot compare, or
+        for a function that no other function refers to by a global name.
         """
         found = cls(used, ())
         picked = [_plain(function) for _, function in choices() if _plain(function) in used]
@@ -79,7 +80,8 @@ class Description:
     def now(cls, root: Any, shapes: Sequence[Any], chosen: Sequence[str], guide: Sequence[Any]) -> Description:
         """Describe the same program from today's objects, for comparison with the stored words.
 
-        chosen: names of the family choices in it. LookupError, AttributeError: a function or name no longer exists.
+        chosen: names of the family choices in the program. Raises LookupError or AttributeError if a function or name
+        no longer exists.
         """
         places = dict(choices())
         found = cls(None, guide)
@@ -152,7 +154,7 @@ class Description:
 
     # --- values ------------------------------------------------------------------------------------
     def describe(self, item: Any) -> str:
-        """Return the description of a value. Indescribable: processes cannot compare it."""
+        """Return the description of a value. Raises Indescribable for a value that processes cannot compare."""
         cls = type(item)
         if item is None or cls in (bool, int, float, complex, str, bytes, range):
             return repr(item)
@@ -269,7 +271,7 @@ def _described(item: Any) -> list[str]:
 
 
 def classes_of(shape: Any) -> Iterator[Any]:
-    """Yield the named tuple classes in argument types (`kinds.described_as`), nested ones too."""
+    """Yield the named tuple classes in argument types (`kinds.described_as`), nested classes too."""
     if isinstance(shape, Layout):
         yield shape.instance_class
         for part, _ in shape.parts.values():

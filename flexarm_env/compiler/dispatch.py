@@ -54,7 +54,7 @@ class Family:
         self.names: set[str] = set()  # of the family's functions
 
     def register(self, kind: type, *named: Callable[..., Any], **functions: Callable[..., Any]) -> None:
-        """Register kernels of a class; a later call adds to them or replaces them.
+        """Register kernels of a class; a later call adds kernels or replaces kernels of the same name.
 
         Raises TypeError for a name that none of the family's functions has, because no call would ever reach it.
         """
@@ -83,7 +83,7 @@ class Family:
     def function(self, name: str, arguments: str) -> Callable[..., Any]:
         """Return a function that calls the kernel registered under `name` for the class of the dispatching argument.
 
-        arguments: its parameter names, "lane, model, ..."; the result belongs to the calling module.
+        arguments: parameter names of the returned function, "lane, model, ..."; its module is that of the caller.
         """
         names = [word.strip() for word in arguments.split(",")]
         place = names.index(self.argument)

@@ -68,7 +68,10 @@ class Elements:
         return Array(data, (length,), item.letter, item.fixed, item.lane)
 
     def place(self, array: Array, at: Any) -> Any:
-        """Return the address of an array element, in row-major order. Refused: negative or non-integer indices."""
+        """Return the address of an array element, in row-major order.
+
+        Raises Refused for negative or non-integer indices.
+        """
         steps = at if is_tuple(at) else (at,)
         self._check_index(array, steps)
         # row-major: k = (i n_1 + j) n_2 + ...
@@ -127,7 +130,10 @@ class Elements:
         return rebuilt(items[-1], iter(found), self.b)
 
     def put(self, item: Any, at: Any, value: Any) -> None:
-        """Write item[at] = value, converted to the array's element type. Refused: lanes, tangents, read-only arrays."""
+        """Emit item[at] = value; the value is converted to the array's element type.
+
+        Raises Refused for lanes, tangents and read-only arrays.
+        """
         if not isinstance(item, Array):
             raise Refused(f"{told(item)}: only elements of arrays get values")
         item.written()

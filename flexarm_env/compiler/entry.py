@@ -27,7 +27,7 @@ FAILED = -1
 class Placed:
     """A named tuple of arrays and numbers that compiled code reads at `address`.
 
-    Its arrays may be written to; `replace` exchanges one for another.
+    The arrays may be written to; `replace` exchanges an array for another array.
     """
 
     def __init__(self, value: Any) -> None:
@@ -42,7 +42,7 @@ class Placed:
         self._held: dict[str, Any] = {}
 
     def replace(self, name: str, array: Any, address: int) -> None:
-        """Replace the value's array `name` by a contiguous one of the same type and shape, at `address`."""
+        """Replace the value's array `name` by a contiguous array of the same type and shape, at `address`."""
         if UNCOMPILED:
             self.address = self.value = self.value._replace(**{name: array.reshape(-1)})
             return
@@ -56,7 +56,7 @@ def entry(function: Any, placed: Placed, *arguments: int) -> Callable[..., Any]:
 
 
 def native(function: Any, placed: Placed, *arguments: int) -> int:
-    """Return the address of the machine code of this function; 0 if nothing is compiled."""
+    """Return the address of the machine code of a kernel; 0 if nothing is compiled."""
     return 0 if UNCOMPILED else _direct(function, placed, arguments).address
 
 

@@ -13,6 +13,7 @@ from .elements import Elements
 from .kinds import (
     LETTERS,
     NUMBERS,
+    RECORDS,
     WORD,
     Array,
     Integer,
@@ -57,7 +58,7 @@ class Expressions(Elements):
         return self.names[name]
 
     def room(self, kind_of: Any, align: int | None = None) -> Any:
-        """Return the address of an LLVM type on the stack, allocated in the entry block for the whole call."""
+        """Allocate stack memory for an LLVM type, in the entry block for the whole call; return the address."""
         if isinstance(kind_of, ir.ArrayType):
             self.module.take_room(self.code, kind_of.count)
         place = ir.IRBuilder(self.top).alloca(kind_of)
@@ -67,6 +68,8 @@ class Expressions(Elements):
 
     def dynamic(self, item: Any) -> Any:
         """Convert known numbers to LLVM constants, in tuples and named tuples too; lane tags stay static."""
+        if isinstance(item, (Value, Integer, Array, Stored)):
+            return item
         if isinstance(item, bool | np.bool_):
             return Truth(arithmetic.bit(bool(item)))
         if isinstance(item, int | np.integer):
@@ -82,7 +85,7 @@ class Expressions(Elements):
         return item
 
     def parts(self, item: Any) -> Sequence[Any]:
-        """Return the items of a tuple, a range or a named tuple. Refused: anything else."""
+        """Return the items of a tuple, a range or a named tuple. Raises Refused for any other item."""
         if isinstance(item, Record | Stored):
             return [self.field(item, name) for name in item.instance_class._fields]
         if isinstance(item, tuple | range):
@@ -136,7 +139,7 @@ class Expressions(Elements):
     def of_Attribute(self, node: ast.Attribute) -> Any:
         """Evaluate x.name: field of a named tuple, shape or size of an array, attribute of a static object."""
         item = self.value(node.value)
-        if isinstance(item, Record | Stored):
+        if isinstance(item, RECORDS):
             return self.field(item, node.attr)
         if isinstance(item, Array) and node.attr == "shape":
             return tuple(Integer(x) for x in self.lengths(item))
@@ -248,7 +251,7 @@ class Expressions(Elements):
 
     def arithmetic(self, op: str, x: Any, y: Any) -> Any:
         """Write x op y; for ratios of signed integers that float64 may round twice, call `wholes.ratio`."""
-        if isinstance(x, Record | Stored) or isinstance(y, Record | Stored):
+        if isinstance(x, RECORDS) or isinstance(y, RECORDS):
             return operators.binary(self, op, x, y)
         if op == "Div" and arithmetic.far_from_exact(x, y):
             code, found = self.module.function(ratio, [self.dynamic(x), self.dynamic(y)])

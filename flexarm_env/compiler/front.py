@@ -99,7 +99,8 @@ class Module:
         return code, result
 
     def take_room(self, code: Any, count: int) -> None:
-        """Add `count` numbers to a function's stack use. Refused: more than MOST_ROOM with its callees."""
+        """Add `count` numbers to a function's stack use. Raises Refused above MOST_ROOM, the function's callees
+        included."""
         room = self._rooms.setdefault(code.name, [0, 0])
         self._check_room(room, room[0] + count, room[1])
 

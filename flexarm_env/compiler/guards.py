@@ -2,12 +2,12 @@
 
 In the reverse sweep the operand that a select did not choose gets the cotangent 0, and 0 times an infinite slope is
 NaN. Therefore cotangents that leave the part of the graph used only by that operand are selected once more: unchanged
-if the operand was chosen, otherwise 0. In forward mode this is not needed, because the select itself selects between
+if the operand was chosen, otherwise 0. In forward mode guards are not needed, because the select itself selects between
 tangents.
 
-A node's *path* lists the conditions under which its cotangent matters. A condition is a side of a select (`Side`), or
-that the node's cotangent is not 0 (`Live`). The latter is used if several selects use the value, or if it is used
-within a branch or from memory that a select reads.
+A node's *path* lists the conditions under which its cotangent matters. A condition is of one of two kinds: one operand
+of a select was chosen (`Side`), or the node's cotangent is not 0 (`Live`). `Live` is used for a value that several
+selects use, or that is used within a branch or from memory that a select reads.
 """
 
 from __future__ import annotations
@@ -129,8 +129,8 @@ class Guards:
         return found if found in self.used and found in self.paths[id(node)] else None
 
     def left(self, node: Any, parent: Any) -> list[Any]:
-        """Return the needed guards on a node's path that are not on its parent's; with parent None return all needed
-        ones."""
+        """Return the needed guards on a node's path, but not on its parent's path; with parent None, all needed
+        guards."""
         path: Path = self.paths[id(node)]
         if parent is not None and parent.region is node.region:
             path = path[len(_common([path, self.paths[id(parent)]])) :]

@@ -11,7 +11,7 @@ import numpy as np
 from .kinds import Layout, is_tag, words_of
 
 LINE = 64
-"""Bytes of a cache line; every array begins on one."""
+"""Bytes of a cache line; every array begins on a cache line."""
 
 
 @dataclass
@@ -21,7 +21,7 @@ class Image:
     Attributes:
         layout: layout of the named tuple.
         words: 64-bit words as in memory, 0 in place of array addresses.
-        pointers: (word, byte) pairs: words[word] is to be the address of data[byte].
+        pointers: (word, byte) pairs: words[word] must be set to the address of data[byte].
         data: the arrays' bytes, one after the other, each on a cache line.
         changing: number of leading bytes of data that compiled code may write to.
         places: by dotted name, (first byte, shape, NumPy dtype name) of each array.

@@ -96,13 +96,19 @@ class Record:
 class Stored:
     """A named tuple in memory at `address`, laid out by `layout`; fields are loaded where they are used.
 
-    lane: as of a `Record`.
+    lane: see `Record`.
     """
 
     __slots__ = ("address", "instance_class", "lane", "layout")
 
     def __init__(self, address: Any, layout: Layout, lane: Any = None) -> None:
         self.address, self.layout, self.lane, self.instance_class = address, layout, lane, layout.instance_class
+
+
+SCALARS = (Integer, Truth, Narrow)
+RECORDS = (Record, Stored)
+RUN_TIME = (Value, *SCALARS, Array, *RECORDS)
+"""Classes of symbolic items. Tests against a tuple are several times faster than against a union made in each call."""
 
 
 class Layout:
@@ -142,7 +148,7 @@ def described_as(part: Any, name: str) -> Any:
     """Describe the type of an argument or field by a hashable word, tuple or `Layout`.
 
     None, truth values and numbers: "none", "truth", "integer", "unsigned", "number". Arrays: (letter, dimensions), and
-    "fixed" as a third entry for read-only ones. Lane tags and sizes: ("tag", length). Tuples: ("tuple", parts). Named
+    "fixed" as a third entry for read-only arrays. Lane tags and sizes: ("tag", length). Tuples: ("tuple", parts). Named
     tuples: their Layout, since their words lie inside those of the tuple that contains them. TypeError: anything else.
     """
     if part is None:
@@ -176,7 +182,7 @@ def described_as(part: Any, name: str) -> Any:
 
 
 def width(shape: Any) -> int:
-    """Return the number of 8-byte words that a value described by `shape` takes: an array one and its dimensions."""
+    """Return the number of 8-byte words of a value described by `shape`: for an array one, plus one per dimension."""
     if isinstance(shape, Layout):
         return shape.words
     if isinstance(shape, str):
@@ -230,7 +236,7 @@ def lane_tags(item: Any) -> list[Any]:
     if isinstance(item, Array):
         return [item.lane]
     # named tuples without fields of lanes are the same under every tag
-    if isinstance(item, Record | Stored):
+    if isinstance(item, RECORDS):
         return [item.lane] if lane_fields(item.instance_class) else []
     return [tag for x in item for tag in lane_tags(x)] if is_tuple(item) else []
 
@@ -244,7 +250,7 @@ def is_static(item: Any) -> bool:
     """Return whether an item is known at compile time, in all parts of a tuple."""
     if is_tuple(item):
         return all(map(is_static, item))
-    return not isinstance(item, Value | Integer | Truth | Narrow | Array | Record | Stored)
+    return not isinstance(item, RUN_TIME)
 
 
 def is_tuple(item: Any) -> bool:
@@ -256,7 +262,7 @@ def leaves(item: Any) -> list[Any]:
     """Return the LLVM values that an item consists of, in order; none for static items."""
     if isinstance(item, Value):
         return item.parts(item.count, len(item.tangents))
-    if isinstance(item, Integer | Truth | Narrow):
+    if isinstance(item, SCALARS):
         return [item.value]
     if isinstance(item, Array):
         return [item.data, *item.shape]
@@ -293,7 +299,7 @@ def rebuilt(item: Any, it: Iterator[Any], builder: Any) -> Any:
 def kind(item: Any) -> Any:
     """Return the hashable specialization key of an item; items with equal keys share one compiled function.
 
-    Symbolic items give their type (lanes, tangents, element type, class), static ones their type and value.
+    Symbolic items give their type (lanes, tangents, element type, class), static items their type and value.
     """
     if isinstance(item, Value):
         return ("value", item.count, len(item.tangents))

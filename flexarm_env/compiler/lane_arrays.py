@@ -27,7 +27,7 @@ Lanes: TypeAlias = Annotated[NDArray[np.float64], "lanes"]
 
 
 def is_lanes(annotation: Any) -> bool:
-    """Return whether an annotation, an object or its text, is `Lanes` or a union with it."""
+    """Return whether an annotation, an object or its text, is `Lanes` or a union that contains `Lanes`."""
     if isinstance(annotation, str):
         return any(part.strip().rpartition(".")[2] == "Lanes" for part in annotation.split("|"))
     if isinstance(annotation, typing.ForwardRef):

@@ -11,7 +11,7 @@ followed by D tangents of L numbers each: its derivatives along D directions. Ev
 rules in `symbols`. `lane_count(lane)` is the number of arms of either kind of tag.
 
 Python runs the functions of this module if compilation is disabled. `words` defines the instructions that the compiler
-writes for them.
+writes for arrays of lanes.
 """
 
 import math
@@ -58,7 +58,7 @@ def store(array: np.ndarray, k: int, value: float) -> None:
 
 
 def splat(lane: tuple[int, ...], x: float) -> float:
-    """Return the scalar x in every lane."""
+    """Return a vector with the scalar x in every lane."""
     _one(lane)
     return x
 

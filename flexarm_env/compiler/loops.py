@@ -11,7 +11,10 @@ from .merging import Names
 
 
 def limits_of(node: ast.For, limits: list[Any], keywords: bool) -> tuple[str, Any, Any, Any]:
-    """Return (counter name, start, stop, step) of a range loop. Refused: tuple targets, bad argument count, step 0."""
+    """Return (counter name, start, stop, step) of a range loop.
+
+    Raises Refused for tuple targets, a wrong number of arguments, or step 0.
+    """
     if not isinstance(node.target, ast.Name):
         raise Refused("a loop over a range counts by one name")
     if not 1 <= len(limits) <= 3 or keywords:

@@ -20,10 +20,10 @@ class Widen(Exception):
 
 
 def joined(one: Any, other: Any) -> Any:
-    """Return a template of the common type of two items, neither a known number; APART if there is none.
+    """Return a template of the common type of two items, neither a known number; APART without a common type.
 
     An integer or truth value widens to float64, a truth value to an integer, a scalar to lanes, and a number without
-    tangents to one with. Named tuples and tuples are merged part by part.
+    tangents to a number with tangents. Named tuples and tuples are merged part by part.
     """
     if kind(one) == kind(other):
         # an array of lanes and one of numbers are indexed differently

@@ -64,7 +64,7 @@ class Region:
         tape.home[id(first)] = self
 
     def close(self) -> None:
-        """Assign the basic blocks written since the region opened to it, except those of inner regions."""
+        """Assign the basic blocks written since the region opened to the region, except blocks of inner regions."""
         for block in self._code.blocks[self._begin :]:
             self.tape.home.setdefault(id(block), self)
         self.tape.region = self._outer

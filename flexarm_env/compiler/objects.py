@@ -1,7 +1,7 @@
 """Cache of compiled programs on disk: one file per program, found by a key of all dependencies of its code.
 
 The key covers the sources, the argument types, llvmlite's version and the processor. A file is its SHA-256, a line of
-JSON and an object file: reading one executes nothing. A damaged file is compiled again; without a writable folder no
+JSON and an object file: reading a file executes no code. A damaged file is compiled again; without a writable folder no
 file is stored. A file that users other than the owner and root could have written is not read.
 
 For kernels from outside the package the JSON lists their dependencies (`dependencies`). Loading a file renews its time
@@ -44,14 +44,14 @@ LIMIT, ROOM = 512.0, "FLEXARM_CACHE_MB"
 """Largest total size of the files of a folder, MB, and the environment variable that sets another size."""
 
 SPARE = 0.9
-"""Above the limit files are deleted until this fraction of it is left."""
+"""Fraction of the limit to which the total size is reduced by deleting files, once it exceeds the limit."""
 
 OFTEN, FORGOTTEN = 3600.0, 30 * 86400.0
 """Seconds. The first is the least time between two renewals of a file's time, and the age from which a partial file
 counts as abandoned. The second is the time without loading after which files of other package versions are deleted."""
 
 _NAME = re.compile(rf"[^/]+-\d+\.[0-9a-f]{{16}}\.[0-9a-f]{{24}}{re.escape(SUFFIX)}(\.[0-9a-f]{{16}})?")
-"""Names of program files, complete and partial ones; no other file is deleted."""
+"""Names of complete and partial program files; no other file is deleted."""
 
 _said = False
 """True after this process has warned that nothing can be stored."""
@@ -113,7 +113,8 @@ def _former() -> str | None:
 def folders() -> list[Path]:
     """Return the folders in which programs are searched; new programs are written to the first.
 
-    The folder beside an installed package, compiled by an administrator, serves users without write access to it.
+    The folder beside an installed package, compiled by an administrator, serves users without write access to that
+    folder.
     """
     beside = PACKAGE / "__pycache__" / "objects"
     chosen = os.environ.get(VARIABLE) or _former()
@@ -140,7 +141,7 @@ def _trusted(found: os.stat_result) -> bool:
 
 
 def prepare(folder: Path) -> None:
-    """Make a folder for programs. OSError: it cannot be made, or others can write to it."""
+    """Make a folder for programs. OSError: the folder cannot be made, or other users can write to the folder."""
     folder.mkdir(mode=0o755, parents=True, exist_ok=True)
     if not _safe(folder):
         raise PermissionError(errno.EPERM, "others than you can write there")
@@ -304,7 +305,7 @@ def limit() -> int:
 
 
 def programs(folder: Path) -> list[tuple[float, int, Path]]:
-    """Return (time of last use, size in bytes, path) of all program files in a folder, partial ones too."""
+    """Return (time of last use, size in bytes, path) of all program files in a folder, partial files too."""
     found = []
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:

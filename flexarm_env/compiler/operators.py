@@ -1,7 +1,7 @@
 """Operators of named tuples: `a + b`, `R @ a`, `-a`, `R.T` call the methods and properties of their classes.
 
-A method is a kernel without a decorator: a Python function of the class body. The compiler reads it for an operator or
-a property in a kernel. Python calls the same functions in uncompiled mode and in traced code.
+A method is a kernel without a decorator: a Python function of the class body. The compiler reads the method for an
+operator or a property in a kernel. Python calls the same function in uncompiled mode and in traced code.
 """
 
 from __future__ import annotations
@@ -46,7 +46,10 @@ def _of_class(item: Any, word: str) -> Any:
 
 
 def binary(writer: Any, op: str, x: Any, y: Any) -> Any:
-    """Write x op y where x or y is a named tuple: x's method, otherwise y's reflected one. Refused: neither exists."""
+    """Emit x op y if x or y is a named tuple: call x's method, otherwise y's reflected method.
+
+    Raises Refused if neither method exists.
+    """
     own = _of_class(x, f"__{NAMES[op]}__")
     if own is not None:
         return writer.module.call(writer, method(own), [x, y], {})
@@ -58,7 +61,7 @@ def binary(writer: Any, op: str, x: Any, y: Any) -> Any:
 
 
 def negative(writer: Any, x: Any) -> Any:
-    """Write -x of a named tuple. Refused: its class has no `__neg__`."""
+    """Emit -x of a named tuple. Raises Refused if the class has no `__neg__`."""
     found = _of_class(x, "__neg__")
     if found is None:
         raise Refused(f"{told(x)} has no minus")

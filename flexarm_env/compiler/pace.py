@@ -1,7 +1,7 @@
 """Number of threads for the steps of a batch: measured, at most the number of processors available.
 
 The duration of a step depends on the arms. The gain by a second thread depends on the processor, on other processes and
-on the caller's work between steps. These influences are unknown in advance. Therefore a few single-threaded and
+on the caller's work between steps. The gain is therefore unknown in advance. Therefore a few single-threaded and
 threaded steps are timed occasionally. Results are bitwise the same for any number of threads.
 """
 
@@ -95,8 +95,9 @@ class Pace:
     def took(self, seconds: float) -> None:
         """Record the duration (s) of a step that ran with `threads` threads, and choose the next number.
 
-        A trial times SAMPLES steps with one thread. From their duration it estimates a number of threads and times
-        steps with this number, then with half of it, and so on, until the speedup per thread is at least WORTH.
+        A trial times SAMPLES steps with one thread. From their duration the trial estimates a number of threads and
+        times steps with this number, then with half of this number, and so on, until the speedup per thread is at least
+        WORTH.
         """
         # between trials: count down, then begin with one thread
         if self._wait > 0.0:

@@ -1,8 +1,8 @@
 """Programs: a kernel with all its callees, compiled to machine code with C's calling convention.
 
-Each program has one function int64(int64, int64, int64). Its arguments are the addresses of the kernel's arguments and
-of its result. In a direct call they are the address of the kernel's one named tuple and up to two integers (see
-`entry`).
+Each program has one function int64(int64, int64, int64). The function's arguments are the addresses of the kernel's
+arguments and of the kernel's result. In a direct call the arguments are the address of the kernel's one named tuple and
+up to two integers (see `entry`).
 """
 
 import ctypes
@@ -376,8 +376,8 @@ METH_FASTCALL = 0x0080
 def _door() -> tuple[Any, Any]:
     """Return (PyMethodDef, PyCFunction_NewEx): with them `python_function` makes a callable of machine code.
 
-    The C function of the PyMethodDef, `_door_text`, calls the address in its `self`, a Python int. It is machine code,
-    because a call through ctypes takes longer than a control period of a small arm.
+    The C function of the PyMethodDef, `_door_text`, calls the address in its `self`, a Python int. `_door_text` is
+    machine code, because a call through ctypes takes longer than a control period of a small arm.
     """
     key = objects.key_of(_door_text, [], True, *target_text())
     kept = objects.load(key)
@@ -392,7 +392,7 @@ def _door() -> tuple[Any, Any]:
 
 
 def python_function(address: int) -> Callable[[int, int, int], int]:
-    """Return a callable of up to three integers (missing ones 0) for the code at an address; it releases the GIL."""
+    """Return a callable of up to three integers (default 0) for the code at an address; a call releases the GIL."""
     method, make = _door()
     made: Callable[[int, int, int], int] = make(ctypes.addressof(method), address, None)
     return made
@@ -401,7 +401,7 @@ def python_function(address: int) -> Callable[[int, int, int], int]:
 def _door_text() -> str:
     """Return LLVM assembly of PyObject *door(PyObject *self, PyObject *const *args, Py_ssize_t nargs).
 
-    It converts self (an address) and the arguments to int64, calls the address without the GIL, returns the int64.
+    The door converts self (an address) and the arguments to int64, calls the address without the GIL, returns int64.
     """
     module = ir.Module("door")
     thing = ir.IntType(8).as_pointer()

@@ -62,9 +62,10 @@ class Backward(Writer):
         return place
 
     def write(self, items: Sequence[Any]) -> Any:
-        """Write the function's code at the current position; return the result item.
+        """Emit the function's code at the current position; return the result item.
 
-        A `Widen` is recorded for this function (its name cleared) and raised again, so that the whole is written anew.
+        A `Widen` is recorded for this function (its name cleared) and raised again, so that the root function is
+        emitted again.
         """
         try:
             self.take(items)
@@ -78,7 +79,7 @@ class Backward(Writer):
         return self.result
 
     def give(self, item: Any) -> None:
-        """Set the function's result; within a branch by the stack slots of "return". Refused: within a loop."""
+        """Set the result; within a branch, in the stack slots of the name "return". Raises Refused within a loop."""
         if self.loops:
             raise Refused("a return within a loop has no derivative backwards")
         # the result differs between sides: stack slots carry it
@@ -96,7 +97,7 @@ class Backward(Writer):
             super().bind(name, item)
 
     def block(self, statements: Sequence[ast.stmt]) -> None:
-        """Write statements in order, up to a return.
+        """Emit statements in order, up to a return.
 
         After an `if` that ends with a return, the following statements become its else branch.
         """
@@ -111,26 +112,26 @@ class Backward(Writer):
             super().block([statement])
 
     def on_While(self, node: ast.While) -> None:
-        """Write a while loop. Refused: one that records nodes, whose number of iterations would have to be saved."""
+        """Emit a while loop. Raises Refused if it records nodes: the number of iterations would have to be saved."""
         items = len(self.b.region.items)
         super().on_While(node)
         if self.b.active_since(items):
             raise Refused("a while loop of numbers has no derivative backwards: count by range")
 
     def on_Break(self, node: ast.Break) -> None:
-        """Write a break. Refused in a range loop, whose reverse runs all iterations."""
+        """Emit a break. Raises Refused in a range loop, whose reverse code runs all iterations."""
         if self.loops[-1].ends is None:
             raise Refused("break has no derivative backwards")
         super().on_Break(node)
 
     def on_Continue(self, node: ast.Continue) -> None:
-        """Write a continue. Refused in a range loop, as `on_Break`."""
+        """Emit a continue. Raises Refused in a range loop, whose reverse code runs all iterations."""
         if self.loops[-1].ends is None:
             raise Refused("continue has no derivative backwards")
         super().on_Continue(node)
 
     def of_IfExp(self, node: ast.IfExp) -> Any:
-        """Evaluate x if t else y. Refused: an operand is active, since an SSA phi has no reverse rule."""
+        """Evaluate x if t else y. Raises Refused if an operand is active, since an SSA phi has no reverse rule."""
         found = super().of_IfExp(node)
         for leaf in leaves(found):
             if isinstance(leaf, ir.PhiInstr) and any(self.b.depends(x) for x, _ in leaf.incomings):
@@ -138,9 +139,9 @@ class Backward(Writer):
         return found
 
     def on_If(self, node: ast.If) -> None:
-        """Write an if statement: both sides as regions of the tape, and its reverse as an item of the outer region.
+        """Emit an if statement: both sides as regions of the tape, and the reverse code as an item of the outer region.
 
-        Refused: a return on one side only.
+        Raises Refused for a return on one side only.
         """
         test = self.condition(node.test)
         if isinstance(test, bool):
@@ -387,7 +388,7 @@ class Pulled(Straight):
         self.__name__ += "_pulled"
 
     def written(self, writer: Any, items: list[Any]) -> None:
-        """Write the forward pass and reverse sweep in the calling kernel; nothing is returned.
+        """Emit the forward pass and reverse sweep in the calling kernel; nothing is returned.
 
         items: the function's arguments, then one cotangent argument for each differentiated name.
         """
@@ -438,12 +439,12 @@ def _paired(tape: Tape, item: Any, bar: Any) -> Any:
 
 
 def vjp_of(function: Any, names: tuple[str, ...], scratch: tuple[str, ...] = ()) -> Any:
-    """Return the vector-Jacobian product of a kernel: it takes its arguments, then cotangents for each of `names`.
+    """Return the vector-Jacobian product of a kernel, with the kernel's arguments, then cotangents for each of `names`.
 
     names: arguments that are arrays, or named tuples of arrays. Cotangents of elements that the function writes are
-    consumed. Afterwards they are 0 or, if the old content was read too, the cotangent of the old content. For elements
-    that are only read, contributions are added to their cotangents. The arrays stay unchanged. scratch: arrays of
-    working memory, whose content matters neither before nor after. If nothing is compiled, the function itself is
-    returned.
+    consumed. After the call the cotangents are 0 or, if the old content was read too, the cotangent of the old content.
+    For elements that are only read, contributions are added to their cotangents. The arrays stay unchanged. scratch:
+    arrays of working memory, whose content matters neither before nor after. If nothing is compiled, the function
+    itself is returned.
     """
     return function if UNCOMPILED else Pulled(function, names, scratch)

@@ -1,4 +1,4 @@
-"""Scratch memory of a `Tape` for saved forward values: on the stack if they fit, otherwise from malloc."""
+"""Scratch memory of a `Tape` for saved forward values: on the stack if the values fit, otherwise from malloc."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -36,9 +36,10 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
 
     @contextmanager
     def at(self, block: Any, start: bool = False) -> Iterator[None]:
-        """Write meanwhile into another block: before its terminator, at its end if it has none, or at its start.
+        """Context that writes code into another block: before the block's terminator, at the end of a block without
+        terminator, or at the block's start.
 
-        Instructions written meanwhile are not recorded; afterwards the builder returns to its own block.
+        Instructions of the context are not recorded; afterwards the builder returns to its previous block.
         """
         own, recording = self.block, self.recording
         self.recording = False
@@ -62,9 +63,9 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
         return found or ir.Function(self.module, kind, name)
 
     def taken(self, words: Any) -> Any:
-        """Write code that allocates `words` 8-byte words and return their address, a phi of two sources.
+        """Emit code that allocates `words` 8-byte words and returns their address, a phi of two sources.
 
-        The words come from the stack area while it has room (rounded up to multiples of 8), otherwise from malloc.
+        The words come from the stack area while it has enough free words (in multiples of 8), otherwise from malloc.
         """
         make = self._function("malloc", ir.FunctionType(_BYTE.as_pointer(), [WORD]))
         # bump allocation: new fill level, rounded up to 64 bytes
@@ -89,7 +90,7 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
         return found
 
     def given_back(self, room: Any) -> None:
-        """Write code that frees memory from `taken`: free() for malloc's, nothing for the stack area."""
+        """Emit code that frees memory from `taken`: free() for memory from malloc, nothing for the stack area."""
         free = self._function("free", ir.FunctionType(ir.VoidType(), [_BYTE.as_pointer()]))
         # offset into the stack area; unsigned, so that addresses below it count as outside
         at = self.sub(self.ptrtoint(room, WORD), self.ptrtoint(self._room, WORD))
@@ -101,7 +102,7 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
         self.position_at_end(after)
 
     def copied_room(self, source: Any, words: Any) -> Any:
-        """Write code that copies `words` 8-byte words from `source` to new scratch memory; return their address."""
+        """Emit code that copies `words` 8-byte words from `source` to new scratch memory; return their address."""
         thing = _BYTE.as_pointer()
         kind = ir.FunctionType(ir.VoidType(), [thing, thing, WORD, ir.IntType(1)])
         copy = self.taken(words)

@@ -1,8 +1,8 @@
 """Output arrays of compiled code, returned as NumPy views that are created once for each array.
 
 A caller of `step` gets views of an array. If the caller keeps them, the next step writes into another array. Creating a
-view takes longer than copying a number, so each array stores its views. It is reused, with the same views, when no
-caller holds a reference to any of them.
+view takes longer than copying a number, so each array stores its views. An array is reused, with the same views, when
+no caller holds a reference to any of the views.
 """
 
 from collections.abc import Iterable, Mapping

@@ -1,4 +1,4 @@
-"""Source text of kernels, read by `linecache` and parsed to an AST; refused if it differs from the running code."""
+"""Source text of kernels, read by `linecache` and parsed to an AST; text unlike the running code is refused."""
 
 import __future__
 
@@ -41,8 +41,8 @@ class Source(NamedTuple):
 def source_of(function: Any) -> Source:
     """Return the `Source` of a Python function, cached.
 
-    Refused: lambdas, async functions, other decorators, starred or keyword-only arguments, functions without source
-    text, and functions whose text has changed since they were made.
+    Raises Refused for lambdas, async functions, other decorators, starred or keyword-only arguments, functions without
+    source text, and functions whose text has changed since they were made.
     """
     code, name = function.__code__, f"{function.__module__}.{function.__qualname__}"
     at = f"{code.co_filename}:{code.co_firstlineno}"

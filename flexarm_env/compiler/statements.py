@@ -101,9 +101,9 @@ class Writer(Expressions):
                 raise Refused(f"argument {name!r}: {error}") from None
 
     def give(self, item: Any) -> None:
-        """Write a return of an item: a struct of its leaves, or void if it has none.
+        """Emit a return of an item: a struct of its leaves, or void for an item without leaves.
 
-        The first return fixes the result template; a later one that is wider raises `Widen`.
+        The first return fixes the result template; a later return that needs a wider template raises `Widen`.
         """
         item = self.dynamic(item)
         if self.result is Widen:
@@ -126,7 +126,7 @@ class Writer(Expressions):
         self.b.ret(whole_result)
 
     def fit(self, name: str, item: Any, template: Any) -> Any:
-        """Convert an item to a template; raise Widen if it needs a wider one, Refused if there is none."""
+        """Convert an item to a template; raise Widen if a wider template is needed, Refused if none fits."""
         wider = joined(template, item)
         if wider is APART:
             what = "it returns" if name == "return" else f"{name!r} is"
@@ -161,9 +161,10 @@ class Writer(Expressions):
         self.names[name] = slot
 
     def read(self, name: str) -> Any:
-        """Return the item of a name: local, then global or closure, then built in. Refused: it may be unassigned.
+        """Return the item of a name: local, then global or closure, then built in.
 
-        Global names are recorded for the cache key; global arrays become constants of the program.
+        Raises Refused if the name may be unassigned. Global names are recorded for the cache key; global arrays become
+        constants of the program.
         """
         item = self.names.get(name, self)
         if item is self:
@@ -183,7 +184,7 @@ class Writer(Expressions):
         return item
 
     def meet(self, block: Any, ends: Sequence[Names]) -> None:
-        """Continue at `block` with the names that stand for the same item at the end of all paths in `ends`.
+        """Continue at `block` with the names that denote the same item at the end of all paths in `ends`.
 
         Without any path the block is unreachable.
         """
@@ -201,7 +202,7 @@ class Writer(Expressions):
 
     # --- statements --------------------------------------------------------------------------------
     def block(self, statements: Sequence[ast.stmt]) -> None:
-        """Write statements in order, up to the first that ends the block: return, break, continue."""
+        """Emit statements in order, up to the first that ends the block: return, break, continue."""
         for statement in statements:
             if self.b.block.is_terminated:
                 return
@@ -213,7 +214,7 @@ class Writer(Expressions):
             write(statement)
 
     def on_Expr(self, node: ast.Expr) -> None:
-        """Write an expression statement; a docstring is skipped."""
+        """Emit an expression statement; a docstring is skipped."""
         if not isinstance(node.value, ast.Constant):
             self.value(node.value)
 
@@ -221,17 +222,18 @@ class Writer(Expressions):
         pass
 
     def on_Return(self, node: ast.Return) -> None:
-        """Write a return statement."""
+        """Emit a return statement."""
         self.give(None if node.value is None else self.value(node.value))
 
     def on_Assign(self, node: ast.Assign) -> None:
-        """Write target = ... = value."""
+        """Emit target = ... = value."""
         item = self.value(node.value)
         for target in node.targets:
             self.assign(target, item)
 
     def on_AnnAssign(self, node: ast.AnnAssign) -> None:
-        """Write an annotated assignment: `Lanes`, or a named tuple class that has such fields, declares lane arrays."""
+        """Emit an annotated assignment. `Lanes`, or a named tuple class with fields of lanes, declares arrays of
+        lanes."""
         holds = is_lanes(ast.unparse(node.annotation))
         if holds and self.lane is None:
             raise Refused("Lanes, but the kernel has no argument `lane`, which says how many there are")
@@ -240,7 +242,7 @@ class Writer(Expressions):
             self.assign(node.target, declared(item, holds, self.lane) if holds or isinstance(item, _DECLARED) else item)
 
     def on_AugAssign(self, node: ast.AugAssign) -> None:
-        """Write target op= value for a name or an array element; subscripts are evaluated once."""
+        """Emit target op= value for a name or an array element; subscripts are evaluated once."""
         op = type(node.op).__name__
         if isinstance(node.target, ast.Subscript):
             array, at = self.value(node.target.value), self.value(node.target.slice)
@@ -264,9 +266,9 @@ class Writer(Expressions):
             raise Refused("only names and elements of arrays get values")
 
     def on_If(self, node: ast.If) -> None:
-        """Write an if statement: only the branch taken if the condition is static, otherwise two basic blocks.
+        """Emit an if statement: only the branch taken if the condition is static, otherwise two basic blocks.
 
-        After the statement a name has a value if it stands for the same item or slots in all branches that reach the
+        After the statement a name has a value if the name denotes the same item or slots in all branches that reach the
         end.
         """
         # a static condition: the other branch is not compiled, and may contain anything
@@ -292,7 +294,7 @@ class Writer(Expressions):
         self.meet(after, ends)
 
     def on_For(self, node: ast.For) -> None:
-        """Write a loop over range(...), or unroll a loop over a tuple, whose items may differ in kind."""
+        """Emit a loop over range(...), or unroll a loop over a tuple, whose items may differ in kind."""
         if node.orelse:
             raise Refused("a loop has no else in a kernel")
         over = node.iter
@@ -386,7 +388,8 @@ class Writer(Expressions):
         self.meet(end, [before, *loop.ends])
 
     def _round(self, body: Sequence[ast.stmt], loop: Loop, before: Names) -> None:
-        """Write a loop's body once. Refused: a static name from before the loop stands for another item at its end."""
+        """Emit a loop's body once. Raises Refused if a name's static item at the end differs from that before the
+        loop."""
         self.loops.append(loop)
         self.block(body)
         self.loops.pop()
@@ -400,7 +403,7 @@ class Writer(Expressions):
                     raise Refused(f"{name!r} changes in the loop, and what it stands for must be known beforehand")
 
     def on_While(self, node: ast.While) -> None:
-        """Write a while loop: blocks head (condition), loop, end. Refused: a condition known to be false."""
+        """Emit a while loop: blocks head (condition), loop, end. Raises Refused for a condition known to be false."""
         if node.orelse:
             raise Refused("a loop has no else in a kernel")
         before = self.names

@@ -47,8 +47,8 @@ class Value:
     @classmethod
     def of(cls, builder: Any, parts: Sequence[Any], count: int) -> Value:
         """Make a Value of LLVM values in `count` lanes: the first is the value, the rest are its tangents."""
-        first, *rest = [cls(builder, part, count) for part in parts]
-        return first.having(rest)
+        first, *rest = parts
+        return cls(builder, first, count, [cls(builder, part, count) for part in rest])
 
     def wide(self, count: int) -> Any:
         """Return the LLVM value in `count` lanes (a scalar is broadcast), without tangents."""
@@ -56,6 +56,8 @@ class Value:
 
     def parts(self, count: int, tangents: int) -> list[Any]:
         """Return LLVM values in `count` lanes: the value, then `tangents` tangents, which are 0 if it has none."""
+        if not tangents and not self.tangents:
+            return [self.wide(count)]
         # a constant has tangents 0
         slopes = self.tangents or (self.other(0.0),) * tangents
         return [x.wide(count) for x in (self, *slopes)]
@@ -87,7 +89,7 @@ class Value:
         return Value(self.builder, self.value, self.count, tangents)
 
     def __add__(self, x: Any) -> Value:
-        """Write self + x; tangents: self' + x'."""
+        """Emit self + x; tangents: self' + x'."""
         x = self.other(x)
         return self._binary("fadd", self, x).having(_sum(self.tangents, x.tangents))
 
@@ -95,7 +97,7 @@ class Value:
         return self.other(x) + self
 
     def __sub__(self, x: Any) -> Value:
-        """Write self - x; tangents: self' - x'."""
+        """Emit self - x; tangents: self' - x'."""
         x = self.other(x)
         return self._binary("fsub", self, x).having(_difference(self.tangents, x.tangents))
 
@@ -103,7 +105,7 @@ class Value:
         return self.other(x) - self
 
     def __mul__(self, x: Any) -> Value:
-        """Write self x; tangents by the product rule, self' x + x' self."""
+        """Emit self x; tangents by the product rule, self' x + x' self."""
         x = self.other(x)
         return self._binary("fmul", self, x).having(_sum(_times(self.tangents, x), _times(x.tangents, self)))
 
@@ -111,7 +113,7 @@ class Value:
         return self.other(x) * self
 
     def __truediv__(self, x: Any) -> Value:
-        """Write self / x; tangents by the quotient rule, (self' - x' (self / x)) (1 / x)."""
+        """Emit self / x; tangents by the quotient rule, (self' - x' (self / x)) (1 / x)."""
         x = self.other(x)
         # the value is one division, rounded once, whatever the tangents
         ratio = self._binary("fdiv", self, x)
@@ -125,7 +127,7 @@ class Value:
         return self.other(x) / self
 
     def __neg__(self) -> Value:
-        """Write -self; tangents: -self'."""
+        """Emit -self; tangents: -self'."""
         return self.like(self.builder.fneg(self.value), self.count).having([-x for x in self.tangents])
 
     def __bool__(self) -> bool:
@@ -133,7 +135,7 @@ class Value:
         raise TypeError("a value is not known when the kernel is written out: no branch may depend on it")
 
     def call(self, name: str) -> Value:
-        """Write a call of the LLVM intrinsic `name` of one argument on the value; the result has no tangents."""
+        """Emit a call of the LLVM intrinsic `name` of one argument on the value; the result has no tangents."""
         kind = vector(self.count)
         # intrinsics are named by type: llvm.sqrt.f64, llvm.sqrt.v8f64
         suffix = "f64" if self.count == 1 else f"v{self.count}f64"

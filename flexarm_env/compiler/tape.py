@@ -241,12 +241,12 @@ class Tape(Rooms):
         return self._made(super().fsub(x, y), (x, _same), (y, self.fneg))
 
     def fmul(self, x: Any, y: Any) -> Any:
-        """Write x y; cotangents g y to x and g x to y, which may be 0 inf = NaN (risky)."""
+        """Emit x y. A cotangent g adds g y to x's cotangent and g x to y's; 0 times infinity gives NaN (risky)."""
         by_x, by_y = lambda g: self.fmul(g, self.back(y)), lambda g: self.fmul(g, self.back(x))
         return self._made(super().fmul(x, y), (x, by_x), (y, by_y), risky=True)
 
     def fdiv(self, x: Any, y: Any) -> Any:
-        """Write x / y; cotangents g / y to x and -(g (x / y)) / y to y; slopes may be infinite (risky, steep)."""
+        """Emit x / y. A cotangent g adds g / y to x's cotangent and -(g (x / y)) / y to y's (risky, steep)."""
         ratio = super().fdiv(x, y)
 
         def by_y(g: Any) -> Any:
@@ -266,7 +266,7 @@ class Tape(Rooms):
         return super().fptrunc(x, kind)
 
     def select(self, test: Any, x: Any, y: Any) -> Any:
-        """Write a select; the cotangent goes to the chosen operand, -0 to the other one."""
+        """Emit a select; the cotangent goes to the chosen operand, -0 to the other operand."""
         by_x, by_y = (
             lambda g: self.select(self.back(test), g, _all(g.type)),
             lambda g: self.select(self.back(test), _all(g.type), g),
@@ -274,7 +274,7 @@ class Tape(Rooms):
         return self._made(super().select(test, x, y), (x, by_x, True), (y, by_y, False), test=test)
 
     def call(self, function: Any, values: Any) -> Any:
-        """Write a call. Reverse rules: sqrt, fabs, 0 for floor, ceil, rint, fptosi; other active calls are refused."""
+        """Emit a call. Reverse rules: sqrt, fabs; 0 for floor, ceil, rint, fptosi. Raises Refused otherwise."""
         found, name = super().call(function, values), function.name.split(".")
         if not self.recording or not any(id(x) in self.nodes for x in values):
             return found
@@ -297,7 +297,7 @@ class Tape(Rooms):
         return self.select(self.fcmp_ordered("<", x, _all(g.type)), self.fneg(g), g)
 
     def insert_element(self, into: Any, x: Any, k: Any) -> Any:
-        """Write a vector with lane k replaced by x; lane k's cotangent goes to x, that of other lanes to the vector."""
+        """Emit a vector with lane k replaced by x; lane k's cotangent goes to x, other lanes' to the vector."""
         by_into, by_x = (
             lambda g: self.insert_element(g, _all(DOUBLE), k),
             lambda g: self.extract_element(g, k),
@@ -305,12 +305,12 @@ class Tape(Rooms):
         return self._made(super().insert_element(into, x, k), (into, by_into), (x, by_x, None, True))
 
     def extract_element(self, x: Any, k: Any) -> Any:
-        """Write the extraction of lane k; its cotangent goes to that lane."""
+        """Emit the extraction of lane k; the cotangent goes to lane k of the vector."""
         by_x = lambda g: self.insert_element(_all(x.type), g, k)  # noqa: E731
         return self._made(super().extract_element(x, k), (x, by_x, None, True))
 
     def shuffle_vector(self, x: Any, y: Any, mask: Any) -> Any:
-        """Write a broadcast of lane 0 to all lanes (`symbols.broadcast`); the cotangents of all lanes are summed."""
+        """Emit a broadcast of lane 0 to all lanes (`symbols.broadcast`); the cotangents of all lanes are summed."""
         return self._made(super().shuffle_vector(x, y, mask), (x, self._summed, None, True))
 
     def _summed(self, g: Any) -> Any:
@@ -329,7 +329,7 @@ class Tape(Rooms):
         return Value(self, self._made(made, (by, lambda g: self.fmul(g, self.back(own))), risky=True), count)
 
     def constant(self, x: Value) -> Value:
-        """Return x without derivative: a new LLVM value x + (-0) that no node stands for."""
+        """Return x without derivative: a new LLVM value x + (-0) without a node."""
         return Value(self, super().fadd(x.value, _all(x.value.type)), x.count)
 
     # --- memory ------------------------------------------------------------------------------------
@@ -362,7 +362,7 @@ class Tape(Rooms):
         return self.gep(bar, [self.back(k) for k in place.indices], inbounds=True)
 
     def load(self, place: Any, align: int | None = None) -> Any:
-        """Write a load; its reverse adds the cotangent to the bar of the address."""
+        """Emit a load; the reverse code adds the cotangent to the bar of the address."""
         found = super().load(place, align=align)
         if self.recording and _is_number(found.type) and self.has_bar(place):
             self._note(found, [Pull(None, lambda g: self._add(place, g))]).base = id(self._base(place))
@@ -374,9 +374,9 @@ class Tape(Rooms):
         self.store(self.fadd(self.load(bar, align=8), g), bar, align=8)
 
     def store(self, value: Any, place: Any, align: int | None = None) -> Any:
-        """Write a store; its reverse moves the bar's cotangent to the stored number and zeroes the bar.
+        """Emit a store; the reverse code moves the bar's cotangent to the stored number and zeroes the bar.
 
-        Refused: an active number in memory without cotangents.
+        Raises Refused for an active number that is stored in memory without cotangents.
         """
         made = super().store(value, place, align=align)
         if self.recording:

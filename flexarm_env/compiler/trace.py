@@ -2,14 +2,15 @@
 
 A traced function gets a `Value` for each number and a `Slots` for each array; each operation on them writes one LLVM
 instruction into the calling kernel. Python executes all loops, tables, lists and dicts, so that only operations remain
-to be compiled. Indices are constants, and `stack` memory becomes registers. Such a function accesses arrays of lanes
-(`lane_arrays`) at indices known at compile time, and does not branch on symbolic values. Kernels, and functions of its
-own module, that it calls are traced with it. Tuples of zeros (lane tags, sizes) and None stand for themselves.
+to be compiled. Indices are constants, and `stack` memory becomes registers. A traced function accesses arrays of lanes
+(`lane_arrays`) at indices known at compile time, and does not branch on symbolic values. Kernels and functions of the
+same module that a traced function calls are traced, too. Tuples of zeros (lane tags, sizes) and None stand for
+themselves.
 
 `@unrolled` is for a kernel with loops over the Model's size `n`. If n is a tag, a tuple of zeros, the kernel is traced.
-If n is a number, the same source is compiled with its loops. `@traced` is for functions that are always traced. Both
-perform the same operations in the same order and therefore give the same bits. If compilation is disabled, they run on
-plain numbers.
+If n is a number, the same source is compiled with its loops. `@traced` is for functions that are always traced. Traced
+and compiled code perform the same operations in the same order and therefore give the same bits. If compilation is
+disabled, traced functions run on plain numbers.
 """
 
 import functools
@@ -50,7 +51,7 @@ class Slots:
         return Value.of(self.builder, [self.builder.load(place, align=8) for place in places], count)
 
     def put(self, k: int, value: Value, count: int, tangents: int) -> None:
-        """Store element k of `count` lanes, with its tangents. Refused: a read-only array."""
+        """Store element k of `count` lanes, with its tangents. Raises Refused for a read-only array."""
         self.array.written()
         for part, x in enumerate(value.parts(count, tangents)):
             self.builder.store(x, self.address(k * (1 + tangents) + part, count), align=8)
@@ -128,7 +129,7 @@ class Tracer:
             array[k] = self.value(value)
 
     def on_symbols(self, function: Any) -> Any:
-        """Return a copy of a function, and of those traced with it, whose global names stand for `self.words`.
+        """Return a copy of a function, and of the functions traced with it, in which `self.words` replace global names.
 
         Members of families are chosen by argument class at each call. Global names are recorded for the cache key.
         """
@@ -265,7 +266,7 @@ def traced(function: Any) -> Any:
 def unrolled(function: Any) -> Any:
     """Mark a kernel of `lane`, `model`, ...: it is traced if the Model's size n is a tag, otherwise called.
 
-    It returns a tuple or nothing.
+    The kernel returns a tuple or nothing.
     """
     if UNCOMPILED:
         return function

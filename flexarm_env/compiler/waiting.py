@@ -1,7 +1,7 @@
 """Progress messages of the compiler: which program of how many is compiled, and the time spent so far.
 
-Each program that takes longer than half a second gets a line. It goes to the logger `flexarm_env`, which writes to
-standard error unless configured otherwise; `logging.getLogger("flexarm_env").setLevel("ERROR")` silences it. On a
+Each program that takes longer than half a second gets a line in the logger `flexarm_env`, which writes to standard
+error unless configured otherwise; `logging.getLogger("flexarm_env").setLevel("ERROR")` silences the logger. On a
 terminal the seconds are counted below the line.
 """
 
@@ -47,7 +47,7 @@ _began, _ended, _count = float("-inf"), float("-inf"), 0
 def compiling(what: str, programs: int = 0) -> Iterator[None]:
     """Context manager that names the current compilation for messages; the outermost name is used.
 
-    programs: number of its programs, which are the first of PARTS.
+    programs: number of programs of this compilation, which are the first of PARTS.
     """
     mark = _task.set(_task.get() or Task(what, programs))
     try:

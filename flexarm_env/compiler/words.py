@@ -19,14 +19,14 @@ from .symbols import DOUBLE, Value, vector
 
 
 def shape_of(lane: Any) -> tuple[int, int]:
-    """Return (lanes, tangents) of a lane tag. Refused: the item is no tag."""
+    """Return (lanes, tangents) of a lane tag. Raises Refused if the item is no lane tag."""
     if not is_tuple(lane) or not is_tag(lane):
         raise Refused(f"{told(lane)} where a lane tag is wanted")
     return lanes.shape(len(lane))
 
 
 def _floats(array: Any) -> Any:
-    """Return the data pointer of an array of float64. Refused: anything else."""
+    """Return the data pointer of an array of float64. Raises Refused for any other item."""
     if not isinstance(array, Array) or array.letter != "f":
         raise Refused(f"{told(array)} where an array of float64 is wanted")
     return array.data
@@ -62,8 +62,8 @@ def load(e: Any, lane: Any, array: Any, k: Any) -> Value:
 def store(e: Any, array: Any, k: Any, value: Any) -> None:
     """Store a number in element k of every lane, with its tangents.
 
-    In a lane array (`lane_arrays`) a narrower number is widened. In other arrays only its own lanes and tangents are
-    stored.
+    In a lane array (`lane_arrays`) a narrower number is widened. In other arrays only the value's own lanes and
+    tangents are stored.
     """
     x = number(e.b, value)
     if isinstance(array, Array) and array.lane is not None:
@@ -77,7 +77,10 @@ def store(e: Any, array: Any, k: Any, value: Any) -> None:
 
 
 def put(e: Any, lane: Any, array: Any, k: Any, value: Any) -> None:
-    """Write array[k] = value of an array of lanes: a narrower number is widened. Refused: more lanes or tangents."""
+    """Emit array[k] = value for an array of lanes; a value with fewer lanes or tangents is widened.
+
+    Raises Refused if the value has more lanes or tangents than the array.
+    """
     count, tangents = shape_of(lane)
     x = number(e.b, value)
     if x.count > count or len(x.tangents) > tangents:
@@ -178,7 +181,7 @@ def _intrinsic(name: str, reckoned: Any, to_whole: bool, flat: bool = True) -> A
 
 
 def _single(e: Any, item: Any) -> Value:
-    """Return a number without its tangents. Refused: several lanes, which have no single truth value."""
+    """Return a number without its tangents. Raises Refused for several lanes, which have no single truth value."""
     value = number(e.b, item).alone
     if value.count > 1:
         raise Refused("lanes are asked for one truth: `select_lt` chooses lane by lane, `max_over_lanes` is a number")

@@ -27,7 +27,7 @@ GRID = 0.1
 def postures(goals: Array) -> list[tuple[float, ...]]:
     """Round the elbow angles of goals (n, N), rad, to the design grid: one tuple of N - 1 angles per goal.
 
-    A posture and its mirror image have the same model; both are represented by the one whose first bent elbow turns
+    A posture and its mirror image have the same model; both are represented by the posture whose first bent elbow turns
     left, > 0.
     """
     # joint 0, the hub, does not affect the model
@@ -41,7 +41,7 @@ def postures(goals: Array) -> list[tuple[float, ...]]:
 class ArmModel:
     """Linear model x' = A x + B u, y = C x of an arm about rest in a posture, reduced to its lowest modes; SI units.
 
-    States x (2 n,): amplitudes of the n lowest modes (the N rigid ones first), then their rates. Inputs u: N joint
+    States x (2 n,): amplitudes of the n lowest modes (the N rigid modes first), then their rates. Inputs u: N joint
     torques, N m. Outputs y (4 N,): joint angles (rad), joint rates, tip deflections divided by link length, their
     rates.
 
@@ -102,7 +102,7 @@ def arm_model(arm: Arm, posture: tuple[float, ...] = (), flexible: int | None = 
 
     Args:
         arm: the arm. posture: angles of joints 1 to N-1, rad (() is straight).
-        flexible: number of flexible modes in addition to the N rigid ones, at least 1; None: N + 1.
+        flexible: number of flexible modes in addition to the N rigid modes, at least 1; None: N + 1.
     """
     n_joints, full = arm.n_links, linear_model(arm, posture)
     size = len(full.A) // 2

@@ -1,4 +1,4 @@
-"""Policies with a controller inside: the sum of the controller's torque and a share of a network's, as one policy.
+"""Policies with a controller inside, whose torque is the controller's torque plus a share of a network's torque.
 
 The network learns the part of the action that the controller lacks: action = clip(controller + share * network). All
 terms are torques divided by the limits. Controller and network read the same observation. The environment's actions

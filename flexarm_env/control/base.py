@@ -14,16 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..geometry.plane import goal_angles, tip_in_hub_frame, wrapped
 from ..parameters import Arm
 from ..rigid import rigid_inertia
 from ..sensors import Sensors
 from ..shapes import Shape
+from ..tasks import RESIDUAL_SHARE as RESIDUAL_SHARE
 from ..validation import Array
-from .kinematics import goal_angles, tip_in_hub_frame, wrapped
-
-RESIDUAL_SHARE = 0.7
-"""Default share of the torque limit that the action adds in action_mode="residual_pd"."""
-
 
 WHOLE = {"flexible": 1, "modes": 0, "block": 1, "horizon": 1, "iterations": 1, "first": 1}
 """Integer fields of gains and their minima."""
@@ -177,7 +174,7 @@ class Signals:
     def outputs(self, angles: Array) -> Array:
         """Stack joint angles, joint rates, deflections and deflection rates as outputs of an arm's model.
 
-        angles (n, N), rad: joint angles that replace the measured ones. Returns (n, 4 N), in space (n, 2 N + 6 F).
+        angles (n, N), rad: joint angles that replace the measured angles. Returns (n, 4 N), in space (n, 2 N + 6 F).
         """
         return np.concatenate([angles, self.rates, self.bends, self.bend_rates], axis=1)
 
@@ -304,9 +301,10 @@ class Controller(ABC):
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> NDArray[np.float32]:
         """Compute actions in [-1, 1], (n, N), or (N,) for one observation: torques divided by their limits, saturated.
 
-        beside: actions of another policy, of the result's shape. They are added before the saturation, and estimates
-        are advanced under the sum. Raises RuntimeError before the first `reset`. Raises ValueError for an observation
-        that is not finite, or whose shape differs from the one given to `reset`; the memory is then unchanged.
+        beside: actions of another policy, of the result's shape. The actions `beside` are added before the saturation,
+        and the controller's state estimates are advanced under the sum. Raises RuntimeError before the first `reset`.
+        Raises ValueError for an observation that is not finite, or whose shape differs from the shape given to `reset`;
+        the memory is then unchanged.
         """
         signals = self.read(observation)
         count, begun = len(signals.angles), len(self.goal)

@@ -12,13 +12,13 @@ from . import ilqr
 from .dynamics import Dynamics
 
 TOLERANCE = 2e-3
-"""Largest accepted violation of a limit. Angles are in rad, and rates are divided by the arm's own (`rates_of`).
-Violations of deflections and of bands are divided by the bound."""
+"""Largest accepted violation of a limit. Angles are in rad, and rates are divided by the arm's characteristic joint
+rate (`rates_of`). Violations of deflections and of bands are divided by the bound."""
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Limits on a motion, in addition to the motors' own.
+    """Limits on a motion, in addition to the motors' torque limits.
 
     torque: share of the torque limits, above 0 and at most 1. joints: (low, high) of each joint angle, rad, infinite
     without a limit; () for no limits at all. deflection: largest tip deflection divided by length, of any link (in

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .. import arms
 from .. import validation as check
 from ..parameters import Arm
+from ..rigid import timescales
 from .arm_model import arm_model
 from .base import Controller, Setup
 from .force import ForceGains, HybridForce, Impedance, ImpedanceGains
@@ -24,7 +25,6 @@ from .mpc import MPC, MPCGains, SpatialMPC
 from .pd import PD, PDGains, SpatialPD, SpatialPDGains
 from .shaping import SHAPERS, ShapedGains, ShapedPD, SpatialShapedGains, SpatialShapedPD
 from .time_optimal import TimeOptimal, TimeOptimalGains
-from .timescales import timescales
 
 _Kind = tuple[type[Any], Callable[[Setup, Any], Controller]]
 _KINDS: dict[str, _Kind] = {
@@ -62,7 +62,7 @@ def _table(task: str) -> dict[str, Any]:
 def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
     """Return the tuned gains of controller `name` for a task ("slew", "reach", or "space").
 
-    n_joints: number of joints; None: that of the task's own arm. Arms with three and more joints share one set of
+    n_joints: number of joints; None: that of the task's default arm. Arms with three and more joints share one set of
     gains, "chain". Returns an instance of the controller's gains class. Raises ValueError for an unknown name, or a
     controller that does not exist for the task.
     """
@@ -79,7 +79,7 @@ def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
 def gains_from(name: str, values: Mapping[str, Any], space: bool = False) -> Any:
     """Build the gains of controller `name` from values by key.
 
-    space: whether the arm is one in space. Raises ValueError for an unknown key; the message lists the known ones.
+    space: whether the arm is one in space. Raises ValueError for an unknown key; the message lists the known keys.
     """
     kind, _ = (_SPACE if space else _KINDS)[name]
     needed = [field.name for field in dataclasses.fields(kind) if field.default is dataclasses.MISSING]
@@ -93,8 +93,8 @@ TUNED_ON = "strip"
 def for_arm(gains: LQRGains, setup: Setup) -> LQRGains:
     """Scale LQR weights that were tuned on one one-link arm to another one-link arm.
 
-    The weights on rates are relative to the first flexible frequency. They are multiplied by this frequency times the
-    arm's quickest quarter turn, so that rates count relative to the slew.
+    The weights on rates are relative to the first flexible frequency. The weights are multiplied by this frequency
+    times the duration of the arm's quickest quarter turn, so that rates count relative to the slew.
     """
     # ratio of (first flexible frequency x quarter-turn time) to that of the tuning arm
     share = _tempo(setup.arm) / _tempo(arms.named(TUNED_ON))

@@ -16,6 +16,7 @@ from .. import arms
 from .. import validation as check
 from ..batch import MODE, PERIODS, RUNNING, Batch, Chain, Reach, Slew, SpaceReach, Starts, Task
 from ..derivatives import Periods
+from ..geometry.space import holding
 from ..parameters import Arm
 from ..physics.elastica.chain import chain
 from ..physics.space.reading import links, read, shapes
@@ -24,7 +25,7 @@ from ..settings import Settings
 from ..validation import Array
 from .arm_model import arm_model
 from .lqr import StateWeights, riccati
-from .space import held_model, holding
+from .space import held_model
 
 Vector = tuple[float, ...]
 

@@ -1,7 +1,7 @@
 """Export trained policies: as one C file for a controller board, or as ONNX.
 
-Both contain the data of a `policy.npz` and agree with :class:`NumpyPolicy` to 1e-6. The ONNX model sums in double
-precision, as `NumpyPolicy` does. The C file sums in float32 with compensation (Dekker 1971).
+The C file and the ONNX model contain the data of a `policy.npz` and agree with :class:`NumpyPolicy` to 1e-6. The ONNX
+model sums in double precision, as `NumpyPolicy` does. The C file sums in float32 with compensation (Dekker 1971).
 """
 
 from __future__ import annotations
@@ -168,8 +168,8 @@ def c_source(policy: NumpyPolicy, entries: Entries, name: str) -> str:
     Args:
         entries: entries of one instant; a policy whose observation contains several instants has a history.
         name: prefix of the file's definitions. NAME_decide maps the environment's observation to actions. NAME_act maps
-            values in SI units, one instant after the other, to actions. NAME_reset, NAME_memory, NAME_OBSERVATION, ...
-            complete them.
+            values in SI units, one instant after the other, to actions. Further definitions are NAME_reset,
+            NAME_memory, NAME_OBSERVATION, ...
     Raises:
         ValueError: the size of the policy's observation is no multiple of the number of entries.
     """

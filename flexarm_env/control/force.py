@@ -1,4 +1,4 @@
-"""Control of a tip that slides along a wall under a commanded normal force (task "press"), or touches it ("land").
+"""Control of a tip that slides along a wall under a commanded normal force (task "press"), or lands there ("land").
 
 `HybridForce` and `Impedance` share the reference: the arm at rest (`StaticChain`) whose tip is at the target and whose
 wall reaction is the commanded force. `lqr_force.LQRForce` has the same reference.
@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..geometry.plane import tip_in_hub_frame, wrapped
 from ..parameters import Arm
-from ..rigid import rigid_inertia
+from ..rigid import largest_force, rigid_inertia
 from ..validation import Array
 from .arm_model import postures
 from .base import Controller, Gains, Setup, Signals
-from .kinematics import tip_in_hub_frame, wrapped
 from .lqr import LQRGains, design, times
 
 ENTRIES = ("to_target_x", "to_target_y", "target_velocity_x", "target_velocity_y", "target_force", "tip_force_normal")
@@ -33,7 +33,8 @@ class Approach(Gains):
     """Parameters of the reference.
 
     Args:
-        approach: time in which the tip moves to the wall, s. press: time in which the force then rises, s.
+        approach: time in which the tip moves to the wall, s. press: time in which the force rises after the approach,
+            s.
         friction: assumed coefficient of friction.
         touch: commanded force of task "land", divided by the largest tip force that the motors can hold.
     """
@@ -249,8 +250,8 @@ class Impedance(PressController):
 
     torques = holding torques + J' [K (x_d - x) + D (x_d' - x')] with the Jacobian J of the arm at rest at the
     reference (Hogan 1985, eq. 9, quasi-static). K and D have the axes of the wall. x - x_d is J times the deviation of
-    the joint angles, without that of the deflections, so that sensors and motors are collocated and the loop dissipates
-    energy for any gains. There is no integral: friction, wall and arm must be known.
+    the joint angles, without the deviation of the deflections, so that sensors and motors are collocated and the loop
+    dissipates energy for any gains. The controller integrates no errors: friction, wall and arm must be known.
     """
 
     def __init__(self, setup: Setup, gains: ImpedanceGains | None = None) -> None:
@@ -277,15 +278,8 @@ class Impedance(PressController):
         return found
 
 
-def largest_force(arm: Arm) -> float:
-    """Return the largest tip force, N, for which every motor can balance the force at the straight arm's lever."""
-    levers = np.cumsum([link.span for link in arm.links][::-1])[::-1]
-    assert arm.torque_limits is not None
-    return float(min(np.array(arm.torque_limits) / levers))
-
-
 def feedback(setup: Setup, weights: LQRGains, goals: Array, off: Array) -> Array:
-    """Return K x (n, N), N m, for outputs `off` (n, 4 N) about the goals (n, N); K is that of each goal's posture."""
+    """Return K x (n, N), N m, for outputs `off` (n, 4 N) about the goals (n, N); K belongs to each goal's posture."""
     # a mirrored posture has the same gains
     rows = [posture_gains(setup.arm, setup.torque_limits, setup.control_dt, weights, one) for one in postures(goals)]
     return times(np.stack(rows), off)
@@ -360,8 +354,8 @@ class StaticChain:
     def solve(self, angles: Array, force: Array, tip: Array, iterations: int = 6) -> tuple[Array, Array, Array]:
         """Return joint angles (n, N), deflections and holding torques of the arm whose tip is at `tip` (n, 2), m.
 
-        angles: initial guess of Newton's iteration. iterations: number of its iterations, each at most 0.05 m. With
-        more than two joints the nearest solution is found.
+        angles: initial guess of Newton's iteration. iterations: number of iterations, each of which moves the tip by at
+        most 0.05 m along x and y. With more than two joints the nearest solution is found.
         """
         step, angles = 1e-5, angles.copy()
         for _ in range(iterations):

@@ -6,9 +6,9 @@ For each arm, minimize
 
 (the sum of cost_k includes k = T).
 
-Every iteration linearizes all stages of all arms together. It solves the linear-quadratic problem backwards with the
-controls' limits, and then tries several step lengths at once. State limits are enforced by penalties with multipliers
-(`Limits`).
+Every iteration linearizes all stages of all arms together. An iteration solves the linear-quadratic problem backwards
+with the controls' limits, and then tries several step lengths at once. State limits are enforced by penalties with
+multipliers (`Limits`).
 """
 
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ class System(Protocol):
 class Astray(ValueError):
     """Neither the initial guess nor the rest controls lead to finite states.
 
-    Attributes: arms (n,): the arms for which this is so.
+    Attributes: arms (n,): indices of the arms without finite states.
     """
 
     def __init__(self, arms: NDArray[np.bool_]) -> None:
@@ -85,8 +85,8 @@ class Limits:
     """Constraints low <= g(x) <= high by the augmented Lagrangian method; low = high is an equality.
 
     of: x (..., S) -> g (..., G) and its derivative (..., G, S). low, high: (T + 1, n, G), infinite without a limit.
-    penalty: (n,) factors. alone: x -> g, a function for cases in which it costs much less than `of`; only states at an
-    active limit are then differentiated. above, below: multipliers of the upper and lower limits.
+    penalty: (n,) factors. alone: x -> g, a function without derivatives, if it costs much less than `of`; only states
+    at an active limit are then differentiated. above, below: multipliers of the upper and lower limits.
     """
 
     of: Any
@@ -199,7 +199,8 @@ def solve(
     Args:
         x: initial states (n, S). guess: controls (T, n, N), or a plan; a plan that starts elsewhere is followed by its
             gains. effort (N,): positive weights on the controls.
-        iterations: largest number. tolerance: the iteration stops when no arm's cost falls by a larger share of itself.
+        iterations: largest number of iterations. tolerance: the iteration stops when no arm's cost falls by a larger
+            share.
         bound: bound of the controls. still (n, N): controls without cost.
     Raises:
         Astray: neither the initial guess nor `still` leads to finite states.

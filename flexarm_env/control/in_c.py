@@ -49,18 +49,18 @@ def controller_source(
 
     Args:
         controller: result of `control.make`. name: prefix of the file's definitions. NAME_act maps values in SI units
-            to actions, once per control period. NAME_decide maps the environment's observation to actions. NAME_reset,
-            ... complete them.
+            to actions, once per control period. NAME_decide maps the environment's observation to actions. Further
+                definitions are NAME_reset, ...
         slew: rad; for TimeOptimal: the file contains the plan of this slew, to either side.
         elbows: (low, high), rad, for each elbow: range of its angle at the goal (for LQG also during the motion) for
             which gains are tabulated; other postures use the nearest entry. None: the full range of a two-link arm.
         targets: (x, y, z), m, for an arm in space. The file contains the static equilibria at these points, which are
             searched from joint angles 0. The controller replaces any other target by the nearest of these points.
-        inside: whether NAME_act and NAME_decide have the argument `const double *beside` before the actions. It points
-            to actions (JOINTS) that are added before the saturation, as in a policy around the controller.
+        inside: whether NAME_act and NAME_decide have the argument `const double *beside` before the actions. `beside`
+            points to actions (JOINTS) that are added before the saturation, as in a policy around the controller.
     Raises:
         ValueError: the controller is MPC, which optimizes in each period, or one of a contact force; slew is missing;
-            elbows are missing for three links or more; targets are missing for an arm in space, or it has no
+            elbows are missing for three links or more; targets are missing for an arm in space, or the arm has no
             equilibrium at a target.
     """
     kind = type(controller)

@@ -1,8 +1,8 @@
 """LQG: linear-quadratic control of a state estimated by a Kalman filter from sensor readings.
 
 The filter's model is the linearization of `flexarm_env.linear` about rest at the current joint angles, over a control
-period with constant torque. Its state contains the arm's state x, a constant disturbance torque d at each joint and the
-bias b of each gauge:
+period with constant torque. The model's state contains the arm's state x, a constant disturbance torque d at each joint
+and the bias b of each gauge:
 
     x+ = A x + B (u - f + d) + w,   angles = C x + v,   gauges = C x + b + v
 
@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.space import holding
 from ..linear.point import gauge_name
 from ..linear.state_space import held
 from ..parameters import Arm
@@ -27,7 +28,7 @@ from ..validation import Array
 from .arm_model import linear_model, postures
 from .base import Controller, Setup, Signals
 from .lqr import SENSOR, StateWeights, riccati
-from .space import AboutRest, held_model, holding
+from .space import AboutRest, held_model
 
 FINEST_ANGLE = 1e-4
 """Smallest standard deviation, rad, that the filter assumes for an encoder's angle."""
@@ -39,7 +40,8 @@ full joint torque."""
 SHARP = 4.0
 """Factor on the torque that stops the motor, in the friction compensation, which is limited to the friction torque.
 
-Above 1, small motions are still made. Even smaller motions are not compensated, so that the arm does not hunt."""
+With a factor above 1 the motor still makes small motions. Even smaller motions are not compensated, so that the arm
+does not hunt."""
 
 WALK = 1e-3
 """Random walk of a bias per control period, divided by the bias's standard deviation."""
@@ -234,7 +236,7 @@ def _encoders(setup: Setup) -> list[Encoder]:
 def _variances(setup: Setup, encoders: list[Encoder]) -> list[float]:
     """Return the measurement variances of joint angles and gauges.
 
-    They include sensor noise, quantization, observation noise and model error.
+    The variances include sensor noise, quantization, observation noise and model error.
     """
     gauges, added = gauges_of(setup), setup.noise or (0.0,) * len(setup.names)
     places = [*(setup.names.index(f"{joint}_error") for joint in setup.arm.joint_names), *gauges]
@@ -340,7 +342,7 @@ class SpatialLQG(LQG, AboutRest):
     """LQG controller in space, about the goal: u = holding torque - K x - d + f (see `LQG`)."""
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        """Find rests and designs at the goals, one per arm, and the measurements expected there."""
+        """Compute the rest, the design and the expected measurements at each arm's goal."""
         AboutRest.initialise(self, signals, to_go)
         plants = [plant_in_space(self.setup, self.gravity, angles) for angles in self.goal]
         self.designs = [(self.design(own), np.arange(len(plants)) == i) for i, (own, _) in enumerate(plants)]
@@ -352,7 +354,7 @@ class SpatialLQG(LQG, AboutRest):
         return measured(self.setup, self.gains, own)
 
     def resting(self, y: dict[str, float]) -> list[float]:
-        """Return the measurements at the goal. y: outputs of the linear model there, by name."""
+        """Return the measurements at the goal. y: outputs of the linear model at the goal, by name."""
         return [0.0] * self.setup.n_joints + [unit * y[name] for unit, name in curvatures(self.setup)]
 
     def seen(self, signals: Signals, to_go: Array) -> Array:
@@ -388,7 +390,8 @@ class SpatialLQR(SpatialLQG):
         return designed(self.setup, self.gains, own, np.vstack(own.shown), noise**2, np.zeros(0))
 
     def resting(self, y: dict[str, float]) -> list[float]:
-        """Return the outputs at the goal, of which only the deflections are not zero. y: outputs there by name."""
+        """Return the outputs at the goal, zero except for the deflections. y: the model's outputs at the goal, by
+        name."""
         still = [y[name] / over for name, over in bent_of(self.setup.arm)]
         return [0.0] * (2 * self.setup.n_joints) + still + [0.0] * len(still)
 

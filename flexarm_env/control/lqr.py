@@ -18,7 +18,8 @@ class StateWeights(Gains):
 
     Args:
         angle: weight of joint angles (1/rad). rate: weight of joint rates divided by the first flexible frequency.
-        bend: weight of tip deflections divided by length. bend_rate: weight of their rates divided by that frequency.
+        bend: weight of tip deflections divided by length. bend_rate: weight of the deflections' rates divided by length
+            and by the first flexible frequency.
     """
 
     angle: float
@@ -152,7 +153,7 @@ def times(matrices: Array, vectors: Array) -> Array:
 
 
 class LQR(Controller):
-    """State feedback u = -K x with x from the observer; the gains are those of the posture at the goal."""
+    """State feedback u = -K x with x from the observer; the gains are designed at the goal's posture."""
 
     needs_bends = True
 

@@ -1,8 +1,9 @@
 """LQR with integral errors of contact force and path (task "press").
 
 The linear model contains the arm about rest, a spring between tip and wall with sliding friction, and two integrators.
-Sliding friction couples the directions: without it in the model the loop is unstable for one direction of the path. One
-Riccati equation yields all gains. The integral action in linear quadratic control follows Young & Willems (1972).
+Sliding friction couples the directions: without sliding friction in the model the loop is unstable for one direction of
+the path. One Riccati equation yields all gains. The integral action in linear quadratic control follows Young & Willems
+(1972).
 """
 
 from dataclasses import dataclass
@@ -11,13 +12,13 @@ from functools import lru_cache
 import numpy as np
 
 from .. import validation as check
+from ..geometry.plane import tip_in_hub_frame
 from ..linear.state_space import held
 from ..parameters import Arm
 from ..validation import Array
 from .arm_model import GRID, ArmModel, arm_model, postures
 from .base import Setup
 from .force import Approach, PressController, View, feedback
-from .kinematics import tip_in_hub_frame
 from .lqr import LQRGains, riccati
 
 
@@ -29,7 +30,7 @@ class LQRForceGains(Approach):
         angle, rate, bend, bend_rate: weights of the state; see `LQRGains`.
         path: weight, 1/s, of the integral of the distance from the path over the arm's length.
         force: weight, 1/s, of the integral of the force error over the largest tip force that the motors can hold.
-        stiffness: assumed stiffness of the wall, times the arm's length over that force.
+        stiffness: assumed stiffness of the wall, times the arm's length over the largest tip force.
     """
 
     angle: float = 10.0
@@ -64,7 +65,7 @@ class LQRForce(PressController):
         self._sums += (self.setup.control_dt * view.touching)[:, None] * np.stack([error, excess], axis=1)
         # before the force has risen: the state feedback alone
         found = feedback(self.setup, self._weights, self.goal, off)
-        for i in np.flatnonzero(view.touching):
+        for i in np.flatnonzero(view.touching).tolist():
             found[i] = self._pressed(view, i, off[i])
         return holding - found
 
@@ -100,7 +101,7 @@ def wall_gains(
 ) -> Array:  # fmt: skip
     """Compute gains (N, 4 N + 2) for the outputs of an arm that touches a wall and the integrals of both errors.
 
-    The integrals are those of the error along the wall and of the force error. The state follows from the outputs as in
+    The integrated errors are the error along the wall and the force error. The state follows from the outputs as in
     `force.posture_gains`.
 
     limits (N,): torque limits, N m. dt: control period, s. posture: elbow angles, rad. bearing: direction of the wall's

@@ -1,4 +1,4 @@
-"""Gain and delay margins of the controllers' loops, and a warning if an environment's delay exceeds them."""
+"""Gain and delay margins of the controllers' loops, and a warning if an environment's delay exceeds a margin."""
 
 import warnings
 from dataclasses import dataclass
@@ -74,7 +74,7 @@ def warn_of_delay(name: str, setup: Setup, gains: Any) -> None:
 def stand_in(setup: Setup) -> LQRGains:
     """Return the gains of an LQR about as fast as the controllers that follow plans.
 
-    These are the gains of time-optimal control, which follows its plan by an LQR. Receding-horizon control is about as
-    fast.
+    The returned gains are those of time-optimal control, which follows its plan by an LQR. Receding-horizon control is
+    about as fast.
     """
     return LQRGains(angle=10.0, rate=10.0, bend=10.0, bend_rate=10.0)

@@ -1,9 +1,9 @@
 """Read Stable-Baselines3 models with NumPy alone, without executing their pickles.
 
-A model.zip stores the network's arrays in `policy.pth`, a PyTorch archive. It consists of a pickle of names, shapes and
-offsets, and of raw numbers in separate files. `_Arrays` rebuilds the arrays. It substitutes a dummy for every other
-class that the pickle names, so that none of them is called. A `vecnormalize.pkl` beside the model is read in the same
-way.
+A model.zip stores the network's arrays in `policy.pth`, a PyTorch archive. The archive consists of a pickle of names,
+shapes and offsets, and of raw numbers in separate files. `_Arrays` rebuilds the arrays and substitutes a dummy for
+every other class that the pickle names, so that no such class is called. A `vecnormalize.pkl` beside the model is read
+in the same way.
 """
 
 from __future__ import annotations

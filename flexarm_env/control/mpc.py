@@ -8,8 +8,8 @@ a later arrival. At the start of an episode the arrival is postponed until a pla
 that differs from the nominal one may need. Once the regulator alone stays within the limits, it takes over.
 
 Measurements are joint angles, tip deflections and their rates. The rest of the state is predicted by the model. The
-prediction contains the higher modes of the nominal arm, which are wrong for another arm. It is therefore drawn towards
-the shape of a link bent by a force at its tip.
+prediction contains the higher modes of the nominal arm, which are wrong for another arm. The predicted shape is
+therefore drawn towards the shape of a link bent by a force at its tip.
 
 Violations of joint limits and of shapes to be avoided are penalized.
 """
@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.plane import rigid_times
 from ..parameters import Arm
 from ..rigid import rigid_inertia
 from ..validation import Array
@@ -29,7 +30,6 @@ from .arm_model import GRID
 from .base import Controller, Setup, Signals
 from .bounds import Bounds, within
 from .dynamics import Dynamics, SpatialDynamics, dynamics
-from .kinematics import rigid_times
 from .lqr import SENSOR, StateWeights, riccati
 from .space import AboutRest
 
@@ -39,7 +39,7 @@ takes twice as long. Vibration before the arrival costs nothing. If the arrival 
 could grow, unless damping stops it."""
 
 STIFF = 100.0
-"""Factor on the initial penalties of `optimal`'s plans, since no multipliers are updated here."""
+"""Factor on the initial penalties of `optimal`'s plans, since receding-horizon control updates no multipliers."""
 
 MOST = 60
 """Largest number of attempts at an episode's first plan."""

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation as check
+from ..geometry.plane import rigid_times
 from ..validation import Array
 from . import ilqr
 from .bounds import TOLERANCE, Bounds, kept_by, within
 from .dynamics import Dynamics
-from .kinematics import rigid_times
 from .replay import Replay, replay
 
 Counts = NDArray[np.int64]
@@ -292,7 +292,7 @@ def soonest(
     Args:
         start: states (n, S). high: first periods (n,) to be tried. tried: (arms, periods, initial guess) -> `Motion`.
         most: largest number of periods. guess: initial guess (T, n, N). tail: periods of a motion after the counted
-            ones. low: periods (n,) known to be too few; None: 0.
+            periods. low: periods (n,) known to be too few; None: 0.
     An arm without a motion of at most `most` periods has `periods` 0 and an infinite `missed`.
     """
     n = len(start)

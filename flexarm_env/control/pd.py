@@ -6,12 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import validation as check
+from ..geometry.space import holding
 from ..parameters import Arm
 from ..validation import Array
 from .arm_model import arm_model
 from .base import Controller, Gains, Setup, Signals
 from .loop import pd_law, plant, radius
-from .space import AboutRest, holding
+from .space import AboutRest
 
 POSTURES = (0.0, 0.8, 1.6, 2.4)
 """Elbow angles, rad, at which PD control must be stable, unless joint limits exclude them."""

@@ -55,7 +55,7 @@ class NumpyPolicy:
         return int(self.weights[0][0].shape[0])
 
     def reset(self, observation: NDArray[np.floating]) -> None:
-        """Do nothing: there is no memory."""
+        """Do nothing: the policy has no memory."""
 
     def act(self, observation: NDArray[np.floating]) -> Array32:
         """Compute actions in [-1, 1], (n, N), or (N,) for a single observation.
@@ -107,7 +107,7 @@ class NumpyPolicy:
 class AroundPolicy(NumpyPolicy):
     """Network with a controller inside: action = clip(controller's action + share * network's action).
 
-    The controller is made for the environment by `bound`. Its memory begins at `reset`.
+    The controller is made for the environment by `bound`. The controller's memory begins at `reset`.
     """
 
     def __init__(

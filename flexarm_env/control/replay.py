@@ -15,9 +15,9 @@ FINER = 4
 """Replay steps per step of a plan."""
 
 BENT, LEAST, OTHERS = 0.05, 5e-4, 0.01
-"""Tolerances of a replay. BENT: excess over the deflection bound, divided by the bound. LEAST: smallest value of this
-tolerance, divided by a link's length. OTHERS: violation of the other limits and of the goal (rad; rates divided by the
-arm's own; distances divided by its length)."""
+"""Tolerances of a replay. BENT: excess over the deflection bound, divided by the bound. LEAST: smallest allowed excess
+over the deflection bound, divided by a link's length. OTHERS: violation of the other limits and of the goal (angles in
+rad; rates divided by the arm's characteristic rate; distances divided by the arm's length)."""
 
 Missed = Callable[[Dynamics, Array], Array]
 """Function of a plant and states (T, n, S) that returns each arm's largest violation of limits, (n,)."""
@@ -45,7 +45,7 @@ class Replay:
 
 @lru_cache(maxsize=16)
 def finer(plant: Dynamics) -> Dynamics:
-    """Return a plant whose period is a quarter of the plan's step; planar ones have twice as many nodes, at most 12."""
+    """Return a plant whose period is a quarter of the plan's step; planar plants have twice as many nodes, up to 12."""
     assert plant.settings.dt is not None
     period = plant.settings.dt / FINER
     if plant.arm.spatial:

@@ -13,17 +13,18 @@ from functools import lru_cache
 import numpy as np
 
 from .. import validation as check
+from ..geometry.plane import rigid_times
+from ..geometry.space import holding
 from ..parameters import Arm
 from ..rigid import coriolis, rigid_inertia
 from ..validation import Array
 from .arm_model import arm_model, postures
 from .base import Controller, Setup, Signals
-from .kinematics import rigid_times
 from .pd import PDGains, SpatialPD, SpatialPDGains
-from .space import held_model, holding
+from .space import held_model
 
 LIGHT = 0.5
-"""Damping ratio below which modes are shaped for; modes with more damping decay by themselves."""
+"""Largest damping ratio of the modes that a shaper suppresses; modes with more damping decay by themselves."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,8 @@ def zv(frequency: float, ratio: float = 0.0) -> Shaper:
 def zvd(frequency: float, ratio: float = 0.0) -> Shaper:
     """Return the zero-vibration-derivative shaper: three impulses.
 
-    Its residual grows with the square of a frequency error. frequency: rad/s. ratio: damping ratio, 0 to 0.99.
+    The residual vibration grows with the square of a frequency error. frequency: rad/s. ratio: damping ratio, 0 to
+    0.99.
     """
     # the convolution of two ZV shapers
     one = zv(frequency, ratio)
@@ -111,7 +113,7 @@ def cascade(closed: Array, kind: str, most: int) -> Shaper:
 class Shaped(Controller):
     """Controller that follows a shaped reference: constant acceleration, then deceleration, convolved with impulses.
 
-    All joints move in step.
+    All joints start and stop together.
     """
 
     kind: str
@@ -152,7 +154,7 @@ class Shaped(Controller):
 class ShapedPD(Shaped):
     """PD control along a shaped reference with the rigid arm's inverse dynamics as feedforward.
 
-    The reference is the quickest one that the rigid arm can follow with the share `effort` of its torque limits.
+    The reference is the quickest motion that the rigid arm can follow with the share `effort` of its torque limits.
     """
 
     def __init__(self, setup: Setup, gains: ShapedGains, kind: str) -> None:

@@ -63,8 +63,8 @@ def load_policy(source: str | os.PathLike[str], env: Any = None) -> Any:
 
     Args:
         source: controller name, packaged policy, file, run folder, or module:name.
-        env: the environment, or vector environment, in which the policy acts. A controller requires it; every other
-            policy is checked against it.
+        env: the environment, or vector environment, in which the policy acts. A controller requires the environment;
+            every other policy is checked against the environment.
     Returns:
         an object with `reset(observation)` and `act(observation)`; observations (entries,) or (n, entries).
     Raises:

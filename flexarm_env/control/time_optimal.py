@@ -47,7 +47,7 @@ def plan(A: Array, B: Array, start: Array, limits: Array, least: int = 1, most: 
         A (m, m), B (m, N): discrete model. start (m,): the state. limits (N,): N m.
         least, most: bounds on the number of periods; most=None: 1000, or four times `least` if that is larger.
     Raises:
-        ValueError: there is no plan of at most that many periods.
+        ValueError: there is no plan of at most `most` periods.
     """
     A, start = check.array("A", A, ("m", "m")), check.array("start", start, (len(A),))
     B = check.array("B", B, (len(A), "N"))
@@ -78,7 +78,7 @@ def plan(A: Array, B: Array, start: Array, limits: Array, least: int = 1, most: 
 
 
 def _feasible(A: Array, B: Array, start: Array, limits: Array, periods: int) -> Array | None:
-    """Find torques (periods, N), N m, that lead from `start` to zero, by a linear program; None if there are none."""
+    """Find torques (periods, N), N m, that lead from `start` to zero, by a linear program; None if no torques do."""
     from scipy.optimize import linprog
 
     n_inputs = B.shape[1]
@@ -99,7 +99,7 @@ def slew_plan(setup: Setup, angle: float, effort: float = 1.0, flexible: int | N
     """Find the shortest rest-to-rest plan of one link.
 
     setup: arm, period and torque limit. angle: rad. effort: share of the torque limit. flexible: see `LQRGains`.
-    Raises ValueError if there is no plan.
+    Raises ValueError if `plan` finds no plan.
     """
     model, limits = arm_model(setup.arm, (), flexible), np.asarray(setup.torque_limits)
     least = int(rigid_time(float(model.inertia[0, 0]), angle, float(limits[0])) / setup.control_dt)
@@ -143,7 +143,7 @@ class TimeOptimal(LQR):
             self.plan_states[: p.periods, i] = p.states[:-1]
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Return the plan's torques plus LQR feedback on the deviation from its states, (n, N), N m."""
+        """Return the plan's torques plus LQR feedback on the deviation from the plan's states, (n, N), N m."""
         self.observer.update(signals.outputs(-to_go))
         # after its end the plan is zero: LQR about the goal
         k = min(self.step, len(self.plan_torques) - 1)

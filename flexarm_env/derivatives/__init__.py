@@ -1,7 +1,7 @@
 """Exact derivatives of control periods, for many arms at once."""
 
 from .arms import Arms
-from .period import Jacobians, Periods
+from .period import Differentiable, Jacobians, Periods
 from .rollouts import Gradient, Outcome, Rollout, rollout
 
-__all__ = ["Arms", "Gradient", "Jacobians", "Outcome", "Periods", "Rollout", "rollout"]
+__all__ = ["Arms", "Differentiable", "Gradient", "Jacobians", "Outcome", "Periods", "Rollout", "rollout"]

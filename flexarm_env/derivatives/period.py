@@ -2,26 +2,16 @@
 
 import math
 import warnings
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import Batch
 from ..compiler import SINGLE, WIDEST, Crew, Placed, dual, entry, native, uncompiled
 from ..physics import precision
-from ..physics.model import (
-    NEWTON_FAILED,
-    OK,
-    OWN_IN_SPACE,
-    STIFFNESSES,
-    Elastica,
-    ExactBeam,
-    Floating,
-    FloatingChain,
-    Jointed,
-)
-from ..physics.space.chain import SpatialBeam, SpatialElastica
+from ..physics.model import NEWTON_FAILED, OK, OWN_IN_SPACE, STIFFNESSES, Jointed
 from ..runtime import derivative
 from ..runtime.adjoint import adjoint, room_of
 from ..runtime.implicit import implicit
@@ -32,17 +22,11 @@ from ..validation import Array
 from .guided import guided as guidance
 from .guided import program_of, state_of
 from .memory import Memory
+from .methods import method_of
 from .places import laws_of, places_of
 
 MOST_AT_ONCE = 3
-"""Number of columns computed side by side; more columns cost as much each and take longer to compile."""
-
-
-PASSES, MOST_PASSES = 5, 20
-"""Number of iterations for a step's tangents if the step's matrix differs from the derivative by about a thousandth
-(exact beams in the plane, elasticas in space, contact); largest number for exact beams in space, which iterate to
-convergence.
-"""
+"""Number of columns computed side by side; with more columns a column costs as much, but compilation takes longer."""
 
 
 Found = TypeVar("Found", bound=tuple[Array, ...])
@@ -140,6 +124,41 @@ class Jacobians(NamedTuple):
         return self.vjp(*items)
 
 
+class Differentiable(Protocol):
+    """n arms whose control periods have derivatives: `Arms`, `Periods`, or a class with the same methods.
+
+    Attributes:
+        n, state_size (S), action_size (A), observation_size (O): sizes. moving: number of a state's leading entries
+            whose derivatives are not those of constants. failed (n,): whether the solver failed in the
+            last call. past (n,): whether a joint was beyond its limits at the end of the last call.
+    """
+
+    n: int
+    state_size: int
+    action_size: int
+    observation_size: int
+    moving: int
+    failed: NDArray[np.bool_]
+    past: NDArray[np.bool_]
+
+    def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
+        """Return next state (n, S), observation (n, O) and reward (n,)."""
+
+    def jacobians(self, state: Array, action: Array) -> Jacobians:
+        """Return the results of `step` with their derivatives."""
+
+    def vjp(
+        self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
+    ) -> tuple[Array, Array]:
+        """Return the cotangents of state and action, given those of the results of `step`."""
+
+    def observe(self, state: Array) -> Array:
+        """Return the observations (n, O) of states."""
+
+    def observe_jacobian(self, state: Array) -> tuple[Array, Array]:
+        """Return the observations (n, O) and their derivatives (n, O, S)."""
+
+
 class Periods:
     """Control periods of a batch's arms, with exact derivatives; see `Arms` for states, steps and failures.
 
@@ -170,8 +189,10 @@ class Periods:
         self.n = program.n
         if parameters or whole:
             program = complete(program)
-        if parameters and isinstance(program.model, Jointed) and program.model.own is None:
-            program = program._replace(model=program.model._replace(own=(0,) * len(batch.system.par)))
+        if parameters and isinstance(program.model, Jointed):
+            # joint laws of each arm, whose cotangents the contributions' own functions leave out
+            own = program.model.own or (0,) * len(batch.system.par)
+            program = program._replace(model=program.model._replace(own=own, derived=(0,)))
         model, fitted = program.model, program.models is not None
         self.action_size = len(task.links)
         lanes, layout = len(batch.lane), batch.layout
@@ -181,16 +202,14 @@ class Periods:
         self._memory = Memory(batch, core)
         self.names, self.moving = self._memory.names(names), self._memory.moving
         self.state_size = len(self.names)
+        method = method_of(model, program, extras, kept, alone)
         joined = model.algebraic is not None  # by multipliers, whose matrix has no lanes
         lane = SINGLE if joined or guided or alone == "all" else WIDEST
         lanes, columns = len(lane), core + self.action_size
-        # a floating base: a step's end is moved by what keeps the momentum, too
-        turned = any(isinstance(part, Floating) for part in getattr(model, "contributions", ()))
-        taken = fitted or joined or kept or turned or alone == "all"  # not by a step's equations alone
-        decided = model.newton.period_correction is None and not taken
-        implied = decided and model.newton.friction is None
-        at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied or len(lane) == 1 else 1
-        self._derivative, chunks = (implicit, -(-columns // at_once)) if implied else (derivative.tangents, 1)
+        side_by_side = method.by_equations or len(lane) == 1
+        at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if side_by_side else 1
+        chunks = -(-columns // at_once) if method.by_equations else 1
+        self._derivative, self.backwards = implicit if method.by_equations else derivative.tangents, method.backwards
         both = dual(lane, at_once)
         layouts = [layout_of(k, model, task, batch.entries, extras, fitted) for k in (lanes, len(both))]
         seen, rows, size = self._memory.entries, core + self._memory.entries + 1, len(names)
@@ -202,11 +221,6 @@ class Periods:
         self._laws = None
         if parameters and isinstance(model, Jointed) and not batch.starts.laws:
             self._laws = laws_of(model, names)
-        gauges = extras.sensors is not None and len(extras.sensors.gauges) > 0
-        forwards = extras.reference, extras.instruments, extras.pushes, extras.payload_change, program.models
-        controls = extras.controller is not None or extras.amplifier is not None
-        able = decided and _goes_back(model, controls, parameters)
-        self.backwards = able and not gauges and all(part is None for part in forwards)
         self._groups = -(-self.n // lanes)
         self.failed, self.past = np.zeros(self.n, np.bool_), np.zeros(self.n, np.bool_)
         blocks = [aligned(self._groups * k, layout.row) for k, layout in zip((1, chunks), layouts, strict=True)]
@@ -218,7 +232,7 @@ class Periods:
             room = lanes * int(uncompiled(room_of)(model, task, program.actuator, program.n_steps)) * self.backwards
         self._program = derivative.Derivative(
             lane=lane, dual=both, program=program, guide=guide, plain=layouts[0], both=layouts[1], columns=columns,
-            moving=core, passes=_passes(model),
+            moving=core, passes=method.passes,
             places=places_of(batch, model, lanes, layouts[0], parameters, kept)[0],
             twice=places_of(batch, model, len(both), layouts[1], parameters, kept)[0],
             chosen=np.asarray(self._memory.chosen, np.int64), n=self.n,
@@ -287,11 +301,8 @@ class Periods:
     ) -> tuple[Array, Array]:
         """Return cotangents (n, S), (n, A) of state and action, from those of a period's state, observation and reward.
 
-        Kernels for cotangents (`backwards`) cost a few times as much as a period. The kernels exist for elasticas.
-        Without controllers the kernels exist for exact beams and for floating frames of at most eight elastic
-        coordinates a segment. Both may have gears, without derivatives by the gears' parameters and without Coulomb
-        friction in floating frames. The kernels require targets at rest and ideal sensors. In all other cases the
-        Jacobians are used.
+        Kernels for cotangents (`backwards`, chosen by `methods.method_of`) cost a few times as much as a period. In all
+        other cases the Jacobians are used.
         """
         given = checked("state_bar", state_bar, (self.n, self.state_size))
         seen = checked("observation_bar", observation_bar, (self.n, self.observation_size))
@@ -424,27 +435,3 @@ def checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:
     if rows.shape != shape:
         raise check.InvalidValue(f"{name}.shape", rows.shape, f"must be {shape}")
     return rows
-
-
-def _passes(model: Any) -> int:
-    arm = getattr(model, "arm", model)
-    if isinstance(arm, SpatialBeam):
-        return MOST_PASSES
-    # the matrix leaves out how contacts' normals and velocities change with the coordinates
-    touches = model.newton.contact is not None
-    return PASSES if touches or isinstance(arm, ExactBeam | SpatialElastica) else 1
-
-
-def _goes_back(model: Any, controls: bool, parameters: bool) -> bool:
-    """Return whether a model has kernels for cotangents. controls: controllers or amplifiers read the model's state."""
-    if isinstance(model, Elastica):
-        return isinstance(model.n, tuple)
-    if controls:
-        return False
-    if isinstance(model, FloatingChain):
-        return isinstance(model.mesh.n, tuple) and model.loads is None
-    if isinstance(model, Jointed):
-        dry = model.newton.friction is not None and isinstance(model.arm, FloatingChain)
-        return not parameters and not dry and _goes_back(model.arm, controls, parameters)
-    in_space = isinstance(model, SpatialBeam) and model.frames is None and model.loads is None
-    return in_space or isinstance(model, ExactBeam)

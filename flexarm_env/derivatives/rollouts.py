@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..validation import Array
-from .period import Periods, checked
+from .period import Differentiable, checked
 
 
 class Outcome(NamedTuple):
-    """States (T + 1, n, S), the initial ones first, observations (T, n, O) and rewards (T, n) after each period.
+    """States (T + 1, n, S), the initial states first, observations (T, n, O) and rewards (T, n) after each period.
 
     A rollout's `jvp` returns tangents in this form.
     """
@@ -43,7 +43,7 @@ class Rollout:
             limits.
     """
 
-    arms: Periods
+    arms: Differentiable
     states: Array
     actions: Array
     observations: Array
@@ -83,7 +83,7 @@ class Rollout:
         return Gradient(by_state, by_actions)
 
 
-def rollout(arms: Periods, state: Any, actions: Any) -> Rollout:
+def rollout(arms: Differentiable, state: Any, actions: Any) -> Rollout:
     """Advance states (n, S) by T periods with actions (T, n, A), clipped to +-1; return the `Rollout`."""
     start = _given("state", state, (arms.n, arms.state_size))
     given = check.floats("actions", actions)

@@ -17,13 +17,13 @@ from ..runtime.sensitivity import Neighbour, Steps
 from ..simulation import Simulation
 from ..trajectory import Trajectory, placed, recorded
 from ..validation import Array
-from .period import PASSES
+from .methods import PASSES
 
 MOST = 4_000_000
 """Largest number of entries of factored matrices that are stored at once."""
 
 PASSES_IN_SPACE = 10
-"""`period.PASSES` in space, where Newton's matrix is less accurate."""
+"""`methods.PASSES` in space, where Newton's matrix is less accurate."""
 
 MOST_ROWS = 1_000_000
 """Largest number of steps in a run whose states are all stored."""
@@ -71,7 +71,9 @@ class Run:
         simulation = self.simulation
         model, scene = simulation.model, simulation.scene
         inside = [t for load in scene.loads for f in load.functions for t in f.jumps if 0.0 < t < scene.duration]
-        inside += [t for motion in scene.motions for t in motion.function.kinks if 0.0 < t < scene.duration]
+        moved = [motion.function for motion in scene.motions]
+        moved += [function for contact in scene.contacts for _, function in contact.displacements]
+        inside += [t for function in moved for t in function.kinks if 0.0 < t < scene.duration]
         between = [t for t in scene.kinks if np.abs(self.t - t).min(initial=np.inf) > 1e-9 * max(1.0, t)]
         for there, what in (
             (model.algebraic is not None, "joints by multipliers"),

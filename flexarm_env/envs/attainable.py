@@ -10,7 +10,7 @@ import numpy as np
 from .. import validation as check
 from ..batch import GOAL, Attainable, Starts, Task, attainable, draw_attainable, first_unattainable
 from ..compiler import uncompiled
-from ..control.space import INVERSE, chain_of, holding, lost_at, lumps
+from ..geometry.space import INVERSE, chain_of, holding, lost_at, lumps
 from ..parameters import Arm
 from ..rigid import mass_moments
 from .features import Frame
@@ -101,7 +101,7 @@ def path_needs(frame: Frame, task: Task, starts: Starts, extras: Any, periods: i
 
 
 def _first_out(task: Task, begin: np.ndarray, points: np.ndarray) -> int | None:
-    """Return the index of the first point of a path (n, 1 or 2) that a planar arm cannot follow; None if there is none.
+    """Return the index of the first point of a path (n, 1 or 2) that a planar arm cannot follow, or None.
 
     begin (N, 2): ranges of the joints' starts, rad; the arm starts in their middles.
     """

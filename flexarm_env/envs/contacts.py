@@ -12,6 +12,7 @@ from ..physics.contact.build import STEPS, check_steps, duration, effective_mass
 from ..physics.contact.layout import Touching
 from ..physics.model import EI_Y_FACTOR, GJ_FACTOR, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, System
 from ..scene import Contact, Scene, contacts_of
+from ..scene.contacts import place_on_link
 from ..settings import Settings
 from ..validation import Array
 from .features import Frame
@@ -40,8 +41,15 @@ def framed(
     contacts = contacts_of("contacts", value, arm, frame.kind.space)
     if not contacts:
         return frame
-    if arm.base is not None:
-        raise check.InvalidValue("contacts", value, "must be left out for an arm whose base floats")
+    for i, contact in enumerate(contacts):
+        for k, name in enumerate(contact.bodies):
+            if place_on_link(name):
+                what = 'must be "tip" or a joint in an environment; scenes (flexarm_env.Scene) have points along links'
+                raise check.InvalidValue(f"contacts[{i}].bodies[{k}]", name, what)
+        if contact.displacements:
+            path = f"contacts[{i}].displacement_{'xyz'[contact.displacements[0][0]]}"
+            what = "must be None in an environment; scenes (flexarm_env.Scene) have moving obstacles"
+            raise check.InvalidValue(path, contact.displacements[0][1], what)
     if task == "replay":
         refuse_motion(contacts, "task", task)
     if settings.step_tolerance is not None:

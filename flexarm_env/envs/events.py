@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import validation as check
 from ..batch import CONTACT, FURTHER, Cost, Extras, KeepOut, PayloadChange, Pushes, Starts, gauge_table, packed
-from ..control.space import chain_of
+from ..geometry.space import chain_of
 from ..parameters import Arm
 from ..physics.gauges import over
 from ..rigid import reach
@@ -74,7 +74,7 @@ def _strains(frame: Frame, limit: float) -> Array:
 
 
 def shapes_of(space: bool, value: Any) -> tuple[Shape, ...]:
-    """Return the shapes of `keep_out`; () if there are none."""
+    """Return the shapes of `keep_out`; () without shapes."""
     if value is None:
         return ()
     rows = value.get("shapes") if isinstance(value, Mapping) and "shapes" in value else value
@@ -137,7 +137,7 @@ def payload_change(frame: Frame, value: Any) -> PayloadChange | None:
 def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool, drawn: int) -> dict[str, Any]:
     """Return the task record's fields for success, turns and info that differ from their defaults.
 
-    drawn: index of the last drawn number in info; -1 if there is none.
+    drawn: index of the last drawn number in info; -1 if no number is drawn.
     """
     kind = frame.kind
     table = table_of("success", success, (*kind.bands, "hold", "once", "paid"))

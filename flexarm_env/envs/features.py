@@ -11,13 +11,13 @@ from .. import bodies
 from .. import sensors as description
 from .. import validation as check
 from ..batch import Actuator, Amplifier, Controller, Reference, Sensors, gauge_table
-from ..control.base import RESIDUAL_SHARE
 from ..parameters import Arm
 from ..physics.gauges import over
 from ..physics.joints.build import NOTHING
 from ..rigid import inertia_beyond
 from ..scene import Contact
 from ..settings import Settings
+from ..tasks import RESIDUAL_SHARE
 from ..validation import Array
 from .targets import AHEAD
 from .task import Kind

@@ -18,11 +18,11 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
 
     A flexible link turns about its hub in the horizontal plane. A motor turns the hub. The goal is to move the tip,
     which carries a payload, to a target angle and hold it there without residual vibration. The link is a beam with
-    exact geometry: it may bend far, and it vibrates as a continuous body, not as a mass on a spring.
+    exact geometry, which may bend far and vibrates as a continuous body, not as a mass on a spring.
 
     The default arm, `strip`, is an aluminum strip of 1 m x 30 mm x 3.42 mm (EI about 7 N m^2) with 0.05 kg m^2 at the
     hub and 0.2 kg at the tip. The strip's first frequency, with the hub clamped and the payload attached, is 8.89
-    rad/s; its damping ratio is one per cent.
+    rad/s, with a damping ratio of one percent.
 
     `gymnasium.make("FlexibleArm-v0")` makes one arm, `gymnasium.make_vec("FlexibleArm-v0", num_envs=n)` makes n arms
     that one compiled call advances. A single arm and an arm among n arms give the same numbers, bit for bit. Without an
@@ -55,12 +55,13 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     - The tip angle is the polar angle of the tip about the hub.
 
     `observation="measured"` shows what sensors measure. `observation=("hub_sin", ...)` selects entries by name.
-    `history=k` stacks the last k observations. All names: [Entries of the observation](options.md#observation).
+    `history=k` stacks the last k observations. [Entries of the observation](options.md#observation) lists all names.
 
     ## Rewards
 
-    The reward is the sum of the terms below. `info["reward_<name>"]` has each term, multiplied by its weight. e is the
-    target angle less the tip angle (rad), e' its rate (rad/s), d' the rate of the tip deflection (L/s), a the action.
+    The reward is the sum of the terms in the table, each multiplied by its weight. `info["reward_<name>"]` has each
+    weighted term. In the table e is the target angle less the tip angle (rad), e' the rate of e (rad/s), d' the rate of
+    the tip deflection (L/s), and a the action.
 
     | name | weight | term | bounds, weighted |
     |---|---|---|---|
@@ -71,36 +72,37 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | vibration | 0.02 | -min(d'^2, 1) | -0.02 to 0 |
     | failure | 56 | -1 in the step that ends an episode by failure | -56 to 0 |
 
-    `reward={"effort": 0.1}` changes weights; terms of your own are possible: [Reward](options.md#reward). Ending an
-    episode early never pays, and the return of an episode does not depend on the control period.
+    `reward={"effort": 0.1}` changes weights, and `reward_terms` adds terms of your own ([Reward](options.md#reward)). A
+    failure never increases the return, and the return of an episode does not depend on the control period.
 
     ## Starting state
 
-    The link is straight and at rest. The hub angle is drawn from -pi to pi, the target within +-pi/2 of it. All draws
-    are uniform. A target is drawn again if the joint limits exclude it or if the motor cannot hold the arm there
-    against gravity; if no target is possible, `make` raises an error. To set starts and targets, or to begin with a
-    vibrating link: [Starts and resets](options.md#starts-and-resets).
+    The link is straight and at rest. The hub angle is drawn from -pi to pi, and the target angle within +-pi/2 of the
+    hub angle. All draws are uniform. A target is drawn again if the joint limits exclude the target or if the motor
+    cannot hold the arm at the target against gravity; if no target is possible, `make` raises an error. [Starts and
+    resets](options.md#starts-and-resets) describes how to set starts and targets, and how to begin with a vibrating
+    link.
 
     ## Episode end
 
-    - Truncation: after `duration` (4 s, in whole control periods) or `max_episode_steps`, whichever is first, or at the
-      end of a prescribed motion.
-    - Termination: only by failure. `info["termination_reason"]` is `joint_limit` (a joint beyond its limits),
-      `action_not_finite`, or the status of the solver (`newton_failed`, `out_of_range`, `diverged`, `not_finite`).
-      After `action_not_finite` and a failure of the solver, the observation is the last good one. The other arms of a
-      vector environment continue.
+    - Truncation: an episode is truncated after `duration` (4 s, in whole control periods) or `max_episode_steps`,
+      whichever is first, or at the end of a prescribed motion.
+    - Termination: an episode is terminated only by a failure. `info["termination_reason"]` is `joint_limit` (a joint
+      beyond its limits), `action_not_finite`, or the status of the solver (`newton_failed`, `out_of_range`, `diverged`,
+      `not_finite`). After `action_not_finite` or a failure of the solver, `step` returns the last observation before
+      the failure. The other arms of a vector environment continue.
     - Success does not end an episode. `info["is_success"]` is true if, over the last 0.5 s, the tip angle was within 1
       degree of the target and the rate of the deflection below 0.01 L/s. The success of an episode is the value at its
       last step.
 
     ## Info
 
-    `reset` and `step` return the same keys with the same types, in SI units. Options add keys:
-    [Info](options.md#info).
+    `reset` and `step` return `info` with the same keys and types, in SI units. Options add further keys
+    ([Info](options.md#info)).
 
     | key | meaning |
     |---|---|
-    | `is_success` | bool, see above |
+    | `is_success` | bool: see Episode end |
     | `tip_position` | (2,) m |
     | `tip_deflection` | over L |
     | `target` | rad |
@@ -108,9 +110,9 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | `reward_<name>` | weighted terms of the reward |
     | `in_range` | bool: the formulation is valid at this deflection |
     | `deflection_bound` | largest valid deflection, over L; infinite except with `modes` |
-    | `error_estimate` | estimated largest error of the tip over L, a constant: [meaning](options.md#info) |
-    | `solver_status` | "ok", or the failure |
-    | `termination_reason` | "", or the reason |
+    | `error_estimate` | estimated largest error of the tip over L, a constant ([meaning](options.md#info)) |
+    | `solver_status` | "ok", or the kind of failure |
+    | `termination_reason` | "", or the reason for the termination |
 
     ## Arguments
 
@@ -140,6 +142,6 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
 
 
 class FlexibleArmVectorEnv(VectorArmEnv, VectorEnv[Array32, Array32, NDArray[Any]]):
-    """Many FlexibleArm-v0 at once, each as :class:`FlexibleArmEnv` describes it."""
+    """Vector environment of many FlexibleArm-v0; see :class:`FlexibleArmEnv`."""
 
     kind = SLEW

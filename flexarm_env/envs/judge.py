@@ -27,7 +27,7 @@ MESHES: Mapping[str, tuple[str, tuple[int, ...]]] = {
     "geometrically_exact": ("elements", (3, 5, 8, 12)),
     "floating_frame": ("segments", (2, 4, 6, 10)),
 }
-"""Mesh option of each formulation and its sizes, from the usual size to finer ones."""
+"""Mesh option of each formulation and its sizes, from the usual size to finer sizes."""
 
 AMPLIFIED, AMPLIFIED_IN_SPACE, POWER = 0.55, 1.1, 3
 """Constants of G: bend in the plane and in space, rad, and exponent.
@@ -48,7 +48,8 @@ TRAVEL = 1.0  # time for which a rate stays wrong after a reversal, s
 SLENDER = 0.1  # largest radius of gyration of a section over its link's length: small motions have no shear
 REFERENCE = 8  # elements of a link of the reference in space
 STIFFEST = 1e8
-"""Largest w^2 T, 1/s, of a vibration w over a control period T; the matrix exponential loses 1e-16 of this number."""
+"""Largest w^2 T, 1/s, for vibrations of frequency w and a control period T; the matrix exponential loses 1e-16 of
+it."""
 
 SETTLED, CHATTER = 20, 0.3
 """A PD loop chatters if its torques change by `CHATTER` of the limits in its last `SETTLED` periods without action."""
@@ -275,7 +276,8 @@ class Worst:
     def elements(self) -> int:
         """Number of elements per link in space.
 
-        With this number, the full torque of a link's joint turns each element by at most `TURNED` (rad) at rest.
+        With this number of elements, the full torque of a link's joint turns each element by at most `TURNED` (rad) at
+        rest.
         """
         arm, most = self.arm, 1
         for k, link in enumerate(arm.links if arm.spatial else ()):

@@ -1,8 +1,8 @@
 """Vector environments whose arms have links of several lengths.
 
 The arms of a batch share their mesh and mass matrix, which depend on the links' lengths. The factors of `randomization`
-are drawn anew for each episode; a length cannot be. `LengthsVectorEnv` therefore steps one native vector environment
-for each length and presents all of them as one vector environment.
+are drawn anew for each episode, but lengths cannot change between episodes. `LengthsVectorEnv` therefore steps one
+native vector environment for each length and presents all of them as one vector environment.
 """
 
 import dataclasses

@@ -18,6 +18,7 @@ from .. import validation as check
 from ..accuracy import in_steps
 from ..batch import CLIP, FLOOR, View, is_unbalanced
 from ..compiler import SINGLE, uncompiled
+from ..geometry.poses import joint_angles, link_deflection
 from ..physics.equations import read_gauges, read_poses
 from ..physics.gauges import Spot, curvature_rows, over
 from ..physics.layout import BEYOND, DISSIPATED, SPACE_POSE, WORK_DONE
@@ -27,7 +28,7 @@ from ..scene import Motion, Scene
 from ..settings import Settings, steps_in
 from ..simulation import Simulation
 from ..time_functions import TimeFunction
-from ..trajectory import joint_angles, link_deflection, placed
+from ..trajectory import placed
 from ..validation import Array
 
 WHAT = "must be a named motion, a table (n, 2 to 4), a .csv or .toml file, a TimeFunction or a Scene"
@@ -230,7 +231,8 @@ class Guide:
         return bool(uncompiled(is_unbalanced)(SINGLE, kinetic + strain, gravity, accounted, exchanged, floor))
 
     def report(self) -> dict[str, Array]:
-        """Return the arm's position as `Batch.take_report` stores it.
+        """Return poses, joint torques, motor angles, energies and gauges of the arm, as `Batch.take_report` stores
+        them.
 
         If gears are rigid, the motor angles equal the joint angles.
         """

@@ -21,9 +21,9 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
     With N >= 3 many postures reach the target. With N = 2 the environment equals TwoLinkFlexArm-v0, bit for bit.
 
     The default arm, `three_strips`, has links of 0.4, 0.35 and 0.25 m with the section of `de_luca_siciliano` (0.2
-    kg/m, EI = 1 N m^2, tau_d = 6.63e-3 s). The hub has 0.1 kg m^2. The elbow motors have 1 and 0.25 kg with 0.1 and
-    0.025 kg m^2; half of the inertia of a motor belongs to each link. The payload has 0.1 kg and 5e-4 kg m^2. L, the
-    sum of the lengths, is 1 m.
+    kg/m, EI = 1 N m^2, tau_d = 6.63e-3 s). The hub has an inertia of 0.1 kg m^2. The elbow motors have masses of 1 and
+    0.25 kg and inertias of 0.1 and 0.025 kg m^2; half of a motor's inertia belongs to each link. The payload has a mass
+    of 0.1 kg and an inertia of 5e-4 kg m^2. L, the sum of the lengths, is 1 m.
 
     `gymnasium.make("MultiLinkFlexArm-v0")` makes one arm, `gymnasium.make_vec("MultiLinkFlexArm-v0", num_envs=n)` makes
     n arms that one compiled call advances. A single arm and an arm among n arms give the same numbers, bit for bit.
@@ -45,7 +45,7 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
     | 0 to 2 N - 1 | sine and cosine of each joint angle, the hub first | 1 | - |
     | 2 N to 3 N - 1 | rates of the joint angles | w_k | rad/s |
     | 3 N to 4 N - 1 | tip deflections of the links | 0.1 | link length |
-    | 4 N to 5 N - 1 | their rates | 0.3 w_0 | link length/s |
+    | 4 N to 5 N - 1 | rates of the tip deflections | 0.3 w_0 | link length/s |
     | 5 N, 5 N + 1 | tip velocity, x and y | w_0 L | m/s |
     | 5 N + 2, 5 N + 3 | vector from tip to target, x and y | 0.5 L | m |
 
@@ -55,23 +55,23 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
 
     ## Rewards
 
-    Terms, weights and bounds are those of TwoLinkFlexArm-v0, with sums over all N joints and links. Effort is -sum of
-    a_k^2 (weighted: -0.01 N to 0). Vibration is -min(sum of d_k'^2, 1), with weight 0.
+    The reward has the terms, weights and bounds of TwoLinkFlexArm-v0, with sums over all N joints and links. Effort is
+    -sum of a_k^2 (weighted: -0.01 N to 0). Vibration is -min(sum of d_k'^2, 1), with weight 0.
 
     ## Starting state
 
-    The arm starts as in TwoLinkFlexArm-v0. In the half of the episodes that begin bent, the elbows are at -3.6/N to
-    3.6/N rad.
+    The arm starts as in TwoLinkFlexArm-v0. In the half of the episodes that begin with bent elbows, the elbow angles
+    are -3.6/N to 3.6/N rad.
 
     ## Episode end and info
 
-    Episodes end as in TwoLinkFlexArm-v0, with `duration` = 10 s, and info has the same keys. `tip_deflection` and
-    `joint_torque` have N entries.
+    Episodes end as in TwoLinkFlexArm-v0, with `duration` = 10 s, and `info` has the keys of TwoLinkFlexArm-v0.
+    `tip_deflection` and `joint_torque` have N entries.
 
     ## Arguments
 
-    The arguments are those of TwoLinkFlexArm-v0 (:class:`flexarm_env.envs.two_link.TwoLinkFlexArmEnv`), with these
-    defaults:
+    The environment has the arguments of TwoLinkFlexArm-v0 (:class:`flexarm_env.envs.two_link.TwoLinkFlexArmEnv`). These
+    defaults differ:
 
     | name | default | meaning |
     |---|---|---|
@@ -90,6 +90,6 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
 
 
 class MultiLinkFlexArmVectorEnv(VectorArmEnv, VectorEnv[Array32, Array32, NDArray[Any]]):
-    """Many MultiLinkFlexArm-v0 at once, each as :class:`MultiLinkFlexArmEnv` describes it."""
+    """Vector environment of many MultiLinkFlexArm-v0; see :class:`MultiLinkFlexArmEnv`."""
 
     kind = CHAIN

@@ -67,7 +67,7 @@ def checked_observation(observation: Any, history: Any) -> tuple[str | tuple[str
 
 
 def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any) -> description.Sensors:
-    """Return the environment's sensors: the given ones, otherwise the arm's own unless the observation is "full".
+    """Return the environment's sensors: given sensors, otherwise the arm's own unless the observation is "full".
 
     With "measured", an arm without sensors gets ideal sensors, and an arm without encoders gets ideal encoders.
     """

@@ -48,7 +48,7 @@ from .resolution_warnings import warn, warn_of_times
 from .small_motions import Drive
 from .space import check_arm
 from .task import COST, LAND, PRESS, RULES, Entry, Kind, afloat, info_entries, priced, reward_weights, with_own_terms
-from .trials import Trial, shipped, trials_of
+from .trials import Trial, amplification, is_known, trials_of
 from .vibration import shake, swing
 
 INFO_LEVELS = ("standard", "full", "numbers")
@@ -62,7 +62,7 @@ DEFAULT_OPTIONS: dict[str, dict[str, Any]] = {
     "paper": {"segments": 5, "dt": 0.0025, "tolerance": 1e-6},
 }
 OF_MODES: dict[str, Any] = {"dt": 0.005, "tolerance": 1e-6}
-"""Options that the environments use unless the user gives others; `OF_MODES` if links are reduced to modes.
+"""DEFAULT_OPTIONS: default solver options of the environments, by formulation; OF_MODES: for links reduced to modes.
 
 The values follow from `benchmarks/choose_default.py`.
 """
@@ -205,11 +205,11 @@ def plan(
     down = gravity_of(kind, gravity)
     # one link is tried under a PD loop alone, which may chatter
     tried = own.n_links > 1 or drive.residual is not None
-    measured = not tried or arms.resolve(kind.arm if arm is None else arm) in shipped()
-    trial = None
-    if not measured:
+    named = arms.resolve(kind.arm if arm is None else arm)
+    packaged, trial = (named if is_known(named, factors) else None), None
+    if tried and packaged is None:
         trial = trials_of(of_trials, own, period, down, action_mode, residual_share, amplifier, factors)
-    settings, estimate, coarse = _settings(kind, formulation, period, options, own, drive, factors, trial)
+    settings, estimate, coarse = _settings(kind, formulation, period, options, own, drive, factors, trial, packaged)
     length = check.number("duration", kind.duration if duration is None else duration, "s", minimum=period)
     if not length / period <= MOST_PERIODS:
         what = f"must be at most {MOST_PERIODS:.0e} control periods of {period:g} s"
@@ -360,9 +360,12 @@ def _arm(kind: Kind, value: Any, joint_limits: Any) -> Arm:
 
 def _settings(
     kind: Kind, formulation: str | None, period: float, options: dict[str, Any], arm: Arm, drive: Drive,
-    drawn: Mapping[str, tuple[float, float]], trial: Trial | None,
+    drawn: Mapping[str, tuple[float, float]], trial: Trial | None, packaged: Arm | None,
 ) -> tuple[Settings, float, str]:  # fmt: skip
-    """Return the settings completed by `resolution`, their error over the arm's length, and a warning or ""."""
+    """Return the settings completed by `resolution`, their error over the arm's length, and a warning or "".
+
+    packaged: the arm as the package has it, or None for a user's arm.
+    """
     default = DEFAULT_FORMULATION if kind.settings is None else "geometrically_exact"
     chosen = default if formulation is None else formulation
     if kind.space and isinstance(chosen, str) and chosen in ("elastica", *PRESETS):
@@ -386,7 +389,8 @@ def _settings(
     elif round(steps) < 1 or abs(steps - round(steps)) > 1e-6 * steps:
         what = f"must divide control_dt = {period!r} s into a whole number of steps"
         raise check.InvalidValue("dt", options["dt"], what)
-    found = resolution.resolve(arm, drive, period, chosen, base, options, drawn, trial)
+    gain = 0.0 if packaged is None else amplification(packaged, chosen)
+    found = resolution.resolve(arm, drive, period, chosen, base, options, drawn, trial, gain)
     # the rule does not know the foreshortening that the couplings "paper" and "linear" leave out
     known = found.settings.coupling in (None, "von_karman")
     return found.settings, found.estimate if known else math.inf, found.warning
@@ -397,7 +401,7 @@ OF_JOINTS = ("friction", "backlash", "motor_inertia", "hub_inertia")
 OF_SPACE = ("EI_y", "GJ")
 """Factors on properties that links have in space only."""
 LATER = FACTOR_NAMES[FACTOR_NAMES.index("hub_inertia") :]
-"""Factors that are drawn only if at least one of them is given."""
+"""Factors that are drawn only if at least one of these factors is given."""
 
 
 def _factors(value: Any, arm: Arm) -> dict[str, events.Pair]:

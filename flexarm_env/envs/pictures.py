@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..batch import View
-from ..control.force import largest_force
+from ..geometry.ribbons import ribbons, sides
 from ..parameters import Arm
 from ..physics.layout import POSE, ROOT, SPACE_POSE
 from ..physics.space.reading import straight
-from ..view.ribbons import ribbons, sides
+from ..rigid import largest_force
 from .drawing import PAPER, pygame_module
 from .options import Plan
 from .rendering import Renderer, end_of_scale

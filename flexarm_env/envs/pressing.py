@@ -1,4 +1,4 @@
-"""The tasks "press" and "land": the tip slides along a wall under a commanded normal force, or touches it and stays."""
+"""The tasks "press" and "land": the tip slides along a wall under a commanded normal force, or lands on a wall."""
 
 import dataclasses
 import math
@@ -10,9 +10,9 @@ import numpy as np
 from .. import sensors as description
 from .. import validation as check
 from ..batch import Land, LandChain, Press, PressChain, Starts
-from ..control.force import largest_force
-from ..control.kinematics import goal_angles
+from ..geometry.plane import goal_angles
 from ..parameters import Arm
+from ..rigid import largest_force
 from ..scene import Contact, contacts_of
 from ..shapes import HalfSpace
 from .targets import Pair, Point
@@ -36,12 +36,12 @@ BANDS: dict[str, tuple[float, str]] = {"force": (0.1, ""), "path": (0.002, "m")}
 LANDED: dict[str, tuple[float, str]] = {"path": (0.005, "m"), "speed": (0.005, "m/s")}
 """Bounds of a success of "land": distance from the target along the wall, and speed of the tip.
 
-The bound of a period's impulse is that of the largest tip force that the motors can hold, over a default period.
+The bound of a period's impulse is the impulse of the largest tip force that the motors can hold, over a default period.
 """
 
 
 class Wall(NamedTuple):
-    """A wall in the plane. distance: from the root, m. bearing: direction of its point nearest to the root, rad."""
+    """A wall in the plane. distance: m from the root. bearing: direction of the nearest point, rad."""
 
     distance: float
     bearing: float
@@ -100,7 +100,7 @@ class Pressing(NamedTuple):
 
 
 def pressing(kind: Kind, arm: Arm, task: Any, duration: Any, contacts: Any, sensors: Any, reference: Any) -> Pressing:
-    """Return the kind and the keywords of task="press" or "land"; for any other task, those that are given.
+    """Return the kind and the keywords of task="press" or "land"; for any other task, the given kind and keywords.
 
     The first contact is the wall: a half-space with the root outside of it. Without contacts the wall is at a distance
     of 0.7 arm lengths along x. A force sensor is added.

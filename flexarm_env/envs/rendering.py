@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..geometry.outlines import outline_of
 from ..shapes import Shape
 from ..validation import Array
-from ..view.outlines import outline_of
 from .drawing import (
     FAINT,
     INK,
@@ -105,7 +105,7 @@ class Renderer:
         self.links: list[str] | None = None
         """Names of the deflection bars, if not all links have a bar."""
         self.ghost = True
-        """Whether the picture shows the rigid arm and says so."""
+        """Whether the picture shows the rigid arm, with a caption."""
         self.keep_out: Sequence[Shape] = ()
         """Shapes that the arm must not enter; the picture shows them."""
         self.obstacles: Sequence[Shape] = ()
@@ -328,7 +328,7 @@ class Renderer:
 
 # ----------------------------------------------------------------------- parts
 def end_of_scale(largest: float) -> float:
-    """Return the smallest of FULL_SCALES that is at least `largest`, or the last of them."""
+    """Return the smallest of FULL_SCALES that is at least `largest`, or the last entry of FULL_SCALES."""
     return next((end for end in FULL_SCALES if end >= largest * (1.0 - 1e-9)), FULL_SCALES[-1])
 
 

@@ -1,4 +1,4 @@
-"""Options of `reset`; all are checked before anything changes."""
+"""Options of `reset`; all options are checked before anything changes."""
 
 import dataclasses
 import math

@@ -8,8 +8,8 @@ e_1, small motions. Largest distance, over L, between the tip of small motions (
     h and the tip on a fine mesh without steps. The motions last 100 periods with bang-bang torques, which are held for
     1 and for 8 periods. The small motions include the first frequencies of the links, payload, hub, rotors on elastic
     gears, jumps and tapers of sections, and viscous friction. The inner PD loop, and the amplifier with its back-emf,
-    act on these motions at control instants. Linear elements have their stiffness, and Newmark's scheme its damping.
-    Source: linear theory.
+    act on these motions at control instants. The motions also include the stiffness of linear elements and the
+    numerical damping of Newmark's scheme. Source: linear theory.
 G = 1 + (theta / 0.55 rad)^3, large bends. theta is the largest angle between the ends of a link in these motions; it
     depends on torque over EI/L and on resonance. Measured over random arms: the error is up to 4 e_1 for theta below
     0.4 rad; for theta of 0.8, 1.2 and 2 rad, the median error is 2, 6 and 20 e_1. Above theta = 1.6 and 3 rad the
@@ -78,12 +78,13 @@ class Resolution:
 @np.errstate(over="ignore", invalid="ignore")  # loops and steps that are unstable
 def resolve(
     arm: Arm, drive: Drive, period: float, formulation: str, usual: Mapping[str, Any], given: Mapping[str, Any],
-    drawn: Mapping[str, tuple[float, float]] | None = None, trial: Trial | None = None,
+    drawn: Mapping[str, tuple[float, float]] | None = None, trial: Trial | None = None, gain: float = 0.0,
 ) -> Resolution:  # fmt: skip
     """Return the settings of an environment: the user's options, and a mesh, step and tolerance that the rule chooses.
 
     usual: default options of the formulation. given: the user's options. drawn: ranges of factors. period: control
-    period, s. trial: trials of nonlinear motions (`trials`); None for no trials.
+    period, s. trial: trials of nonlinear motions (`trials`); None for no trials. gain: without trials, the factor by
+    which the arm's motions amplify the errors of small motions (`trials.amplification`).
     """
     given = {name: value for name, value in given.items() if value is not None}
     first = Settings.make(formulation, **merged(dict(usual), given)).dividing(period)
@@ -117,8 +118,11 @@ def resolve(
         most = TRIALS_IN_SPACE if arm.spatial else TRIALS
         settings, error = refined(trial, rule.rules[0], settings, finer, at, least, arm.total_length, most)
     assert settings.dt is not None
+    if trial is None:
+        error = gain * rule.rules[0].small(settings, settings.dt)
     estimate = max(rule.estimate(settings, settings.dt), min(1.0, MARGIN * error))
-    if MARGIN * error > COARSE:
+    # the documentation of packaged arms says which of them whip
+    if trial is not None and MARGIN * error > COARSE:
         return Resolution(settings, estimate, amplified(estimate, formulation))
     told_from = COARSE_IF_GIVEN if "dt" in given or fixed & given.keys() else COARSE
     return Resolution(settings, estimate, too_coarse(rule, settings, estimate, name, told_from))

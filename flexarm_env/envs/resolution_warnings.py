@@ -5,8 +5,8 @@ from __future__ import annotations
 import warnings
 from typing import Protocol
 
-from ..control.timescales import timescales
 from ..parameters import Arm
+from ..rigid import timescales
 from ..settings import Settings
 
 COARSE, COARSE_IF_GIVEN = 0.05, 0.2

@@ -24,16 +24,17 @@ import numpy as np
 
 from ..batch import Amplifier
 from ..bodies import about_z
-from ..control.base import RESIDUAL_SHARE
 from ..parameters import Arm
 from ..physics.elastica.build import payload_arm, phase_correction
 from ..physics.elastica.chain import Chain, Line, basis, chain, chain_of, gauss
 from ..sections import Link
 from ..settings import Settings
+from ..tasks import RESIDUAL_SHARE
 from ..validation import Array
 
 CARRIED = 1e13
-"""Largest squared frequency, rad^2/s^2; above it, round-off (1e-16 of it) gives rigid turns a frequency, too."""
+"""Largest squared frequency, rad^2/s^2; with larger squared frequencies round-off (1e-16) would give rigid rotations a
+frequency."""
 
 FINE = 12
 """Number of nodes of a reference link: FINE minus 2 for each link of the arm, at least 6."""

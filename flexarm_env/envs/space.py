@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import validation as check
 from ..batch import SpaceReach, Starts, Task
-from ..control.space import angles_at, beyond_reach, tip_at
+from ..geometry.space import angles_at, beyond_reach, tip_at
 from ..parameters import Arm
 from ..rigid import rate_scale
 from ..time_functions import TimeFunction

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..geometry.outlines import faces_of
 from ..validation import Array
-from ..view.outlines import faces_of
 from .drawing import AXIS, FAINT, GRID, INK, PAPER, SHADE, SUPERSAMPLING, Color, blend, draw_arrow, pygame_module, write
 from .rendering import (
     FORCE,
@@ -74,8 +74,8 @@ class SpaceRenderer(Renderer):
     """Draws arms in space, one picture per call; the arguments of `rendering.Renderer` are accepted, too.
 
     Args:
-        sides: (N, 2), width and thickness of each link, m (`view.ribbons.Ribbons`). ground: height of the ground, m.
-            links: names of the deflection bars.
+        sides: (N, 2), width and thickness of each link, m (`geometry.ribbons.Ribbons`). ground: height of the ground,
+            m. links: names of the deflection bars.
     """
 
     def __init__(

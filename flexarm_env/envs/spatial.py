@@ -36,17 +36,17 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Observation space
 
-    `Box` of 3 N + 6 F + 6 float32 in +-10 (sines and cosines in +-1), where F is the number of flexible links: 27 for
-    the default arm. Each entry is divided by its scale and clipped to the bounds.
+    `Box` of 3 N + 6 F + 6 float32 in +-10 (sines and cosines in +-1), where F is the number of flexible links. The
+    default arm has 27 entries. Each entry is divided by its scale and clipped to the bounds.
 
     | # | entry | scale | unit |
     |---|---|---|---|
     | 0 to 2 N - 1 | sine and cosine of each joint angle, the hub first | 1 | - |
     | 2 N to 3 N - 1 | rates of the joint angles | w_k | rad/s |
     | then for each flexible link | tip deflection along y and z of its root | 0.1 | link length |
-    | | their rates | 0.3 w_0 | link length/s |
+    | | rates of both tip deflections | 0.3 w_0 | link length/s |
     | | twist | 0.1 | rad |
-    | | its rate | 0.3 w_0 | rad/s |
+    | | rate of the twist | 0.3 w_0 | rad/s |
     | the last six | tip velocity, x, y, z | w_0 L | m/s |
     | | vector from tip to target, x, y, z | 0.5 L | m |
 
@@ -54,44 +54,45 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
       from this joint to the tip, laid out straight at a right angle to the joint's axis. For the default arm w_0 =
       8.518, w_1 = 7.738 and w_2 = 21.887 rad/s.
     - The last six entries are components along the axes of the root of link 0, which turn with the first joint.
-    - The deflections of a link are the components of (tip - root) along y and z of its root's axes. The twist of a link
-      is the x component of the rotation vector from its root's axes to its tip's axes.
+    - The deflections of a link are the components of (tip - root) along the y and z axes of the link's root. The twist
+      of a link is the x component of the rotation vector from the axes of the link's root to the axes of the link's
+      tip.
 
-    Names of all entries, sensors, and the entries of `task="track"`:
-    [Entries in space](options.md#entries-in-space).
+    [Entries in space](options.md#entries-in-space) has the names of all entries, the sensors, and the entries of
+    `task="track"`.
 
     ## Rewards
 
-    Terms, weights and bounds are those of TwoLinkFlexArm-v0. e is the distance of the tip from the target over L, v its
-    speed over L (1/s; with "track" relative to the target), and d' are the rates of the deflections in both planes.
-    Effort is -sum of a_k^2 over all N joints (weighted: -0.01 N to 0), and vibration is -min(sum of d'^2, 1) over all
-    links, with weight 0.
+    The reward has the terms, weights and bounds of TwoLinkFlexArm-v0. e is the distance of the tip from the target over
+    L, v the tip's speed over L (1/s; with "track" relative to the target), and d' are the rates of the deflections in
+    both planes. Effort is -sum of a_k^2 over all N joints (weighted: -0.01 N to 0), and vibration is -min(sum of d'^2,
+    1) over all links, with weight 0.
 
     ## Starting state
 
-    The arm is at rest with straight, stress-free links. In half of the episodes all joint angles are 0; in the others
-    the first is at -1 to 1 rad and the rest at -3.6/N to 3.6/N rad. The target is the tip of the rigid arm with the
-    first joint at -2 pi/3 to 2 pi/3 and the rest at -3.6/N to 3.6/N rad. All draws are uniform and within the joint
-    limits. Target angles at which the motors cannot hold the arm are drawn again.
+    The arm is at rest with straight, stress-free links. In half of the episodes all joint angles are 0; in the other
+    half the first joint is at -1 to 1 rad and each further joint at -3.6/N to 3.6/N rad. The target is the tip of the
+    rigid arm with the first joint at -2 pi/3 to 2 pi/3 rad and each further joint at -3.6/N to 3.6/N rad. All draws are
+    uniform and within the joint limits. Target angles at which the motors cannot hold the arm are drawn again.
 
     ## Episode end
 
-    - Truncation: after `duration` (5 s, in whole control periods) or `max_episode_steps`, whichever is first, or at the
-      end of a prescribed motion.
-    - Termination: only by failure, with `info["termination_reason"]` as in FlexibleArm-v0.
+    - Truncation: an episode is truncated after `duration` (5 s, in whole control periods) or `max_episode_steps`,
+      whichever is first, or at the end of a prescribed motion.
+    - Termination: an episode is terminated only by a failure, with `info["termination_reason"]` as in FlexibleArm-v0.
     - Success does not end an episode. `info["is_success"]` is true if, over the last 0.5 s, the tip was within 0.01 L
       of the target and slower than 0.05 L/s (with "track": relative to the target).
 
     ## Info
 
-    The keys are those of TwoLinkFlexArm-v0, with `tip_position` (3,) and `target` (3,) m, `joint_torque` (N,) N m,
+    `info` has the keys of TwoLinkFlexArm-v0, with `tip_position` (3,) and `target` (3,) m, `joint_torque` (N,) N m,
     `tip_deflection` (2 N,) over link length (all links along y, then along z), and `twist` (N,) rad. Deflections and
     twists of rigid links are 0.
 
     ## Arguments
 
-    The arguments are those of FlexibleArm-v0 (:class:`flexarm_env.envs.flexible_arm.FlexibleArmEnv`), with these
-    defaults:
+    The environment has the arguments of FlexibleArm-v0 (:class:`flexarm_env.envs.flexible_arm.FlexibleArmEnv`). These
+    defaults differ:
 
     | name | default | meaning |
     |---|---|---|
@@ -102,8 +103,8 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | `formulation` | "geometrically_exact" | or "floating_frame", with `segments` or `modes` (at least 2) |
     | `task` | "reach" | or "track": the target moves; "replay": the joints follow a motion |
 
-    For the differences in space see [Options in space](options.md#options-in-space). Features that are not available in
-    space raise an error that names the feature: [list](spatial_limits.md).
+    [Options in space](options.md#options-in-space) describes the differences in space. Features that are not available
+    in space raise an error that names the feature: [list](spatial_limits.md).
 
     ## Version history
 
@@ -115,6 +116,6 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
 
 class SpatialFlexArmVectorEnv(VectorArmEnv, VectorEnv[Array32, Array32, NDArray[Any]]):
-    """Many SpatialFlexArm-v0 at once, each as :class:`SpatialFlexArmEnv` describes it."""
+    """Vector environment of many SpatialFlexArm-v0; see :class:`SpatialFlexArmEnv`."""
 
     kind = SPACE

@@ -33,9 +33,9 @@ CHANGEABLE = ("starts",)
 class ArmSpec(EnvSpec):
     """An EnvSpec whose `max_episode_steps` is the number of control periods in the environment's `duration`.
 
-    Wrappers read the length of an episode from this field. When `gymnasium.make` or `make_vec` makes the environment
-    again, it passes the limit that the user gave, or None. The environment ends its episodes itself: a TimeLimit would
-    end the episodes of an environment with a longer `duration` too early.
+    Wrappers read the length of an episode from `max_episode_steps`. When `gymnasium.make` or `make_vec` makes the
+    environment again, it passes the limit that the user gave, or None. The environment ends its episodes itself: a
+    TimeLimit would end the episodes of an environment with a longer `duration` too early.
     """
 
     given: int | None = None

@@ -72,7 +72,7 @@ class Target(ABC):
         return shape, self.narrowed(ranges, options, arm, shape)
 
     def narrowed(self, ranges: list[Pair], options: Mapping[str, Any], arm: Arm, path: str) -> list[Pair]:
-        """Check the ranges of drawn paths; return these ranges or narrower ones that fit.
+        """Check the ranges of drawn paths; return these ranges or narrower ranges that fit.
 
         options: the ranges given by the user.
         """
@@ -84,7 +84,7 @@ class Target(ABC):
 
     @abstractmethod
     def path(self, reference: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        """Return a given reference as one function of time per number. t: instants, s, at which it is read."""
+        """Return a given reference as one function of time per number. t (n,): instants of reading, s."""
 
 
 class Angle(Target):
@@ -164,7 +164,7 @@ class Point(Target):
         return [(0.5 * far, 0.75 * far), (12.0 / rate, 24.0 / rate), (0.05 * far, 0.2 * far), turns]
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Check that circles, and the point of a line nearest to the root, are within reach."""
+        """Raise ValueError if a circle, or the point of a line nearest to the root, is out of reach."""
         (nearest, farthest), _, (_, radius), _ = ranges
         near, far = reach(arm)
         wide = radius if path == "circle" else 0.0

@@ -19,7 +19,7 @@ from ..validation import Array
 from .targets import ANGLE_OF_TIP, POINT, Pair, Target
 
 HOLD_TIME = 0.5
-"""Time, s: an episode is a success if the arm is within the bounds throughout this last part of it."""
+"""Time, s: an episode is a success if the arm stays within the bounds for the last HOLD_TIME of the episode."""
 
 REWARDS = ("accuracy", "settle", "distance", "effort", "vibration", "failure")
 """Names of the reward terms of slew and reach, in order."""
@@ -73,7 +73,7 @@ class Kind:
     def build(self, arm: Arm, weights: Array, period: float, aims: Mapping[str, Any], rules: int = 2) -> Task:
         """Return the task's record for an arm.
 
-        weights: weights of the reward's terms. period: control period, s. aims: fields that differ from the usual ones.
+        weights: weights of the reward's terms. period: control period, s. aims: fields that differ from the defaults.
         """
         assert arm.torque_limits is not None
         scales = [scale for _, scale in self.entries(arm)]
@@ -282,7 +282,7 @@ def afloat(kind: Kind, arm: Arm) -> Kind:
 
 
 def priced(kind: Kind, reward: Any) -> Kind:
-    """Return the kind with the terms `cost` and `change` if `reward` gives weights to them."""
+    """Return the kind with the terms `cost` and `change` if `reward` gives weights to these terms."""
     more = [(name, 0.0) for name in (COST, CHANGE) if isinstance(reward, Mapping) and name in reward]
     terms = list(kind.rewards.items())
     return replace(kind, rewards=dict([*terms[:-1], *more, terms[-1]])) if more else kind

@@ -79,8 +79,38 @@ _kept: dict[Any, Trial] = {}
 
 @lru_cache(1)
 def shipped() -> frozenset[Arm]:
-    """Return the arms of the package, whose default settings have been measured."""
+    """Return the arms of the package, which keep the usual settings and whose trials have been run beforehand."""
     return frozenset(arms.named(name) for name in arms.names())
+
+
+AMPLIFICATIONS = {
+    ("three_dof", "geometrically_exact"): 2072.0,
+    ("three_dof", "floating_frame"): 3342.0,
+    ("three_dof_loaded", "geometrically_exact"): 2862.0,
+    ("three_dof_loaded", "floating_frame"): 8890.0,
+    ("three_strips", "elastica"): 83.1,
+    ("turret_boom", "geometrically_exact"): 260.0,
+    ("turret_boom", "floating_frame"): 527.0,
+    ("two_link_upright", "elastica"): 8905.0,
+    ("two_link_upright", "floating_frame"): 61.0,
+    ("two_link_upright", "geometrically_exact"): 79.7,
+}
+"""Factor d / d_1 of a trial with the usual settings, where trials raise the estimate; keys: arm and formulation."""
+
+
+MILD = {"EI": (0.5, math.inf), "payload": (0.0, 2.0), "torque_constant": (0.0, 1.5)}
+"""Ranges of drawn factors (`starts.FACTORS`) within which a packaged arm keeps the usual settings without a trial."""
+
+
+def is_known(arm: Arm, drawn: Mapping[str, tuple[float, float]]) -> bool:
+    """Return whether the package has the arm, and drawn factors stay within `MILD`, so that no trial is needed."""
+    mild = all(low <= drawn[name][0] and drawn[name][1] <= high for name, (low, high) in MILD.items() if name in drawn)
+    return mild and arm in shipped()
+
+
+def amplification(arm: Arm, formulation: str) -> float:
+    """Return the entry of `AMPLIFICATIONS` for a packaged arm; 0 if small motions give the arm's error."""
+    return next((x for (name, own), x in AMPLIFICATIONS.items() if own == formulation and arms.named(name) == arm), 0.0)
 
 
 def trials_of(
@@ -208,7 +238,7 @@ def refined(
     trial: Trial, rule: Rule, first: Settings, meshes: Sequence[Settings], at: Callable[[Settings, float], Settings],
     least: float, length: float, most: int,
 ) -> tuple[Settings, float]:  # fmt: skip
-    """Return the settings whose trial is good enough, or the best ones tried, and the trial's error over L.
+    """Return the settings whose trial is good enough, or the best settings tried, and the trial's error over L.
 
     The search starts from `first`. A trial is good enough if its error is at most `TRIED`. meshes: settings with finer
     meshes, from the coarsest. at: function of (settings, step, s) that returns the settings with this step and a

@@ -21,9 +21,10 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     geometry.
 
     The default arm, `de_luca_siciliano` (De Luca & Siciliano 1991), has two links of 0.5 m with 0.2 kg/m and EI = 1 N
-    m^2. The hub has an inertia of 0.1 kg m^2. The elbow motor has 1 kg and 0.1 kg m^2; half of its inertia belongs to
-    each link. The payload has 0.1 kg and 5e-4 kg m^2. The damping time constant tau_d = 6.63e-3 s gives a damping ratio
-    of one per cent at 0.48 Hz, the first frequency of link 1. L, the sum of the lengths, is 1 m.
+    m^2. The hub has an inertia of 0.1 kg m^2. The elbow motor has a mass of 1 kg and an inertia of 0.1 kg m^2; half of
+    this inertia belongs to each link. The payload has a mass of 0.1 kg and an inertia of 5e-4 kg m^2. The damping time
+    constant tau_d = 6.63e-3 s gives a damping ratio of one percent at 0.48 Hz, the first frequency of link 1. L, the
+    sum of the lengths, is 1 m.
 
     `gymnasium.make("TwoLinkFlexArm-v0")` makes one arm, `gymnasium.make_vec("TwoLinkFlexArm-v0", num_envs=n)` makes n
     arms that one compiled call advances. A single arm and an arm among n arms give the same numbers, bit for bit.
@@ -46,30 +47,32 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | 2, 3 | `elbow_sin`, `elbow_cos` | sine and cosine of the elbow angle | 1 | - |
     | 4, 5 | `hub_rate`, `elbow_rate` | rates of both angles | w_0, w_1 | rad/s |
     | 6, 7 | `tip_deflection_1`, `tip_deflection_2` | tip deflections of links 1 and 2 | 0.1 | link length |
-    | 8, 9 | `tip_deflection_rate_1`, `tip_deflection_rate_2` | their rates | 0.3 w_0 | link length/s |
+    | 8, 9 | `tip_deflection_rate_1`, `tip_deflection_rate_2` | rates of the tip deflections | 0.3 w_0 | link length/s |
     | 10, 11 | `tip_velocity_x`, `tip_velocity_y` | tip velocity | w_0 L | m/s |
     | 12, 13 | `to_target_x`, `to_target_y` | vector from tip to target | 0.5 L | m |
 
     - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k, I_k is the inertia about joint k of the
       straight arm from joint k to the tip. For the default arm w_0 = 1.595 and w_1 = 2.371 rad/s.
-    - Entries 10 to 13 are components in the frame that turns with the hub.
+    - The vectors in entries 10 to 13 have their components in the frame that turns with the hub.
     - The elbow angle is the angle of link 2's root relative to link 1's tip.
-    - The tip deflection of a link is the component of (tip - root) normal to its tangent at the root, over its length.
+    - The tip deflection of a link is the component of (tip - root) normal to the link's tangent at the root, over the
+      link's length.
 
     With `task="track"` six entries follow, in the hub's frame: the target's velocity `target_velocity_x`,
     `target_velocity_y` (scale w_0 L), and the displacements of the target in the next 0.1 s, `target_ahead_1_x`,
     `target_ahead_1_y`, and 0.3 s, `target_ahead_2_x`, `target_ahead_2_y` (scale 0.5 L).
 
-    The following entries are selected by name only: `hub_error` and `elbow_error`, the joint angles at which the rigid
-    arm reaches the target minus the present joint angles (scale 1 rad); `target_x` and `target_y`, the target in fixed
-    axes (scale L); `previous_action`, `previous_action_1`; entries of sensors (`strain_gauge_1`, `tip_acceleration_x`,
-    `tip_acceleration_y`, `camera_x`, `camera_y`). See [Entries of the observation](options.md#observation).
+    An observation has the following entries only if you select them by name: `hub_error` and `elbow_error`, the joint
+    angles at which the rigid arm reaches the target minus the present joint angles (scale 1 rad); `target_x` and
+    `target_y`, the target in fixed axes (scale L); `previous_action`, `previous_action_1`; entries of sensors
+    (`strain_gauge_1`, `tip_acceleration_x`, `tip_acceleration_y`, `camera_x`, `camera_y`). See [Entries of the
+    observation](options.md#observation).
 
     ## Rewards
 
-    The reward is the sum of the terms below; `info["reward_<name>"]` has each term, multiplied by its weight. e is the
-    distance of the tip from the target over L, v the speed of the tip over L (1/s; with "track" relative to the
-    target), d' the rates of the deflections, a the action.
+    The reward is the sum of the terms in the table, each multiplied by its weight; `info["reward_<name>"]` has each
+    weighted term. In the table e is the distance of the tip from the target over L, v the speed of the tip over L (1/s;
+    with "track" relative to the target), d' the rates of the deflections, and a the action.
 
     | name | weight | term | bounds, weighted |
     |---|---|---|---|
@@ -80,32 +83,34 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | vibration | 0 | -min(d_1'^2 + d_2'^2, 1) | 0 |
     | failure | 58 | -1 in the step that ends an episode by failure | -58 to 0 |
 
-    Other weights and terms of your own: [Reward](options.md#reward).
+    [Reward](options.md#reward) describes how to change weights and add terms of your own.
 
     ## Starting state
 
-    The arm is at rest with straight links. In half of the episodes both joint angles are 0; in the others the hub is at
-    -1 to 1 rad and the elbow at -1.8 to 1.8 rad. The target is 0.3 L to 0.95 L from the root, within +-120 degrees of
-    the x axis. All draws are uniform and within the joint limits. A target is drawn again if the arm cannot reach it
-    within the joint limits or if the motors cannot hold the arm there against gravity; if no target is possible, `make`
-    raises an error. Other starts: [Starts and resets](options.md#starts-and-resets).
+    The arm is at rest with straight links. In half of the episodes both joint angles are 0; in the other half the hub
+    is at -1 to 1 rad and the elbow at -1.8 to 1.8 rad. The target is 0.3 L to 0.95 L from the root, within +-120
+    degrees of the x axis. All draws are uniform and within the joint limits. A target is drawn again if the arm cannot
+    reach it within the joint limits or if the motors cannot hold the arm at the target against gravity; if no target is
+    possible, `make` raises an error. [Starts and resets](options.md#starts-and-resets) describes how to set other
+    starts.
 
     ## Episode end
 
-    - Truncation: after `duration` (8 s, in whole control periods) or `max_episode_steps`, whichever is first, or at the
-      end of a prescribed motion.
-    - Termination: only by failure, with a reason as in FlexibleArm-v0; `joint_limit` is the elbow beyond +-2.8 rad.
+    - Truncation: an episode is truncated after `duration` (8 s, in whole control periods) or `max_episode_steps`,
+      whichever is first, or at the end of a prescribed motion.
+    - Termination: an episode is terminated only by a failure, with a reason as in FlexibleArm-v0. The reason
+      `joint_limit` means that the elbow angle is beyond +-2.8 rad.
     - Success does not end an episode. `info["is_success"]` is true if, over the last 0.5 s, the tip was within 0.01 L
       of the target and slower than 0.05 L/s. The success of an episode is the value at its last step.
 
     ## Info
 
-    The keys are those of FlexibleArm-v0, with `tip_deflection` (2,), `target` (2,) m and `joint_torque` (2,) N m.
+    `info` has the keys of FlexibleArm-v0, with `tip_deflection` (2,), `target` (2,) m and `joint_torque` (2,) N m.
 
     ## Arguments
 
-    The arguments are those of FlexibleArm-v0 (:class:`flexarm_env.envs.flexible_arm.FlexibleArmEnv`), with these
-    defaults:
+    The environment has the arguments of FlexibleArm-v0 (:class:`flexarm_env.envs.flexible_arm.FlexibleArmEnv`). These
+    defaults differ:
 
     | name | default | meaning |
     |---|---|---|
@@ -125,6 +130,6 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
 
 class TwoLinkFlexArmVectorEnv(VectorArmEnv, VectorEnv[Array32, Array32, NDArray[Any]]):
-    """Many TwoLinkFlexArm-v0 at once, each as :class:`TwoLinkFlexArmEnv` describes it."""
+    """Vector environment of many TwoLinkFlexArm-v0; see :class:`TwoLinkFlexArmEnv`."""
 
     kind = REACH

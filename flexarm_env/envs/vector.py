@@ -33,7 +33,8 @@ SINGLE_NAMES = {"observation_space": "single_observation_space", "action_space":
 class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     """Common base of the vector environments.
 
-    Only one thread at a time may reset or step it, or read or set its states; any other thread gets a RuntimeError.
+    Only one thread at a time may reset or step the environment, or read or set its states; any other thread gets a
+    RuntimeError.
     """
 
     def __init__(

@@ -10,6 +10,8 @@ import math
 import numpy as np
 
 from ..batch import standing_scene
+from ..equations import Equations, at_rest_of, point_of, undamped
+from ..geometry.poses import link_deflection
 from ..parameters import Arm
 from ..physics import assembly
 from ..physics.layout import ROOT, ROOT_RATES, TIP, TIP_RATES
@@ -20,7 +22,6 @@ from ..physics.space.reading import Frame, LinkMotion, links
 from ..rotations import back
 from ..settings import Settings
 from ..simulation import Simulation
-from ..trajectory import link_deflection
 from ..validation import Array
 
 
@@ -61,9 +62,6 @@ def _rates(simulation: Simulation) -> tuple[Array, Array]:
     """
     from scipy.linalg import eigh
 
-    from ..linear.equations import Equations
-    from ..linear.period import point_of
-
     arm, equations = simulation.scene.arm, Equations(simulation)
     reduced = equations.reduced(point_of(simulation.work))
     K, M = 0.5 * (reduced.K + reduced.K.T), 0.5 * (reduced.M + reduced.M.T)
@@ -96,9 +94,6 @@ def swing(arm: Arm, settings: Settings) -> Array:
     strain energy is; the rates are 0 if there is no such mode. All three modes have the same energy: to first order,
     the energy at which a tip deflects by its link's length in the softer bending direction.
     """
-    from ..linear.equilibrium import at_rest_of
-    from ..linear.stability import undamped
-
     assert settings.dt is not None
     arm = arm.taut
     simulation = Simulation(standing_scene(arm, settings.dt, None), settings, False)

@@ -14,10 +14,9 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..geometry.ribbons import cuts_of, ribbons_of, sides
 from ..physics.space.reading import straight
 from ..trajectory import Trajectory
-from ..view.clip import cuts_of
-from ..view.ribbons import ribbons_of, sides
 from .pictures import bending, bent
 from .rendering import Renderer, end_of_scale
 from .space_rendering import SpaceRenderer
@@ -30,7 +29,7 @@ Draw = Callable[[int, Any], Any]
 FEWEST = 1e-3
 """Smallest number of pictures per second in a film."""
 LONGEST = 655.0
-"""Longest .gif, s: a .gif cannot show one picture, or several equal ones, for longer."""
+"""Longest .gif, s: a .gif cannot show one picture, or equal pictures, for longer."""
 
 ROOM = 1 << 20
 """Free space, bytes, below which a disk counts as full."""

@@ -65,21 +65,21 @@ def import_arm(
 ) -> Imported:
     """Read a serial chain of hinges from a URDF (.urdf) or MJCF (.xml, .mjcf) file.
 
-    Link k's x axis points from joint k to joint k+1 or the tip. Its z axis is perpendicular to x and as near as
+    Link k's x axis points from joint k to joint k+1 or the tip. The link's z axis is perpendicular to x and as near as
     possible to the joint's axis. Bodies that are fixed to each other become one link. All angles are 0 in the initial
     posture of the file's model.
 
     Args:
         root: body in which the chain begins, if the file has several mechanisms.
         tip: body or site at the arm's tip. None: the body or site on the last link that is farthest from its joint, or
-            the link's center of mass if there is none.
+            the link's center of mass if the link has no such point.
         flexible: sections by the name of a body of the link. The link keeps its mass, distributed evenly along the line
             from joint to joint: the section's m and J are scaled accordingly.
         tau_d: damping time of the flexible links, s.
         gear_ratio: ratio assumed for joints with armature; their motor inertia is armature / gear_ratio^2.
     Raises:
-        ValueError: the file has an element that a serial chain cannot represent; the message names it. OSError: the
-            file does not exist. ImportError: MuJoCo is not installed.
+        ValueError: the file has an element that a serial chain cannot represent; the message names the element.
+            OSError: the file does not exist. ImportError: MuJoCo is not installed.
     """
     gear_ratio = check.number("gear_ratio", gear_ratio, minimum=LEAST_RATIO, maximum=1e9)
     with check.in_file(path), np.errstate(over="ignore", invalid="ignore", divide="ignore"):

@@ -47,7 +47,7 @@ def _undamped(arm: Arm) -> Arm:
 def calibrated(chain: Chain) -> tuple[Chain, float]:
     """Scale the springs so that the chain's lowest frequency with held joints is the arm's; return chain and factor.
 
-    If the arm's first mode does not oscillate, the undamped frequency counts.
+    If the arm's first mode does not oscillate, the undamped frequency is used.
 
     Raises:
         ValueError: double precision does not resolve the first frequency.
@@ -116,7 +116,7 @@ def pushed(arm: Arm, gravity: tuple[float, float, float]) -> Scene:
 
 
 def tip_apart(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> float:
-    """Return the largest distance between the chain's tip, by MuJoCo, and the arm's, over the arm's length.
+    """Return the largest distance between the chain's tip, by MuJoCo, and the arm's tip, over the arm's length.
 
     See `differences`. Raises ImportError without MuJoCo.
     """

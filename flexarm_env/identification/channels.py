@@ -1,8 +1,8 @@
 """Consistency tests of a log's columns: wrong gains, delayed readings, a clock with a wrong rate.
 
-Each test adds one more parameter e to a finished fit. To first order its value is the last component of
--(K'K)^-1 K' r, where r are the residuals and K = [J, g] their derivatives by the fitted parameters and by e. A log is
-suspect if e is significant, which means larger than its own 95 % interval explains, and large enough to matter.
+Each test adds one more parameter e to a finished fit. To first order the value of e is the last component of -(K'K)^-1
+K' r, where r are the residuals and K = [J, g] their derivatives by the fitted parameters and by e. A log is suspect if
+e is significant, which means larger than its own 95 % interval explains, and large enough to matter.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ CERTAIN = 2.0
 
 LEAST_GAIN = 0.02
 LEAST_DELAY = 0.25
-"""In sampling intervals of the log."""
+"""Smallest reported delay of a column, in sampling intervals of the log."""
 LEAST_CLOCK = 0.005
-"""LEAST_GAIN, LEAST_DELAY and LEAST_CLOCK are the smallest reported deviations of a gain, a delay and a clock."""
+"""Smallest reported relative errors: LEAST_CLOCK of the clock's rate, LEAST_GAIN of a column's gain."""
 
 CLOCK_STEP = 1e-4
 """Relative change of the time axis for the derivative by the clock."""

@@ -73,7 +73,8 @@ def excite(
     """Design torques that excite an arm within bounds, for `flexarm run FILE.csv --to HOST:PORT` or any other player.
 
     Args:
-        arm: approximate model of the arm; also a name or a TOML file. It starts straight, at rest, without gravity.
+        arm: approximate model of the arm; also a name or a TOML file. The arm starts straight, at rest, without
+            gravity.
         seconds: duration. rate: frequency at which torques change, Hz. modes: number of flexible modes in the band,
             whose upper limit is a fifth of the rate. most_angle: largest joint rotation to either side, rad.
             most_torque: largest motor torque, N m; default: half of each joint's limit. drawn: number of perturbed arms

@@ -19,11 +19,12 @@ FIRST = 8
 """Number of evaluations per initial guess, after which only the best fit is continued."""
 
 HORIZONS = (0.05, 0.15, 0.4)
-"""Shares of the readings' variance. The first part of a run with such a share is fitted before the whole run. A long
-vibration has many local minima that differ by whole periods; a few periods have only one."""
+"""Shares of the readings' variance. The first part of a run that contains a share of the variance is fitted before the
+whole run. The cost of a long vibration has many local minima that differ by whole periods; the cost of a few periods
+has only one minimum."""
 
 SPREAD = 0.5
-"""Further initial guesses are random, within this many sizes around the first one."""
+"""Further initial guesses are random, within SPREAD times the parameters' sizes around the first guess."""
 
 ROUGH = 0.1
 """Relative size of the residuals that is assumed in the weight of priors until the actual size is known."""

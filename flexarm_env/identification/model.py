@@ -46,7 +46,7 @@ class Experiment:
     has a known offset (offset = 0.0), the initial angle in each fitted log is a parameter too. logs: stems of the logs.
 
     Attributes:
-        parameters (p,): the requested ones, then the initial angles. start (p,): their initial values.
+        parameters (p,): the requested parameters, then the initial angles. start (p,): their initial values.
         runs: number of simulations. refinements: how often the config's time step ("step") was halved and its mesh
             refined ("mesh"). by_differences: parameters differentiated by whole runs, with the reason.
     """

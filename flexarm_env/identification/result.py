@@ -40,7 +40,7 @@ def identify(
     out: str | os.PathLike[str] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Identification:
-    """Fit an arm to logs and evaluate it on others.
+    """Fit an arm to logs and evaluate the arm on other logs.
 
     Args:
         arm: initial guess: an Arm, a name, a TOML file. config: a TOML file or its text.

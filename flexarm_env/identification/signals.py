@@ -43,8 +43,9 @@ def _comparable(measured: Array, predicted: Array) -> tuple[Array, Array]:
 class Ringing:
     """Damped cosine fitted to an interval of a signal.
 
-    start: s. frequency: undamped, Hz. damping: ratio. amplitude: at the interval's start, in the signal's unit. error:
-    root mean square of the fit's residual, divided by the interval's standard deviation.
+    start: start of the interval, s. frequency: undamped frequency, Hz. damping: damping ratio. amplitude: amplitude at
+    the interval's start, in the signal's unit. error: root mean square of the fit's residual, divided by the interval's
+    standard deviation.
     """
 
     start: float
@@ -55,7 +56,7 @@ class Ringing:
 
 
 def ringing(t: Array, y: Array, low: float = 0.0, high: float = np.inf) -> Ringing | None:
-    """Fit the strongest damped cosine of a signal y (n,) between two frequencies, Hz; None if there is none.
+    """Fit the strongest damped cosine of a signal y (n,) between two frequencies, Hz; None if y has no power there.
 
     The initial guess is a peak of the spectrum. Then offset + exp(-d t) (a cos w t + b sin w t) is fitted by least
     squares.

@@ -33,7 +33,8 @@ UNITS: dict[str, dict[str, int]] = {
 """Units of variables, as exponents of SI base units."""
 
 UNIT = "co-simulation.c"
-"""File name of the FMU's C source. It is not a C identifier, so that it cannot collide with the library's files."""
+"""File name of the FMU's C source. The name is not a C identifier and therefore cannot collide with the library's
+files."""
 
 LEFT_OUT = ("target", "terms", "reason", "reward", "truncated", "further")
 """Entries of `info` that the FMU does not export: entries of the task, and the status, which makes a step fail."""
@@ -72,7 +73,7 @@ def write_fmu(env: Any, path: Path, name: str, form: str = "3.0", cpu: str | Non
     Args:
         env, name, cpu: as in `build.write`. path: path of the file. form: version of the standard, a key of `FORMS`.
     Raises:
-        ValueError: as `build.write`; no C compiler is found.
+        ValueError: as `build.write` raises it, or no C compiler is found.
     """
     _check_form(form)
     with tempfile.TemporaryDirectory() as folder:
@@ -107,7 +108,7 @@ def write_controller_fmu(
     Args:
         controller, slew, elbows, targets: as in `control.in_c.controller_source`. path, form: as in `write_fmu`.
     Raises:
-        ValueError: as `controller_source`; no C compiler is found.
+        ValueError: as `controller_source` raises it, or no C compiler is found.
     """
     _check_form(form)
     check_name(name)

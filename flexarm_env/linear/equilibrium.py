@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from .. import validation as check
+from ..equations import Equations, Point, at_rest_of
 from ..physics.model import OK, has_play
 from ..rest import NoEquilibrium, out_of_range, resting
 from ..scene import JointTorque, Load, Motion, Scene
@@ -24,8 +25,6 @@ from ..settings import Settings
 from ..simulation import Simulation
 from ..time_functions import constant
 from ..validation import Array
-from .equations import Equations
-from .reduced import Point
 from .stability import Stability, at_rest
 
 AT_REST = 1e-6
@@ -153,13 +152,6 @@ def _in_space(scene: Scene, settings: Settings, hold_joints: bool) -> Equilibriu
     return found
 
 
-def at_rest_of(simulation: Simulation) -> tuple[Equations, Point]:
-    """Return a simulation's equations, and the equilibrium at its coordinates under its inputs."""
-    equations, w = Equations(simulation), simulation.work
-    zero = np.zeros(equations.n)
-    return equations, Point(w.q.copy(), zero, zero, w.u.copy(), w.psi.copy())
-
-
 def warn_unstable(stability: Stability, refuse: bool) -> None:
     """Warn about an unstable equilibrium, at the line that called the caller, or raise NoEquilibrium."""
     if not stability.stable:
@@ -179,7 +171,8 @@ def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
         steady = all(len(f.pieces) == 1 and not f.pieces[0, 2:6].any() for f in load.functions)
         return steady and not (hold_joints and isinstance(load, JointTorque))
 
-    moved = replace(scene, motions=(), start="unloaded", **changes)
+    contacts = tuple(contact.held() for contact in scene.contacts)
+    moved = replace(scene, motions=(), start="unloaded", contacts=contacts, **changes)
     prescribed = [m.coordinate for m in scene.motions]
     if hold_joints:  # a motor without inertia cannot be held by a torque that goes on acting
         massless = [k for k, joint in enumerate(scene.arm.joints) if joint.elastic and joint.rotor == 0.0]
@@ -192,9 +185,9 @@ def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
 
 
 def find_rest(equations: Equations, start: Point, held: Sequence[int], spin: float = 0.0) -> tuple[Point, float]:
-    """Return the equilibrium near a start, and the share of the loads up to which the path to it was followed.
+    """Return the equilibrium near a start, and the share of the loads that the path to the equilibrium reached.
 
-    With a spin (rad/s), it is a steady rotation about the origin.
+    With a spin (rad/s), the equilibrium is a steady rotation about the origin.
 
     start: the unloaded arm at its initial angles; its u contains the loads. held: joints that stay at their angles; the
     point's u contains the torques that hold them.

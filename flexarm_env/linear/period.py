@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import validation as check
 from ..compiler import SINGLE, WIDEST, dual, uncompiled
+from ..equations.reduced import Rows
 from ..physics.integrator.step import advance
 from ..physics.integrator.work import Work, unpack, work_size
 from ..physics.layout import HALVINGS
@@ -17,7 +18,6 @@ from ..physics.model import MESSAGE, OK, Scheme
 from ..settings import steps_in
 from ..simulation import Simulation
 from ..validation import Array
-from .reduced import Point, Rows
 
 SHARP = 1e-12
 """Newton tolerance if the period is corrected; the correction differs by less if it begins an iteration earlier."""
@@ -31,11 +31,6 @@ def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
     w.q[:], w.v[:], w.u[:], w.psi[:] = work.q, work.v, work.u, work.psi
     simulation.make_consistent(model, simulation.drive, flat)
     return flat, w
-
-
-def point_of(w: Work) -> Point:
-    """Return a copy of the point (coordinates, rates, accelerations, inputs) in a work array."""
-    return Point(w.q.copy(), w.v.copy(), w.a.copy(), w.u.copy(), w.psi.copy())
 
 
 def steps_of(simulation: Simulation, dt: float) -> tuple[int, float]:

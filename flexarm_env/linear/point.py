@@ -16,14 +16,14 @@ import numpy as np
 
 from .. import rotations
 from ..compiler import SINGLE, uncompiled
+from ..equations import Equations, point_of
+from ..geometry.poses import joint_angles, link_deflection
 from ..physics.gauges import Spot, curvature_rows
 from ..physics.layout import POSE, ROOT, ROOT_RATES, SPACE_POSES, TIP, TIP_RATES
 from ..physics.protocol import local_difference
 from ..simulation import Simulation
-from ..trajectory import joint_angles, link_deflection
 from ..validation import Array
-from .equations import Equations
-from .period import at_start, period_tangents, point_of
+from .period import at_start, period_tangents
 
 SHOWN = {
     "": "angle", "_rate": "rate", "deflection_y": "deflection", "deflection_z": "deflection",

@@ -10,14 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..equations import Equations, Point, undamped
 from ..validation import Array
-from .equations import Equations
-from .reduced import Point
 
 Complex = NDArray[np.complex128]
-
-ROUND_OFF = 1e-14
-"""Relative error of the stiffness K: squared frequencies below this times |x|'|K||x| are those of rigid motions."""
 
 GROWS = 1e-6
 """An eigenvalue counts as growing if its real part exceeds this times its magnitude (round-off is 1e-9)."""
@@ -101,7 +97,7 @@ def _damped(squares: Array, K: Array, C: Array) -> tuple[Complex, Complex]:
     """Return the 2n eigenvalues of x'' + C x' + K x = 0, by magnitude, and their vectors x; K is about diag(squares).
 
     The fast poles of a damped stiff beam are up to 1e14 times as large as the slow poles, and the round-off of the fast
-    poles would hide the slow ones. The slow poles are therefore computed from the inverse problem, (A - shift)^-1, in
+    poles would hide the slow poles. The slow poles are therefore computed from the inverse problem, (A - shift)^-1, in
     coordinates whose squares are energies.
     """
     from scipy.linalg import eig
@@ -122,24 +118,3 @@ def _damped(squares: Array, K: Array, C: Array) -> tuple[Complex, Complex]:
     low, high = np.argsort(np.abs(slow), kind="stable")[:count], np.argsort(np.abs(fast), kind="stable")[count:]
     vectors = np.hstack([scale[:, None] * slow_vectors[:n, low], fast_vectors[:n, high]])
     return np.concatenate([slow[low], fast[high]]), vectors
-
-
-def undamped(M: Array, K: Array) -> tuple[Array, Array]:
-    """Return squared frequencies and M-normalized shapes of M x'' + K x = 0; those of rigid motions are exactly 0.
-
-    Stretching frequencies may be 1e8 times the bending frequencies, and their round-off is as large. The low
-    frequencies are therefore computed as the largest eigenvalues of the inverse problem.
-    """
-    from scipy.linalg import eigh
-
-    squares, basis = eigh(K, M)
-    largest = float(np.abs(squares).max())
-    shift = max(1e-12 * largest, -2.0 * float(squares.min()))
-    inverse, shapes = eigh(M, K + shift * M)
-    low = int((squares < 1e-8 * largest).sum())
-    inverse, shapes = inverse[::-1][:low], shapes[:, ::-1][:, :low]
-    fine = 1.0 / inverse - shift
-    shapes = shapes / np.sqrt(inverse)
-    noise = ROUND_OFF * (np.abs(shapes) * (np.abs(K) @ np.abs(shapes))).sum(axis=0) + 1e-6 * shift
-    fine[np.abs(fine) < noise] = 0.0
-    return np.concatenate([fine, squares[low:]]), np.hstack([shapes, basis[:, low:]])

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..equations import Equations, Point
 from ..parameters import Link
 from ..physics.assembly import smooth
 from ..physics.gauges import Spot
@@ -16,9 +17,7 @@ from ..scene import Scene
 from ..sensors import MEASURES
 from ..simulation import Simulation
 from ..validation import Array
-from .equations import Equations
 from .point import ArmAtPoint
-from .reduced import Point
 from .stability import eigenpairs, growing
 
 METHODS = ("solver", "zoh")
@@ -159,7 +158,7 @@ def simulation_of(
 
 
 def without_friction(simulation: Simulation) -> Simulation:
-    """Return the simulation; if it has Coulomb friction, which has no derivative, return a view without it."""
+    """Return the simulation, or a view without Coulomb friction, which has no derivative."""
     model = smooth(simulation.model)
     if model is simulation.model:
         return simulation

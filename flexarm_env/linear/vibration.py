@@ -7,16 +7,15 @@ from typing import Any
 import numpy as np
 
 from .. import validation as check
+from ..equations import Equations, Point, at_rest_of, point_of
+from ..equations.differences import derivative, step_along
 from ..physics.space.build import axis_of, mount_of
 from ..rest import NoEquilibrium
 from ..scene import Scene
 from ..simulation import Simulation
 from ..validation import Array
-from .differences import derivative, step_along
-from .equations import Equations
-from .equilibrium import at_rest_of, find_rest, static_equilibrium, still, warn_unstable
-from .period import at_start, point_of
-from .reduced import Point
+from .equilibrium import find_rest, static_equilibrium, still, warn_unstable
+from .period import at_start
 from .stability import Complex, Stability, at_rest, eigenpairs, growing, moving
 from .state_space import simulation_of
 

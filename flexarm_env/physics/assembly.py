@@ -1,19 +1,18 @@
 """Assemble the System of a scene and its settings (by the formulation's `build`) and the Drive (functions of time)."""
 
 import dataclasses
-import importlib
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..parameters import Arm, Payload
+from ..parameters import Arm, Elbow, Payload
 from ..scene import JointTorque, Motion, Scene, standing_scene
 from ..sections import ACROSS, ENDS, Section
 from ..settings import Settings
 from ..time_functions import PIECE, TimeFunction, constant
-from .contact.build import with_masses
+from .contact.build import obstacle_rows, with_masses
 from .joints.build import check_floating, places_of, with_base_mass, with_contributions, with_joints, with_points
 from .linalg import solve
 from .model import Drive, Elastica, Honours, Jointed, Scheme, System, scheme
@@ -21,18 +20,13 @@ from .space.chain import SpatialElastica
 
 Array = NDArray[np.float64]
 
-_BUILDERS = {
-    "floating_frame": "floating.build",
-    "geometrically_exact": "exact.build",
-    "elastica": "elastica.build",
-}
-
 
 def assemble(scene: Scene, settings: Settings) -> System:
     """Return the scene's System in the formulation that the settings name.
 
     Raises:
-        ValueError: the arm has a property that the formulation, or this variant of it, does not take into account.
+        ValueError: the arm has a property that the formulation, or the chosen variant of the formulation, does not take
+            into account.
     """
     if scene.spatial:
         return _in_space(scene, settings)
@@ -86,23 +80,34 @@ def _in_space(scene: Scene, settings: Settings) -> System:
 
     Raises ValueError for a property of the arm that this formulation in space does not take into account.
     """
-    builder = importlib.import_module(".space.build", __package__)
-    _check_honoured(scene.arm, "", f"{settings.formulation} in space", with_contributions(builder.HONOURS))
-    builder.check_scene(scene, settings)
-    if settings.formulation == "elastica":
-        builder = importlib.import_module(".space.elastica_build", __package__)
+    from .space import build, elastica_build
+
+    _check_honoured(scene.arm, "", f"{settings.formulation} in space", with_contributions(build.HONOURS))
+    build.check_scene(scene, settings)
+    builder: Any = elastica_build if settings.formulation == "elastica" else build
     return with_masses(scene, settings, with_joints(scene, settings, builder.build(with_points(scene), settings)))
 
 
 def _builder(formulation: str) -> Any:
     """Return the `build` module of a formulation in the plane, imported when first used."""
-    return importlib.import_module(f".{_BUILDERS[formulation]}", __package__)
+    if formulation == "floating_frame":
+        from .floating import build as floating
+
+        return floating
+    if formulation == "geometrically_exact":
+        from .exact import build as exact
+
+        return exact
+    from .elastica import build as elastica
+
+    return elastica
 
 
 _NOT_MECHANICS: dict[type, tuple[str, ...]] = {
     Arm: ("name", "source", "torque_limits", "joint_limits", "sensors"),
     Section: tuple(ACROSS),
     Payload: ("radius",),
+    Elbow: ("radius",),
 }
 """Fields that enter no equation of motion. For a section in the plane, these are the properties of motion out of the
 plane."""
@@ -172,11 +177,18 @@ def _rates(scene: Scene, settings: Settings) -> Array:
         """
         place = [x + s * rate for x, rate in zip(scene.position, scene.velocity, strict=True)]
         angles = tuple(angle + s * rate for angle, rate in zip(scene.angles, scene.rates, strict=True))
-        still = dataclasses.replace(scene, motions=(), position=(place[0], place[1]), angles=angles)
+        still = dataclasses.replace(
+            scene, motions=(), position=(place[0], place[1]), angles=angles, velocity=(0.0, 0.0), rates=()
+        )  # fmt: skip
         held = tuple(Motion(m.coordinate, constant(still.initial_value(m.coordinate))) for m in scene.motions)
-        return _built(dataclasses.replace(still, motions=held), settings).q0
+        # obstacles stay: their rates are those of their displacements
+        contacts = tuple(contact.held() for contact in scene.contacts)
+        return _built(dataclasses.replace(still, motions=held, contacts=contacts), settings).q0
 
-    total = np.zeros_like(_built(scene, settings).q0)
+    system = _built(scene, settings)
+    total = np.zeros_like(system.q0)
+    for name in obstacle_rows(scene):
+        total[system.coordinates[name]] = system.v0[system.coordinates[name]]
     for k, weight in _WEIGHTS:
         total += weight / t * (moved(k * t) - moved(-k * t))
     return total
@@ -185,8 +197,8 @@ def _rates(scene: Scene, settings: Settings) -> Array:
 def physical(model: Any) -> Any:
     """Return the model with the arm's physical inertia and without Coulomb friction, which has no derivative.
 
-    The elastica's correction of the integrator's period error (5.3) changes its inertia; equations of continuous time
-    need the inertia without it.
+    The elastica's correction of the integrator's period error (5.3) changes the elastica's inertia; equations of
+    continuous time need the inertia without this correction.
     """
     if isinstance(model, Jointed):
         return smooth(model)._replace(arm=physical(model.arm))
@@ -231,7 +243,7 @@ def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) 
     """Return the table (n, 1 + 3 N) with q = table @ (1, alpha_k, cos alpha_k, sin alpha_k) for straight links.
 
     n: coordinates of the planar arm in the formulation of the settings; N links. alpha_k (rad): angle of link k from
-    the inertial x axis, k < N. gravity: m/s^2 or None. Entries within 1e-12 of an integer are rounded to it.
+    the inertial x axis, k < N. gravity: m/s^2 or None. Entries within 1e-12 of an integer are rounded to the integer.
     """
     assert settings.dt is not None
     count = arm.n_links
@@ -282,9 +294,11 @@ def drive(scene: Scene, system: System) -> Drive:
     terms.sort(key=lambda term: term[0])
     entries, added = np.array(terms, np.int64).reshape(-1, 2).T.copy()
     # known: rows of q that motions prescribe, or negative: rows of multipliers; motions: their functions' numbers
-    known = np.array([system.coordinates[motion.coordinate] for motion in scene.motions], np.int64)
-    motions = np.arange(len(functions), len(functions) + len(scene.motions), dtype=np.int64)
-    functions += [motion.function for motion in scene.motions]
+    prescribed = [(motion.coordinate, motion.function) for motion in scene.motions]
+    prescribed += obstacle_rows(scene).items()
+    known = np.array([system.coordinates[name] for name, _ in prescribed], np.int64)
+    motions = np.arange(len(functions), len(functions) + len(prescribed), dtype=np.int64)
+    functions += [function for _, function in prescribed]
     pieces = np.concatenate([function.pieces for function in functions] or [np.zeros((1, PIECE))])
     first = np.cumsum([0] + [len(function.pieces) for function in functions]).astype(np.int64)
     return Drive(pieces.ravel(), first, entries, added, known, motions)

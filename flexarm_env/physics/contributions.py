@@ -13,21 +13,23 @@ Arguments that recur (others as in `protocol`)
 Residual
     prepare(lane, part, model, par, state, weights, S)      Before the arm's residual: store in S values that it uses.
     point_forces(lane, part, model, par, state, S, inputs)
-        Add forces on points of the arm (N, N m) to its inputs. They depend on q and v, not on accelerations.
+        Add forces on points of the arm (N, N m) to its inputs. The forces depend on q and v, not on accelerations.
     assemble(lane, part, model, par, state, u, weights, r, S)
         Add the contribution's terms to r, and, with weights.with_matrix, write its entries of S.
 
 Linear system, hooks around the arm's own `factor` and `solve`
     fix_coordinate(lane, part, model, S, k)                 Row k is fixed or prescribed.
-    before_factor(lane, part, model, S)                     Condense own rows onto the arm's.
+    before_factor(lane, part, model, S)                     Condense the contribution's rows onto the arm's.
     after_factor(lane, part, model, S)                      `protocol.solve` of the Model can be used.
-    before_solve(lane, part, model, S, x, transposed)       Eliminate own rows from the right side x; transposed: S^T.
+    before_solve(lane, part, model, S, x, transposed)       Eliminate the contribution's rows from x, the right
+                                                            side; transposed: of the system with S^T.
     after_solve(lane, part, model, S, x, transposed)        Complete or correct the solution x.
     correct_increment(lane, part, model, S, x, fresh)       In a Newton iteration: correct x = S^-1 r by laws that the
                                                             matrix lacks; fresh: S is new.
 
 Work and energy
-    energy(lane, part, model, par, q, v, sums)              Return sums (kinetic, strain, gravitational; J) with own.
+    energy(lane, part, model, par, q, v, sums)              Return sums (kinetic, strain, gravitational; J) plus
+                                                            the contribution's energies.
     damping_power(lane, part, model, par, q, v, x, total)   Return total + x^T C v, W.
     input_displacements(lane, part, model, q, y)            Change the displacements on which inputs do work.
     inertia_forces(lane, part, model, par, a, r)            Add M a (period correction).
@@ -35,14 +37,17 @@ Work and energy
     after_step(lane, part, model, par, q, v, S, h)          Record in S the state at the end of a step of h (s).
 
 Configuration and output
-    set_joint_configuration(lane, part, model, live, rates, q, v)           Own rows after the arm's joints were set.
+    set_joint_configuration(lane, part, model, live, rates, q, v)           Set the contribution's rows,
+                                                                            after the arm's joints are set.
     poses(lane, part, model, q, v, out)                     Write the poses for tasks at the end of out.
 
 Reverse derivatives, where `Jointed.derived` does not leave them to the compiler
-    vjp_residual(lane, part, model, par, state, bar, u_bar, r_bar)          That of `assemble`; own rows of r_bar <- 0.
-    multiply(lane, part, model, S, x, y)                    Add S x of own entries to y, before `factor`.
+    vjp_residual(lane, part, model, par, state, bar, u_bar, r_bar)          Reverse `assemble`; set the
+                                                                            contribution's rows of r_bar to 0.
+    multiply(lane, part, model, S, x, y)                    Add the contribution's part of S x to y, before
+                                                            `factor`.
 
-Coulomb friction is not a function of the state. The integrator solves for it with functions of its own
+Coulomb friction is not a function of the state. The integrator solves for Coulomb friction with functions of its own
 (`joints.friction`).
 """
 
@@ -69,9 +74,7 @@ energy = CONTRIBUTIONS.function("energy", "lane, part, model, par, q, v, sums")
 damping_power = CONTRIBUTIONS.function("damping_power", "lane, part, model, par, q, v, x, total")
 input_displacements = CONTRIBUTIONS.function("input_displacements", "lane, part, model, q, y")
 inertia_forces = CONTRIBUTIONS.function("inertia_forces", "lane, part, model, par, a, r")
-conserve_momentum = CONTRIBUTIONS.function(
-    "conserve_momentum", "lane, part, model, par, before, h, q, v, u, r, S"
-)
+conserve_momentum = CONTRIBUTIONS.function("conserve_momentum", "lane, part, model, par, before, h, q, v, u, r, S")
 after_step = CONTRIBUTIONS.function("after_step", "lane, part, model, par, q, v, S, h")
 set_joint_configuration = CONTRIBUTIONS.function("set_joint_configuration", "lane, part, model, live, rates, q, v")
 poses = CONTRIBUTIONS.function("poses", "lane, part, model, q, v, out")

@@ -1,7 +1,7 @@
 """Strain gauges: curvature of a link at a point, in the plane a linear function of the coordinates.
 
 For bodies with floating frames the reading is the mean curvature between two drawing stations. For the other
-formulations it is the curvature at the point.
+formulations the reading is the curvature at the point.
 """
 
 from collections.abc import Sequence
@@ -29,9 +29,7 @@ Spot = tuple[int, float] | tuple[int, float, str]
 `sensors.MEASURES` (plane: "xy")."""
 
 
-def curvatures(
-    scene: Scene, settings: Settings, names: Sequence[str], places: Sequence[Spot], q: Array
-) -> Array:
+def curvatures(scene: Scene, settings: Settings, names: Sequence[str], places: Sequence[Spot], q: Array) -> Array:
     """Return curvatures (n, G), 1/m, at G spots for n configurations q (n, rows), less the stress-free curvatures."""
     # `curvature_rows` reads only q0 and names, so that a stand-in spares the assembly of a System
     like: Any = SimpleNamespace(q0=q[0], names=names)
@@ -47,7 +45,7 @@ def curvatures(
 
 
 def over(rows: Array, sizes: Array, space: bool) -> Array:
-    """Divide gauge rows by `sizes` (G,), 1/m, so that readings are relative to them; rows of `curvature_rows`.
+    """Divide gauge rows (from `curvature_rows`) by `sizes` (G,), 1/m, so that readings are relative to these sizes.
 
     space: rows hold `GAUGE` records, of which the entries from `near` on scale.
     """

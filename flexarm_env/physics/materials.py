@@ -2,12 +2,13 @@
 
 Each stress resultant is a stiffness (EA, C, EI) times a function of its strain (Gamma_1, Gamma_2, kappa) with slope 1
 at zero strain; Kelvin-Voigt damping adds stiffness times tau_d times the strain rate (theory, 5.1). The exact beam
-reads all three laws, the elastica that of M; floating frames take stiffnesses alone. Here all are linear:
+reads all three laws, the elastica that of M; floating frames use only the stiffnesses. The laws of this module are
+linear:
 
     N = EA Gamma_1,   Q = C Gamma_2,   M = EI kappa.
 
 Arguments of a law: e, its strain times a length l; length, l (m); own, the section's fields beyond stiffnesses
-(`NORMAL_AND_SHEAR`, `BENDING`). It returns an `Answer`. docs/architecture.md shows two other laws.
+(`NORMAL_AND_SHEAR`, `BENDING`). A law returns an `Answer`. docs/architecture.md shows two other laws.
 """
 
 from typing import Any, NamedTuple
@@ -32,7 +33,7 @@ class Answer(NamedTuple):
 def normal(e, length, own):
     """Return the law of the normal force N (N), f(e) = l N / EA with e = l Gamma_1 (m), as an `Answer`: linear, f = e.
 
-    length: l (m); own: further constants of the section. This law reads neither.
+    length: l (m); own: further constants of the section. The linear law reads neither `length` nor `own`.
     """
     return Answer(e, None, e * e)
 
@@ -41,7 +42,7 @@ def normal(e, length, own):
 def shear(e, length, own):
     """Return the law of the shear force Q (N), f(e) = l Q / C with e = l Gamma_2 (m), as an `Answer`: linear, f = e.
 
-    length: l (m); own: further constants of the section. This law reads neither.
+    length: l (m); own: further constants of the section. The linear law reads neither `length` nor `own`.
     """
     return Answer(e, None, e * e)
 

@@ -8,8 +8,8 @@ S (N m). With the torque T (N m) that moves the arm and the ratio sigma = S / T,
 
 The rounding forces must stay small, which limits sigma. A smaller tolerance keeps Newton's forces small if necessary.
 Damping adds the stiffness 2 tau_d S / h for increments of a step of h. The condition number of the matrix M + gamma h C
-+ beta h^2 K is sigma (1 + 2 tau_d / h) times the angle that a step turns. It is at most sigma if a step resolves the
-motion.
++ beta h^2 K is sigma (1 + 2 tau_d / h) times the angle that a step turns. The condition number is at most sigma if a
+step resolves the motion.
 """
 
 import math
@@ -35,11 +35,11 @@ SHARE = 100.0
 If the forces would be larger (not in metal arms), the tolerance is `LEFT` over sigma."""
 
 TURNED = 10.0
-"""rad: angle up to which an elastica may turn. Its angles are absolute and lose digits as they grow."""
+"""rad: angle up to which an elastica may turn. The angles of an elastica are absolute and lose digits as they grow."""
 
 LEFT, FINEST = 1e-2, 1e-13
-"""Forces that the smaller tolerance leaves, over the torques, and the smallest tolerance. Increments still reach that
-tolerance after a dozen turns of a joint."""
+"""Forces that remain under the smaller tolerance, over the torques, and the smallest tolerance. Increments still reach
+the smallest tolerance after a dozen turns of a joint."""
 
 STILL = 1e-12
 """rad: an arm that turns by less in a scene counts as standing still."""
@@ -119,7 +119,11 @@ def largest(drawn: Mapping[str, tuple[float, float]]) -> dict[str, float]:
 
 
 def ratio(
-    arm: Arm, settings: Settings, torque: float, factors: Mapping[str, float] = ALIKE, damping: float = 1.0,
+    arm: Arm,
+    settings: Settings,
+    torque: float,
+    factors: Mapping[str, float] = ALIKE,
+    damping: float = 1.0,
     space: bool = False,
 ) -> float:
     """Return sigma = S / T of an arm moved by a torque T (N m), S its largest stiffness; 0 if it has none.
@@ -180,7 +184,7 @@ def check_parameters(
     """Check an arm with factors (see `stiffnesses`), its own tau_d = damping (s) and gear stiffness = spring (N m/rad).
 
     Raises:
-        ValueError: its stiffness ratio is above `MOST`; names `path` and the parameter to change.
+        ValueError: the arm's stiffness ratio is above `MOST`; the message names `path` and the parameter to change.
     """
     torque, h = min(arm.torque_limits or (math.inf,)), settings.dt
     assert h is not None

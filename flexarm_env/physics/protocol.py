@@ -74,7 +74,7 @@ Output
     strain_gauge(lane, model, q, row)             Return a gauge's reading, 1/m; row: of `gauges.curvature_rows`.
     out_of_range(lane, model, par, q)             Return 0.0 where the model is valid, otherwise a status code.
     centerline(model, q, points)                  points (n_points, 2 or 3) <- positions along the chain, m;
-                                                  returns their number. One lane only.
+                                                  returns their number. The kernel has one lane only.
 
 Reverse derivatives; `compiler.vjp_of` derives them from the functions above unless a formulation has a faster way
     solve_transposed(lane, model, S, x)           x <- S^-T x.
@@ -144,8 +144,8 @@ class NewtonPolicy(NamedTuple):
 def reuses_matrix(policy, iteration):
     """Return whether Newton iteration number `iteration` (from 0) uses the factors of the iteration before.
 
-    policy: `NewtonPolicy`. If its `reuse` is None, each iteration has its own matrix. Otherwise `reuse` is a pair of
-    tuples; their lengths are the numbers of the first and of the last iteration that reuse factors.
+    policy: `NewtonPolicy`. If the policy's `reuse` is None, each iteration has its own matrix. Otherwise `reuse` is a
+    pair of tuples; their lengths are the numbers of the first and of the last iteration that reuse factors.
     """
     if policy.reuse is None:
         return False
@@ -156,7 +156,8 @@ class Weights(NamedTuple):
     """Factors of the residual's derivatives in a matrix: mass dr/da + damping dr/dv + stiffness dr/dq.
 
     A Newton matrix may leave out terms or add approximate ones, because the iteration corrects the errors of its
-    matrix. The matrix of a jump of accelerations or velocities may not: a single solution defines the jump.
+    matrix. The matrix of a jump of accelerations or velocities must be exact, because a single solution defines the
+    jump.
     """
 
     mass: float
@@ -208,8 +209,8 @@ def mean_damping_power(lane, model, par, start, v0, end, v, x, h):
     """Return (dissipated mean power, excess of the damping forces' mean power over it or None), W, of a step of h (s).
 
     The step leads from coordinates `start` with rates v0 to `end` with v; x: mean rates. With rotations in q the
-    formulation's `damping_power` integrates over the step. Without them strains are nearly linear in q: the dissipated
-    power is the mean of x^T C v at both ends, and there is no excess (None).
+    formulation's `damping_power` integrates over the step. Without rotations in q strains are nearly linear in q: the
+    dissipated power is the mean of x^T C v at both ends, and there is no excess (None).
     """
     if model.newton.rotations is not None:
         return damping_power(lane, model, par, end, v, x, (start, v0, h))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env.accuracy import common_instants
-from flexarm_env.view.clip import cuts_of
+from flexarm_env.geometry.ribbons import cuts_of
 from flexarm_env.view.sources import mesh_of, shapes_of
 
 from .. import validation as check

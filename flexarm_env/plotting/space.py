@@ -56,7 +56,7 @@ def _frame(axes: Any, trajectory: Any) -> float:
 
 
 def _draw_shapes(axes: Any, trajectory: Any, count: int) -> None:
-    """Draw shapes at even times, later ones darker, with shadows on the ground, and the tip's path."""
+    """Draw shapes at even times, later shapes darker, with shadows on the ground, and the tip's path."""
     points = trajectory.shapes
     ground = _frame(axes, trajectory)
     chosen = np.unique(np.linspace(0, len(points) - 1, count).round().astype(int))

@@ -68,7 +68,7 @@ def styled_figure(path: str | os.PathLike[str], width: float, height: float, tit
 
 
 def shade(i: int, count: int, start: float = 0.0) -> Any:
-    """Return the color of shape i of `count`: later ones are darker."""
+    """Return the color of shape i of `count`: later shapes are darker."""
     return _TIME(start + (1.0 - start) * i / max(1, count - 1))
 
 

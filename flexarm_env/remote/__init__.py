@@ -1,6 +1,6 @@
 """Remote operation over UDP: a server that runs an arm in real time, a client environment, and policies that drive it.
 
-This is no safety system. A real arm needs its own hardware for safety.
+The server is no safety system. A real arm needs its own hardware for safety.
 """
 
 from .client import Played, RemoteArmEnv, Wire, run_policy

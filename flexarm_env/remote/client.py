@@ -228,8 +228,8 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
     Action (N,): torques divided by their limits, within +-1. Observation (M,): sensor readings divided by their scales,
     as in the environment that the server runs. The remote arm has no task: rewards are 0. `step` sends the torques and
     waits for the next reading. An episode is truncated if no reading arrives, or if the watchdog or a limit holds the
-    arm. It is terminated if the arm has stopped. `info["reason"]` is then one of `REASONS`. `reset` ends the hold
-    of the arm and requests a new start, which a simulated arm makes and a real one may ignore.
+    arm. An episode is terminated if the arm has stopped. `info["reason"]` is then one of `REASONS`. `reset` ends the
+    hold of the arm and requests a new start, which a simulated arm makes and a real one may ignore.
 
     Args:
         host, port: address of `flexarm serve`, or of any server of these packets. key: shared secret.
@@ -361,9 +361,9 @@ def run_policy(
     """Drive an arm by a policy for `seconds` and return a summary: steps, seconds, lost (readings) and ended.
 
     policy: object with `reset(observation)` and `act(observation)`, or a function of observations. The first action may
-    take longer than the watchdog waits, for example because the policy designs a controller. The arm is then held. Its
-    hold is ended and the policy is called again, at most `TRIES` times. `ended` is "time", one of `REASONS`, "angle" or
-    "rate".
+    take longer than the watchdog waits, for example because the policy designs a controller. The arm is then held. The
+    function ends the arm's hold and calls the policy again, at most `TRIES` times. `ended` is "time", one of `REASONS`,
+    "angle" or "rate".
 
     most_angle (rad), most_rate (rad/s): the run ends if a joint exceeds one of them; closing the environment holds the
     arm.

@@ -89,8 +89,8 @@ class Refusal(Enum):
 class Packet(NamedTuple):
     """Content of one packet; the module's docstring gives the layout.
 
-    kind: `Kind`. connection: 64-bit number. sequence: from 1. time: sender's clock, s. numbers: as the kind defines
-    them. flags: bits of a command (`ARM`, ...) or of a reading (`HELD`, ...).
+    kind: `Kind`. connection: 64-bit number. sequence: number of the packet, from 1. time: sender's clock, s. numbers:
+    numbers that the kind defines. flags: bits of a command (`ARM`, ...) or of a reading (`HELD`, ...).
     """
 
     kind: Kind
@@ -110,7 +110,7 @@ def pack(packet: Packet, key: bytes | None = None) -> bytes:
 
 
 def unpack(content: bytes, key: bytes | None = None) -> Packet | Refusal:
-    """Decode bytes to a `Packet`, or return the `Refusal` with the reason why this is impossible. Never raises."""
+    """Decode bytes to a `Packet`, or return the `Refusal` with the reason; never raise an exception."""
     tail = 0 if key is None else DIGEST
     size = len(content) - HEAD.size - tail
     if size < 0 or size % 8 or size // 8 > MOST_NUMBERS:

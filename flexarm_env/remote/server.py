@@ -1,6 +1,6 @@
 """Server of a remote arm: its protocol and control periods (`Session`), and the real-time UDP loop (`Server`).
 
-This is no safety system."""
+The server is no safety system."""
 
 import csv
 import hashlib
@@ -86,8 +86,8 @@ class Session:
     Attributes:
         row: last period: time (s) and readings at its start, and the torques applied in it. counts: packets by
             `Refusal` and by "accepted", "challenged", "busy", "missing" (gaps in the peer's sequence numbers).
-        held: whether the arm is held, until a command with `ARM`. reason: why. peer: address served, or None. status:
-            0.0, or the code that stopped the arm. period: its number. notice: a sentence about a peer's version, or "".
+        held: whether the arm is held, until a command with `ARM`. reason: reason for holding. peer: served address.
+            status: 0.0, or the code that stopped the arm. period: its number. notice: on a peer's version, or "".
     """
 
     env: Any

@@ -1,10 +1,10 @@
 """Reverse derivative of a control period: transform cotangents of its outcome into those of its state and action.
 
-The period is run once more with the end of each step stored on a tape. Then the steps are processed in reverse order.
-One reverse pass computes all derivatives of one scalar, for a few times the cost of the period. A block with the layout
-of the arms' block holds cotangents. x_bar is the cotangent of x, the derivative of the scalar by x. Accelerations start
-anew with each period (elasticas) or jump with the torques (stiff arms). If torques change within a period, they do so
-at each step.
+The period is run once more with the end of each step stored on a tape. After the run the steps are processed in reverse
+order. One reverse pass computes all derivatives of one scalar, for a few times the cost of the period. A block with the
+layout of the arms' block holds cotangents. x_bar is the cotangent of x, the derivative of the scalar by x.
+Accelerations start anew with each period (elasticas) or jump with the torques (stiff arms). If torques change within a
+period, the torques change at each step.
 """
 
 from __future__ import annotations
@@ -20,25 +20,22 @@ from ..compiler import (
     kernel,
     lane_count,
     load,
-    max_over_lanes,
-    select_lt,
     size,
     splat,
     stack,
     store,
     vjp_of,
 )
-from ..physics.integrator.adjoint import vjp_light, vjp_restart, vjp_step, vjp_switch
 from ..physics.integrator.newton import newmark_slopes
-from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
-from ..physics.integrator.tangents import factor_step_end
+from ..physics.integrator.step_derivatives import factor_step_end, vjp_step
+from ..physics.integrator.transitions import vjp_jump
 from ..physics.integrator.work import accumulated_increment, copy_rows, shift_size, unpack
-from ..physics.layout import POSE
 from ..physics.protocol import local_difference, tangent_map, task_poses, vjp_poses
 from ..tasks.own_terms import judge_with_terms
-from ..tasks.program import saved_at, sections
+from ..tasks.program import GOAL, PERIODS, sections
 from ..tasks.task import info_of, observe
+from ..tasks.track import list_ahead, move_targets, turn_ahead
 from .derivative import fill
 from .keeping import read_parts, save_lanes, write_parts
 from .motors import (
@@ -51,6 +48,7 @@ from .motors import (
     record_commands,
     update_motor_torques,
 )
+from .sensors import read_gauges
 
 
 class Asked(NamedTuple):
@@ -63,34 +61,37 @@ class Asked(NamedTuple):
 
 
 @kernel
-def _see(lane, task, poses, record, action, seen, outcome):
-    """Compute the scaled true observation `seen` and the reward (outcome row 0) from poses, record and action.
+def _see(lane, p, q, poses, record, action, seen, outcome):
+    """Compute the scaled true observation `seen` and the reward (outcome row 0) from q, poses, record and action.
 
-    # in        poses (inertial axes, m, rad and rates), record, action (joints, lanes)
-    # out       seen (entries, lanes) over the scales;  outcome
+    # in        q (m, rad), poses (inertial axes, m, rad and rates), record, action (joints, lanes)
+    # in, out   seen (entries, lanes): in, where a moving target will be (`track.list_ahead`); out, over the scales
+    # out       outcome
     All info is scratch here. This function exists to be differentiated in reverse (`vjp_of`).
     """
-    info = stack(lane, (0,) * info_of(task).end)
-    for k in range(info_of(task).end):
+    info = stack(lane, (0,) * info_of(p.task).end)
+    for k in range(info_of(p.task).end):
         store(info, k, splat(lane, 0.0))
-    observe(lane, task, poses, record, seen)
-    reward, _ = judge_with_terms(lane, task, poses, action, record, splat(lane, 1.0), info)
+    observe(lane, p.task, poses, record, seen)
+    turn_ahead(lane, p.reference, p.task, poses, seen)
+    read_gauges(lane, p.sensors, p.entries, p.model, q, seen)
+    reward, _ = judge_with_terms(lane, p.task, poses, action, record, splat(lane, 1.0), info)
     store(outcome, 0, reward)
 
 
-def _ask(lane, model, task, controller, amplifier, par, q, v, record, action, u):
+@kernel
+def _ask(lane, model, task, controller, amplifier, par, q, v, record, action, poses, y, u):
     """Write the commanded joint torques (N m) into u, from state, record and action (`motors.command`).
 
     # in        q (m, rad), v, record, action (joints, lanes) in [-1, 1]
+    # scratch   poses, y
     # out       u (joints, lanes)
-    Poses and displacements are scratch arrays of this function, so that `vjp_of` can differentiate it in reverse.
     """
-    poses, y = stack(lane, (0,) * (POSE.end * size(task.links))), stack(lane, (0,) * size(task.links))
     command(lane, task, controller, amplifier, model, par, action, poses, record, Asked(q, v, u, y))
 
 
-_vjp_sight = vjp_of(_see, ("poses", "record", "action", "seen", "outcome"))
-_vjp_command = vjp_of(_ask, ("par", "q", "v", "record", "action", "u"))
+_vjp_sight = vjp_of(_see, ("q", "poses", "record", "action", "seen", "outcome"))
+_vjp_command = vjp_of(_ask, ("par", "q", "v", "record", "action", "u"), scratch=("poses", "y"))
 _vjp_commands = vjp_of(record_commands, ("record", "w"))
 _vjp_motors = vjp_of(update_motor_torques, ("record", "w"))
 
@@ -134,21 +135,23 @@ def _period(lane, d, g, block, bars, tape):
         # a jump of a by u - u_0: its state, S, a and u_0 before it go behind the ends of all steps
         if may_jump_before_step(p.actuator, s):
             jump_with_torques(lane, p, model, par, s, record, saved, block, w, (0,))
-            write_parts(_of_step(lane, model, p.task, w), start[s * (length + more) :])
+            write_parts(_of_step(lane, model, w), start[s * (length + more) :])
             write_parts(_of_jump(w), start[s * (length + more) + length :])
         advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
         if model.newton.rotations is not None:
             # stored: the increment by which the prediction moves q, in place of the prediction
             foreseen = accumulated_increment(lane, w)[1]
             local_difference(lane, model, w.q0, foreseen, foreseen)
-        write_parts(_of_step(lane, model, p.task, w), tape[s * length :])
+        write_parts(_of_step(lane, model, w), tape[s * length :])
     # cotangents of observation and reward, through poses (inertial axes), to q, v, a at the period's end
     for i in range(lane_count(lane)):
         if g * lane_count(lane) + i < d.n:
             d.failed[g * lane_count(lane) + i] = np.uint8(w.flag[i])
     _seed(lane, d, g, bars)
     task_poses(lane, model, par, w.q, w.v, poses)
-    _vjp_sight(lane, p.task, poses, record, action, seen, info, poses_bar, record_bar, action_bar, seen_bar, reward_bar)
+    _vjp_outcome(
+        lane, p, w.q, poses, record, action, seen, info, bar.q, poses_bar, record_bar, action_bar, seen_bar, reward_bar
+    )
     vjp_poses(lane, model, par, par_bar, w.q, w.v, poses, bar.q, bar.v, poses_bar)
     # cotangents of rotation vectors become those of body-axes increments
     if model.newton.rotations is not None:
@@ -156,13 +159,13 @@ def _period(lane, d, g, block, bars, tape):
     # steps, jumps and motors from the last to the first, because a cotangent needs the state that it belongs to
     slopes = newmark_slopes(p.scheme, p.h)
     for s in range(p.n_steps - 1, -1, -1):
-        read_parts(_of_step(lane, model, p.task, w), tape[s * length :])
+        read_parts(_of_step(lane, model, w), tape[s * length :])
         factor_step_end(lane, model, par, w, slopes)
         vjp_step(lane, model, par, par_bar, w, bar, slopes, p.scheme, d.passes)
         if may_jump_before_step(p.actuator, s):
-            read_parts(_of_step(lane, model, p.task, w), start[s * (length + more) :])
+            read_parts(_of_step(lane, model, w), start[s * (length + more) :])
             read_parts(_of_jump(w), start[s * (length + more) + length :])
-            _vjp_torques_jump(lane, p, par, par_bar, s, record, saved, block, w, bar)
+            vjp_jump(lane, model, par, par_bar, w, bar, p.h, is_starting(lane, s, record))
         _vjp_turn(lane, model, p.task, p.actuator, s, record, record_bar, w, bar, tape[s * length :])
     # back to cotangents of rotation vectors: T^T, the inverse of the map above
     if model.newton.rotations is not None:
@@ -171,7 +174,7 @@ def _period(lane, d, g, block, bars, tape):
     if p.actuator is not None:
         _vjp_commands(lane, p.task, p.actuator, record, w, record_bar, bar)
     _vjp_command(
-        lane, model, p.task, p.controller, p.amplifier, par, w.q, w.v, record, action, w.u,
+        lane, model, p.task, p.controller, p.amplifier, par, w.q, w.v, record, action, poses, w.y, w.u,
         par_bar, bar.q, bar.v, record_bar, action_bar, bar.u,
     )  # fmt: skip
     copy_rows(lane, size(model.n_inputs), bar.u0, bar.u)
@@ -179,53 +182,37 @@ def _period(lane, d, g, block, bars, tape):
 
 
 @kernel
-def _vjp_torques_jump(lane, p, par, par_bar, s, record, saved, block, w, bar):
-    """Apply the reverse derivative of `motors.jump_with_torques`: cotangents in `bar` from after the jump to before it.
+def _vjp_outcome(
+    lane, p, q, poses, record: Lanes, action, seen, info, q_bar, poses_bar, record_bar, action_bar, seen_bar, reward_bar
+):
+    """Apply the reverse derivative of `_see` at the end of a period, when targets have moved, to the cotangents.
 
-    # w         state after the jump; w.a0, w.u0 accelerations and torques before it, w.S the factored matrix
-    # in, out   bar (q, v, a, b, u, u0), par_bar
+    record: as at the start of the period, also afterwards.
     """
-    if p.model.newton.resolved is not None:
-        vjp_restart(lane, p.model, par, par_bar, w, bar, splat(lane, 1.0), p.h)
-    elif p.model.newton.light_joints is not None:
-        vjp_light(lane, p.model, par, par_bar, w, bar, p.h, is_starting(lane, s, record))
-    else:
-        _vjp_switch(lane, p, par, par_bar, s, record, saved, block, w, bar)
-
-
-@kernel
-def _vjp_switch(lane, p, par, par_bar, s, record, saved, block, w, bar):
-    """Apply the reverse derivative of the jump of a stiff model's accelerations; in lanes that begin, of their start.
-
-    Arguments as in `_vjp_torques_jump`.
-    """
-    zero, first = splat(lane, 0.0), is_starting(lane, s, record)
-    n, inputs = size(p.model.n), size(p.model.n_inputs)
-    vjp_switch(lane, p.model, par, par_bar, w, bar, p.h)
-    # lanes where an episode begins: their torques did not jump (u0 is u), their accelerations were solved for
-    if max_over_lanes(first) > 0.5:
-        at = saved_at(0, n, inputs, 0, 0)
-        for k in range(inputs):
-            both = load(lane, bar.u, k) + load(lane, bar.u0, k)
-            store(bar.u, k, select_lt(0.5, first, both, load(lane, bar.u, k)))
-            store(bar.u0, k, select_lt(0.5, first, zero, load(lane, bar.u0, k)))
-            store(w.u0, k, load(lane, saved, at.inputs + k))
-        for k in range(n):
-            store(w.a, k, load(lane, saved, at.a + k))
-        restart(lane, p.model, None, par, block, 0, 0.0, p.h, True)
-        vjp_restart(lane, p.model, par, par_bar, w, bar, first, p.h)
+    links = size(p.task.links)
+    start = stack(lane, p.task.links)
+    copy_rows(lane, links, record[GOAL * len(lane) :], start)
+    move_targets(lane, p.reference, p.task, p.period, record)
+    record[PERIODS] += 1.0
+    list_ahead(lane, p.reference, p.task, p.period, True, record, seen)
+    _vjp_sight(
+        lane, p, q, poses, record, action, seen, info, q_bar, poses_bar, record_bar, action_bar, seen_bar, reward_bar
+    )
+    # commands of the period depend on its start's goal angles
+    record[PERIODS] -= 1.0
+    copy_rows(lane, links, start, record[GOAL * len(lane) :])
 
 
 @kernel
 def _length(model, task):
-    """Return how many numbers are stored per step: q, v, a, increment of q, torques, motor torques before the step."""
-    return _last(model, task) + size(task.links)
+    """Return how many numbers are stored per step: q, v, a, increment of q, inputs, motor torques before the step."""
+    return _last(model) + size(task.links)
 
 
 @kernel
-def _last(model, task):
+def _last(model):
     """Return the offset of the motors' torques among the numbers stored per step."""
-    return 3 * size(model.n) + shift_size(model, size(model.n)) + size(task.links)
+    return 3 * size(model.n) + shift_size(model, size(model.n)) + size(model.n_inputs)
 
 
 @kernel
@@ -242,10 +229,9 @@ def room_of(model, task, actuator, n_steps):
 
 
 @kernel
-def _of_step(lane, model, task, w):
-    """Return the views of w that are stored at the end of a step: q, v, a, increment of q, torques."""
-    shift = w.shift[: shift_size(model, size(model.n)) * len(lane)]
-    return w.q, w.v, w.a, shift, w.u[: size(task.links) * len(lane)]
+def _of_step(lane, model, w):
+    """Return the views of w that are stored at the end of a step: q, v, a, increment of q, inputs."""
+    return w.q, w.v, w.a, w.shift[: shift_size(model, size(model.n)) * len(lane)], w.u
 
 
 @kernel
@@ -264,7 +250,7 @@ def _turn(lane, model, task, actuator, s, record, w, tape):
     """
     if actuator is not None:
         torques = record[motors_at(task, actuator).torque * len(lane) :]
-        copy_rows(lane, size(task.links), torques, tape[_last(model, task) * len(lane) :])
+        copy_rows(lane, size(task.links), torques, tape[_last(model) * len(lane) :])
         if s > 0:
             copy_rows(lane, size(model.n_inputs), w.u, w.u0)
         update_motor_torques(lane, task, actuator, s, record, w)
@@ -278,7 +264,7 @@ def _vjp_turn(lane, model, task, actuator, s, record, record_bar, w, bar, tape):
     """
     if actuator is not None:
         torques = record[motors_at(task, actuator).torque * len(lane) :]
-        copy_rows(lane, size(task.links), tape[_last(model, task) * len(lane) :], torques)
+        copy_rows(lane, size(task.links), tape[_last(model) * len(lane) :], torques)
         _vjp_motors(lane, task, actuator, s, record, w, record_bar, bar)
         # u_0 was a copy of u: its cotangent adds to that of the u before
         if s > 0:

@@ -1,10 +1,10 @@
 """One control period and its derivative by state and action, on rows of numbers instead of a batch's blocks.
 
-A row of `Derivative.state` holds all numbers that an arm's period depends on. The first X numbers are the moving ones:
-derivatives are taken of them and by them. Constants follow. The period is that of `episode`, without info: it computes
-torques, steps, observation and reward from the action. Its derivative, `jacobian`, has D = X + A columns, one per
-moving number and action, and X + O + 1 rows per arm: the moving numbers at the end, the observation's entries and the
-reward.
+A row of `Derivative.state` holds all numbers that an arm's period depends on. The first X numbers are the moving
+numbers, of which and by which derivatives are computed. Constants follow. The period is that of `episode`, without
+info: it computes torques, steps, observation and reward from the action. The period's derivative, `jacobian`, has D = X
++ A columns, one per moving number and action, and X + O + 1 rows per arm: the moving numbers at the end, the
+observation's entries and the reward.
 
 `tangents` runs the period in dual lanes, some columns at a time. Every operation is differentiated when it is computed.
 Newton's solution is differentiated by the implicit function theorem (`physics.integrator.newton`). `implicit` is faster
@@ -73,8 +73,8 @@ class Derivative(NamedTuple):
 def step(address, first, last):
     """Advance groups first ... last - 1 by one control period, from d.state and d.action; no derivatives. Returns 0.
 
-    address: address of a `Derivative` d; it writes d.after, observation, reward, failed, past (1: joint limit passed)
-    and, with fitted steps, level.
+    address: address of a `Derivative` d. The function writes d.after, observation, reward, failed, past (1: joint limit
+    passed) and, with fitted steps, level.
     """
     return _values(dereference(address), first, last, (0,))
 
@@ -212,7 +212,7 @@ def fill_rows(lane, n, g, places, rows, block):
     """Copy rows of numbers of group g's arms into a block, with tangents 0.
 
     rows (n count,): `count` numbers of each of n arms. places (count,): their offsets in the block. Lanes without an
-    arm get the numbers of the group's first.
+    arm get the numbers of the group's first arm.
     """
     count = places.shape[0]
     for k in range(count):
@@ -228,7 +228,7 @@ def fill(lane, d, places, layout, g, block):
     """Copy states and actions of group g into a block, with tangents 0 and flags OK.
 
     places: offsets of the state's numbers; layout: sections of the block. The rest of the record is 0. Lanes without an
-    arm get the numbers of the group's first.
+    arm get the numbers of the group's first arm.
     """
     joints = size(d.program.task.links)
     # numbers of the record that the state does not contain are 0, so that a period depends on the state alone
@@ -264,7 +264,7 @@ def _go(lane, p, guide, models, model, parts, layout, block, w, moves, anew):
     """Advance the arms in a block by one control period and observe them, or only observe them where moves is None.
 
     guide: `guided.Guided`, or None. models, model, parts: as in `fitted.move`. anew: as in `guided.follow_motions`.
-    layout: sections of the block, in plain or dual lanes. w: views of it.
+    layout: sections of the block, in plain or dual lanes. w: views of the block.
     """
     if moves is not None:
         par, poses, record, action, _, _, saved, scratch = sections(layout, block)
@@ -284,7 +284,7 @@ def _go(lane, p, guide, models, model, parts, layout, block, w, moves, anew):
 def close(lane, p, layout, block, w):
     """End a period: move targets, count the period, observe, and replace entries by sensor readings without noise.
 
-    layout: sections of the block, in plain or dual lanes. w: views of it.
+    layout: sections of the block, in plain or dual lanes. w: views of the block.
     """
     poses, record = block[layout.poses : layout.record], block[layout.record : layout.action]
     move_targets(lane, p.reference, p.task, p.period, record)
@@ -301,7 +301,7 @@ def see(lane, p, layout, block, w):
 
     info.reward <- reward, info.truncated <- 1 where a joint is beyond its limits.
 
-    layout: sections of the block, in plain or dual lanes. w: views of it.
+    layout: sections of the block, in plain or dual lanes. w: views of the block.
     """
     par, poses, record, action, seen, info, _, _ = sections(layout, block)
     task_poses(lane, p.model, par, w.q, w.v, poses)

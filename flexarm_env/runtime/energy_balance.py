@@ -57,8 +57,8 @@ def open_account(lane, p, par, record: Lanes, w):
     """Store the energy of arms that start an episode; apply payload changes that are due, with their energy as work.
 
     record.accounted (J): energy at the start of the episode plus work since then; record.exchanged (J): sum of their
-    absolute values. In an arm's first period both are set from its present energy. The energy change by a gripped or
-    dropped payload is added to both.
+    absolute values. In an arm's first period both fields are set from the arm's present energy. The energy change by
+    a gripped or dropped payload is added to both fields.
     # in        par, the arms' own parameters;  w.q, w.v;  w.flag, status codes;  record.periods
     # in, out   record.accounted, record.exchanged;  w and par where a payload changes
     """
@@ -119,7 +119,8 @@ def close_step(lane, p, model, par, record, w: Work, start: Lanes):
     """Add the motors' work (J) in a step to the record: sum of torque w.u (N m) times change of motor angle (rad).
 
     start (joints, lanes): motor angles at the start of the step, from `open_step`. w.y is scratch. The work is added to
-    record.accounted, its absolute value to record.exchanged. No-op if the balance of energy is not checked (p.watched).
+    record.accounted, its absolute value to record.exchanged. Do nothing if the balance of energy is not checked
+    (p.watched).
     """
     if p.watched is not None:
         # W += u (y - y_0), J: y are joint angles, or a geared motor's angle (rad), at the step's end
@@ -155,7 +156,7 @@ def close_account(lane, p, par, record: Lanes, saved: Lanes, w: Work):
     """Add the period's work of constant inputs to the record; flag arms with unaccounted energy DIVERGED.
 
     Work is input times displacement. With ideal motors the inputs are torques (N m) and pushes (N). With other motors
-    (p.actuator) they are only pushes, because `close_step` has added the motors' work step by step.
+    (p.actuator) the inputs are only pushes, because `close_step` has added the motors' work step by step.
     # in        saved, coordinates at the start of the period;  par, the arms' own parameters;  w.q, w.v, w.u
     # scratch   w.y, w.y0
     # out       record.accounted, start energy plus work (J);  record.exchanged, sum of absolute values (J);  w.flag

@@ -179,7 +179,7 @@ def find_sound(lane, entries, flag: Lanes, seen: Lanes):
     """Return 1.0 in lanes that were moved and whose observation is finite, otherwise 0.0.
 
     flag (lanes,): status code, 0 (OK) where the arm was moved without error; NOT_FINITE is written if an entry of seen
-    is not finite. A code other than OK is kept. entries: how many rows of `seen` are checked.
+    is not finite. A code other than OK is kept. entries: number of rows of `seen` that are checked.
     """
     code = flag[0]
     for k in range(entries):
@@ -252,7 +252,7 @@ def record_torques(lane, p, par, record: Lanes, w: Work, live, info):
 def record_energies(lane, p, par, w: Work, live, info):
     """Write energies (J), motor angles and rates (over the gear ratio; rad, rad/s) into info, if they are recorded.
 
-    They are recorded if p.books is a tag, in lanes where live > 1/2.
+    Energies, angles and rates are recorded if p.books is a tag, in lanes where live > 1/2.
     # in        w.q (m, rad), w.v;  w.books, energy account, J;  par, the arms' own parameters
     # scratch   w.y
     # out       info.energies: kinetic, strain, gravity, dissipated, work;  info.motors (2, joints): angles, then rates

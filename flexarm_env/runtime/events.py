@@ -1,8 +1,8 @@
 """Events of an episode: pushes at the tip, a change of the payload, and the cost of exceeding limits.
 
-Pushes and payload changes begin at the start of a control period. They are drawn and applied before the state is saved
-for a repetition (`keeping`). They are not drawn or applied again if a period is repeated: the record stores which push
-acts and whether the payload change is still due.
+Pushes and payload changes begin at the start of a control period. Pushes and payload changes are drawn and applied
+before the state is saved for a repetition (`keeping`). Pushes and payload changes are not drawn or applied again if a
+period is repeated: the record stores which push acts and whether the payload change is still due.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def draw_pushes(lane, p, g, record, w):
 def change_payloads(lane, p, par: Lanes, record, w):
     """Apply the payload changes that are due in this period: mass (kg), inertia (kg m^2), jump of velocities.
 
-    A change is due in an arm that moves (w.flag OK) if record.change is the number of periods done; it is -1
+    A change is due in an arm that moves (w.flag OK) if record.change is the number of periods done; record.change is -1
     afterwards. Arms whose change is not due keep all numbers bit for bit. par: each arm's own parameters, in and out;
     w: state, in and out. `impact.change_payload` has the momentum balance.
     """
@@ -126,7 +126,7 @@ def change_payloads(lane, p, par: Lanes, record, w):
 def set_pushes(lane, p, record, w):
     """Write the tip force of this period, N, inertial axes, into w.u behind the joint torques; 0 where no push acts.
 
-    record.push: first period of the push, first period after it, force. No-op without pushes.
+    record.push: first period of the push, first period after it, force. Do nothing without pushes.
     """
     if p.pushes is not None:
         lanes, first = len(lane), size(p.task.links)

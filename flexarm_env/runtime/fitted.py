@@ -8,9 +8,9 @@ below an eighth of the allowed error. In lanes, a step size that one arm needs i
 Each arm keeps its own result, which does not depend on other arms.
 
 An environment fits the steps of its control periods (`move`). A scene fits the steps of its stretches between samples
-and kinks (`simulation.Simulation`). Both call `open_fit`, then `start_run` and `end_run` for each step size, then
-`close_fit`. A run of k halvings has steps of h / 2^k. Each k has a model of its own, because inertia corrections depend
-on the step.
+and kinks (`simulation.Simulation`). Environments and scenes call `open_fit`, then `start_run` and `end_run` for each
+step size, then `close_fit`. A run of k halvings has steps of h / 2^k. Each k has a model of its own, because inertia
+corrections depend on the step.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ def _fit(lane, p, models, par, poses, record: Lanes, action, saved, scratch, blo
 def record_step_error(lane, p, scratch: Lanes, live, info: Lanes):
     """Write the error of a period in fitted steps, over the arm's length, into info.step_error, where live > 1/2.
 
-    The error is scratch.apart (m): distance of the tips between the kept run and the run with steps twice as long. It
-    exceeds the tolerance if steps of h/32 were still too long. No-op with fixed steps.
+    The error is scratch.apart (m): distance of the tips between the kept run and the run with steps twice as long. The
+    error exceeds the tolerance if steps of h/32 were still too long. Do nothing with fixed steps.
     """
     if p.models is not None:
         at = info_of(p.task).further + FURTHER.step_error
@@ -121,8 +121,8 @@ def start_run(lane, k, saved, scratch, record, w):
     """Return whether an arm needs a run of k halvings; if so, restore all lanes to the start of the period.
 
     Runs are compared in pairs of fine - 1 and fine halvings. An arm needs a run of k halvings as the coarser run
-    (scratch.fine = k + 1) or as the finer run (scratch.fine = k) of its pair. w.flag becomes OK in its lane and RETRY
-    (not moved) in others.
+    (scratch.fine = k + 1) or as the finer run (scratch.fine = k) of its pair. w.flag becomes OK in the arm's lane and
+    RETRY (not moved) in other lanes.
     """
     lanes, asked = len(lane), False
     for i in range(lanes):

@@ -1,7 +1,7 @@
 """A control period of an arm that follows prescribed motions, in plain or dual lanes, for its derivatives.
 
-The period is the same as in `envs.motion.Guide.advance` and uses the same kernel, `sampling.sample_rows`. It leads from
-kink to kink, with a consistent start at each kink.
+The period is the same as in `envs.motion.Guide.advance` and uses the same kernel, `sampling.sample_rows`. The period
+leads from kink to kink, with a consistent start at each kink.
 """
 
 from __future__ import annotations

@@ -1,33 +1,24 @@
 """Derivative of a control period step by step: values in plain lanes, tangents by the implicit function theorem.
 
-The caller passes groups that no other thread uses. The memory of the first group serves all of them. All columns
+The caller passes groups that no other thread uses. The memory of the first group serves all groups. All columns
 advance together: each step is computed once, its matrix is factored once more at its end, and each dual block holds a
-chunk of the columns (`physics.integrator.tangents`).
+chunk of the columns (`physics.integrator.transitions`).
 """
 
 from __future__ import annotations
 
-from ..compiler import dereference, inlined, kernel, load, max_over_lanes, select_lt, size, splat, store
-from ..physics.arithmetic import store_where
+from ..compiler import dereference, inlined, kernel, size
 from ..physics.integrator.newton import newmark_slopes
-from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
-from ..physics.integrator.switching import jump_accelerations
-from ..physics.integrator.tangents import (
-    before_switch,
-    copy_state,
-    factor_step_end,
-    light_tangents,
-    restart_tangents,
-    step_tangents,
-    switch_tangents,
-)
+from ..physics.integrator.step_derivatives import factor_step_end, step_tangents
+from ..physics.integrator.transitions import before_jump, copy_state, jump_tangents
 from ..physics.integrator.work import copy_rows, unpack
+from ..physics.joints.friction_derivatives import store_directions
 from ..tasks.program import sections
 from .derivative import at_once, close, fill, seed, take_columns, write_outcome
 from .events import change_payloads
 from .keeping import save_lanes
-from .motors import command_motors, is_starting, may_jump_before_step, start_stiff, update_motor_torques
+from .motors import command_motors, is_starting, jump_with_torques, may_jump_before_step, update_motor_torques
 
 
 @kernel
@@ -158,86 +149,14 @@ def _jump(lane, d, chunks, par, s, record, saved, block, scratch, w):
 
     # in        u0, u: inputs before and after, N m and N
     # in, out   a, b (m/s^2, rad/s^2) of w, and their tangents in the dual work arrays
-    The elastica's accelerations are solved for anew. Those of models with light joints and of stiff models jump by the
-    effect of the torques' change.
     """
-    if d.program.model.newton.resolved is not None:
-        _afresh(lane, d, chunks, par, block, scratch, w)
-    elif d.program.model.newton.light_joints is not None:
-        _light(lane, d, chunks, par, s, record, block, scratch, w)
-    else:
-        _stiff(lane, d, chunks, par, s, record, saved, block, scratch, w)
-
-
-@kernel
-def _afresh(lane, d, chunks, par, block, scratch, w):
-    """Solve for the elastica's accelerations anew, with their tangents; b = a.
-
-    Values in w, tangents in the dual work arrays of all chunks (m/s^2, rad/s^2).
-    """
-    model = d.program.model
-    restart(lane, model, None, par, block, 0, 0.0, d.program.h, True)
+    model, h = d.program.model, d.program.h
+    # the residual before the jump belongs to the arm before it, hence two passes over the chunks
     for c in range(chunks):
         both, x = _chunk(d, c, scratch)
-        restart_tangents(lane, d.dual, model, _parameters(d, both), w, x)
-        # x.r: a with its tangents, solved from rest; b = a
-        copy_rows(d.dual, size(model.n), x.r, x.a)
-        copy_rows(d.dual, size(model.n), x.r, x.b)
-
-
-@kernel
-def _light(lane, d, chunks, par, s, record, block, scratch, w):
-    """Let accelerations of a model with light joints jump with the torques, with their tangents.
-
-    # in, out   a, b (m/s^2, rad/s^2): values in w, tangents in the dual work arrays of all chunks
-    # scratch   q0 of the dual work arrays
-    """
-    p, model = d.program, d.program.model
+        before_jump(lane, d.dual, model, _parameters(d, both), w, x, is_starting(d.dual, s, _record(d, both)))
+    jump_with_torques(lane, d.program, model, par, s, record, saved, block, w)
+    store_directions(lane, model, w.S)
     for c in range(chunks):
         both, x = _chunk(d, c, scratch)
-        first, zero = is_starting(d.dual, s, _record(d, both)), splat(d.dual, 0.0)
-        before_switch(lane, d.dual, model, _parameters(d, both), w, x)
-        # arms that begin have no residual before the jump: all forces count
-        for k in range(size(model.n)):
-            store(x.q0, k, select_lt(0.5, first, zero, load(d.dual, x.q0, k)))
-    jump_accelerations(lane, model, par, block, 0, p.h, is_starting(lane, s, record))
-    for c in range(chunks):
-        both, x = _chunk(d, c, scratch)
-        light_tangents(lane, d.dual, model, _parameters(d, both), w, x, p.h)
-
-
-@kernel
-def _stiff(lane, d, chunks, par, s, record, saved, block, scratch, w):
-    """Let accelerations of a stiff model jump with the torques, with their tangents.
-
-    In lanes where an episode begins, accelerations are solved for instead.
-    """
-    p, model = d.program, d.program.model
-    first = start_stiff(lane, p, model, par, s, record, saved, block, w)
-    # tangents need the residual before the jump, hence two passes over the chunks
-    for c in range(chunks):
-        both, x = _chunk(d, c, scratch)
-        if max_over_lanes(first) > 0.5:
-            _start_tangents(lane, d, model, both, w, x)
-        before_switch(lane, d.dual, model, _parameters(d, both), w, x)
-    jump_accelerations(lane, model, par, block, 0, p.h, None)
-    for c in range(chunks):
-        both, x = _chunk(d, c, scratch)
-        switch_tangents(lane, d.dual, model, _parameters(d, both), w, x)
-
-
-@kernel
-def _start_tangents(lane, d, model, both, w, x):
-    """Set the tangents of accelerations and inputs in lanes where an episode begins; other lanes keep theirs.
-
-    both, x: a dual block and its work array. x.v0 is scratch.
-    """
-    wide = d.dual
-    first = is_starting(wide, 0, _record(d, both))
-    copy_rows(wide, size(model.n), x.a, x.v0)
-    restart_tangents(lane, wide, model, _parameters(d, both), w, x)
-    for k in range(size(model.n)):
-        store_where(wide, first, x.a, k, load(wide, x.r, k), load(wide, x.v0, k))
-        store_where(wide, first, x.b, k, load(wide, x.r, k), load(wide, x.b, k))
-    for k in range(size(model.n_inputs)):
-        store_where(wide, first, x.u0, k, load(wide, x.u, k), load(wide, x.u0, k))
+        jump_tangents(lane, d.dual, model, _parameters(d, both), w, x, h, is_starting(lane, s, record))

@@ -25,9 +25,9 @@ SPACING = 1.0 / 16.0
 def with_room(given: KeepOut | None, model: Any, q: Array, room: Array, groups: int, length: float) -> KeepOut | None:
     """Return the `KeepOut` with memory for centerline points, and with the subdivision of the intervals between points.
 
-    given: a `KeepOut`, or None, for which None is returned. q: a state of the model. room (many, 2 or 3): scratch that
-    holds its points, m. groups: number of groups of the batch. length: length of the arm, m; intervals are subdivided
-    to at most SPACING of it.
+    given: a `KeepOut`, or None; for None the result is None. q: a state of the model. room (many, 2 or 3): scratch for
+    the points, m. groups: number of groups of the batch. length: length of the arm, m; intervals are subdivided to at
+    most SPACING of it.
     """
     if given is None:
         return None
@@ -75,7 +75,7 @@ def record_clearance(lane, p, g, q, live, info):
     """Write clearance and penetration (m) of the arms of group g into info where live > 1/2.
 
     Clearance: signed distance of the arm from the nearest shape to keep out of. Penetration: max(-clearance, 0). q (n,
-    lanes): coordinates (m, rad). No-op without such shapes (p.keep_out None).
+    lanes): coordinates (m, rad). Do nothing without such shapes (p.keep_out None).
     """
     if p.keep_out is not None:
         found = stack(lane, _ONE)

@@ -90,7 +90,7 @@ def _copy_lane(lanes, i, parts, saved, back):
 def _copy(source, target, count, step):
     """Copy every `step`-th number of `source` to the same places of `target`, up to `count`.
 
-    It is not inlined, because it is seldom called and LLVM would generate much code for a loop per array.
+    The kernel is not inlined, because it is seldom called and LLVM would generate much code for a loop per array.
     """
     for k in range(0, count, step):
         target[k] = source[k]

@@ -120,10 +120,10 @@ def normal(stream, arm):
 def read(lane, laws, room, c, memory, base, stream, arm, value, first):
     """Return the reading of a quantity by channel c, one period after the last call, and update its memory.
 
-    value: true quantity now, in the unit of its law. laws: a `LAW` a channel. memory: array in lanes that holds a
-    `CHANNEL` a channel from offset `base` on, with `room` past outputs each. arm: number in the batch; its lane is arm
-    % lanes. first: True at the start of an episode; the quantity counts as constant before. stream: random numbers, or
-    None for readings without noise (a first reading needs random numbers). Under a dual tag the number of one arm
+    value: true quantity now, in the unit of its law. laws: one `LAW` per channel. memory: array in lanes that holds one
+    `CHANNEL` per channel from offset `base` on, with `room` past outputs each. arm: number in the batch; its lane is
+    arm % lanes. first: True at the start of an episode; the quantity counts as constant before. stream: random numbers,
+    or None for readings without noise (a first reading needs random numbers). Under a dual tag the number of one arm
     carries its tangents. Rounding does not change tangents.
     """
     i, o, at = arm % lane_count(lane), c * _LAW.end, channel_of(base, room, c)
@@ -175,7 +175,7 @@ def _remember(lane, laws, room, o, at, memory, stream, arm, value):
     """Draw a channel's gain and bias and fill its memory with `value`, at the start of an episode.
 
     o: offset of its law in `laws`. at: offsets of its numbers in `memory`. room: past outputs in a channel. value: the
-    true quantity, which counts as constant before the start. No-op without a stream.
+    true quantity, which counts as constant before the start. Do nothing without a stream.
     """
     if stream is not None:
         i = arm % lane_count(lane)
@@ -207,8 +207,8 @@ def read_encoder(lane, laws, room, c, memory, base, stream, arm, angle, first):
 
 
 GAUSS = math.sqrt(0.6)
-"""The outer two of three Gauss points on [-1, 1] are +-GAUSS. Their weights for a mean are 5/18 each, and 8/18 in the
-middle."""
+"""The outer two of three Gauss points on [-1, 1] are +-GAUSS. For a mean the outer points have the weight 5/18 each,
+and the middle point has 8/18."""
 
 
 @kernel

@@ -71,14 +71,14 @@ def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitt
 def fit_rooms(rows: int, inputs: int, motions: int, links: int) -> tuple[np.ndarray, np.ndarray]:
     """Return zeroed arrays for one arm of a scene whose steps are fitted: a `SAVED` without record and a `SCRATCH`.
 
-    rows: of the system. inputs, motions: entries of u, prescribed coordinates.
+    rows: number of the system's rows. inputs, motions: entries of u, prescribed coordinates.
     """
     saved = SAVED.offsets(0, rows, inputs, motions, 0).end
     return np.zeros(saved), np.zeros(SCRATCH.offsets(0, links, saved).end)
 
 
 def aligned(rows: int, columns: int) -> np.ndarray:
-    """Return zeros (rows, columns) that begin on a cache line, so that eight lanes fill exactly one.
+    """Return zeros (rows, columns) that begin on a cache line, so that eight lanes fill exactly one cache line.
 
     Raises ValueError for more than this machine's memory, because a system that overcommits memory would kill the
     process when it fills the array.

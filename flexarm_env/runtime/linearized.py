@@ -16,7 +16,8 @@ from ..compiler import dereference, kernel, lane_count, load, size, splat, store
 from ..physics.integrator.newton import newmark_slopes
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
-from ..physics.integrator.tangents import copy_state, factor_step_end, restart_tangents, step_tangents
+from ..physics.integrator.step_derivatives import factor_step_end, step_tangents
+from ..physics.integrator.transitions import before_jump, copy_state, jump_tangents
 from ..physics.integrator.work import unpack
 from ..physics.layout import POSE
 from ..physics.protocol import input_displacements, link_poses
@@ -57,8 +58,8 @@ def outputs_of(n):
 def linearize(address, first, last):
     """Compute values and derivatives of groups first ... last - 1; address: address of a `Linearization`. Returns 0.
 
-    It writes d.values (rates, or state a period later, then outputs) and d.slopes (derivatives of d.values by q, v,
-    torques).
+    The kernel writes d.values (rates, or state a period later, then outputs) and d.slopes (derivatives of d.values by
+    q, v, torques).
     """
     d = dereference(address)
     at_once = len(d.dual) // len(d.lane) - 1
@@ -71,7 +72,7 @@ def linearize(address, first, last):
 def room(work, lanes, links):
     """Return the length of a block: a work array, own parameters, poses and outputs.
 
-    work: length of the work array. lanes: length of the lane tag. links: of an arm.
+    work: length of the work array. lanes: length of the lane tag. links: number of an arm's links.
     """
     return work + (PARAMETERS + POSE.end * links + outputs_of(links)) * lanes
 
@@ -147,10 +148,9 @@ def _group(lane, wide, d, g, at_once):
         _fill(wide, d, d.twice, g, both, x)
         _seed(wide, d, j, min(at_once, columns - j), both)
         _read_off(wide, d, both, x)
-        restart_tangents(lane, wide, model, _par(wide, d, both), w, x)
-        for k in range(n):
-            store(x.a, k, load(wide, x.r, k))
-            store(x.b, k, load(wide, x.r, k))
+        fresh = splat(wide, 1.0)
+        before_jump(lane, wide, model, _par(wide, d, both), w, x, fresh)
+        jump_tangents(lane, wide, model, _par(wide, d, both), w, x, d.h, splat(lane, 1.0))
     # steps in plain lanes; d(q, v) from the factored S at each step's end
     slopes = newmark_slopes(d.scheme, d.h)
     for _ in range(d.n_steps):

@@ -94,8 +94,8 @@ def _amplify(lane, task, amplifier, model, par, action: Lanes, factor, w: Work):
 def command(lane, task, controller, amplifier, model, par, action: Lanes, poses, record: Lanes, w: Work):
     """Write the commanded joint torques of a control period into w.u, N m.
 
-    With an amplifier the torque is the amplifier's. Otherwise it is the action times the torque limit, plus the PD
-    controllers' torque if there are any. A drawn factor on the torque constant multiplies the torque. amplifier,
+    With an amplifier the torque is the amplifier's. Otherwise the torque is the action times the torque limit, plus the
+    PD controllers' torque if there are any. A drawn factor on the torque constant multiplies the torque. amplifier,
     controller: None if absent.
     # in        action (joints, lanes) in [-1, 1];  w.q, w.v;  record.goal, record.torque_factor
     # scratch   poses, w.y
@@ -245,10 +245,9 @@ def update_motor_torques(lane, task, actuator, s, record: Lanes, w: Work):
 
         tau+ = clip(tau + share (c - tau)),     mean = clip(tau + mean_share (c - tau))
 
-    with share = 1 - exp(-h / lag), mean_share its mean over the step. The command is `age` periods old, one more in the
-    first `late` steps of a period; with jitter it comes later by a drawn number of steps.
-    # in        record.commands (rows, joints), newest first;  record.late, record.delays, steps
-    # out       w.u, record.torque
+    with share = 1 - exp(-h / lag), mean_share the mean of the share over the step. The command is `age` periods old,
+    one more in the first `late` steps of a period; with jitter it comes later by a drawn number of steps. # in
+    record.commands (rows, joints), newest first;  record.late, record.delays, steps # out       w.u, record.torque
     """
     n, at = size(task.links), motors_at(task, actuator)
     share, mean = _lag(lane, task, actuator, record)
@@ -315,7 +314,7 @@ def draw_delay(actuator, task, stream, arm, record, lanes):
 def draw_lag(p, arm, record, info, lanes):
     """Draw the motors' lag for an arm's episode: share and mean into the record, s into info; no-op if none is drawn.
 
-    share = 1 - exp(-h / lag): fraction of the way to the command in a step; mean: of that fraction over the step.
+    share = 1 - exp(-h / lag): fraction of the way to the command in a step; mean: mean of the fraction over the step.
     lanes: number of lanes of a group; arm: number in the batch.
     """
     if p.actuator is not None and p.actuator.lag is not None:
@@ -339,8 +338,8 @@ def record_delay(lane, p, record, live, info):
 def draw_lateness(actuator, stream, arm, record, lanes):
     """Draw the extra delay of the next period's commands into record.late; no-op without jitter.
 
-    It is a whole number of steps from 0 to actuator.jitter[0]. lanes: number of lanes of a group; arm: number in the
-    batch.
+    The extra delay is a whole number of steps from 0 to actuator.jitter[0]. lanes: number of lanes of a group; arm:
+    number in the batch.
     """
     if actuator is not None and actuator.jitter is not None:
         drawn = math.floor(uniform(stream, arm) * (actuator.jitter[0] + 1.0))

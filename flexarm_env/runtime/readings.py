@@ -17,7 +17,8 @@ def read_rows(laws, room, memory, stream, period, gravity, encoders, shaken, inp
     space; then quantities that are read directly. Columns of out: angle and rate for each encoder, then one column for
     each further channel.
 
-    # model     laws: a `LAW` a channel, with `room` past outputs;  shaken: tag of the accelerometer's 2 or 3 axes, None
+    # model     laws: one `LAW` per channel, with `room` past outputs;  shaken: tag of the accelerometer's 2 or 3 axes,
+    # None
     #           without one;  gravity (3,): m/s^2, inertial axes
     # in        inputs (instants, quantities)
     # in, out   memory: a `CHANNEL` each;  stream: state of the random numbers, or None

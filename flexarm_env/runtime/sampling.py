@@ -58,7 +58,7 @@ def observe_arm(lane, model, par, q, v, poses, energies, points):
     """Write link poses, energies (J) and centerline points of one arm; return the number of points (SINGLE lane only).
 
     # in        q, v (n,) coordinates (m, rad) and velocities;  par, the arm's own parameters
-    # out       poses, a `POSES` a link (inertial axes);  energies (3,): kinetic, strain, gravitational
+    # out       poses, one `POSES` per link (inertial axes);  energies (3,): kinetic, strain, gravitational
     #           points (P, 2 or 3): m, inertial axes; none are written where P = 0
     """
     link_poses(lane, model, par, q, v, poses)

@@ -2,9 +2,9 @@
 
 The end of a step satisfies r(q, v, a; theta) = 0, with v and a computed from q and the step's start. dr/dtheta is a
 finite difference of residuals at the same state, of models with slightly larger and smaller theta. dr/dstate is one
-residual in dual lanes. Then S dq = -dr with the matrix of the step's end. No difference of iterated results or of
-motions is taken. Offsets of 1e-5 of theta therefore leave errors of 1e-9 however far the arm has moved. Joints with
-Coulomb friction keep sliding or sticking as in the run.
+residual in dual lanes. The tangent dq solves S dq = -dr with the matrix S at the step's end. No difference of iterated
+results or of motions is taken. Offsets of 1e-5 of theta therefore leave errors of 1e-9 however far the arm has moved.
+Joints with Coulomb friction keep sliding or sticking as in the run.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from ..physics.integrator.drive import set_inputs, set_motions
 from ..physics.integrator.newton import newmark_slopes
 from ..physics.integrator.step import newmark_predict
 from ..physics.integrator.work import copy_rows, remove_known_rows, state_of, unpack, work_size
-from ..physics.joints.friction import change_friction, friction_tangents, store_branch
+from ..physics.joints.friction_derivatives import change_friction, friction_tangents, store_branch
 from ..physics.layout import OF_MOTION
 from ..physics.protocol import State, Weights, assemble, factor, link_poses, local_difference, residual, retract, solve
 
 
 class Neighbour(NamedTuple):
-    """A model made with theta + offset. Its residual enters the derivative with the factor `weight`."""
+    """A model made with theta + offset. The model's residual enters the derivative with the factor `weight`."""
 
     model: Any
     par: np.ndarray  # the arm's own parameters
@@ -47,7 +47,7 @@ class Steps(NamedTuple):
 def drive_rows(lane, drive, times, h, u, psi):
     """Write inputs u (rows, inputs) and prescribed motions psi (rows, motions, `MOTION`) at the ends of steps.
 
-    times, h (rows,): ends and lengths of the steps, s. At a kink the values before it count.
+    times, h (rows,): ends and lengths of the steps, s. At a kink the values before the kink are written.
     """
     for k in range(times.shape[0]):
         before = times[k] - 1e-6 * h[k]
@@ -90,11 +90,11 @@ def room_of(model, par):
 def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, behind, moved, passes, room, out):
     """Write the derivatives of q and v at the steps' ends by theta into out (rows, 2 n).
 
-    wide: `lane` with one tangent. here, ahead, behind: `Neighbour`s; here is the unmodified model. factors: of
+    wide: `lane` with one tangent. here, ahead, behind: `Neighbour`s; here is the unmodified model. factors: result of
     `factor_rows`. moved (rows, motions, 3): derivatives of the prescribed motions. passes: 1 where the factored matrix
     is the exact derivative of the residual; otherwise the remainder is solved for again.
     # in, out   room: `room_of` numbers of scratch, first a `Work` whose q, v, a, b hold the state and its tangents
-    A step ends at its prediction moved by Newton's increment; v, a and b change in proportion. Both prediction and
+    A step ends at its prediction moved by Newton's increment; v, a and b change in proportion. The prediction and the
     increment move rotations by `protocol.retract`.
     """
     n, length, inputs = size(model.n), size(model.n_factor), size(model.n_inputs)

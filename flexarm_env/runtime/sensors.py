@@ -1,7 +1,7 @@
 """From the true state to the observation: sensor readings, strain gauges, noise, delay, selection and history.
 
-A reading is a quantity that a sensor measures by a law (`laws.read`); each has a channel, which stores its past.
-Entries of the observation are divided by their scales and clipped to +-CLIP.
+A reading is a quantity that a sensor measures by a law (`laws.read`); each reading has a channel, which stores past
+quantities. Entries of the observation are divided by their scales and clipped to +-CLIP.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def record_motor_angles(lane, instruments, model, par, record: Lanes, w: Work):
 def write_observation(lane, p, arm, poses, record, seen, first):
     """Measure the true entries of one arm and write its row of p.observation, float32.
 
-    arm: number in the batch. poses: of the links, inertial axes. record: channels (memory of the sensors), in and out.
+    arm: number in the batch. poses: links' poses, inertial axes. record: channels (memory of the sensors), in and out.
     first: True at the start of an episode, which has no past. seen: true entries in, measured entries out.
     """
     measure(lane, p, p.stream, arm, poses, record, seen, first)
@@ -71,8 +71,8 @@ def measure(lane, p, stream, arm, poses, record, seen, first):
 
     A channel is the memory of a sensor for one number. Channels are in the order encoders, accelerometer, gyroscope,
     camera, force, switch, gauges; each sensor replaces or adds its entries in `seen`. arm: number in the batch. stream:
-    of random numbers; None for readings without noise and without drawn gains or biases. first: at the start of an
-    episode. poses: of the links, m, rad, inertial axes; record: channels, in and out. No-op without instruments.
+    stream of random numbers; None for readings without noise and without drawn gains or biases. first: at the start of
+    an episode. poses: the links' poses, m, rad, inertial axes; record: in and out. Do nothing without instruments.
     """
     instruments = p.instruments
     if instruments is not None:
@@ -111,7 +111,7 @@ class Who(NamedTuple):
 
 @kernel
 def readings_size(instruments):
-    """Return how many numbers of a record the sensors' channels take, its last ones; 0 without instruments.
+    """Return the length of the sensors' channels, the last numbers of a record; 0 without instruments.
 
     A channel is the memory of a sensor for one number (`program.CHANNEL`).
     """
@@ -141,7 +141,7 @@ def _true_angle(lane, task, i, k, poses):
 def _angle(lane, task, instruments, who, k, poses, record):
     """Return the angle of joint k, rad, as its encoder reads it, or the true angle where there are no encoders.
 
-    who: the arm, a `Who`. poses: of the links, inertial axes. record: channels of the sensors, with the last readings.
+    who: the arm, a `Who`. poses: links' poses, inertial axes. record: channels of the sensors, with the last readings.
     """
     if instruments.encoders is not None:
         return load_lane(lane, record, channel_of(who.base, instruments.room, k).reading, who.i)
@@ -182,9 +182,9 @@ def _encoders(lane, p, instruments, who, poses, record, seen):
 def _turned(lane, p, instruments, who, poses, record, seen):
     """Rotate the entries of a moving target from the frame of the true hub angle to that of the measured hub angle.
 
-    Entries are vectors (target rate and displacements ahead, over their scales) in axes that turn with the hub. They
-    were written for the true angle; the observer knows only the measured one. Angular targets of one number do not
-    turn. who: the arm, a `Who`. poses: of the links, inertial axes. seen: in and out, clipped to +-CLIP.
+    Entries are vectors (target rate and displacements ahead, over their scales) in axes that turn with the hub. The
+    entries were written for the true angle; the observer knows only the measured angle. Angular targets of one number
+    do not turn. who: the arm, a `Who`. poses: the links' poses, inertial axes. seen: in and out, clipped to +-CLIP.
     """
     if instruments.encoders is not None:
         if p.reference is not None:
@@ -386,7 +386,7 @@ def _select(lanes, p, arm, record, seen, first):
 def _past_at(lanes, p, record):
     """Return the offset of past observations in the record; the number before them is the drawn delay, in periods.
 
-    lanes: of a group. The sensors' channels, the last numbers of the record, follow the past observations.
+    lanes: lanes of a group. The sensors' channels, the last numbers of the record, follow the past observations.
     """
     return record.shape[0] // lanes - readings_size(p.instruments) - p.entries * p.sensors.age
 
@@ -395,7 +395,7 @@ def _past_at(lanes, p, record):
 def draw_age(p, arm, record, lanes):
     """Draw the observation delay of an arm's episode (whole control periods) into its record; no-op if none is drawn.
 
-    arm: number in the batch. lanes: of a group. p.sensors.drawn: least and largest delay, or None.
+    arm: number in the batch. lanes: number of lanes of a group. p.sensors.drawn: least and largest delay, or None.
     """
     if p.sensors is not None and p.sensors.drawn is not None:
         record[(_past_at(lanes, p, record) - 1) * lanes + arm % lanes] = draw_whole(p.stream, arm, p.sensors.drawn)

@@ -393,7 +393,7 @@ def finish_guided(address, arm, code):
     """Write the results of a period of a guided arm, from the poses, action and gauges in its block.
 
     code: status code of the period, or -1 at the start of an episode. A guided arm follows prescribed motions and is
-    advanced by a `Simulation`, not by the batch. For it this function replaces the end of `episode.step`.
+    advanced by a `Simulation`, not by the batch. For a guided arm this function replaces the end of `episode.step`.
     # in        poses (inertial axes, m, rad and rates), action, gauges in `seen`, record
     # out       p.reward, p.terminated, p.truncated, p.observation of the arm;  its info
     """

@@ -30,7 +30,7 @@ NO_TOUCHES = np.zeros((0, 7))
 def touches_of(model: Any, row: Array, poses: Array) -> Array:
     """Return (points, 7): place (m), force on the arm (N), both in inertial axes, and normal force (N) of each point.
 
-    row: the integrator's memory of one arm, without lanes. poses: of its links, one row each.
+    row: the integrator's memory of one arm, without lanes. poses: the links' poses, one row for each link.
     """
     contact = model.newton.contact
     if contact is None:

@@ -34,7 +34,7 @@ def put_contacts(lane, p, w: Work, live, info):
     """Write force, friction (N), penetration (m), sliding speed (m/s) and impulse (N s) into info where live > 1/2.
 
     # in        w.S, readings of the points at the end of the last step
-    # out       info.further, its last numbers (`CONTACT`). No-op without contact.
+    # out       info.further, its last numbers (`CONTACT`). Do nothing without contact.
     """
     if p.model.newton.contact is not None:
         S: Lanes = w.S

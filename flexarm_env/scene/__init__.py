@@ -5,9 +5,11 @@ from flexarm_env.scene.definition import Scene, standing_scene
 from flexarm_env.scene.drives import JointTorque, Load, Motion, PointLoad
 from flexarm_env.scene.mesh import default_mesh, divided, halved_mesh
 from flexarm_env.scene.plane import InPlane, computed, in_plane
+from flexarm_env.scene.points import at_points
 from flexarm_env.scene.resolution import resolving_step
 
 __all__ = [
     "Scene", "Motion", "JointTorque", "PointLoad", "Load", "InPlane", "computed", "in_plane", "standing_scene",
     "default_mesh", "divided", "halved_mesh", "resolving_step", "Contact", "contacts_of",
+    "at_points",
 ]  # fmt: skip

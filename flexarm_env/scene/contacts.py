@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm
 from flexarm_env.shapes import Shape, shape_of
+from flexarm_env.time_functions import TimeFunction, constant
+
+DISPLACEMENTS = ("displacement_x", "displacement_y", "displacement_z")
+"""Fields of `Contact` with the displacement of a moving obstacle along x, y and z."""
 
 EXPONENTS = (1.0, 1.5, 2.0, 2.5, 3.0)
 """Exponents of the normal force; their powers require only products and square roots."""
@@ -35,7 +39,11 @@ class Contact:
         speed: impact speed, m/s, positive, at which time steps must resolve the contact: an impact on the effective
             mass at the point must last 8 steps.
         bodies: points of the arm that may touch. "tip" is the center of a sphere of radius `Payload.radius`; "joint1",
-            "joint2", ... are points at the elbows.
+            "joint2", ... are centers of spheres of radius `Elbow.radius`. In scenes "link0@0.5" is the center of a
+            sphere of `radius` at half of the length of link 0: `simulate` divides the link there.
+        radius: radius of the spheres at points along links, m, zero or positive.
+        displacement_x, displacement_y, displacement_z: displacement of the obstacle from its given place over time, m;
+            None: none along this axis. A displacement must not jump.
     """
 
     obstacle: Shape
@@ -46,6 +54,10 @@ class Contact:
     creep: float = 1e-3
     speed: float = 1.0
     bodies: tuple[str, ...] = ("tip",)
+    displacement_x: TimeFunction | None = None
+    displacement_y: TimeFunction | None = None
+    displacement_z: TimeFunction | None = None
+    radius: float = 0.0
 
     def __post_init__(self) -> None:
         """Validate the fields; an `InvalidValue` names the field."""
@@ -55,14 +67,19 @@ class Contact:
             raise check.InvalidValue("exponent", self.exponent, "must be 1, 1.5, 2, 2.5 or 3")
         given: object = self.bodies
         given = (given,) if isinstance(given, str) else given
-        bodies = check.sequence("bodies", given, 'points of the arm: "tip", "joint1", ...')
+        bodies = check.sequence("bodies", given, 'points of the arm: "tip", "joint1", "link0@0.5", ...')
         if not bodies:
             raise check.InvalidValue("bodies", bodies, 'must name at least one point of the arm: "tip", "joint1", ...')
         for i, name in enumerate(bodies):
-            if not isinstance(name, str) or not re.fullmatch(r"tip|joint[1-9][0-9]*", name):
-                raise check.InvalidValue(f"bodies[{i}]", name, 'must be "tip", "joint1", "joint2", ...')
+            if not isinstance(name, str) or not (re.fullmatch(r"tip|joint[1-9][0-9]*", name) or place_on_link(name)):
+                what = 'must be "tip", "joint1", "joint2", ... or "link0@0.5", ... with a fraction between 0 and 1'
+                raise check.InvalidValue(f"bodies[{i}]", name, what)
             if name in bodies[:i]:
                 raise check.InvalidValue(f"bodies[{i}]", name, "must not be given twice")
+        for name in DISPLACEMENTS:
+            if getattr(self, name) is not None:
+                with check.under(name):
+                    check.instance("", getattr(self, name), TimeFunction).check_no_jump()
         check.store(
             self, exponent=exponent, bodies=bodies,
             stiffness=check.number("stiffness", self.stiffness, f"N/m^{exponent:g}", above=0.0),
@@ -70,6 +87,7 @@ class Contact:
             friction=check.number("friction", self.friction, minimum=0.0),
             creep=check.number("creep", self.creep, "m/s", above=0.0),
             speed=check.number("speed", self.speed, "m/s", above=0.0),
+            radius=check.number("radius", self.radius, "m", minimum=0.0),
         )  # fmt: skip
 
     @property
@@ -77,14 +95,34 @@ class Contact:
         """Whether the obstacle is in space."""
         return self.obstacle.dimension == 3
 
+    @property
+    def displacements(self) -> tuple[tuple[int, TimeFunction], ...]:
+        """Axes (0, 1, 2) along which the obstacle moves, with its displacement (m) over time."""
+        found = [(axis, getattr(self, name)) for axis, name in enumerate(DISPLACEMENTS)]
+        return tuple((axis, function) for axis, function in found if function is not None)
+
+    def held(self) -> Contact:
+        """Return the contact with the obstacle at rest at its place for t = 0."""
+        still: dict[str, Any] = {
+            DISPLACEMENTS[axis]: constant(float(function(0.0))) for axis, function in self.displacements
+        }
+        return replace(self, **still) if still else self
+
     def links(self, arm: Arm) -> tuple[int, ...]:
-        """Return the links of the arm whose tips are the points in `bodies`.
+        """Return the links of the arm whose tips are the points in `bodies`, or on which the points are.
 
         Raises:
-            ValueError: the arm does not have one of the joints.
+            ValueError: the arm does not have one of the joints or links.
         """
         found = []
         for i, name in enumerate(self.bodies):
+            place = place_on_link(name)
+            if place is not None:
+                if place[0] >= arm.n_links:
+                    what = f"must be on a link of arm {arm.name}, 0 to {arm.n_links - 1}"
+                    raise check.InvalidValue(f"bodies[{i}]", name, what)
+                found.append(place[0])
+                continue
             k = arm.n_links if name == "tip" else int(name[5:])
             if name != "tip" and k >= arm.n_links:
                 known = ", ".join(['"tip"', *(f'"joint{j}"' for j in range(1, arm.n_links))])
@@ -96,6 +134,13 @@ class Contact:
         """Return a TOML table, without defaults, from which `contact_of` makes an equal contact."""
         table: dict[str, Any] = {"obstacle": self.obstacle.to_dict(), "stiffness": self.stiffness}
         return table | {name: value for name, value in check.changed(self).items() if name not in table}
+
+
+def place_on_link(name: str) -> tuple[int, float] | None:
+    """Return (link, fraction of its length) of a point such as "link0@0.5"; None for other points."""
+    found = re.fullmatch(r"link(0|[1-9][0-9]*)@(0?\.[0-9]+)", name)
+    place = (int(found[1]), float(found[2])) if found else None
+    return place if place and 0.0 < place[1] < 1.0 else None
 
 
 def contact_of(path: str, value: object, dimension: int | None = None) -> Contact:

@@ -218,10 +218,12 @@ class Scene:
                 raise check.InvalidValue(f"loads[{i}]", load, "must be a JointTorque or a PointLoad")
 
     def _check_contacts(self) -> None:
-        """Check that the root is held, and that obstacles have two dimensions in the plane and three in space."""
+        """Check that obstacles have two dimensions in the plane and three in space, and move in these."""
         contacts_of("contacts", self.contacts, self.arm, self.spatial)
-        if self.contacts and self.root == "free":
-            raise check.InvalidValue("contacts", self.contacts, "must be empty where the root is free")
+        for i, contact in enumerate(self.contacts):
+            if contact.displacement_z is not None and not self.spatial:
+                what = "must be left out in the plane"
+                raise check.InvalidValue(f"contacts[{i}].displacement_z", contact.displacement_z, what)
 
     def _join_instants(self) -> None:
         """Set instants of different functions that differ by round-off to one value; this avoids tiny steps."""
@@ -242,7 +244,8 @@ class Scene:
             changed = {k: f.with_times(joined) for k, f in functions.items() if isinstance(f, TimeFunction)}
             return dataclasses.replace(item, **changed)
 
-        check.store(self, motions=tuple(map(moved, self.motions)), loads=tuple(map(moved, self.loads)))
+        items = {name: tuple(map(moved, getattr(self, name))) for name in ("motions", "loads", "contacts")}
+        check.store(self, **items)
 
     def _can_join(self, joined: dict[float, float]) -> bool:
         """Return False if joining gives two pieces of a function one start (a table finer than round-off)."""
@@ -250,9 +253,10 @@ class Scene:
         return all(len(set(own)) == len(own) for own in starts)
 
     def _functions(self) -> Iterator[TimeFunction]:
-        """Yield the functions of time of all motions and loads."""
+        """Yield the functions of time of all motions, loads and obstacles."""
         yield from (motion.function for motion in self.motions)
         yield from (function for load in self.loads for function in load.functions)
+        yield from (function for contact in self.contacts for _, function in contact.displacements)
 
     def initial_value(self, coordinate: str) -> float:
         """Return a coordinate's value at t = 0: "joint0", "motor0", ... in rad, "root_x", ... in m.
@@ -287,7 +291,9 @@ class Scene:
 
     @property
     def undriven(self) -> bool:
-        """Whether the scene prescribes no motion and no load other than zero forces."""
+        """Whether the scene prescribes no motion, no moving obstacle and no load other than zero forces."""
+        if any(contact.displacements for contact in self.contacts):
+            return False
         return not self.motions and all(isinstance(load, PointLoad) and load.silent for load in self.loads)
 
     def motion_of(self, coordinate: str) -> TimeFunction | None:
@@ -299,10 +305,11 @@ class Scene:
         """Instants (s) inside the run at which a step must end, in order.
 
         A step must end at the jumps of a motion's value, rate or acceleration, and at the jumps of a load's value or
-        slope.
+        slope. Displacements of obstacles count as motions.
         """
         # motions count with two derivatives (acceleration), loads with one
         times = {t for motion in self.motions for t in motion.function.kinks}
+        times |= {t for contact in self.contacts for _, function in contact.displacements for t in function.kinks}
         times |= {t for load in self.loads for function in load.functions for t in function.load_kinks}
         return tuple(sorted(t for t in times if 0.0 < t < self.duration * (1.0 - 1e-12)))
 

@@ -29,7 +29,7 @@ def divided(arm: Arm) -> bool:
 
 
 def default_mesh(arm: Arm, formulation: str, given: Collection[str] = (), space: bool = False) -> dict[str, int]:
-    """Return mesh options that divide links with jumps or kinks as finely as the default divides uniform ones.
+    """Return mesh options that divide links with jumps or kinks as finely as the default divides uniform links.
 
     The result is {} if no link has a jump or kink; the formulation's default then applies. All links use the same
     number of nodes or cells, the largest that a link requires. The number of nodes is at most 24 and at most the limit

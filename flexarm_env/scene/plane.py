@@ -23,7 +23,6 @@ EXACT = 1e-12
 class InPlane(NamedTuple):
     """A scene that stays in a plane, expressed in that plane.
 
-    scene: the equivalent scene in the x-y plane. axes (3, 3): columns are the plane's x axis, y axis and normal in
     scene: the equivalent scene in the x-y plane. axes (3, 3): columns are the plane's x axis, y axis and normal, in
     inertial axes. height: position of the plane along its normal, m. frames (N, 3, 3): rows are each link's x axis, y
     axis and normal in the plane, in the link's own axes. signs, offsets (N,): the joint angle in the plane is offset
@@ -46,9 +45,9 @@ class _Leaves(Exception):
 def in_plane(scene: Scene) -> InPlane | None:
     """Return the scene in its plane; None if it leaves the plane, has a rigid link, is planar or demands `space`.
 
-    The conditions hold to the accuracy `EXACT`. All joint axes have one direction. This common direction is a principal
-    axis of every section and every inertia tensor. Gravity, forces, the root's motion and velocity, and the payload's
-    offset are perpendicular to the joint axes. Moments act about the direction of the joint axes.
+    The conditions hold to the accuracy `EXACT`. All joint axes have one direction. The direction of the joint axes is a
+    principal axis of every section and every inertia tensor. Gravity, forces, the root's motion and velocity, and the
+    payload's offset are perpendicular to the joint axes. Moments act about the direction of the joint axes.
     """
     # rigid links are computed in space only
     rigid = any(link.rigid for link in scene.arm.links)
@@ -228,7 +227,8 @@ def _elbow(elbow: Elbow, before: Array, after: Array) -> Elbow:
 
     before, after: frames of the two links.
     """
-    return Elbow(elbow.mass, _inertia(elbow.inertia_left, before), _inertia(elbow.inertia_right, after))
+    inertias = _inertia(elbow.inertia_left, before), _inertia(elbow.inertia_right, after)
+    return Elbow(elbow.mass, *inertias, radius=elbow.radius)
 
 
 def _payload(payload: Payload, frame: Array) -> Payload:

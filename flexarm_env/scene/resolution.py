@@ -61,12 +61,15 @@ def resolving_step(scene: Scene, longest: float | Settings, end: float) -> float
 
 
 def functions(scene: Scene) -> Iterator[tuple[str, TimeFunction]]:
-    """Yield the key path and function of time of every motion and load."""
+    """Yield the key path and function of time of every motion, load and moving obstacle."""
     for i, motion in enumerate(scene.motions):
         yield f"motions[{i}].function", motion.function
     for i, load in enumerate(scene.loads):
         for function in load.functions:
             yield f"loads[{i}]", function
+    for i, contact in enumerate(scene.contacts):
+        for axis, function in contact.displacements:
+            yield f"contacts[{i}].displacement_{'xyz'[axis]}", function
 
 
 def _of_sines(function: TimeFunction, end: float) -> float:

@@ -10,7 +10,7 @@ from flexarm_env import arms, time_functions
 from flexarm_env import validation as check
 from flexarm_env.files import read_toml
 from flexarm_env.parameters import Arm
-from flexarm_env.scene.contacts import contact_of
+from flexarm_env.scene.contacts import DISPLACEMENTS, Contact, contact_of
 from flexarm_env.scene.drives import COORDINATES, FORCES, JointTorque, Load, Motion, PointLoad
 from flexarm_env.time_functions import TimeFunction
 
@@ -76,7 +76,7 @@ def _scene(kind: Callable[..., T], table: Mapping[str, Any], directory: Path) ->
         tables = {f"{key}[{i}]": check.table_of(f"{key}[{i}]", entry) for i, entry in entries}
         values[key] = tuple(read_one(path, entry, directory) for path, entry in tables.items())
     rows = enumerate(check.sequence("contacts", values.get("contacts", ()), "tables, [[contacts]]"))
-    values["contacts"] = tuple(contact_of(f"contacts[{i}]", row) for i, row in rows)
+    values["contacts"] = tuple(_contact(f"contacts[{i}]", row, directory) for i, row in rows)
     for key in ("position", "angles", "velocity", "rates", "gravity", "rigid_joints"):
         if key in values:
             values[key] = check.sequence(key, values[key], "numbers")
@@ -117,6 +117,15 @@ def _load(path: str, entry: dict[str, Any], directory: Path) -> Load:
         return PointLoad(entry["link"], end, **forces)
 
 
+def _contact(path: str, row: Any, directory: Path) -> Contact:
+    """Return the contact of a table; its displacements are tables of functions of time."""
+    table = check.table_of(path, row)
+    for name in (name for name in DISPLACEMENTS if name in table):
+        with check.under(f"{path}.{name}"):
+            table[name] = function_from_table(check.table_of("", table[name]), directory)
+    return contact_of(path, table)
+
+
 def text_of(scene: Any) -> str:
     """Return a scene as TOML text; optional keys at their defaults are omitted."""
     import tomli_w
@@ -141,9 +150,15 @@ def text_of(scene: Any) -> str:
         {"coordinate": motion.coordinate, **function_table(motion.function)} for motion in scene.motions
     ]
     table["loads"] = [_load_table(load) for load in scene.loads]
-    table["contacts"] = [contact.to_table() for contact in scene.contacts]
+    table["contacts"] = [_contact_table(contact) for contact in scene.contacts]
     table["arm"] = arms.to_table(scene.arm)
     return tomli_w.dumps({key: value for key, value in table.items() if value != []})
+
+
+def _contact_table(contact: Contact) -> dict[str, Any]:
+    """Return the TOML table of a contact."""
+    table = contact.to_table()
+    return table | {name: function_table(table[name]) for name in DISPLACEMENTS if name in table}
 
 
 def _load_table(load: Load) -> dict[str, Any]:

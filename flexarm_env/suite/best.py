@@ -14,16 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..episodes import Policy
 from ..validation import Array
 from .data import Task, tasks
-from .judge import Policy, judge
+from .judge import judge
 from .score import FIRST
 
 ROUNDING, UPRIGHT = 1e-6, {"swing-up-v1": 1e-3}
 """Largest differences of values in a replay. Replays are bitwise equal on every x86-64 processor tested. Other
 architectures round sines differently, and values then differ by less than these numbers. A change of the last bit of
-the models' matrices caused at most 2e-8. For arms balanced upright for seconds by open-loop torques it caused 3e-4 (of
-J 298)."""
+the models' matrices caused at most 2e-8. For arms balanced upright for seconds by open-loop torques such a change of
+the matrices caused 3e-4, at a J of 298."""
 
 
 @dataclass(frozen=True)
@@ -40,23 +41,6 @@ class Record:
     by: tuple[str, ...]
     digest: str
     date: str
-
-
-class Actions(Policy):
-    """Open-loop policy that plays actions (T, n, N) of n episodes over time."""
-
-    def __init__(self, actions: NDArray[Any]) -> None:
-        self.actions = actions
-
-    def reset(self, observation: NDArray[np.float32]) -> None:
-        """Start at the first actions."""
-        self.k = 0
-
-    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the next actions (n, N); after the end, repeat the last ones."""
-        self.k += 1
-        now: NDArray[np.float32] = self.actions[min(self.k, len(self.actions)) - 1].astype(np.float32)
-        return now
 
 
 @cache
@@ -86,7 +70,7 @@ def unpacked(planes: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def record(task: Task) -> Record:
-    """Read the record of a task. ValueError if there is none."""
+    """Read the record of a task. ValueError if the task has no record."""
     path = _path(task)
     if not path.is_file():
         raise check.InvalidValue("--best", task.id, "has no record")

@@ -35,8 +35,8 @@ class Possible(NamedTuple):
 def possible(task_id: str) -> Possible:
     """Compute the bounds of an episode's length and return, for a task id, from the reward's terms (docs/suite.md).
 
-    In each period, accuracy, settle and force pay at most 1; impulse, distance, vibration and attitude cost at most 1.
-    Per joint, effort costs at most 1, and change at most 4. Each term is multiplied by its weight. A failure costs
+    In each period, accuracy, settle and force pay at most 1. Impulse, distance, vibration and attitude cost at most 1.
+    Per joint, effort costs at most 1, and change at most 4. Each term is multiplied by its weight. The failure costs
     once.
     """
     made = resolved(task(task_id))

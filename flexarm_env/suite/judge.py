@@ -2,27 +2,14 @@
 
 import time
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..episodes import History, Policy, Timed, measures, play
 from .score import FIRST
-
-
-class Policy(Protocol):
-    """Policy for n episodes that begin together.
-
-    `reset` receives the first observations; `act` then receives every observation in turn, the first included.
-    """
-
-    def reset(self, observation: NDArray[np.float32]) -> Any:
-        """Begin episodes; by default there is no memory."""
-        return
-
-    def act(self, observation: NDArray[np.float32]) -> Any:
-        """Return actions (n, joints) for observations (n, entries)."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +17,9 @@ class Judged:
     """Results of n episodes, one entry each.
 
     Attributes:
-        returns: sums of rewards. successes: "is_success" at the end of an episode that was not terminated early.
-            costs: sums of info["cost"] (0 on tasks without it). lengths: control periods. settled: number of the first
-            control period, counted from 1, at whose end and after which the bounds of success hold; 0 without success.
-            wall_s, cpu_s: total time, without compilation. decision_us: wall time per decision and episode,
-            microseconds.
+        returns, successes, costs, settled: `returns`, `success`, `cost` and `success_period` of
+            `flexarm_env.episodes.measures`. lengths: control periods. wall_s, cpu_s: total time, without compilation.
+            decision_us: wall time per decision and episode, microseconds.
     """
 
     returns: list[float]
@@ -47,6 +32,21 @@ class Judged:
     decision_us: float
 
 
+class Checked(Policy):
+    """Policy whose actions are validated and clipped by `checked`."""
+
+    def __init__(self, policy: Policy, shape: tuple[int, ...]) -> None:
+        self.policy, self.shape = policy, shape
+
+    def reset(self, observation: NDArray[np.float32]) -> None:
+        """Reset the policy."""
+        self.policy.reset(observation)
+
+    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the policy's actions (n, joints)."""
+        return checked(self.policy.act(observation), self.shape)
+
+
 def judge(env: Any, policy: Policy, first: int = FIRST) -> Judged:
     """Run one episode in each environment of a native vector environment; the seeds are first, first + 1, ....
 
@@ -57,31 +57,16 @@ def judge(env: Any, policy: Policy, first: int = FIRST) -> Judged:
     # compile before the clock starts
     env.reset(seed=first)
     env.step(np.zeros(shape, np.float32))
-    wall, cpu, deciding = time.perf_counter(), time.process_time(), 0.0
-    observation, info = env.reset(seed=first)
-    policy.reset(observation)
-    alive = np.ones(n, bool)
-    returns, costs, lengths, settled = np.zeros(n), np.zeros(n), np.zeros(n, int), np.ones(n, int)
-    successes = np.zeros(n, bool)
-    while alive.any():
-        before = time.perf_counter()
-        actions = checked(policy.act(observation), shape)
-        deciding += time.perf_counter() - before
-        observation, reward, terminated, truncated, info = env.step(actions)
-        # finished episodes do not count any more
-        returns += np.where(alive, reward, 0.0)
-        costs += np.where(alive, info.get("cost", 0.0), 0.0)
-        lengths += alive
-        # the success at the end began one period after the last period without success
-        settled = np.where(alive & ~info["is_success"], lengths + 1, settled)
-        ended = alive & (terminated | truncated)
-        successes[ended] = info["is_success"][ended] & ~terminated[ended]
-        alive &= ~ended
+    timed, history = Timed(Checked(policy, shape), time.perf_counter), History("is_success", "cost")
+    wall, cpu = time.perf_counter(), time.process_time()
+    play(env, timed, range(first, first + n), [history])
+    lengths = history.lengths
     return Judged(
-        returns=returns.tolist(), successes=successes.tolist(), costs=costs.tolist(), lengths=lengths.tolist(),
-        settled=np.where(successes, settled, 0).tolist(),
+        returns=measures.returns(history).tolist(), successes=measures.success(history).tolist(),
+        costs=measures.cost(history).tolist(), lengths=lengths.tolist(),
+        settled=measures.success_period(history).tolist(),
         wall_s=time.perf_counter() - wall, cpu_s=time.process_time() - cpu,
-        decision_us=1e6 * deciding / (n * int(lengths.max())),
+        decision_us=1e6 * sum(timed.seconds) / (n * int(lengths.max())),
     )  # fmt: skip
 
 

@@ -21,32 +21,34 @@ WIDTH = 0.05
 HOW = f"""## How to read the tables
 
 - **J** is the mean return over the {EPISODES} episodes of seeds {FIRST} to {FIRST + EPISODES - 1}, which no
-  training uses, less the task's price times cost where it has a price.
-- **Score** is (J - J_PD) / (J_best - J_PD): 0 for PD control, 1 for the best known.
-- **IQM** is the interquartile mean over all scores of a method, the mean of the middle half. Brackets are 95 %
+  training uses. If the task has a price, J is reduced by the price times the mean cost.
+- **Score** is (J - J_PD) / (J_best - J_PD): 0 for PD control, 1 for the best known torques.
+- **IQM** is the interquartile mean, the mean of the middle half, over all scores of a method. Brackets are 95 %
   percentile intervals from a bootstrap over runs, stratified by tasks. A method with one run has no interval; a
   method that was not evaluated on all tasks has no IQM.
 - **Blank cells** mean that the method does not apply to the task or was not evaluated on it.
-- ***best less worst***, ***left to the best known*** and ***widest ±*** describe the policies on a task: the range
-  of their scores; the distance of the highest score from 1; and the largest half width of the 95 % interval over
-  all pairs of policies with the full budget.
-- **Behind the best policy** is the difference of the scores, paired over the common episodes, with half the width
-  of its 95 % interval. The number of episodes follows if it exceeds {EPISODES}. Brackets give the number of
-  episodes that would reduce the half width to {WIDTH}.
-- **Settled** is the mean time until the tip stays within the bounds of success to the end. A failure counts with
-  the episode's length.
-- **Second hundred** are episodes whose seeds follow from the policy itself (`flexarm_env.suite.second`): success,
-  settling, and the value minus PD's, with that of the public hundred in brackets. † marks a difference of the two
-  beyond chance (permutation test, p < {LEVEL} after Holm, over all runs of this page). *public alone*: functions,
-  models with a memory and `foresight` have the public hundred only, and may know it.
+- Three rows describe the policies on a task. ***best less worst*** is the range of the policies' scores. ***left to
+  the best known*** is the distance of the highest score from 1. ***widest ±*** is the largest half width of the 95 %
+  interval of a score difference, over all pairs of policies with the full budget.
+- **Behind the best policy** is the difference between the score of the best policy and the method's score, paired
+  over the common episodes, with half the width of the difference's 95 % interval. If more than {EPISODES} episodes
+  were evaluated, their number follows. Brackets give the number of episodes that would reduce the half width to
+  {WIDTH}.
+- **Settled** is the mean time after which the tip stays within the bounds of success to the end of the episode. A
+  failed episode counts as its whole length.
+- **Second hundred** are 100 episodes whose seeds follow from the policy itself (`flexarm_env.suite.second`). The
+  columns give success, settling, and J minus the J of PD, with the same difference on the public hundred in brackets.
+  † marks a difference between both hundreds that is larger than chance explains (permutation test, p < {LEVEL} after
+  Holm, over all runs of this page). *public alone* marks functions, models with a memory and `foresight`, which are
+  evaluated only on the public hundred and may have memorized these episodes.
 - **Italic methods** were trained with less than the task's budget.
-- **`foresight`** is no policy. The gradient of an episode's own return optimizes its torques, with the episode
-  known beforehand, starting from the best of trained policies and of controllers that see the whole state. The
-  results are local optima. Where an arm balances upright, gradients are too large for use, and the starting torques
-  remain.
+- **`foresight`** is no policy. The torques of each episode are optimized by the gradient of the episode's own return,
+  with the complete episode known in advance. The search starts from the torques of the best trained policy or of the
+  best controller that observes the whole state. The results are local optima. For an arm that balances upright, the
+  gradients are too large to be useful, and the starting torques remain.
 
-Each file of the folder is a run of a method. `flexarm bench suite --policy ... --name METHOD --out FOLDER` writes
-another one, and `flexarm bench page FOLDER --out PAGE` writes this page."""
+Each file of results contains one run of a method. `flexarm bench suite --policy ... --name METHOD --out FOLDER` adds
+a file to a folder, and `flexarm bench page FOLDER --out PAGE` writes this page from the files."""
 
 
 @dataclass(frozen=True)
@@ -102,8 +104,8 @@ def _finding(known: Sequence[Task], rows: Mapping[str, Sequence[Line]]) -> str:
         return "Scores of methods on the suite's tasks."
     named = ", ".join(f"`{name}` on {count}" for name, count in counts)
     return (
-        f"The best policy is {named} of {len(first)} tasks. Its score is {min(scores):.2f} to {max(scores):.2f}, "
-        "where 0 is PD control and 1 the best known."
+        f"On {len(first)} tasks the best policy is {named}. The score of a task's best policy is {min(scores):.2f} to "
+        f"{max(scores):.2f}, where 0 is PD control and 1 the best known torques."
     )
 
 
@@ -226,8 +228,9 @@ def _record(task: Task, lines: Sequence[Line]) -> str:
     bar = kept.values + best.rounding(task.id)
     above = {line.method: max(int((values(task, e) > bar).sum()) for e in line.entries) for line in lines}
     beaten = ", ".join(f"{name} in {count} episodes" for name, count in above.items() if count)
-    more = f" Above it: **{beaten}**; how to hand that in: docs/tutorials/suite.md." if beaten else ""
-    return f"The record, of {kept.date}: J = {kept.values.mean():.1f} (`flexarm bench suite --best {task.id}`).{more}"
+    more = f" Better than the record: **{beaten}**; docs/tutorials/suite.md says how to submit it." if beaten else ""
+    shown = f"`flexarm bench suite --best {task.id}` replays the record"
+    return f"The record of {kept.date} has the value J = {kept.values.mean():.1f} ({shown}).{more}"
 
 
 def _table(task: Task, lines: Sequence[Line], learnt: set[int]) -> Iterator[str]:
@@ -235,7 +238,8 @@ def _table(task: Task, lines: Sequence[Line], learnt: set[int]) -> Iterator[str]
     known = reference(task)
     yield from (" ".join(task.hard.split()), "")
     if known is not None:
-        yield from (f"J_PD = {known.pd:.1f}; J_best = {known.best:.1f}, by {known.by}.", "")
+        own = f"PD has the value J_PD = {known.pd:.1f}; "
+        yield from (f"{own}`{known.by}` has the best known value, J_best = {known.best:.1f}.", "")
     if task.id in best.known():
         yield from (_record(task, lines), "")
     # the best policy, to which the others are compared
@@ -282,7 +286,8 @@ def _left_out(found: Sequence[Results]) -> Iterator[str]:
         if name not in known or not of_the_protocol(known[name], entry)
     ]
     if other:
-        yield from ("", "## Left out", "", "Entries with other episodes than the protocol's, or of changed tasks:", "")
+        why = "These entries of files have other episodes than the protocol requires, or belong to changed tasks:"
+        yield from ("", "## Left out", "", why, "")
         yield from (f"- {text}" for text in other)
     # tasks of each method and reason; the entries of an observation are on the task's own page
     refused: dict[tuple[str, str], set[str]] = {}
@@ -290,6 +295,7 @@ def _left_out(found: Sequence[Results]) -> Iterator[str]:
         for name, why in one.refused.items():
             refused.setdefault((one.name, why.partition(", which is not among")[0]), set()).add(name)
     if refused:
-        yield from ("", "## Not evaluated", "")
+        reason = "The list has the error message for each method that cannot be evaluated on a task:"
+        yield from ("", "## Not evaluated", "", reason, "")
         for (method, why), names in sorted(refused.items()):
             yield f"- {method} on {', '.join(f'`{name}`' for name in sorted(names))}: {why}"

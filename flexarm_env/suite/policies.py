@@ -14,10 +14,10 @@ from .. import control
 from .. import validation as check
 from ..control.catalogue import controller as by_name
 from ..control.catalogue import tuned_gains
+from ..episodes import Policy
 from ..files import read_json
 from . import second
 from .data import NAMESPACE, Task
-from .judge import Policy
 
 PLACE = "{task}"
 """Placeholder of the task's id in a policy's name, for methods with one policy per task."""
@@ -99,7 +99,7 @@ def _gains(name: str, env: Any) -> Any:
 
 
 def default_name(word: str) -> str:
-    """Return the default name of a method's results: that of the controller, file, file's folder, or function."""
+    """Return the default name of a method's results: the name of the controller, file, file's folder, or function."""
     name, _, gains = word.partition("@")
     if gains and name in control.NAMES:
         return f"{name}-{Path(gains).stem}"

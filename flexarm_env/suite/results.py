@@ -103,8 +103,8 @@ def judged(
 ) -> tuple[Results, list[str], dict[str, str]]:
     """Evaluate a policy on tasks and update its results file after each task.
 
-    Earlier results are kept unless `again` is True. A result on all episodes of the protocol is never replaced by one
-    on fewer: the latter is returned, not written.
+    Earlier results are kept unless `again` is True. A result on all episodes of the protocol is never replaced by a
+    result on fewer episodes, which is returned, not written.
 
     Args:
         word, choose: as in `flexarm_env.suite.policies`. name, run: name and run of the results; default: those of the
@@ -237,12 +237,12 @@ def length(entry: Mapping[str, Any]) -> int:
 
 
 def all_values(task: Task, entry: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Return the values of all episodes of an entry, further ones included."""
+    """Return the values of all episodes of an entry, further episodes included."""
     return np.concatenate([values(task, entry), np.array(entry.get("further") or (), float)])
 
 
 def settling(task: Task, entry: Mapping[str, Any]) -> float | None:
-    """Return the mean time, s, after which the bounds of success hold to the end.
+    """Return the mean time, s, after which the bounds of success hold to the end (`episodes.measures.success_period`).
 
     A failed episode counts with a full episode's length. The result is None if the entry does not record the time.
     """
@@ -358,14 +358,14 @@ def _check_numbers(path: str, table: Mapping[str, Any], count: int, can: Possibl
 
 
 def begun(folder: Path, name: str, run: int) -> Results:
-    """Return the existing results of a method's run in a folder, or new ones; outdated entries will be replaced."""
+    """Return the existing results of a method's run in a folder, or new results; outdated entries will be replaced."""
     fresh = Results(named(name), check.integer("--run", run, minimum=0))
     path = folder / fresh.file
     return read(path, earlier=True) if path.exists() else fresh
 
 
 def folder_of(folder: Path, *, earlier: bool = False) -> list[Results]:
-    """Read all results files of a folder. ValueError if one is damaged, or there is none."""
+    """Read all results files of a folder. ValueError if a file is damaged, or the folder has no results file."""
     files = sorted(folder.glob("*.json")) if folder.is_dir() else []
     if not files:
         raise ValueError(f"{folder}: no results files (*.json) there; flexarm bench suite --out {folder} writes them")
@@ -396,7 +396,7 @@ def chosen_tasks(words: str | None) -> tuple[Task, ...]:
 
 
 def listed(flag: str, words: str) -> list[str]:
-    """Split words separated by commas. ValueError if there is none."""
+    """Split words separated by commas. ValueError if the text has no word."""
     found = [word.strip() for word in words.split(",") if word.strip()]
     if not found:
         raise check.InvalidValue(flag, words, "must name at least one, or several with commas between them")

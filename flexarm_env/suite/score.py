@@ -2,8 +2,8 @@
 
 The score of a policy on a task is (J - J_PD) / (J_best - J_PD). J is its mean return minus the task's price times cost.
 The score is 0 for PD control and 1 for the best known policy. A method is summarized over tasks and runs by the
-interquartile mean (the mean of the middle half of all scores). Its interval is a percentile interval by a bootstrap
-that resamples runs within each task (Agarwal et al. 2021).
+interquartile mean (the mean of the middle half of all scores). The interval of a method's mean is a percentile interval
+by a bootstrap that resamples runs within each task (Agarwal et al. 2021).
 """
 
 import json

@@ -2,12 +2,13 @@
 
 The seeds begin at 2^32 plus the first eight hexadecimal digits of SHA-256(digest of the task, numbers of the policy).
 The numbers are a network's arrays and its normalizer, or a controller's name and gains, without metadata or file bytes.
-There is no defense against changing a policy until its seeds suit it (each attempt is another policy). All other
-policies (Python functions, ONNX models, actions optimized beforehand) have the public hundred only.
+The second score is no defense against changing a policy until its seeds suit it (each attempt is another policy).
+Policies without numbers in these forms (Python functions, ONNX models, actions optimized beforehand) have only the
+public hundred of episodes.
 
 A permutation test detects a significant difference between both hundreds. The values minus PD's on the same seeds are
 redistributed over two hundreds. p is the share of redistributions in which the two means differ at least as much as the
-real ones. Holm's method (1979) adjusts p for multiple tests.
+real two means. Holm's method (1979) adjusts p for multiple tests.
 """
 
 import dataclasses

@@ -4,7 +4,7 @@ At entry the first N numbers of `angles` are the present joint angles, rad; at r
 N,): low and high of each joint, rad. If a target is out of reach, the tip is brought near it, on the line from the root
 to the target.
 
-    sooner_angles    two links: the one of two solutions that the joints reach first
+    sooner_angles    two links: of two solutions, the solution reached first
     least_angles     N links: the solution with the least sum of squares
     next_angles      N links: the solution with the least sum of squares near the present angles
 
@@ -39,7 +39,7 @@ def nearest_turn(angle, now):
 def _within(hub, limits):
     """Return the hub's angle (rad), moved within limits[0] to limits[1] by whole turns if this is possible.
 
-    hub: angle of joint 0, rad. It is returned unchanged if no whole turns bring it within its limits.
+    hub: angle of joint 0, rad. The angle is returned unchanged if no whole turns bring it within the limits.
     """
     found = hub
     if hub < limits[0]:

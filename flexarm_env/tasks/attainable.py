@@ -48,8 +48,8 @@ class Attainable(NamedTuple):
 def attainable(task, needs, angles, x, y):
     """Return 1.0 if a planar arm can reach the target (x, y) and rest there, otherwise 0.0.
 
-    The checked posture is the task's goal posture from joint angles `angles` (rad). Its angles must be within their
-    limits. Its tip must be at (x, y) (m; a target angle in rad needs no check). No joint torque against gravity may
+    The checked posture is the task's goal posture from joint angles `angles` (rad). The posture's angles must be within
+    their limits, and its tip at (x, y) (m; a target angle in rad needs no check). No joint torque against gravity may
     exceed the largest torque. needs: an `Attainable`, with masses, gravity and largest torques.
     """
     mine = stack(_ONE, task.links + _RECORD)
@@ -64,7 +64,7 @@ def attainable(task, needs, angles, x, y):
 
 @kernel
 def first_unattainable(task, needs, angles, points):
-    """Return the number of the first path point at which the arm cannot follow the target, or -1 if it can follow all.
+    """Return the number of the first path point at which the arm cannot follow the target, or -1 without such a point.
 
     points: (x, y; x, y; ...), m, or (angle, unused; ...), rad. angles: joint angles before the first point, rad;
     `pursue` then moves the posture from point to point. At a returned point the posture does not reach the target,
@@ -125,7 +125,7 @@ def _allowed(task, needs, mine):
 def draw_attainable(reference, task, stream, arm, angles, path, most):
     """Draw a path until the arm can follow it; return 1.0, or 0.0 where none of `most` draws is attainable.
 
-    If none is attainable, the last draw stays in `path`. reference.ranges: low and high of each drawn number;
+    If no draw is attainable, the last draw stays in `path`. reference.ranges: low and high of each drawn number;
     reference.line: straight lines are drawn; reference.needs: an `Attainable`, or None to accept the first draw.
     # in        angles, joint angles at the start, rad;  arm, number in the batch
     # in, out   stream[arm]

@@ -102,8 +102,8 @@ def land_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lane
 def land_draw_line(task, stream, arm, start, drawn, path):
     """Write a target at rest on the wall, a `PATH`, on a random side of the wall's point nearest to the root.
 
-    drawn: distance of that point from the root, m; distance of the target from that point, m; not used; bearing of that
-    point, rad. stream[arm]: random numbers of the arm. start: not used.
+    drawn: distance of the nearest point from the root, m; distance of the target from the nearest point, m; not used;
+    bearing of the nearest point, rad. stream[arm]: random numbers of the arm. start: not used.
     """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     cosine, sine = math.cos(drawn[3]), math.sin(drawn[3])

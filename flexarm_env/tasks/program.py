@@ -234,7 +234,7 @@ REASONS: dict[float, str] = {
 """One word for each code that `info` holds."""
 
 STATUS_WORDS: dict[float, str] = {code: STATUS[int(code)] if code < len(STATUS) else STATUS[0] for code in REASONS}
-"""The solver's status for each of these codes of `info`."""
+"""The solver's status word for each code of `REASONS`, as in `info`."""
 
 CLIP = 10.0
 """Observations are clipped to this many scales."""
@@ -308,7 +308,7 @@ class Sensors(NamedTuple):
 class Instruments(NamedTuple):
     """Sensors that read by a law; None: no sensor of this kind. Channels are in the order of the fields.
 
-    Their entries follow those of task and target: goals, accelerometer, ..., camera, force, switch, then gauges.
+    The sensors' entries follow those of task and target: goals, accelerometer, ..., camera, force, switch, then gauges.
     """
 
     period: float  # s
@@ -402,7 +402,7 @@ class Models(NamedTuple):
 class Program(NamedTuple):
     """A batch of n arms with its task; A joints, S entries that can be observed, O numbers in an observation, L lanes.
 
-    None: absent, compiled out.
+    A part of the program whose field is None is absent, and no code is compiled for the part.
     """
 
     lane: tuple[int, ...]

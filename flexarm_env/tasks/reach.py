@@ -155,10 +155,10 @@ def reach_target(task, angles, first, second):
 
 @kernel
 def reach_aim(task, record):
-    """Write the goal angles (rad) of two links into record[GOAL:]: of two solutions, the one that is reached first.
+    """Write the goal angles (rad) of two links into record[GOAL:]: of two solutions, the solution reached first.
 
-    record: record of one arm. Its target (m, inertial axes) is read. Its goal holds the present joint angles at entry
-    and the angles that bring the tip to the target at return (`angles.sooner_angles`).
+    record: record of one arm. The record's target (m, inertial axes) is read. The record's goal holds the present joint
+    angles at entry and the angles that bring the tip to the target at return (`angles.sooner_angles`).
     """
     sooner_angles(task.lengths, task.rates, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 
@@ -167,8 +167,8 @@ def reach_aim(task, record):
 def chain_aim(task, record):
     """Write the goal angles (rad) of N links into record[GOAL:]: least sum of squares with the tip at the target.
 
-    record: record of one arm. Its target (m, inertial axes) is read. The first entry of its goal is the hub's present
-    angle at entry. At return goal holds the goal angles (`angles.least_angles`).
+    record: record of one arm. The record's target (m, inertial axes) is read. The first entry of the record's goal is
+    the hub's present angle at entry. At return the goal holds the goal angles (`angles.least_angles`).
     """
     least_angles(task.lengths, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 
@@ -177,7 +177,7 @@ def chain_aim(task, record):
 def chain_pursue(task, record):
     """Write the goal angles (rad) of N links into record[GOAL:]: as `chain_aim`, near the present goal angles.
 
-    record: of one arm: target (m, inertial axes) in; goal: in and out.
+    record: record of one arm: target (m, inertial axes) in; goal: in and out.
     """
     next_angles(task.lengths, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 
@@ -186,8 +186,8 @@ def chain_pursue(task, record):
 def reach_draw_path(task, stream, arm, start, drawn, path):
     """Write a circular path with random sense of rotation and random phase into `path`, a `PATH`.
 
-    drawn: distance of its center from the root, m; period, s; radius, m; bearing of its center, rad. stream[arm]:
-    random numbers of the arm. start: not used.
+    drawn: distance of the circle's center from the root, m; period, s; radius, m; bearing of the center, rad.
+    stream[arm]: random numbers of the arm. start: not used.
     """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     # center (inertial axes), from its distance and bearing
@@ -202,7 +202,7 @@ def reach_draw_path(task, stream, arm, start, drawn, path):
 def reach_draw_line(task, stream, arm, start, drawn, path):
     """Write a straight path with random sense of direction into `path`, a `PATH`, from its point nearest to the root.
 
-    drawn: distance of that point, m; the time when it is reached, s; speed, m/s; bearing of that point, rad.
+    drawn: distance of the nearest point, m; the time when it is reached, s; speed, m/s; bearing of this point, rad.
     stream[arm]: random numbers of the arm. start: not used.
     """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0

@@ -56,8 +56,8 @@ def slew_observe(lane, task, poses: Lanes, record, out):
     """Write sine, cosine of the hub's angle, its rate, tip deflection and its rate over L, and the angle error; scaled.
 
     Hub: relative to a floating base. Deflection: across the root's tangent. Error: target less tip angle (rad), within
-    +-pi where task.turns is a tag, otherwise with all turns. Then the seven entries of a floating base, if there is
-    one. Units: rad/s, 1, 1/s, rad; each entry is divided by its scale and clipped to +-10. poses: pose of the link,
+    +-pi where task.turns is a tag, otherwise with all turns. The seven entries of a floating base, if the arm has one,
+    follow. Units: rad/s, 1, 1/s, rad; each entry is divided by its scale and clipped to +-10. poses: pose of the link,
     inertial axes; record: the target.
     """
     normal, along, rate, _, _, _, _, sine, cosine = deflection(lane, poses, 0)
@@ -82,9 +82,10 @@ def slew_judge(lane, task, poses, action, record: Lanes, live, info):
         in half turns), effort -sum action^2, vibration -min(rate^2, 1)
 
     Each term is multiplied by its weight. A floating base adds a term for its attitude. If changes of actions have a
-    price, they add another term. If task.paid is a tag, settle is 1 / (1 + s^2) (`settled`). s is the sum of squares of
-    e, slip and rate (and of a base's attitude), each over its success band. poses: pose of the link, inertial axes;
-    info is written where live > 1/2. Joint limit passed: 1.0 where the joint is beyond its limits, otherwise 0.0.
+    price, the price adds another term. If task.paid is a tag, settle is 1 / (1 + s^2) (`settled`). s is the sum of
+    squares of e, slip and rate (and of a base's attitude), each over its success band. poses: pose of the link,
+    inertial axes; info is written where live > 1/2. Joint limit passed: 1.0 where the joint is beyond its limits,
+    otherwise 0.0.
     """
     # tip less root: polar angle and its rate (inertial axes), deflection (root axes)
     normal, along, rate, dx, dy, dvx, dvy, _, _ = deflection(lane, poses, 0)

@@ -125,9 +125,9 @@ def space_target(task, angles, first, second):
 def space_aim(task, record):
     """Write the goal angles (rad) that reach a target on a path into record[GOAL:]; no-op if targets rest.
 
-    Goal angles of a resting target have been drawn before the target itself. record: record of one arm. Its target (m,
-    inertial axes) is read. Its goal holds the start of the search at entry and the goal angles at return. task.chain: a
-    `JOINT` per joint, None where targets rest.
+    Goal angles of a resting target have been drawn before the target itself. record: record of one arm. The record's
+    target (m, inertial axes) is read. The record's goal holds the start of the search at entry and the goal angles at
+    return. task.chain: a `JOINT` per joint, None where targets rest.
     """
     if task.chain is not None:
         point = (record[TARGET], record[TARGET + 1], record[TARGET + 2])
@@ -136,10 +136,10 @@ def space_aim(task, record):
 
 @kernel
 def space_pursue(task, record):
-    """Move the goal angles (rad), record[GOAL:], so that they reach the moved target; no-op if targets rest.
+    """Move the goal angles (rad), record[GOAL:], so that they reach the moved target; do nothing if targets rest.
 
-    record: of one arm: target (m, inertial axes) in; goal: in and out. task.chain: a `JOINT` per joint, None where
-    targets rest.
+    record: record of one arm: target (m, inertial axes) in; goal: in and out. task.chain: a `JOINT` per joint, None
+    where targets rest.
     """
     if task.chain is not None:
         point = (record[TARGET], record[TARGET + 1], record[TARGET + 2])
@@ -160,8 +160,8 @@ def _directions(bearing, elevation):
 def space_draw_path(task, stream, arm, start, drawn, path):
     """Write a circular path in a random plane, from a random phase, into `path`, a `PATH`.
 
-    drawn: distance of its center from the root, m; period, s; radius, m; bearing and elevation of its center, rad.
-    stream[arm]: random numbers of the arm. start: not used.
+    drawn: distance of the circle's center from the root, m; period, s; radius, m; bearing and elevation of the center,
+    rad. stream[arm]: random numbers of the arm. start: not used.
     """
     away, _, _ = _directions(drawn[3], drawn[4])
     # center of the circle, distance times direction (inertial axes)
@@ -178,8 +178,8 @@ def space_draw_path(task, stream, arm, start, drawn, path):
 def space_draw_line(task, stream, arm, start, drawn, path):
     """Write a straight path in a random direction, by its point nearest to the root, into `path`, a `PATH`.
 
-    drawn: distance of that point, m; the time when it is reached, s; speed, m/s; its bearing and elevation, rad.
-    stream[arm]: random numbers of the arm. start: not used.
+    drawn: distance of the nearest point, m; the time when it is reached, s; speed, m/s; bearing and elevation of this
+    point, rad. stream[arm]: random numbers of the arm. start: not used.
     """
     away, around, up = _directions(drawn[3], drawn[4])
     turn = 2.0 * math.pi * uniform(stream, arm)

@@ -97,8 +97,8 @@ def deflection(lane, poses: Lanes, k):
     """Return the tip of link k relative to its root: (normal, along, normal rate, dx, dy, dvx, dvy, sine, cosine).
 
     normal, along: m, across and along the tangent of the root section; normal rate: m/s, in the frame that turns with
-    that section; dx, dy (m), dvx, dvy (m/s): the same vector and its velocity in inertial axes; sine, cosine: of the
-    root section's angle.
+    that section; dx, dy (m), dvx, dvy (m/s): the same vector and its velocity in inertial axes; sine, cosine: sine and
+    cosine of the root section's angle.
     """
     # tip less root, inertial axes
     o = POSE.end * k
@@ -123,9 +123,9 @@ def of_base(lane, task, poses: Lanes, number):
 
 @kernel
 def hub_angle(lane, task, poses: Lanes, sine, cosine):
-    """Return sine and cosine of joint 0's angle; sine, cosine: of the inertial angle of link 0's root.
+    """Return sine and cosine of joint 0's angle, given `sine` and `cosine` of the inertial angle of link 0's root.
 
-    If the root is held, this is the inertial angle itself. On a floating base, the base's attitude is subtracted.
+    If the root is held, joint 0's angle is the inertial angle. On a floating base, the base's attitude is subtracted.
     """
     if size(task.base) > 0:
         return sincos(poses[POSE.angle] - of_base(lane, task, poses, BASE_POSE.angle))
@@ -136,7 +136,7 @@ def hub_angle(lane, task, poses: Lanes, sine, cosine):
 def show_base(lane, task, poses: Lanes, sine, cosine, out):
     """Write the last seven entries of the observation of an arm on a floating base, over their scales.
 
-    No-op where the root is held. Sine and cosine of the base's attitude, its rate (rad/s), then velocity (m/s) and
+    Do nothing where the root is held. Sine and cosine of the base's attitude, its rate (rad/s), then velocity (m/s) and
     position (m) of the hub, each along and across the root of link 0; sine, cosine: those of the inertial angle of that
     root. poses: poses of the links, then of the base, inertial axes.
     """

@@ -80,22 +80,34 @@ def _move_target(lanes, reference, task, period, record, i):
 
 
 @kernel
-def look_ahead(lane, reference, task, period, first, poses, record, seen: Lanes):
+def look_ahead(lane, reference, task, period, first, poses, record, seen):
     """Write the observation's entries for a moving target: its rate, then its displacement at each time ahead.
 
     Points and rates are in the axes of link 0's root; scaled and clipped to +-10. first: True for the observation of a
-    reset, before any period is done. period: s. poses: poses of the links, inertial axes. No-op where targets rest
+    reset, before any period is done. period: s. poses: poses of the links, inertial axes. Do nothing where targets rest
     (reference None).
     # in        record: periods done, target, path
     # out       seen (entries, lanes), entries that follow the task's
     """
+    list_ahead(lane, reference, task, period, first, record, seen)
+    turn_ahead(lane, reference, task, poses, seen)
+
+
+@kernel
+def list_ahead(lane, reference, task, period, first, record, seen: Lanes):
+    """Write the entries of `look_ahead` in inertial axes and without scale (m or rad, and rates)."""
     if reference is not None:
-        at = size(task.entries)
         for k in range(reference.scales.shape[0]):
-            seen[at + k] = 0.0
+            seen[size(task.entries) + k] = 0.0
         for i in range(lane_count(lane)):
             _look_ahead(len(lane), reference, task, period, first, record, seen, i)
-        # inertial axes to the hub's, then scale
+
+
+@kernel
+def turn_ahead(lane, reference, task, poses, seen: Lanes):
+    """Turn entries of `list_ahead` from inertial axes into the axes of link 0's root; scale and clip the entries."""
+    if reference is not None:
+        at = size(task.entries)
         turn_in(lane, task, poses, seen, at, at + reference.scales.shape[0])
         for k in range(reference.scales.shape[0]):
             seen[at + k] = clip(seen[at + k] / reference.scales[k], CLIP)

@@ -5,8 +5,8 @@ import os
 from pathlib import Path
 
 KINDS = (*(f"{front}openblas_{{}}_num_threads{back}" for front in ("", "scipy_") for back in ("", "64_")),)
-"""C functions that read and set the number of threads, in the various builds of OpenBLAS (the Fortran ones take
-pointers)."""
+"""C functions that read and set the number of threads, in the various builds of OpenBLAS (the Fortran functions have
+pointers as arguments)."""
 VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 

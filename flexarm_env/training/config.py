@@ -131,8 +131,9 @@ def default_path(algorithm: str, env_id: str = "") -> Path:
 def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str] | None = None) -> Config:
     """Read the entry of an environment. ValueError names the file, the key and the rule.
 
-    path: a file, or the name of a file of the package. Such a name is the path in a checkout (configs/ppo/robust.yml);
-    among the algorithm's own files, folder and suffix may be omitted (robust). Default: `default_path`.
+    path: a file, or the name of a file of the package. The name of a file of the package is the path in a checkout
+    (configs/ppo/robust.yml); among the algorithm's own files, folder and suffix may be omitted (robust). Default:
+    `default_path`.
     allowed: accepted keys of the entry; default: those of Stable-Baselines3's class.
     """
     yaml = _yaml()

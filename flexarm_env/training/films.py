@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from flexarm_env import validation as check
 from flexarm_env.control import NamedPolicy
 from flexarm_env.envs.video import film_path, write_film
+from flexarm_env.episodes import periods
 from flexarm_env.training.episodes import TEST
 from flexarm_env.training.policies import choose
 from flexarm_env.training.runs import command
@@ -62,13 +63,7 @@ def episode(env_id: str, chosen: NamedPolicy, kwargs: Mapping[str, Any], seed: i
     """Yield the pictures (640, 640, 3) of an episode, one per control period."""
     env = gym.make(env_id, render_mode="rgb_array", **kwargs)
     policy = chosen.make(env)
-    observation, _ = env.reset(seed=seed)
-    policy.reset(observation)
-    over = False
-    yield np.asarray(env.render())
-    while not over:
-        observation, _, terminated, truncated, _ = env.step(policy.act(observation))
-        over = bool(terminated or truncated)
+    for _ in periods(env, policy, [seed]):
         yield np.asarray(env.render())
     env.close()
 
@@ -79,7 +74,7 @@ def film(env_id: str, chosen: NamedPolicy, kwargs: Mapping[str, Any], seed: int,
 
 
 def beside(films: Sequence[Iterator[Picture]], labels: Sequence[str], size: int) -> Iterator[Picture]:
-    """Yield pictures of several episodes side by side under their labels; a finished one keeps its last picture."""
+    """Yield pictures of several episodes side by side under their labels; a finished episode shows its last picture."""
     from PIL import Image, ImageDraw, ImageFont
 
     head = round(0.09 * size)

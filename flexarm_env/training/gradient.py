@@ -2,9 +2,9 @@
 
 The method follows Xu et al. 2022 (Accelerated policy learning with parallel differentiable simulation). n arms act for
 a window of periods. The objective is the sum of the discounted rewards and the critic's estimate of the return after
-the window. It is differentiated by the policy's weights through all periods of the window; the critic is fitted to the
-returns. The class has the interface of a Stable-Baselines3 algorithm: policies, checkpoints and the functions that read
-them are those of PPO.
+the window. The objective is differentiated by the policy's weights through all periods of the window; the critic is
+fitted to the returns. The class has the interface of a Stable-Baselines3 algorithm: policies, checkpoints and the
+functions that read them are those of PPO.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 
+from flexarm_env.around import AroundControllerVector
 from flexarm_env.control.around import linear_law
 from flexarm_env.derivatives import Arms
-from flexarm_env.envs.around import AroundControllerVector
 from flexarm_env.training.networks import of_policy
 from flexarm_env.validation import Array, Array32
 

@@ -132,8 +132,8 @@ class Training:
         """Return the validated arguments of a new run, or of the run to be resumed.
 
         A resumed run keeps its original arguments except those named in `kept`. ValueError in four cases: a new run
-        exists already; the run has finished and --n-timesteps does not extend it; it belongs to another algorithm; or
-        its seed is reserved for evaluation.
+        exists already; the run has finished and --n-timesteps does not extend it; the run belongs to another algorithm;
+        or the seed is reserved for evaluation.
         """
         own = self._resumed(kept, algorithm) if self.resume else self
         if not isinstance(own.seed, int) or not 0 <= own.seed <= MOST_SEED:
@@ -211,7 +211,7 @@ def new_record(arguments: Any, algorithm: str, env_kwargs: dict[str, Any], setup
 
 
 def read_run(run: Path) -> dict[str, Any]:
-    """Read the record (run.json) of a run folder. ValueError with a sentence if there is none."""
+    """Read the record (run.json) of a run folder. ValueError with a sentence if the folder has no run.json."""
     if not run.is_dir():
         raise ValueError(f"{run}: no such run folder")
     if not (run / "run.json").is_file():

@@ -23,7 +23,7 @@ from flexarm_env import arms
 from flexarm_env import validation as check
 from flexarm_env.control.around import Inside, linear_law, restarting
 from flexarm_env.control.base import RESIDUAL_SHARE
-from flexarm_env.control.timescales import timescales
+from flexarm_env.rigid import timescales
 from flexarm_env.training import blas, episodes
 from flexarm_env.training import config as configs
 from flexarm_env.training.arguments import parse
@@ -44,7 +44,8 @@ class Arguments(Training):
         config: file of hyperparameters in RL Zoo format, or the name of a config of the package, such as robust;
             default configs/ALGO/default.yml, or suite.yml for tasks of the suite.
         around: controller inside the policy, such as pd: its torque plus the network's share is the action. pd@FILE
-            has the gains of a file of `flexarm tune`. Default the config's, which usually has none.
+            has the gains of a file of `flexarm tune`. The default is the config's controller; most configs have no
+            controller.
         share: share of the torque limits that the network commands with --around; default 0.7.
     """
 
@@ -132,7 +133,7 @@ def train(arguments: Arguments) -> Any:
 
 
 def controller_inside(config: configs.Config, arguments: Arguments, env: Any) -> Inside | None:
-    """Return the controller inside the policy, from the flags or otherwise from the config; None if there is none.
+    """Return the controller inside the policy, from the flags or otherwise from the config; None without a controller.
 
     env: an environment of the training. Raises ValueError for an invalid or an unsupported controller.
     """
@@ -144,7 +145,7 @@ def controller_inside(config: configs.Config, arguments: Arguments, env: Any) ->
             raise check.InvalidValue("--share", share, "requires --around CONTROLLER")
         return None
     if config.algorithm == "recurrent_ppo":
-        what = "must be left out with --algo recurrent_ppo; wrap its environment (envs.around.AroundController)"
+        what = "must be left out with --algo recurrent_ppo; wrap its environment (flexarm_env.around.AroundController)"
         raise check.InvalidValue("--around", table.get("controller"), what)
     if "gains" in table:
         found = Inside.read({"share": RESIDUAL_SHARE} | dict(table))
@@ -158,7 +159,7 @@ def controller_inside(config: configs.Config, arguments: Arguments, env: Any) ->
 
 
 def fitted(config: configs.Config, arguments: Arguments) -> tuple[configs.Config, dict[str, Any]]:
-    """Adapt discount factor, episode duration and control period to the user's own arm (`control.timescales`).
+    """Adapt discount factor, episode duration and control period to the user's own arm (`rigid.timescales`).
 
     Returns the config, and the chosen environment keywords. Values from the user, or from the user's own file, are
     kept; the chosen values are printed.

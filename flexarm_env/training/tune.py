@@ -7,8 +7,8 @@
     flexarm tune --env FlexibleArm-v0 --env-kwargs '{"arm": "mine.toml"}' --controllers pd,zvd --out mine_gains.toml
 
 The search minimizes the mean settling time plus the duration for every episode without success, on episodes that
-neither training nor evaluation uses. It starts from the gains on file, or else those of the package. The result is
-written to runs/gains/TASK.toml, or to --out: `flexarm evaluate --policy zv@FILE` reads it from there.
+neither training nor evaluation uses. The search starts from the gains on file, or else from the gains of the package.
+The result is written to runs/gains/TASK.toml, or to --out: `flexarm evaluate --policy zv@FILE` reads it from there.
 `python -m agents.tune` of a checkout writes flexarm_env/data/control/TASK.toml, which `flexarm_env.control.make` reads.
 
 PD gains, also with a shaped reference, must leave a gain margin (--margin, 6 dB): the linear arm under them, sampled at
@@ -53,7 +53,7 @@ OWN: dict[str, tuple[float, float]] = {"bandwidth": (0.02, 3.0), "ratio": (0.02,
 """Ranges for a user's own arm; with a light hub or elbow the sampled loop tolerates little damping."""
 
 WIDE: dict[str, tuple[float, float]] = {"bandwidth": (0.02, 3.0), "ratio": (0.3, 10.0)}
-"""Ranges for randomized arms; loops that suit all of them are slower and better damped."""
+"""Ranges for randomized arms; loops that suit all randomized arms are slower and better damped."""
 
 PER_JOINT = ("bandwidth", "ratio")
 
@@ -98,7 +98,7 @@ class Arguments:
 
 
 class SearchProgress:
-    """Cost function that reports a search's progress on standard error: in place on a terminal, elsewhere now and then.
+    """Cost function that reports a search's progress on standard error: on one line in a terminal.
 
     Args:
         cost: cost function of gains. name: name of the controller. total: largest number of evaluations of the search.

@@ -11,8 +11,8 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecMonitor, unwrap_vec_wrapper
 
+from flexarm_env.around import AroundControllerVector
 from flexarm_env.control.policy import AroundPolicy
-from flexarm_env.envs.around import AroundControllerVector
 from flexarm_env.training import episodes
 from flexarm_env.training.policies import acting
 from flexarm_env.training.progress import Progress, after, bar, write_curve

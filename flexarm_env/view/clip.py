@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation as check
 from ..validation import Array
@@ -96,26 +96,6 @@ def thinner(clip: Any, names: Sequence[str], step: int) -> Any:
     pulls = [replace(p, values=p.values[i], axis=None if p.axis is None else p.axis[i]) for p in clip.pulls]
     charts = [Chart(c.title, {name: x[i] for name, x in c.series.items()}) for c in clip.charts]
     return replace(clip, **fields, pulls=pulls, charts=charts, skipped=step * clip.skipped)
-
-
-def cuts_of(points: Array, hinges: Array) -> tuple[int, ...]:
-    """Return the indices of root, hinges and tip among points (n, P, 2).
-
-    hinges (n, N - 1, 2): positions of the hinges.
-    """
-    gaps = np.abs(points[:, None] - hinges[:, :, None]).sum(axis=-1)  # (n, N - 1, P)
-    inner = gaps.max(axis=0).argmin(axis=-1) if len(points) else ()
-    cuts = (0, *(int(k) for k in inner), points.shape[1] - 1)
-    if any(b < a for a, b in pairwise(cuts)):
-        raise check.InvalidValue("hinges", cuts[1:-1], "must be points of the chain, from root to tip")
-    return cuts
-
-
-def thinned(cuts: Sequence[int], most: int) -> tuple[NDArray[np.intp], tuple[int, ...]]:
-    """Return the indices of the points to keep, at most `most` per link, and the cuts among these points."""
-    kept = [np.unique(np.linspace(a, b, min(most, b - a + 1)).round().astype(int)) for a, b in pairwise(cuts)]
-    places = np.unique(np.concatenate(kept))
-    return places, tuple(int(np.searchsorted(places, c)) for c in cuts)
 
 
 def rigid_angles(joints: ArrayLike, turns: ArrayLike) -> Array:

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from .. import scenes
+from ..geometry.outlines import outline_of
+from ..geometry.ribbons import cuts_of, thinned
 from ..parameters import Arm
 from ..physics.layout import POSE
 from ..scene import PointLoad, Scene
@@ -15,9 +17,8 @@ from ..sensors import surface
 from ..settings import Settings
 from ..validation import Array
 from . import space
-from .clip import Chart, Clip, Pull, cuts_of, magnified, rigid_angles, thinned
+from .clip import Chart, Clip, Pull, magnified, rigid_angles
 from .contact import contact_charts, contact_pulls, obstacles_of
-from .outlines import outline_of
 from .space import SpaceClip
 
 MOST_POINTS = 21

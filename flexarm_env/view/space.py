@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from .. import validation as check
+from ..geometry.outlines import faces_of
+from ..geometry.ribbons import Ribbons, ribbons, ribbons_of, sides
 from ..parameters import Arm
 from ..physics.space.build import axis_of
 from ..physics.space.reading import links, straight
@@ -17,8 +19,6 @@ from ..scene import PointLoad, Scene
 from ..validation import Array
 from .clip import Chart, Pull, thinner
 from .contact import contact_pulls, obstacles_of
-from .outlines import faces_of
-from .ribbons import Ribbons, ribbons, ribbons_of, sides
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class SpaceClip:
 
     Attributes:
         label, note, t, pulls, charts, pinned, payload: see `Clip`; forces are (n, 3).
-        points, across (n, P, 3), cuts (N + 1,): see `view.ribbons.Ribbons`. sides (N, 2): width and thickness, m.
+        points, across (n, P, 3), cuts (N + 1,): see `geometry.ribbons.Ribbons`. sides (N, 2): width and thickness, m.
         length: length of the arm, m. ground: height of the ground, m. rigid (n, N + 1, 3): joints and tip of the rigid
             arm, m, or None.
         target (n, 3): m, or None. walls: faces of shapes to avoid, (corners, 3) m each.
@@ -52,7 +52,7 @@ class SpaceClip:
     skipped: int = field(default=1)
 
     def every(self, step: int) -> SpaceClip:
-        """Return the clip with every `step`-th instant and the last one."""
+        """Return the clip with every `step`-th instant and the last instant."""
         names = [name for name in ("t", "points", "across", "rigid", "target") if getattr(self, name) is not None]
         thin: SpaceClip = thinner(self, names, step)
         return thin

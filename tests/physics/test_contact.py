@@ -11,14 +11,27 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from flexarm_env import Arm, Contact, Link, Motion, Payload, PointLoad, Scene, Section, Simulation, simulate
+from flexarm_env import (
+    Arm,
+    Contact,
+    Elbow,
+    Link,
+    Motion,
+    Payload,
+    PointLoad,
+    Scene,
+    Section,
+    Simulation,
+    arms,
+    simulate,
+)
 from flexarm_env.compiler import uncompiled
 from flexarm_env.linear import static_equilibrium
-from flexarm_env.physics.contact.layout import READING
 from flexarm_env.physics.equations import read_poses
 from flexarm_env.physics.layout import POSE
 from flexarm_env.shapes import Box, HalfSpace, Sphere
 from flexarm_env.time_functions import constant, cycloid
+from tests.contact_tools import reading
 
 FORMULATIONS = ("elastica", "geometrically_exact", "floating_frame")
 STIFF = Section(EI=1e6, EA=1e9, C=1e9, m=1e-6)
@@ -29,12 +42,6 @@ FLOOR = HalfSpace((0.0, 0.0), (0.0, 1.0))
 def bar(mass: float, **more: Any) -> Arm:
     """One such link of 1 m with a point mass at its tip."""
     return Arm("bar", (Link(1.0, STIFF),), payload=Payload(mass=mass, **more))
-
-
-def reading(simulation: Simulation, point: int = 0) -> dict[str, NDArray[np.float64]]:
-    """What the integrator stored of a point at the end of the last step."""
-    watch = simulation.model.newton.contact
-    return READING.unpack(simulation.work.S, watch.at + point * watch.stride)
 
 
 def moved(scene: Scene, formulation: str = "elastica", **options: Any) -> Simulation:
@@ -270,3 +277,73 @@ def test_formulations_agree_on_an_arm_that_falls_and_slides() -> None:
         assert abs(run.balance).max() < 2e-3 * run.turned_over
         tips.append(run.tip[:, :2])
     assert max(abs(tip - tips[0]).max() for tip in tips) < 2e-3
+
+
+@pytest.mark.parametrize(
+    "formulation", ["elastica", *(pytest.param(name, marks=pytest.mark.slow) for name in FORMULATIONS[1:])]
+)
+@pytest.mark.parametrize("space", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_a_joint_touches_with_the_sphere_about_it(formulation: str, space: bool) -> None:
+    """Moments about the hub: the joint's sphere carries link and forearm, N x = m g x / 2 + m g (x + 1/4)."""
+    radius, k, out = 0.03, 1e5, (0.0,) * space
+    link = Link(0.5, Section(EI=1e3, EA=1e6, C=1e6, m=0.4, EI_y=1e3, GJ=1e3, C_y=1e6, J_y=1e-6, J=1e-6))
+    arm = Arm("two", (link, link), elbows=(Elbow(radius=radius),), tau_d=1e-3)
+    contact = Contact(HalfSpace((0.0, -0.1, *out), (0.0, 1.0, *out)), k, damping=20.0, bodies=("joint1",))
+    # the forearm is held level
+    angle = -math.asin((0.1 - radius) / 0.5)
+    scene = Scene(
+        "elbow", arm, duration=0.5, dt=1e-3, angles=(angle, 0.0), gravity=(0.0, -9.81, *out), contacts=(contact,),
+        motions=(Motion("joint1", constant(-angle)),), space=space,
+    )  # fmt: skip
+    run = moved(scene, formulation, rho_inf=0.5)
+    found, x, weight = reading(run), 0.5 * math.cos(angle), 0.4 * 0.5 * 9.81
+    assert found["normal"] == pytest.approx(weight * (0.5 * x + x + 0.25) / x, rel=5e-3)
+    depth = (float(found["normal"]) / k) ** (2.0 / 3.0)
+    assert found["penetration"] == pytest.approx(depth, rel=1e-3)
+    middle = run.shape_points()[:, :2]
+    elbow = middle[np.argmin(abs(np.hypot(*middle.T) - 0.5))]
+    assert elbow[1] == pytest.approx(-0.1 + radius - depth, abs=1e-4)
+
+
+def test_radius_of_an_elbow_in_files() -> None:
+    arm = Arm("two", (Link(0.5, STIFF),) * 2, elbows=(Elbow(0.1, radius=0.03),))
+    assert arms.from_table(arms.to_table(arm)) == arm
+    with pytest.raises(ValueError, match=r"radius = -1\.0"):
+        Elbow(radius=-1.0)
+
+
+@pytest.mark.parametrize(
+    "formulation", ["elastica", *(pytest.param(name, marks=pytest.mark.slow) for name in FORMULATIONS[1:])]
+)
+@pytest.mark.parametrize("space", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_a_point_along_a_link_is_a_rigid_joint(formulation: str, space: bool) -> None:
+    """A cantilever on a prop in its middle under a small force P at its tip: the prop carries 5/2 P."""
+    push, k, out = 1e-3, 1e3, (0.0,) * space
+    half = Link(0.5, Section(EI=1.0, EA=1e6, C=1e6, m=0.2, EI_y=1.0, GJ=1.0, C_y=1e6, J_y=1e-6, J=1e-6))
+    arm = Arm("propped", (half, half), tau_d=0.1)
+    contact = Contact(HalfSpace((0.0, 0.0, *out), (0.0, 1.0, *out)), k, exponent=1.0, bodies=("joint1",))
+    scene = Scene(
+        "propped", arm, duration=2.0, dt=5e-3, rigid_joints=(1,), motions=(Motion("joint0", constant(0.0)),),
+        loads=(PointLoad(1, "tip", None, constant(-push)),), contacts=(contact,), space=space,
+    )  # fmt: skip
+    run = moved(scene, formulation, rho_inf=0.5)
+    # the prop of stiffness k gives by R / k: R (a^3 / 3 EI + 1 / k) = P a^2 (3 L - a) / 6 EI
+    a = 0.5
+    wanted = push * a * a * (3.0 - a) / 6.0 / (a**3 / 3.0 + 1.0 / k)
+    assert reading(run)["normal"] == pytest.approx(wanted, rel=2e-3)
+    assert wanted == pytest.approx(2.5 * push, rel=0.03)
+
+
+def test_fitted_steps_resolve_an_impact() -> None:
+    """Steps of 10 ms are halved where the tip touches; the error is within the estimate."""
+    mass, k, damping, speed = 0.5, 1e5, 0.4, 0.8
+    start = 0.1 * speed
+    scene = Scene(
+        "hit", bar(mass), duration=0.3, dt=1e-2, rates=(-speed,), angles=(start,),
+        contacts=(Contact(FLOOR, k, damping=damping),),
+    )  # fmt: skip
+    run = simulate(scene, "elastica", rho_inf=1.0, step_tolerance=1e-5)
+    assert run.status == "ok" and max(run.step_levels) >= 3
+    assert abs(run.v[-1, 0] / speed - restitution(speed, k, damping, mass, start)) < 3e-4
+    # equal steps as short as the shortest ones are more than twice as many
+    assert run.steps < 0.5 * 30 * 2 ** max(run.step_levels)

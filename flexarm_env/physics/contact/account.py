@@ -6,7 +6,17 @@ from ...compiler import Lanes, kernel, max_over_lanes, maximum, select_lt, size,
 from .. import protocol
 from ..arithmetic import store_vector
 from ..space.rotations import Vector, dot
-from .kinematics import gap_at, here_of, motion_of, obstacle_count, place_of, touches, wrench
+from .kinematics import (
+    gap_at,
+    here_of,
+    less_obstacle,
+    meeting,
+    motion_of,
+    obstacle_count,
+    place_of,
+    touches,
+    wrench,
+)
 from .law import meet
 from .layout import READ
 
@@ -19,10 +29,11 @@ def energy(lane, part, model, par, q, v, sums):
     protocol.input_displacements(lane, model.arm, par, q, y)
     zero = Vector(0.0, 0.0, 0.0)
     for p in range(len(part.points)):
-        if touches(gap_at(lane, part, y, p)):
+        if touches(gap_at(lane, part, q, y, p)):
             for o in range(obstacle_count(part)):
                 if part.meets[p * obstacle_count(part) + o] > 0.5:
-                    strain = strain + meet(part, p, o, place_of(lane, part, y, p), zero, zero).stored
+                    place = less_obstacle(lane, part, o, q, place_of(lane, part, y, p))
+                    strain = strain + meet(part, p, o, place, zero, zero).stored
     return kinetic, strain, gravity
 
 
@@ -33,7 +44,7 @@ def damping_power(lane, part, model, par, q, v, x, total):
     protocol.input_displacements(lane, model.arm, par, q, y)
     least = 1e300
     for p in range(len(part.points)):
-        gap = gap_at(lane, part, y, p)
+        gap = gap_at(lane, part, q, y, p)
         least = select_lt(gap, least, gap, least)
     if touches(least):
         rates, others = stack(lane, part.poses), stack(lane, part.poses)
@@ -44,10 +55,11 @@ def damping_power(lane, part, model, par, q, v, x, total):
             other, turn = motion_of(lane, part, others, p)
             for o in range(obstacle_count(part)):
                 if part.meets[p * obstacle_count(part) + o] > 0.5:
-                    met = meet(part, p, o, place_of(lane, part, y, p), velocity, spin)
+                    met = meeting(lane, part, p, o, q, v, place_of(lane, part, y, p), velocity, spin)
                     force, moment = wrench(part, p, met)
                     # all forces but the elastic one
-                    power = dot(force, other) + dot(moment, turn) - dot(met.normal, other) * met.elastic
+                    away = less_obstacle(lane, part, o, x, other)
+                    power = dot(force, away) + dot(moment, turn) - dot(met.normal, away) * met.elastic
                     total = total - power
     return total
 
@@ -75,7 +87,7 @@ def after_step(lane, part, model, par, q, v, S: Lanes, h):
         protocol.input_displacements(lane, model.arm, par, q, y)
         protocol.task_poses(lane, model.arm, par, q, v, poses)
         for p in range(len(part.points)):
-            _store_reading(lane, part, p, y, poses, h, S)
+            _store_reading(lane, part, p, q, v, y, poses, h, S)
     else:
         for p in range(len(part.points)):
             at = here_of(part, p)
@@ -85,14 +97,14 @@ def after_step(lane, part, model, par, q, v, S: Lanes, h):
 
 
 @kernel
-def _store_reading(lane, part, p, y: Lanes, poses: Lanes, h, S: Lanes):
+def _store_reading(lane, part, p, q, v, y: Lanes, poses: Lanes, h, S: Lanes):
     """Store the `READING` of point p from input displacements y and task poses; add forces times h (s) to impulses."""
     velocity, spin = motion_of(lane, part, poses, p)
     least, normal, sliding = 1e300, 0.0, 0.0
     total, friction = Vector(0.0, 0.0, 0.0), Vector(0.0, 0.0, 0.0)
     for o in range(obstacle_count(part)):
         if part.meets[p * obstacle_count(part) + o] > 0.5:
-            met = meet(part, p, o, place_of(lane, part, y, p), velocity, spin)
+            met = meeting(lane, part, p, o, q, v, place_of(lane, part, y, p), velocity, spin)
             force, _ = wrench(part, p, met)
             total, friction = total + force, friction - met.slip * met.grip
             normal = normal + met.force
@@ -114,7 +126,8 @@ def _store_reading(lane, part, p, y: Lanes, poses: Lanes, h, S: Lanes):
 def respond(lane, model, par, state, u: Lanes, weights, part, r: Lanes, S, out):
     """Write to out, for each point and axis, the generalized force of 1 N on the point and S^-1 times that force.
 
-    Runs in Python only. S: Newton matrix of the arm alone with fixed coordinates; out (points, axes, 2, n).
+    The function runs in Python only. S: Newton matrix of the arm alone with fixed coordinates; out (points, axes, 2,
+    n).
     """
     n, arm = size(model.arm.n), model.arm
     still = r.copy()

@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 
 from flexarm_env import validation as check
 from flexarm_env.compiler import SINGLE, size, uncompiled
+from flexarm_env.physics import protocol
 from flexarm_env.physics.contact.account import respond
+from flexarm_env.physics.contact.kinematics import less_obstacle, place_of
+from flexarm_env.physics.contact.law import gap_of
 from flexarm_env.physics.contact.layout import HERE, LAW, READ, Touching, Watch
 from flexarm_env.physics.layout import POSE, SPACE_POSE
 from flexarm_env.physics.model import System
@@ -18,7 +21,7 @@ from flexarm_env.physics.obstacles import packed
 from flexarm_env.physics.protocol import State, Weights
 from flexarm_env.scene import Contact, PointLoad, Scene
 from flexarm_env.settings import Settings
-from flexarm_env.time_functions import constant
+from flexarm_env.time_functions import TimeFunction, constant
 
 Array = NDArray[np.float64]
 
@@ -33,15 +36,24 @@ def loads_of(scene: Scene) -> list[PointLoad]:
     return [PointLoad(k, "tip", constant(0.0)) for k in links_of(scene)]
 
 
+def obstacle_rows(scene: Scene) -> dict[str, TimeFunction]:
+    """Return the rows that the Model has for moving obstacles: name and displacement (m) of each, in order."""
+    return {
+        f"obstacle{i}_{'xyz'[axis]}": function
+        for i, contact in enumerate(scene.contacts)
+        for axis, function in contact.displacements
+    }
+
+
 def touching(scene: Scene, entry: int, at: int, rows: int) -> tuple[Touching, Watch, int]:
     """Return the contribution of the contacts, its `Watch` for the integrator, and the number of its entries in S.
 
     entry: first of the points' inputs. at: offset of the contribution's entries in S. rows: number of rows of the
-    Model.
+    Model; the last rows are those of moving obstacles.
     """
     arm, contacts, links = scene.arm, scene.contacts, links_of(scene)
     space = 3 if scene.spatial else 2
-    radii = np.array([arm.payload.radius if k + 1 == arm.n_links else 0.0 for k in links])
+    radii = np.array([arm.payload.radius if k + 1 == arm.n_links else arm.elbow(k + 1).radius for k in links])
     # friction on a sphere's surface has a moment about its center
     turned = bool(radii.any()) and any(contact.friction > 0.0 for contact in contacts)
     axes = space + (1 if space == 2 else 3) * turned
@@ -54,20 +66,29 @@ def touching(scene: Scene, entry: int, at: int, rows: int) -> tuple[Touching, Wa
     ]  # fmt: skip
     meets = [[float(k in contact.links(arm)) for contact in contacts] for k in links]
     size = int(HERE.offsets(0, axes, rows).end)
+    names = list(obstacle_rows(scene))
+    row_of = {name: rows - len(names) + k for k, name in enumerate(names)}
+    moving = [row_of.get(f"obstacle{i}_{axis}", -1) for i in range(len(contacts)) for axis in "xyz"]
     part = Touching(
         input=entry, at=at, points=(0,) * len(links), entries=(0,) * (3 if space == 2 else 6), space=(0,) * space,
         axes=(0,) * axes, room=(0,) * rows, poses=(0,) * ((POSE.end if space == 2 else SPACE_POSE.end) * arm.n_links),
         links=np.array(links, np.int64), radii=radii, meets=np.array(meets).ravel(),
         shapes=packed([contact.obstacle for contact in contacts]), laws=np.concatenate(laws),
-        masses=np.zeros(len(links)),
+        masses=np.zeros(len(links)), moving=np.array(moving, np.int64) if names else None,
     )  # fmt: skip
     # a weighted increment of 1 in every row moves a point by at most the arm's length each
-    watch = Watch((0,) * len(links), at, READ.end, size, rows * arm.total_length)
+    watch = Watch(
+        (0,) * len(links), at, READ.end, size, rows * arm.total_length, (0,) if scene.root == "free" else None
+    )
     return part, watch, size * len(links)
 
 
 STEPS = 8.0
 """Least number of time steps in an impact at `Contact.speed`."""
+
+
+RELEASE = 20.0
+"""Largest speed, in `Contact.speed`, with which an obstacle may throw out an arm that begins inside it."""
 
 
 def duration(contact: Contact, mass: float) -> float:
@@ -90,9 +111,9 @@ def largest_stiffness(contact: Contact, mass: float, dt: float) -> float:
 def effective_masses(system: System, dt: float) -> Array:
     """Return the least effective mass (kg) of each point that may touch, over all directions, in a step of dt (s).
 
-    1 / (c_m b^T S^-1 b) with the generalized force b of 1 N on the point and the Newton matrix S = c_m M + c_v C + K of
-    the arm at its start. This is the mass that a step moves at once. Links bend away from a sudden force, so the mass
-    is less than with rigid links, and the shorter the step, the smaller it is.
+    The mass is 1 / (c_m b^T S^-1 b) with the generalized force b of 1 N on the point and the Newton matrix S = c_m M +
+    c_v C + K of the arm at its start. A step moves the effective mass at once. Links bend away from a sudden force,
+    so the mass is less than with rigid links, and a shorter step gives a smaller mass.
     """
     model = system.model
     part = _touching_part(system)
@@ -122,10 +143,33 @@ def with_masses(scene: Scene, settings: Settings, system: System) -> System:
     return dataclasses.replace(system, model=system.model._replace(contributions=parts))
 
 
-def check_steps(scene: Scene, settings: Settings, system: System) -> None:
+def largest_speed(contact: Contact, end: float) -> float:
+    """Return the largest speed (m/s) of the obstacle from 0 to `end` (s), at 1000 instants; 0 if it does not move."""
+    t = np.linspace(0.0, end, 1000)
+    rates = [np.asarray(function(t, 1)) for _, function in contact.displacements]
+    return float(np.sqrt(sum((rate**2 for rate in rates), np.zeros(1))).max())
+
+
+def start_depths(system: System) -> Array:
+    """Return the penetration (m) of each point in each obstacle at the start, 0 where they do not touch."""
+    model, part = system.model, _touching_part(system)
+    n, y = size(model.arm.n), np.zeros(size(model.n_inputs))
+    uncompiled(protocol.input_displacements)(SINGLE, model.arm, system.par, system.q0[:n].copy(), y)
+    depths = np.zeros((len(part.points), len(part.meets) // len(part.points)))
+    for p, o in np.argwhere(part.meets.reshape(depths.shape) > 0.5):
+        place = uncompiled(place_of)(SINGLE, part, y, int(p))
+        place = uncompiled(less_obstacle)(SINGLE, part, int(o), system.q0, place)
+        depths[p, o] = max(0.0, -float(uncompiled(gap_of)(part, int(p), int(o), place)))
+    return depths
+
+
+def check_steps(scene: Scene, settings: Settings, system: System, start: bool = False) -> None:
     """Check that time steps resolve all contacts of an assembled scene: an impact lasts at least `STEPS` of them.
 
     Steps fitted to a tolerance (`step_tolerance`) are not checked.
+
+    start: check also points that are inside an obstacle at the start. The energy k d^(n + 1) / (n + 1) of their
+        penetration d is that of an impact at the speed with which they leave.
 
     Raises:
         ValueError: names the contact, the largest stiffness and the longest step.
@@ -134,15 +178,32 @@ def check_steps(scene: Scene, settings: Settings, system: System) -> None:
         return
     dt, masses, links = settings.dt, _touching_part(system).masses, links_of(scene)
     assert dt is not None
-    for i, contact in enumerate(scene.contacts):
+    depths = start_depths(system) if start else np.zeros((len(links), len(scene.contacts)))
+    for i, given in enumerate(scene.contacts):
+        # an obstacle hits a resting arm with its own speed
+        contact = dataclasses.replace(given, speed=max(given.speed, largest_speed(given, scene.duration)))
         for name, k in zip(contact.bodies, contact.links(scene.arm), strict=True):
-            mass = float(masses[links.index(k)])
-            lasts = duration(contact, mass)
-            if lasts < STEPS * dt * (1.0 - 1e-9):
-                most = f"{largest_stiffness(contact, mass, dt):.3g} N/m^{contact.exponent:g}"
+            mass, depth = float(masses[links.index(k)]), float(depths[links.index(k), i])
+            power = contact.exponent + 1.0
+            leaves = math.sqrt(2.0 * contact.stiffness * depth**power / (power * mass))
+            if leaves > RELEASE * contact.speed:
                 what = (
-                    f"must be at most {most} for steps of dt = {dt:g} s: an impact at {contact.speed:g} m/s on the "
-                    f"effective mass of {mass:.3g} kg at {name} lasts {lasts:.2g} s, and must last {STEPS:g} steps; "
-                    f"give dt <= {lasts / STEPS:.2g} s or a lower stiffness"
+                    f"must not contain {name} of the arm at the start, which is {depth:.2g} m inside: the contact "
+                    f"would throw it out at {leaves:.3g} m/s; move the arm or the obstacle, or give a speed of at "
+                    f"least {leaves / RELEASE:.2g} m/s, to which time steps are adapted"
+                )
+                raise check.InvalidValue(f"contacts[{i}].obstacle", contact.obstacle, what)
+            hits = dataclasses.replace(contact, speed=max(contact.speed, leaves))
+            lasts = duration(hits, mass)
+            if lasts < STEPS * dt * (1.0 - 1e-9):
+                largest, cause = largest_stiffness(contact, mass, dt), f"an impact at {contact.speed:g} m/s"
+                if leaves > contact.speed:
+                    # the depth is given: T is proportional to k^(-1/2)
+                    largest = min(largest, contact.stiffness * (lasts / (STEPS * dt)) ** 2)
+                    cause = f"the arm begins {depth:.2g} m inside the obstacle; an impact at {leaves:.3g} m/s"
+                what = (
+                    f"must be at most {largest:.3g} N/m^{contact.exponent:g} for steps of dt = {dt:g} s: {cause} on "
+                    f"the effective mass of {mass:.3g} kg at {name} lasts {lasts:.2g} s, and must last {STEPS:g} "
+                    f"steps; give dt <= {lasts / STEPS:.2g} s or a lower stiffness"
                 )
                 raise check.InvalidValue(f"contacts[{i}].stiffness", contact.stiffness, what)

@@ -1,7 +1,7 @@
 """Contact as a contribution (`physics.contributions`): forces at points, their block of the matrix, energy, damping.
 
-The forces of all obstacles on a point act through the point's entries in the arm's inputs. Their derivative adds the
-block B K B^T to the matrix, which is applied to solutions (`physics.point_block`).
+The forces of all obstacles on a point act through the point's entries in the arm's inputs. The derivative of the forces
+adds the block B K B^T to the matrix, which is applied to solutions (`physics.point_block`).
 
 While no point touches, only the points' places and distances are computed. In lanes, arms that do not touch get
 forces and blocks of 0.
@@ -16,8 +16,7 @@ from ..point_block import column, divide, product, store_columns, store_solution
 from ..space.rotations import Vector, cross, dot
 from .account import after_step, damping_power, energy
 from .friction import column_of_slip, component, solve_friction, unit_entry
-from .kinematics import any_touches, gap_at, here_of, motion_of, obstacle_count, place_of, wrench
-from .law import meet
+from .kinematics import any_touches, gap_at, here_of, meeting, motion_of, obstacle_count, place_of, wrench
 from .layout import LAWS, Touching
 
 
@@ -27,7 +26,7 @@ def point_forces(lane, part, model, par, state, S: Lanes, inputs: Lanes):
     y = stack(lane, model.points)
     protocol.input_displacements(lane, model.arm, par, state.q, y)
     for p in range(len(part.points)):
-        S[here_of(part, p).gap] = gap_at(lane, part, y, p)
+        S[here_of(part, p).gap] = gap_at(lane, part, state.q, y, p)
         S[here_of(part, p).bound] = 0.0
     if any_touches(lane, part, S):
         poses = stack(lane, part.poses)
@@ -36,7 +35,8 @@ def point_forces(lane, part, model, par, state, S: Lanes, inputs: Lanes):
             velocity, spin = motion_of(lane, part, poses, p)
             for o in range(obstacle_count(part)):
                 if part.meets[p * obstacle_count(part) + o] > 0.5:
-                    met = meet(part, p, o, place_of(lane, part, y, p), velocity, spin)
+                    place = place_of(lane, part, y, p)
+                    met = meeting(lane, part, p, o, state.q, state.v, place, velocity, spin)
                     force, moment = wrench(part, p, met)
                     k = part.input + p * len(part.entries)
                     for i in range(len(part.axes)):
@@ -57,10 +57,48 @@ def _store_friction(lane, part, p, o, met, S: Lanes):
     S[at.bound] = select_lt(before, bound, bound, before)
 
 
+@kernel
+def _store_reactions(lane, part, model, par, state, r: Lanes, S: Lanes):
+    """Write the rows of moving obstacles in r: the sum of the obstacle's forces on the arm, N.
+
+    The rows are prescribed, so the energy account finds the work of these forces as that of other motions.
+    """
+    for i in range(part.moving.shape[0]):
+        if part.moving[i] >= 0:
+            r[part.moving[i]] = 0.0
+    if any_touches(lane, part, S):
+        y, poses = stack(lane, model.points), stack(lane, part.poses)
+        protocol.input_displacements(lane, model.arm, par, state.q, y)
+        protocol.task_poses(lane, model.arm, par, state.q, state.v, poses)
+        for p in range(len(part.points)):
+            velocity, spin = motion_of(lane, part, poses, p)
+            for o in range(obstacle_count(part)):
+                if part.meets[p * obstacle_count(part) + o] > 0.5:
+                    place = place_of(lane, part, y, p)
+                    force, _ = wrench(part, p, meeting(lane, part, p, o, state.q, state.v, place, velocity, spin))
+                    for i in range(3):
+                        if part.moving[3 * o + i] >= 0:
+                            r[part.moving[3 * o + i]] += force[0] if i == 0 else (force[1] if i == 1 else force[2])
+
+
+@kernel
+def inertia_forces(lane, part, model, par, a: Lanes, r: Lanes):
+    """Set the rows of moving obstacles in r to 0, because obstacles have no mass."""
+    if part.moving is not None:
+        for i in range(part.moving.shape[0]):
+            if part.moving[i] >= 0:
+                r[part.moving[i]] = 0.0
+
+
 # --- the block of the matrix ---------------------------------------------------------------------------
 @kernel
 def assemble(lane, part, model, par, state, u: Lanes, weights, r, S: Lanes):
-    """Store B and K of the points that touch, with weights.with_matrix; `point_forces` has stored their gaps."""
+    """Store B and K of the points that touch, with weights.with_matrix; `point_forces` has stored their gaps.
+
+    Rows of moving obstacles in r receive the forces that move the obstacles.
+    """
+    if part.moving is not None:
+        _store_reactions(lane, part, model, par, state, r, S)
     if weights.with_matrix:
         for p in range(len(part.points)):
             at = here_of(part, p)
@@ -71,7 +109,7 @@ def assemble(lane, part, model, par, state, u: Lanes, weights, r, S: Lanes):
             protocol.task_poses(lane, model.arm, par, state.q, state.v, poses)
             for p in range(len(part.points)):
                 if max_over_lanes(S[here_of(part, p).active]) > 0.5:
-                    _store_stiffness(lane, part, p, weights, y, poses, S)
+                    _store_stiffness(lane, part, p, weights, state.q, state.v, y, poses, S)
                     first = part.input + p * len(part.entries)
                     store_columns(
                         lane, model, par, state, u, first, part.axes, part.room, S, here_of(part, p).B
@@ -79,7 +117,7 @@ def assemble(lane, part, model, par, state, u: Lanes, weights, r, S: Lanes):
 
 
 @kernel
-def _store_stiffness(lane, part, p, weights, y: Lanes, poses: Lanes, S: Lanes):
+def _store_stiffness(lane, part, p, weights, q, v, y: Lanes, poses: Lanes, S: Lanes):
     """Store K of point p: minus the derivative of its force by its displacement, including its rate.
 
     With N the normal, A the map from the point's motion to the sliding velocity w and e = w / sqrt(|w|^2 + v_s^2), each
@@ -97,7 +135,7 @@ def _store_stiffness(lane, part, p, weights, y: Lanes, poses: Lanes, S: Lanes):
     along, normal = stack(lane, part.axes), stack(lane, part.axes)
     for o in range(obstacle_count(part)):
         if part.meets[p * obstacle_count(part) + o] > 0.5:
-            met = meet(part, p, o, place_of(lane, part, y, p), velocity, spin)
+            met = meeting(lane, part, p, o, q, v, place_of(lane, part, y, p), velocity, spin)
             stiffness = met.stiffness * weights.stiffness + met.damper * weights.damping
             grip, scale = met.grip * weights.damping, 1.0 / met.regular
             e = met.slip * scale
@@ -251,5 +289,5 @@ def multiply(lane, part, model, S: Lanes, x, y: Lanes):
 
 register(
     Touching, point_forces, assemble, fix_coordinate, before_factor, after_factor, before_solve, after_solve, multiply,
-    energy, damping_power, after_step, correct_increment,
+    energy, damping_power, after_step, correct_increment, inertia_forces,
 )  # fmt: skip

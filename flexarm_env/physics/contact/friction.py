@@ -2,12 +2,12 @@
 
 Near rest the regularized law is so steep that Newton's iteration with the law's derivative alternates between both
 directions of sliding. Therefore the residual contains the friction force F_k of the present iterate, but the matrix S
-does not contain its derivative. The solution x = S^-1 r is linear in a change of the force. So is the remaining sliding
-velocity:
+does not contain its derivative. The solution x = S^-1 r is linear in a change of the force. The remaining sliding
+velocity w follows from the force F(w) on the point:
 
     w = w_k - c_v A B^T x + c_v G (F(w) - F_k),   G = A B^T S^-1 B A^T,   F(w) = -mu F_n w / sqrt(|w|^2 + v_s^2)
 
-This equation for the three components of w has one solution. Bisection for s = sqrt(|w|^2 + v_s^2) finds it.
+The equation for the three components of w has one solution, which bisection for s = sqrt(|w|^2 + v_s^2) finds.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ def record_contacts(lane, model, par, q, v, S, h):
 
 @kernel
 def reset_impulses(lane, model, S: Lanes):
-    """Set impulses and peak forces of all points to 0, when a control period starts or is repeated."""
+    """Set impulses and peak forces of all points to 0, at the start of a control period and of its repetition."""
     if model.newton.contact is not None:
         for p in range(len(model.newton.contact.points)):
             at = reading_at(model, p)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...compiler import Lanes, kernel, max_over_lanes, select_lt, size
 from ..layout import POSE, SPACE_POSE
 from ..space.rotations import Vector, cross, load_vector, matrix, quaternion
-from .law import gap_of
+from .law import gap_of, meet
 from .layout import HERE
 
 _here = kernel(HERE.offsets)
@@ -49,13 +49,38 @@ def motion_of(lane, part, poses: Lanes, p):
 
 
 @kernel
-def gap_at(lane, part, y: Lanes, p):
+def less_obstacle(lane, part, o, rows: Lanes, vector):
+    """Return `vector` less the displacement or velocity of obstacle o, whose components are entries of `rows`.
+
+    rows: q for a place (m), v for a velocity (m/s). Fixed obstacles (part.moving None) have no rows.
+    """
+    if part.moving is None:
+        return vector
+    zero = vector[0] * 0.0
+    x = rows[part.moving[3 * o]] if part.moving[3 * o] >= 0 else zero
+    y = rows[part.moving[3 * o + 1]] if part.moving[3 * o + 1] >= 0 else zero
+    z = rows[part.moving[3 * o + 2]] if part.moving[3 * o + 2] >= 0 else zero
+    return vector - Vector(x, y, z)
+
+
+@kernel
+def meeting(lane, part, p, o, q: Lanes, v: Lanes, place, velocity, spin):
+    """Return the `Meeting` of point p with obstacle o, with the point's motion relative to the obstacle.
+
+    place (m), velocity (m/s), spin (rad/s): motion of the point, inertial axes; q, v: coordinates and rates.
+    """
+    place, velocity = less_obstacle(lane, part, o, q, place), less_obstacle(lane, part, o, v, velocity)
+    return meet(part, p, o, place, velocity, spin)
+
+
+@kernel
+def gap_at(lane, part, q: Lanes, y: Lanes, p):
     """Return the distance (m) of point p from the nearest of its obstacles; y: the arm's input displacements."""
     least = 1e300
     place = place_of(lane, part, y, p)
     for o in range(obstacle_count(part)):
         if part.meets[p * obstacle_count(part) + o] > 0.5:
-            gap = gap_of(part, p, o, place)
+            gap = gap_of(part, p, o, less_obstacle(lane, part, o, q, place))
             least = select_lt(gap, least, gap, least)
     return least
 

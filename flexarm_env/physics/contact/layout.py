@@ -69,6 +69,7 @@ class Touching(NamedTuple):
     radii     float64 (points,): of the sphere about each point, m
     meets     float64 (points, obstacles), flat: 1 where the point may touch the obstacle, otherwise 0
     shapes    float64: one `physics.obstacles.OBSTACLE` per obstacle; laws: one `LAW` per obstacle
+    moving    int64 (obstacles * 3,): row of each obstacle's displacement along x, y, z, or -1; None: no obstacle moves
     masses    float64 (points,): effective mass of the point in a step, kg (`build.effective_masses`)
     """
 
@@ -86,6 +87,7 @@ class Touching(NamedTuple):
     shapes: np.ndarray
     laws: np.ndarray
     masses: np.ndarray
+    moving: np.ndarray | None = None
 
 
 class Watch(NamedTuple):
@@ -96,3 +98,4 @@ class Watch(NamedTuple):
     gap: int  # offset of the gap (m) in it
     stride: int  # numbers from one `HERE` to the next
     reach: float  # m: largest motion of a point per weighted increment of 1 in every row
+    free: tuple[int, ...] | None = None  # a tag where no support holds the arm

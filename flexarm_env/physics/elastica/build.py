@@ -192,7 +192,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
 
 
 def payload_arm(parts: Chain, payload: Payload) -> NDArray[Any]:
-    """Return weights w (Nn,), m: payload's center of mass - root = sum_j w_j e_j; complex if it is off the tip."""
+    """Return weights w (Nn,), m: payload's center of mass - root = sum_j w_j e_j; complex for a center off the tip."""
     if not payload.eccentric:
         return parts.w
     to = parts.w.astype(np.complex128)

@@ -294,8 +294,8 @@ def chain_of(arm: Arm, lines: Sequence[Line]) -> Chain:
 def _rotary(arm: Arm, k: int, line: Line) -> Array:
     """Return the rotary inertia matrix R_k (n, n), kg m^2, of link k: sections, hub or elbow halves, rigid ends.
 
-    The quadrature of the nodes lumps the sections' inertia. It is exact for Radau nodes. For Lobatto nodes it is the
-    usual lumping, whose only error is in the highest polynomial.
+    The quadrature of the nodes lumps the sections' inertia. The lumping is exact for Radau nodes. For Lobatto nodes the
+    lumping is the usual one, whose only error is in the highest polynomial.
     """
     if line.link.uniform is not None:
         R = line.link.uniform.J * line.integral(np.array([line.length]))[0]

@@ -2,9 +2,9 @@
 
 Theory, section 5. The vector from the root to an eccentric payload is sum_j w_j E_j. The unit tangents are complex
 numbers, E_j = exp(i phi_j), with real part x and imaginary part y in inertial axes. The weights w_j = along_j + i
-across_j (m) are complex; a payload at the tip has real weights. Its force A acts on node i as conj(w_i) A, and the
-matrix P_ij of the chain's masses gets m_p conj(w_i) w_j. If the root moves with the center of mass, beta is complex as
-well.
+across_j (m) are complex; a payload at the tip has real weights. The payload's force A acts on node i as conj(w_i) A,
+and the matrix P_ij of the chain's masses gets m_p conj(w_i) w_j. If the root moves with the center of mass, beta is
+complex as well.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .layout import OWN, Nodes, X, Y, bends_at, constants, eccentric_at, node_an
 def subtract_rest_angles(lane, model, x: Lanes):
     """Subtract from the nodes' angles x (rad) their stress-free values, measured from their link's root.
 
-    No-op if all links are straight.
+    Do nothing if all links are straight.
     """
     if model.rest is not None:
         for i in range(_nodes(model)):
@@ -36,8 +36,8 @@ def payload_position(lane, model, x, y):
     """Return the vector from the root to the payload's center of mass, m, inertial axes: sum_j w_j (x_j + i y_j).
 
     (x_j, y_j): unit tangent of node j; w_j = along_j + i across_j, m: complex weights of `ECCENTRIC`, real ones
-    (DATA.w) where the payload is at the tip. Given first or second rates of the tangents, it returns the same rates of
-    the vector.
+    (DATA.w) where the payload is at the tip. Given first or second rates of the tangents, the function returns the same
+    rates of the vector.
     """
     m, D = _nodes(model), model.data
     if model.eccentric is None:
@@ -74,8 +74,8 @@ def root_position(lane, model, q: Lanes, x, y):
     """Return the root's position (m, inertial axes): the last two rows of q minus sum_j beta_j (x_j + i y_j).
 
     (x_j, y_j): unit tangent of node j; beta_j (m): real weight of DATA, for an eccentric payload with the imaginary
-    part ECCENTRIC.beta. With rates v and the tangents' rates it returns the root's velocity, with second rates its
-    acceleration.
+    part ECCENTRIC.beta. With rates v and the tangents' rates the function returns the root's velocity, with second
+    rates the root's acceleration.
     """
     D, m, at = model.data, _nodes(model), constants(model)
     root_x = q[m + X] - weighted_sum(lane, D, at.beta, x, m)
@@ -94,7 +94,7 @@ def subtract_root_lever(lane, model, r: Lanes, fx: Lanes, fy: Lanes):
     """Subtract from the sums A_i (fx, fy; N m) the part of conj(beta_i) F due to the imaginary part of beta.
 
     F: the root's force, last two rows of r (N, inertial axes). beta_i (m): weight of node i's unit tangent in the
-    root's position, x - sum_i beta_i e_i (complex); the caller subtracts its real part. No-op without an eccentric
+    root's position, x - sum_i beta_i e_i (complex); the caller subtracts its real part. Do nothing without an eccentric
     payload.
     """
     if model.eccentric is not None:
@@ -122,8 +122,8 @@ def _bending_law(lane, model, g, x):
 def add_nonlinear_moments(lane, model, factor, q, r: Lanes):
     """Add to r (N m), by the nodes' angles, the bending moments of a nonlinear law M(kappa) beyond EI kappa.
 
-    factor: the arm's own factor on EI; q: coordinates. The moments of EI kappa are in r already. No-op for a linear
-    law.
+    factor: the arm's own factor on EI; q: coordinates. The moments of EI kappa are in r already. Do nothing for a
+    linear law.
     """
     if model.bends is not None:
         x, m = stack(lane, model.scratch), _nodes(model)
@@ -191,8 +191,8 @@ def add_offset_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
 
     p_ij (kg m^2) is a complex coefficient of masses less the real one that `equations._tangent` has used. The complex
     one is conj(w_i) w_j m_p plus, if the root moves, the terms of beta. w_j (m): complex weight of e_j in the payload's
-    position from the root; -beta_j (m): complex weight of e_j in the root's position. No-op without an eccentric
-    payload. Theory, section 5, "Eccentric payload".
+    position from the root; -beta_j (m): complex weight of e_j in the root's position. Do nothing without an eccentric
+    payload. See theory, section 5, "Eccentric payload".
     """
     if model.eccentric is not None:
         D, m, rows = model.data, _nodes(model), size(model.n)

@@ -13,7 +13,6 @@ so that steps conserve momentum to round-off. Coordinates are the angles of the 
 coordinate of a link k > 0 is the joint's angle, phi of the link's first node less phi of the previous link's tip.
 """
 
-
 from ...compiler import Lanes, kernel, sincos, size, stack, unrolled, vjp_of
 from ..arithmetic import scaled_by_share
 from ..layout import OF_LOAD
@@ -307,7 +306,7 @@ def _root_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
 
     cm: weight of M; n_j = (-sin phi_j, cos phi_j); m: number of nodes. sum_j moment_j e_j (kg m), moment_j = payload
     w_j + b_j - mass beta_j, is the first moment about the point (x, y), 0 up to round-off about the center of mass.
-    Theory, (5.2).
+    See theory, (5.2).
     """
     D = model.data
     at = constants(model)
@@ -350,7 +349,7 @@ def _to_relative(lane, model, S: Lanes):
 def add_stiffness(lane, model, S: Lanes, k, x):
     """Add x (N m/rad) to the diagonal entry k of the dense matrix S, or fix coordinate k (x None).
 
-    x None: row and column k become those of the identity.
+    With x None, row and column k become those of the identity matrix.
     """
     rows = size(model.n)
     if x is None:

@@ -95,9 +95,9 @@ def weighted_sum(lane, weights, first, x: Lanes, m):
 def node_angles(lane, model, q: Lanes, x: Lanes):
     """Compute x <- tangent angles of all nodes (rad), or their rates, from the coordinates q (or their rates v, a).
 
-    Nodes are numbered from root to tip. The coordinate of the first node of a link k > 0 is the joint's angle. That
-    node's tangent angle is the joint's angle plus the angle of the previous link's tip node. All other coordinates are
-    tangent angles.
+    Nodes are numbered from root to tip. The coordinate of the first node of a link k > 0 is the joint's angle. The
+    tangent angle of a link's first node is the joint's angle plus the angle of the previous link's tip node. All other
+    coordinates are tangent angles.
     """
     n = size(model.nodes)
     for i in range(n):

@@ -15,7 +15,7 @@ from .layout import X, Y, constants, load_at, node_angles, weighted_sum
 def _tangents(lane, model, q, x: Lanes, c: Lanes, s: Lanes):
     """Compute the nodes' tangent angles x_j = phi_j (rad) and unit tangents (c_j, s_j) = (cos phi_j, sin phi_j).
 
-    q: coordinates, rad. Inertial axes.
+    q: coordinates, rad. Vectors are in inertial axes.
     """
     node_angles(lane, model, q, x)
     for i in range(size(model.links) * size(model.nodes)):
@@ -56,7 +56,7 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
     """Write the displacement conjugate to each input to y: joint angles (rad), then x, y, angle of each load point.
 
     q: coordinates. Positions (m) in inertial axes: root + sum_j arm_j e_j with the load's weights arm_j (m) and the
-    nodes' unit tangents e_j. par and since are not used: angles in the plane add up. Theory, section 5.
+    nodes' unit tangents e_j. par and since are not used: angles in the plane add up. See theory, section 5.
     """
     n, links = size(model.nodes), size(model.links)
     m = n * links
@@ -112,10 +112,10 @@ def damping_power(lane, model, par: Lanes, q, v, x):
 
 @kernel
 def energy(lane, model, par: Lanes, q, v):
-    """Return (kinetic, strain, gravitational) energy, J; gravity's is 0 with the center of mass at the origin.
+    """Return (kinetic, strain, gravitational) energy, J; gravitational 0 with the center of mass at the origin.
 
     par: the arm's payload mass (kg), payload inertia (kg m^2) and EI factor; q, v: coordinates and their rates.
-    Theory, (5.2).
+    See theory, (5.2).
     """
     D = model.data
     at = constants(model)
@@ -167,8 +167,8 @@ def energy(lane, model, par: Lanes, q, v):
 def link_poses(lane, model, par, q, v, out, tasks=None):
     """Write `layout.POSES` of each link to out: x, y (m), angle (rad) and their rates at its root, then at its tip.
 
-    Inertial axes. Root and tip are the joints, beyond rigid ends; angles are those of the beam's tangents there. q, v:
-    coordinates and their rates. par and tasks are not used. Theory, section 5.
+    Vectors are in inertial axes. Root and tip are the joints, beyond rigid ends; angles are those of the beam's
+    tangents there. q, v: coordinates and their rates. par and tasks are not used. See theory, section 5.
     """
     D = model.data
     at = constants(model)
@@ -200,8 +200,8 @@ def link_poses(lane, model, par, q, v, out, tasks=None):
 def centerline(model, q, points):
     """Write positions along the chain, root + sum_j weight_pj e_j, to points[:, :2] (m); return their number.
 
-    One lane. q: coordinates; e_j: unit tangent (inertial axes) of node j. The stations p are those of DATA.points.
-    Writing stops where `points` (n, 2) is full.
+    The kernel has one lane. q: coordinates; e_j: unit tangent (inertial axes) of node j. The stations p are those of
+    DATA.points. Writing stops where `points` (n, 2) is full.
     """
     D = model.data
     lane = (0,)

@@ -9,9 +9,9 @@ to the mode's bending flexibility (first order; Grammel), which divides the squa
 mode's response to the scene's loads and motions is computed in time with and without epsilon. The estimate is a sum of
 three terms: the largest distance between the two tip motions, a share of the distance between the deflections that
 grows with the arm's rotation, and the stretch along the arm (theory, section 5). The model is linear about the start.
-It is right within a factor of about 3 for one link and of 4 for several links that do not swing far. A small error
-(below 0.3 % of the length) is mostly overestimated. The estimate does not cover links that whip round. A run's error
-estimate then uses the distance to a softer companion run (`Notes.softer`), if that distance is larger.
+The estimate is right within a factor of about 3 for one link and of 4 for several links that do not swing far. A small
+error (below 0.3 % of the length) is mostly overestimated. The estimate does not cover links that whip round. A run's
+error estimate then uses the distance to a softer companion run (`Notes.softer`), if that distance is larger.
 """
 
 from collections.abc import Iterator, Mapping
@@ -49,7 +49,7 @@ class Notes(Mapping[str, float]):
     def softer(self) -> float:
         """Factor on EI of a companion run: 1 / (1 + epsilon), where epsilon is the largest among the lowest modes.
 
-        The distance to that run covers motion of any size, which the linear estimate does not.
+        The distance to the companion run estimates the error for motions of any size, unlike the linear estimate.
         """
         scene, n = self._of
         modes = _Modes(scene, chain(scene.arm, n))
@@ -119,7 +119,7 @@ def along_the_arm(scene: Scene, rate: float) -> float:
     """Estimate the stretch of the arm as a fraction of its length L, from root motion, rotation and weight.
 
     The model is a spring of stiffness EA / L. Half of the links' mass, the elbows and the payload are at its tip. rate:
-    largest angular velocity, rad/s. For an arm that swings as a pendulum the model takes three times the weight.
+    largest angular velocity, rad/s. For an arm that swings as a pendulum the model has three times the weight.
     """
     arm, end = scene.arm, scene.duration
     length = arm.total_length

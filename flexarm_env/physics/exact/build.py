@@ -84,7 +84,7 @@ def _bent(arm: Arm) -> bool:
 def rest(arm: Arm, elements: int, order: int) -> list[Array]:
     """Return each link's stress-free values (right - left, interior ...) of psi, (elements, order), rad.
 
-    These values minimize 1/2 int EI (psi' - kappa_0)^2 ds with the link's curvature kappa_0 (1/m).
+    The values of psi minimize 1/2 int EI (psi' - kappa_0)^2 ds with the link's curvature kappa_0 (1/m).
     """
     found = []
     for link in arm.links:
@@ -127,8 +127,9 @@ def rigid_ends(scene: Scene) -> Array:
 def curved(scene: Scene, elements: int, order: int) -> Array:
     """Return the coordinates q (m, rad) of a chain with curved links at the scene's initial angles, without stress.
 
-    Strains are evaluated at the Gauss points. There stretch and shear vanish for d = l (cos psi, sin psi), which gives
-    the positions from the root outward, as in `element.propagate_positions`. Positions are complex, x + i y.
+    Strains are evaluated at the Gauss points. At the Gauss points stretch and shear vanish for d = l (cos psi, sin
+    psi), which gives the positions from the root outward, as in `element.propagate_positions`. Positions are complex, x
+    + i y.
     """
     arm, t = scene.arm, tables(order)
     at = CHAIN.offsets(0, arm.n_links, elements, order)

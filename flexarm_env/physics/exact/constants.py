@@ -1,7 +1,8 @@
 """Constants of an element for its traced functions; the calls are the same for one section and for varying sections.
 
 `section` is a `layout.Section` or a `layout.Varying`, or its symbolic form while a kernel is traced, with the same
-fields. `hasattr` selects the case at compile time. These functions are not compiled; the products that they return are.
+fields. `hasattr` selects the case at compile time. The functions of this module are not compiled; the products that the
+functions return are compiled.
 p: polynomial order, the number of Gauss points.
 """
 

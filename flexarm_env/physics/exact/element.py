@@ -1,11 +1,11 @@
 """One geometrically exact element, theory (5.1): forces, tangent, condensation, energy, for each polynomial order.
 
-An element of order p and length l joins two vertices (x, y, psi). Its p - 1 interior functions vanish at both ends and
-have the Legendre polynomials P_1 ... P_{p-1} (scaled to a largest value of 1 at the Gauss points) as derivatives. With
-the linear functions they span the space of p + 1 Lagrange nodes. With their amplitudes as interior coordinates the
-bending stiffness is diagonal and the sums below are short. With d = l r' (twice the derivative on [-1, 1]), inertial
-axes, (c, s) = (cos psi, sin psi) and g = (c d_x + s d_y, -s d_x + c d_y), section axes, all in m, the strains are
-Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = psi', and with p Gauss points of weights w the energy is
+An element of order p and length l joins two vertices (x, y, psi). The p - 1 interior functions of an element vanish at
+both ends and have the Legendre polynomials P_1 ... P_{p-1} (scaled to a largest value of 1 at the Gauss points) as
+derivatives. With the linear functions they span the space of p + 1 Lagrange nodes. With their amplitudes as interior
+coordinates the bending stiffness is diagonal and the sums below are short. With d = l r' (twice the derivative on [-1,
+1]), inertial axes, (c, s) = (cos psi, sin psi) and g = (c d_x + s d_y, -s d_x + c d_y), section axes, all in m, the
+strains are Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = psi', and with p Gauss points of weights w the energy is
 
     sum_g w/2 [k1 (g_1 - l)^2 + k2 g_2^2 + kb (l kappa)^2],   k1 = EA/2l, k2 = C/2l, kb = EI/2l,
 
@@ -149,7 +149,7 @@ def forces(lane, order, gravity, state, left, section, r: Lanes, circle):
 
     state: q, v, a from the left vertex on. left: `Vertex`, acceleration less gravity (m/s^2; None: none). circle:
     (sine, cosine) of psi at the Gauss points. section: `Section` or `Varying`. Returns the right `Vertex`, with the
-    element's force on it, and a `Point` for each Gauss point, as one list. Theory, (5.1)."""
+    element's force on it, and a `Point` for each Gauss point, as one list. See theory, (5.1)."""
     p, sums = len(order), Sums()
     t, tau = tables(p), section.tau
     place = _nodes(lane, state.q, p, left.place)
@@ -214,7 +214,7 @@ def tangent(lane, order, points, section, weights, S: Lanes):
     """Write to S the factors of the interior with their couplings to both vertices, then the condensed matrix.
 
     The element's matrix is weights.mass M + weights.damping C + weights.stiffness K; points: `Point` fields that
-    `forces` returned; S: `layout.ELEMENT_FACTORS`. Computed at first use: entries outnumber the registers."""
+    `forces` returned; S: `layout.ELEMENT_FACTORS`. Entries are computed at first use, to save registers."""
     p, sums = len(order), Sums()
     t = tables(p)
     ck, tau, length = weights.stiffness, section.tau, length_of(section)
@@ -380,7 +380,7 @@ def damping_sums(lane, order, q, v, x, psi, left, section):
     """Return x^T C v / tau_d (W/s), the power at rates x of an element's damping forces at rates v, as a list of one.
 
     psi: the left vertex's angle in q, its rate in v and in x. left: a pair, for v and for x: (x, y, vx, vy) of the left
-    end if the arrays do not hold them, otherwise None. Theory, (5.1)."""
+    end if the arrays do not hold them, otherwise None. See theory, (5.1)."""
     p, sums = len(order), Sums()
     t = tables(p)
     one, two = ((None,) * 4 if at is None else at for at in left)
@@ -424,7 +424,7 @@ def rotate_by_small_angle(lane, order, x, w):
 
 @traced
 def propagate_positions(lane, order, start: Lanes, q: Lanes, psi, new_psi, x, y):
-    """Write the interior and right positions in q (m) from the left one (x, y), the angles in q and `start`'s strains.
+    """Write the interior and right positions in q (m) from the left (x, y), the angles in q and `start`'s strains.
 
     At each Gauss point d of `start` rotates by the change of psi. psi, new_psi: left angle in start and in q, rad.
     Returns the right position (x, y)."""

@@ -2,10 +2,10 @@
 
 Rows (`layout.CHAIN`): x, y (m, inertial axes) and psi (rad) of each vertex, interior amplitudes, hinge angles delta.
 Each element passes its right vertex's state and force to the next element, so each row is written once. A link hinged
-to the tip before it shares that vertex's position. Its root section has the angle psi + delta, so a moment on that
-section acts on psi and on delta. Interiors are condensed as soon as an element's tangent is known; vertices are
-eliminated from tip to root without pivoting: the matrix is symmetric, and cm M outweighs its indefinite part. A free
-hinge transmits forces, no moment: its angle is eliminated on the way. S is laid out as `layout.FACTORS`.
+to the tip of the link before shares the position of the tip's vertex. The root section of a hinged link has the angle
+psi + delta, so a moment on the root section acts on psi and on delta. Interiors are condensed as soon as an element's
+tangent is known; vertices are eliminated from tip to root without pivoting: the matrix is symmetric, and cm M outweighs
+its indefinite part. A free hinge transmits no moment: its angle is eliminated on the way. Layout of S: `FACTORS`.
 """
 
 from ...compiler import Lanes, kernel, load_lane, sincos
@@ -266,7 +266,7 @@ def _eliminate(lane, S, o, tail):
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Add x (N m/rad) to the angle of joint row k: at the hub in S at once, at an elbow in `factor`.
+    """Add the stiffness x (N m/rad) to the angle of joint row k: of the hub in S now, of an elbow in `factor`.
 
     None: flag row k, of the root or of a hinge, so that `factor` and `solve` keep it fixed."""
     factors, hinge = factors_of(model), factors_of(model).hinges + OF_HINGE.end * (k - rows_of(model).hinges)

@@ -26,7 +26,7 @@ def _multiply_mass(lane, model, par: Lanes, a: Lanes, r: Lanes):
     """Compute r <- M a with the mass matrix of elements, hub, elbows and payload.
 
     a: accelerations by the rows of CHAIN (m/s^2, inertial axes; rad/s^2); r: forces (N) and moments (N m) in the same
-    rows; par: payload mass (kg) and inertia (kg m^2). Theory, (6.2).
+    rows; par: payload mass (kg) and inertia (kg m^2). See theory, (6.2).
     """
     rows, zero = rows_of(model), 0.0
     # left: (a_x, a_y, a_psi) of the current vertex and the rows of r that it has so far
@@ -63,7 +63,7 @@ def rotate_vectors(lane, model, start: Lanes, q: Lanes, share, x: Lanes):
     """Rotate each node's vector (x, y; inertial axes) in x by `share` times its section's rotation from start to q.
 
     start, q: coordinates (psi in rad, small differences). Interior amplitudes turn by the mean of both vertices.
-    Theory, (6.2).
+    See theory, (6.2).
     """
     order, p, rows = model.order, len(model.order), rows_of(model)
     i = rows.elements

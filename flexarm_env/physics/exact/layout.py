@@ -171,7 +171,7 @@ def rows_of(model):
 
 @kernel
 def vertex_of(model, k):
-    """Return the row of x of the vertex where link k begins; k = links: of the last vertex."""
+    """Return the row of x of the vertex where link k begins, or of the last vertex for k = links."""
     return rows_of(model).elements + AXES * len(model.order) * model.elements * k
 
 
@@ -179,7 +179,7 @@ def vertex_of(model, k):
 def root_angle(lane, model, x: Lanes, k):
     """Return the angle (rad) of the section at link k's root from x = q, or its rate (rad/s) from x = v.
 
-    For k = 0 this is psi of the root vertex; for k > 0 it is psi plus the hinge angle delta.
+    For k = 0 the angle is psi of the root vertex; for k > 0 the angle is psi plus the hinge angle delta.
     """
     i = vertex_of(model, k)
     if k > 0:
@@ -244,7 +244,7 @@ def section_of(lane, model, par: Lanes, k):
 def next_section(model, section):
     """Return the constants of a link's next element: the same `Section`, or the `Varying` after the element's own.
 
-    section: of the current element.
+    section: the current element's section.
     """
     if model.varying is None:
         return section

@@ -104,7 +104,7 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
 def damping_power(lane, model, par: Lanes, q: Lanes, v: Lanes, x: Lanes):
     """Return x^T C(q) v, W: the power at rates x of the Kelvin-Voigt damping forces at rates v; 0 without damping.
 
-    Theory, (5.1).
+    See theory, (5.1).
     """
     if model.damped is None:
         return 0.0
@@ -130,8 +130,8 @@ def damping_power(lane, model, par: Lanes, q: Lanes, v: Lanes, x: Lanes):
 def link_poses(lane, model, par, q: Lanes, v: Lanes, out, tasks=None):
     """Write `layout.POSES` of each link to out: x, y (m), angle (rad) and their rates at its root, then at its tip.
 
-    Inertial axes. Root and tip are the joints, beyond rigid ends; angles are those of the beam's sections there. q, v:
-    coordinates and their rates. par and tasks are not used.
+    Vectors are in inertial axes. Root and tip are the joints, beyond rigid ends; angles are those of the beam's
+    sections there. q, v: coordinates and their rates. par and tasks are not used.
     """
     for k in range(model.links + 1):
         # r, psi and their rates at joint k (inertial axes): the root of link k and the tip of link k - 1
@@ -156,8 +156,8 @@ for _order in range(2, 4):
 def centerline(model, q, points):
     """Write positions along the chain (m, inertial axes) at p equal steps of each element to points; return how many.
 
-    One lane. p: polynomial order; q: coordinates. Stops where `points` (n, 2) is full. The first point of a link is its
-    joint, the last one the arm's tip.
+    The kernel has one lane. p: polynomial order; q: coordinates. Writing stops when `points` (n, 2) is full. The first
+    point of a link is its joint, the last one the arm's tip.
     """
     p, rows = len(model.order), rows_of(model)
     at = element_at(0, p)

@@ -2,10 +2,10 @@
 
 The rows of a vertex are those of a beam's tip, or of the joint at the chain's root. If links have rigid ends, the next
 beam begins elsewhere: past the lever of the tip before it (length b along psi), the hinge, and the lever of its own
-root (length c along psi + delta). The near point of a lever is the one closer to the arm's root. A force at its far
-point acts on the near point with a moment. The lever's mass is at its middle. The matrix neglects the lever's rotation
-during its acceleration (terms in h omega, times the lever's share of the inertia). A payload with its center off the
-tip is at the far point of one more lever, behind the last one.
+root (length c along psi + delta). The near point of a lever is the lever's end closer to the arm's root. A force at a
+lever's far point acts on the near point with a moment. The lever's mass is at its middle. The matrix neglects the
+lever's rotation during its acceleration (terms in h omega, times the lever's share of the inertia). A payload with its
+center off the tip is at the far point of one more lever, behind the last one.
 
 Vectors are in inertial axes (m, m/s, m/s^2, N); moments (N m) and angles (rad) are counter-clockwise. `end`: ROOT_END
 (joint to beam start) or TIP_END (beam end to next joint). Where `model.rigid` is None there are no levers.
@@ -75,8 +75,8 @@ def _payload_force(lane, model, psi, motion, mass, weights, S):
     """Return the payload's inertia force at the tip and its moment about the tip: (fx, fy, moment, mass).
 
     N (inertial axes), N m, kg. psi: angle of the tip section. motion: its rate, second rate and the acceleration (x, y;
-    less gravity) of the tip. mass: of the payload, kg. The returned mass is the matrix's mass at the tip. It is 0 if
-    the payload has a lever of its own; the lever's factors are then written to S with weights.with_matrix.
+    less gravity) of the tip. mass: the payload's mass, kg. The returned mass is the matrix's mass at the tip, 0 if the
+    payload has a lever of its own; the lever's factors are then written to S with weights.with_matrix.
     """
     rate, second, ax, ay = motion
     if model.eccentric is None:
@@ -96,7 +96,8 @@ def _payload_force(lane, model, psi, motion, mass, weights, S):
 def lever_end_velocity(lane, lever, rate, x, y, vx, vy):
     """Return position (m) and velocity (m/s) of a lever's far point, (x, y, vx, vy), inertial axes.
 
-    lever: vector from near to far point, m; rate: of its angle, rad/s; x, y, vx, vy: of the near point.
+    lever: vector from near to far point, m; rate: rate of the lever's angle, rad/s; x, y, vx, vy: motion of the near
+    point.
     """
     ax, ay = lever
     return x + ax, y + ay, vx - rate * ay, vy + rate * ax
@@ -107,7 +108,7 @@ def _lever_acceleration(lever, rate, second, ax, ay, share):
     """Return the acceleration (x, y; m/s^2) of a point on a lever e, a + share (second e' - rate^2 e).
 
     e' = (-e_y, e_x); a = (ax, ay): acceleration of the near point; share: 0 there, 1/2 in the middle, 1 at the far
-    point; rate, second: of the lever's angle, rad/s and rad/s^2. Inertial axes.
+    point; rate, second: first and second rate of the lever's angle, rad/s and rad/s^2. Vectors are in inertial axes.
     """
     ex, ey = lever
     square = rate * rate
@@ -118,9 +119,9 @@ def _lever_acceleration(lever, rate, second, ax, ay, share):
 def beam_start(lane, model, state: State, k, tip, i):
     """Return the `Vertex` where the beam of link k begins, behind levers and hinge, from the vertex `tip` at row i.
 
-    For k = 0 `tip` is the joint at the chain's root. The new vertex has no force. Its moment is the hub's inertia
-    torque less the hub torque (k = 0), or the elbow's inertia torque behind the hinge. `beam_start_rows` later
-    transmits the beam's force back. state: q, v, a of the arm. Theory, section 5, "Rigid ends".
+    For k = 0 `tip` is the joint at the chain's root. The new vertex has no force. The vertex's moment is the hub's
+    inertia torque less the hub torque (k = 0), or the elbow's inertia torque behind the hinge. `beam_start_rows` later
+    transmits the beam's force back. state: q, v, a of the arm. See theory, section 5, "Rigid ends".
     """
     (x, y, psi), (vx, vy, turning), (ax, ay, alpha), (_, _, moment) = tip.place, tip.rate, tip.acceleration, tip.force
     # omega is for centripetal terms, `turning` for strain rates, which a damped model alone reads
@@ -149,7 +150,7 @@ def _through(lane, model, k, end, lever, motion, force, moment, far, weights, S)
     The lever's own inertia is included. k, end: the lever is at this end of link k. lever: vector e, m, inertial axes.
     motion: rate, second rate of its angle, acceleration (x, y; less gravity) of the near point. force (N), moment (N
     m): at the far point. far: mass at the far point, kg, for the matrix alone. With weights.with_matrix the lever's
-    factors are written to S. Theory, section 5, "Rigid ends".
+    factors are written to S. See theory, section 5, "Rigid ends".
     """
     rate, second, ax, ay = motion
     ex, ey = lever
@@ -163,9 +164,7 @@ def _through(lane, model, k, end, lever, motion, force, moment, far, weights, S)
     if weights.with_matrix:
         pull = (ex * fx + ey * fy) + (ex * mx + ey * my) * 0.5
         turn = inertia * weights.mass - pull * weights.stiffness
-        _store_lever_factors(
-            lane, S, _factors_at(model, k, end), lever, far * weights.mass, mass * weights.mass, turn
-        )
+        _store_lever_factors(lane, S, _factors_at(model, k, end), lever, far * weights.mass, mass * weights.mass, turn)
     moment = moment + (ex * fy - ey * fx) + (ex * my - ey * mx) * 0.5 + second * inertia
     return fx + mx, fy + my, moment
 
@@ -176,7 +175,8 @@ def beam_start_rows(lane, model, state: State, u: Lanes, k, tip, i, r: Lanes, we
 
     In: r[i : i + 3], force (N, inertial axes) and moment (N m) on the start of the beam of link k. Out: the same rows
     for the vertex `tip`, which is the near point of the tip lever before the hinge (k = 0: of the root lever), and the
-    hinge's row, moment less joint torque u[k]. state: q, v, a. The levers' factors go to S with weights.with_matrix.
+    hinge's row, moment less joint torque u[k]. state: q, v, a. With weights.with_matrix the levers' factors are written
+    to S.
     """
     _, _, psi = tip.place
     (ax, ay, alpha), (gx, gy, moment) = tip.acceleration, tip.force
@@ -209,8 +209,8 @@ def beam_start_rows(lane, model, state: State, u: Lanes, k, tip, i, r: Lanes, we
 def last_vertex_force(lane, model, par: Lanes, state: State, tip, i, weights, S):
     """Return force (N, inertial axes) and moment (N m) on the last vertex, row i.
 
-    It is the sum from the beam (`tip`), the payload's mass and the tip lever that carries the payload. The caller adds
-    the payload's rotary inertia.
+    Beam (`tip`), the payload's mass and the tip lever that carries the payload contribute to force and moment. The
+    caller adds the payload's rotary inertia.
     """
     (fx, fy, moment), (ax, ay, alpha) = tip.force, tip.acceleration
     omega, mass, k = state.v[i + T], par[PAYLOAD_MASS], model.links - 1
@@ -233,7 +233,8 @@ def condense_to_near_point(lane, model, S, k, end, tail):
 
     Order (xx, xy, xt, yy, yt, tt), t for psi. The lever is at the `end` of link k; its `LEVER_FACTORS` are in S. With n
     = (-e_y, e_x) the far point moves by dx + n dpsi, a map T, and the lever's middle by dx + n/2 dpsi: T^T (tail + far
-    mass) T + the lever's own mass + `turn` on psi. Without levers `tail` is returned. Theory, section 5, "Rigid ends".
+    mass) T + the lever's own mass + `turn` on psi. Without levers `tail` is returned. See theory, section 5, "Rigid
+    ends".
     """
     if model.rigid is None:
         return tail
@@ -327,14 +328,12 @@ def vertex_motion(lane, q, v, i):
 
 @kernel
 def joint_motion(lane, model, q: Lanes, v: Lanes, k):
-    """Return position (m) and velocity (m/s) of joint k, k = links: of the arm's tip; (x, y, vx, vy), inertial axes."""
+    """Return position (m) and velocity (m/s) of joint k, or of the tip for k = links: (x, y, vx, vy), inertial axes."""
     i = vertex_of(model, k)
     x, y, vx, vy = vertex_motion(lane, q, v, i)
     if model.rigid is None or k == 0:
         return x, y, vx, vy
-    return lever_end_velocity(
-        lane, lever_vector(lane, model, k - 1, TIP_END, q[i + T]), v[i + T], x, y, vx, vy
-    )
+    return lever_end_velocity(lane, lever_vector(lane, model, k - 1, TIP_END, q[i + T]), v[i + T], x, y, vx, vy)
 
 
 @kernel
@@ -366,7 +365,7 @@ def next_vertex_motion(lane, model, q, v, i):
 def rigid_end_sums(lane, model, q: Lanes, v: Lanes, k):
     """Return kinetic energy (J) and first moments of mass (x, y; kg m, inertial axes) of the rigid ends of link k.
 
-    Theory, section 5, "Rigid ends".
+    See theory, section 5, "Rigid ends".
     """
     zero = 0.0
     kinetic, mx, my = zero, zero, zero

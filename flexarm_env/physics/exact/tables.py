@@ -16,7 +16,7 @@ from ..linalg import product
 
 @dataclass(frozen=True)
 class Tables:
-    """Functions of an element of order p on [-1, 1] at its p Gauss points: left and right linear ones, interior ones.
+    """Functions of an element of order p on [-1, 1] at its p Gauss points: left and right linear, and interior.
 
     Twice a derivative on [-1, 1] is l times the derivative along the element, whatever its length l.
     """
@@ -78,7 +78,7 @@ def _tidy(values: np.ndarray) -> np.ndarray:
 
 
 class Sums:
-    """Emit sums of traced values with constant coefficients; reuse an earlier sum for each multiple of it."""
+    """Emit sums of traced values with constant coefficients; reuse an earlier sum for each multiple of the sum."""
 
     def __init__(self) -> None:
         self.known: dict[Any, Any] = {}

@@ -1,9 +1,9 @@
 """Kernels of one floating-frame body: motion of its tip, inertia forces [57]-[63], elastic and damping forces.
 
-A body's frame has origin R and angle theta. Its tip lies at t(q) in the frame's axes and its root section is turned by
-rho'q against the frame. Gravity enters as an acceleration of the frame, so positions R are not needed. The sweep from
-root to tip therefore passes only a section's angle, its rates and its acceleration. The sweep from tip to root passes a
-force and a moment (theory, section 3).
+A body's frame has origin R and angle theta. The body's tip lies at t(q) in the frame's axes, and the body's root
+section is turned by rho'q against the frame. Gravity enters as an acceleration of the frame, so positions R are not
+needed. The sweep from root to tip therefore passes only a section's angle, its rates and its acceleration. The sweep
+from tip to root passes a force and a moment (theory, section 3).
 
 Arguments that recur: `model` is the `Mesh`, common to all bodies. `D` is one body's block of constants (`layout.BODY`).
 q, v, a begin at the body's n elastic coordinates. E = [[0, -1], [1, 0]] turns a vector by a right angle. In a frame
@@ -45,7 +45,8 @@ def along(lane, model, D, at, x):
     """Return sum_j D[at + j] x_j of a shape function along the axis of the body's frame (m for coordinates x).
 
     D, at: the body's constants and the offset of the function; x: elastic coordinates, rates or accelerations. Bodies
-    reduced to modes have no such functions. For them -0.0 is returned, because x + -0.0 is x to the last bit.
+    reduced to modes have no such functions. For bodies reduced to modes -0.0 is returned, because x + -0.0 is x to the
+    last bit.
     """
     if model.modal is not None:
         return -0.0

@@ -148,7 +148,7 @@ def bodies_of(arm: Arm, settings: Settings) -> list[Body]:
 def _limits(scene: Scene, bodies: list[Body], reduced: bool) -> list[float]:
     """Return each body's largest allowed loss of inertia about its root, kg m^2; inf for finite elements.
 
-    The limit is a fraction of the body's `inertia_margins`. It is infinite for a body whose angle is prescribed.
+    The limit is a fraction of the body's `inertia_margins`. The limit is infinite for a body whose angle is prescribed.
     """
     if not reduced:
         return [np.inf] * len(bodies)
@@ -162,7 +162,7 @@ def _limits(scene: Scene, bodies: list[Body], reduced: bool) -> list[float]:
 
 
 def build(scene: Scene, settings: Settings) -> System:
-    """Assemble a scene in the floating-frame formulation: with multipliers where the settings ask for them."""
+    """Assemble a scene in the floating-frame formulation: with multipliers where the settings require multipliers."""
     return _joined(scene, settings) if settings.multipliers else _chain(scene, settings)
 
 

@@ -66,7 +66,7 @@ def _joint_at(k):
 def frame_at(lane, model, state: State, i, pose):
     """Write angle, rates and acceleration less gravity of the frame with rows i, i + 1, i + ANGLE into pose, `PASSED`.
 
-    These rows of state (q, v, a of the whole arm) are x, y (inertial axes) and angle. pose (5,): rad, rad/s, rad/s^2,
+    The three rows of `state` (q, v, a of the arm) are x, y (inertial axes) and angle. pose (5,): rad, rad/s, rad/s^2,
     then m/s^2 along inertial axes.
     """
     q, v, a = state
@@ -105,9 +105,9 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
     """Compute the residual r of eq. [64] and, with weights.with_matrix, the blocks of the Newton matrix.
 
     Rows of r: force (N, inertial axes) and moment (N m) at the root less the hub's torque; each body's elastic
-    coordinates (theory, eq. 3.2); at each elbow the moment less its torque, N m. u: joint torques (N m), then point
-    loads; weights: `Weights` of dr/da, dr/dv, dr/dq. S receives the bodies' `FACTORS.matrix` and lever arms; `factor`
-    eliminates them. See `protocol.assemble`.
+    coordinates (theory, eq. 3.2); at each elbow the moment less the elbow's torque, N m. u: joint torques (N m), then
+    point loads; weights: `Weights` of dr/da, dr/dv, dr/dq. S receives the bodies' `FACTORS.matrix` and lever arms;
+    `factor` eliminates them. See `protocol.assemble`.
     """
     q, v, a = state
     cm, cc, ck, with_matrix = weights.mass, weights.damping, weights.stiffness, weights.with_matrix
@@ -170,7 +170,8 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
 def add_stiffness(lane, model, S: Lanes, k, x):
     """Add x (N m/rad) to the stiffness that `factor` adds to the diagonal of row k, the hub's or an elbow's angle.
 
-    x None: mark row k, of the root (0 to 2) or of an elbow, as fixed; `factor` and `solve` treat it as the identity's.
+    x None: mark row k, of the root (0 to 2) or of an elbow, as fixed; `factor` and `solve` treat a fixed row as a row
+    of the identity matrix.
     """
     elbow = _joint_at(k - elbow_row(model, 0))
     if x is None:
@@ -205,7 +206,7 @@ def factor(lane, model, S: Lanes):
     `tail` (9,), by rows, inertial axes: change of force and moment by the weighted acceleration (x, y) and the angle of
     a section, of all bodies beyond the section. Pivots are stored inverted. At a free elbow the angle of the section
     beyond is eliminated. The moment there is the joint's torque, so the elbow transmits no change of moment. A fixed
-    elbow transmits the whole change. Theory, (3.3).
+    elbow transmits the whole change. See theory, (3.3).
     """
     stride, first = _stride(model), _bodies_at(model)
     tail, (inertia, mass) = stack(lane, NINE), load_pair(lane, S, ROOT.tail)
@@ -274,7 +275,7 @@ def solve(lane, model, S: Lanes, x: Lanes):
 
     The order is forward from tip to root, then the root's 3 x 3 system, then back from root to tip. flow (3,), inertial
     axes: on the way to the root, force and moment that the reduced right sides beyond a section cause; on the way back,
-    weighted acceleration and angle of a section. Theory, (3.3).
+    weighted acceleration and angle of a section. See theory, (3.3).
     """
     mesh, stride, first = model.mesh, _stride(model), _bodies_at(model)
     flow, levers, zero = stack(lane, THREE), _levers_at(model), 0.0

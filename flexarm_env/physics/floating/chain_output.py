@@ -162,7 +162,7 @@ def _damping(lane, model, D, par: Lanes, q, v: Lanes, x: Lanes, total):
     # model    D: constants; par: the arm's parameters (factor on bending stiffness, tau_d)
     # state    q, v: elastic coordinates and rates; x: rates that are multiplied from the left
 
-    Theory, (1.3).
+    See theory, (1.3).
     """
     own, n, wide = constants(model), size(model.n), len(model.window)
     if model.damped is not None:
@@ -283,7 +283,7 @@ def _energies(lane, model, D, par: Lanes, q: Lanes, v, frame):
 def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
     """Return the (kinetic, strain, gravitational) energy of the arm, J; gravity's is 0 at the inertial origin.
 
-    q, v: rows of the system; par: payload mass and inertia, factor on bending stiffness. Theory, (2.3).
+    q, v: rows of the system; par: payload mass and inertia, factor on bending stiffness. See theory, (2.3).
     """
     pose, frame, ends = stack(lane, SIX), stack(lane, SIX), stack(lane, (0, 0, 0))
     zero = 0.0
@@ -380,7 +380,7 @@ def _draw(mesh, D, q, x0, y0, frame, line):
     # in       D: a `STATION`, each entry for all stations of the group; q: elastic coordinates; x0, y0: origin (m);
     #          frame: `FRAME`
 
-    Theory, (4.1).
+    See theory, (4.1).
     """
     n = size(mesh.n)
     at = station_at(0, n)

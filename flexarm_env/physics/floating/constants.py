@@ -2,8 +2,8 @@
 
 Frame "root" is clamped to the body's first node. The node's (u, v, phi) vanish, so the frame's angle is the root
 section's angle. Frame "chord" goes through both ends of the body. All inertia enters through constants (theory, eq.
-2.1) that are computed here once and that kernels read. A body reduced to modes has, in addition, the constants of its
-foreshortening (`reduction`).
+2.1) that this module computes once and that kernels read. A body reduced to modes has, in addition, the constants of
+its foreshortening (`reduction`).
 """
 
 from dataclasses import dataclass, field
@@ -167,8 +167,8 @@ def _bending_moments(parts: list[Element]) -> Array:
 def _natural(link: Link, parts: list[Element], k_bend: Array, stretching: Any, free: Any) -> Array:
     """Return `Body.moment` and `Body.q0`, (2, n), of the shape without stress, which has no stretch.
 
-    stretching: `coupling_matrix` or `geometric_matrix`; free: indices of the elastic coordinates. Both are zero for
-    straight links.
+    stretching: `coupling_matrix` or `geometric_matrix`; free: indices of the elastic coordinates. `moment` and `q0` are
+    zero for straight links.
     """
     if not link.curved:
         return np.zeros((2, len(free)))

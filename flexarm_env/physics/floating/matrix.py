@@ -6,7 +6,7 @@ acceleration of the origin, frame axes), then the angle (row: moment at the root
 A change of the coordinates before a body acts on the body through three numbers: the change of the acceleration at its
 root (two components) and of its angle. The change of acceleration is weighted: cm, cc, ck times the changes by
 accelerations, rates, coordinates. `tail` (9,) is the 3 x 3 matrix of force and moment by these three numbers, stored by
-rows. It represents all bodies beyond a section.
+rows. `tail` represents all bodies beyond a section.
 """
 
 from ...compiler import Lanes, kernel, size, unrolled
@@ -132,7 +132,7 @@ def _stretching(lane, model, D, tau, cc, ck, strains: Lanes, S: Lanes):
     # in       tau: tau_d, s; cc, ck: weights of damping and stiffness; strains: a `STRAIN` per element
     # out      S: added to `FACTORS.matrix`
 
-    Theory, (1.2).
+    See theory, (1.2).
     """
     n, wide = size(model.n), len(model.window)
     W, own, kept = factors_at(0, n).matrix, span_at(constants(model).spans, wide), strain_at(0, wide)
@@ -169,7 +169,7 @@ def _drag_tangent(lane, model, D, carried: Lanes, cc, ck, v: Lanes, vectors: Lan
     #          cc, ck: weights of dr/dv, dr/dq
     # out      S: added to `FACTORS.matrix`
 
-    Theory, section 2.
+    See theory, section 2.
     """
     own, n = constants(model), size(model.n)
     W, px = factors_at(0, n).matrix, vectors_at(0, n).px
@@ -193,7 +193,7 @@ def _drag_tangent(lane, model, D, carried: Lanes, cc, ck, v: Lanes, vectors: Lan
 @unrolled
 @kernel
 def add_outboard(lane, model, D, S: Lanes, tail: Lanes):
-    """Add the matrix of all bodies beyond the tip to the body's matrix: arm' tail swept. Theory, (3.3).
+    """Add the matrix of all bodies beyond the tip to the body's matrix: arm' tail swept. See theory, (3.3).
 
     arm: displacement and rotation of the tip section by each coordinate. swept: its weighted acceleration (cm, cc, ck
     times the derivatives by accelerations, rates, coordinates) and its rotation by each coordinate. Frame axes.
@@ -248,7 +248,7 @@ def condense(lane, model, D, S: Lanes, tail: Lanes):
     #          of the body, of all beyond; out: at its root section, the Schur complement of the elastic rows
     # in, out  S: `FACTORS.matrix`, then its factors
 
-    Theory, (3.3).
+    See theory, (3.3).
     """
     add_outboard(lane, model, D, S, tail)
     own, n = constants(model), size(model.n)
@@ -322,7 +322,7 @@ def reduce(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
     # in, out  flow (3,): force and moment (inertial axes) that the reduced rows beyond cause, in: at the tip section;
     #          out: at the root section, to be subtracted from the right side there
 
-    Theory, (3.3).
+    See theory, (3.3).
     """
     own, n = constants(model), size(model.n)
     at = factors_at(0, n)
@@ -354,7 +354,7 @@ def reduce(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
 @unrolled
 @kernel
 def restore(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
-    """Back substitution for one body, root to tip: x <- its elastic coordinates. Theory, (3.3).
+    """Back substitution for one body, root to tip: x <- the body's elastic coordinates. See theory, (3.3).
 
     # in       S: factors of `condense`, `FACTORS.swept`
     # in, out  x (n,): reduced right side, then the solution

@@ -2,9 +2,9 @@
 
 Each body has its own rows: R_x, R_y (inertial axes) and theta of its frame, then its elastic coordinates q. The
 constraints Phi (theory, eq. 3.4) require that the body's tip is the origin of the next frame. If the joint is rigid or
-prescribed, they also require that the tip section has the next frame's angle. Order of rows: body 0, multipliers of the
-joint at its tip, body 1, ...; the matrix is banded. The kernels of `body` compute each body. To a body, its joint's
-multipliers are a force at its tip like any other.
+prescribed, Phi also requires that the tip section has the next frame's angle. Order of rows: body 0, multipliers of the
+joint at its tip, body 1, ...; the matrix is banded. The kernels of `body` compute each body. For a body, the
+multipliers of the joint at the tip are a force at the tip like any other force.
 
 S holds the band, the pivots of its factors, and one body's `FACTORS` as scratch. One arm at a time: pivoting exchanges
 rows.
@@ -39,9 +39,9 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
     Rows of r: force (inertial axes) and moment of each body's frame, its elastic coordinates; rows of multipliers are 0
     here (`constraint_residual` writes them). Entry (i, j) of the matrix is S[i band_width + j - i + half].
 
-    `held` (3,): force and moment lambda of the joint between two bodies, with an elbow's torque. They act at the tip of
-    the body before the joint and, with opposite sign, at the root of the body after it. Without weights.with_matrix S
-    is not changed.
+    `held` (3,): force and moment lambda of the joint between two bodies, with an elbow's torque. Force and moment act
+    at the tip of the body before the joint and, with opposite sign, at the root of the body after the joint. Without
+    weights.with_matrix S is not changed.
     """
     q, v, a = state
     cm, cc, ck, with_matrix = weights.mass, weights.damping, weights.stiffness, weights.with_matrix
@@ -102,7 +102,7 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
 
 @kernel
 def _to_band(lane, mesh, own: Lanes, at, cm, half, S: Lanes):
-    """Write a body's matrix into its rows and columns of the band, those of R in inertial axes. Theory, (3.5).
+    """Write a body's matrix into its rows and columns of the band, those of R in inertial axes. See theory, (3.5).
 
     Columns of the origin's acceleration are multiplied by cm, because R enters the residual only through its
     acceleration.
@@ -210,7 +210,7 @@ def constraint_residual(lane, model, psi: Lanes, state: State, level, scale, r: 
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Add x (N m/rad) to the diagonal entry k of the band; with None row and column k become those of the identity."""
+    """Add x (N m/rad) to the diagonal entry k of the band, or fix row and column k (x None)."""
     half, zero = model.half, 0.0
     width = band_width(half)
     if x is not None:
@@ -256,6 +256,16 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
 
 
 register(
-    FloatingFrame, assemble, constraint_residual, add_stiffness, factor, solve, input_displacements, damping_power,
-    energy, link_poses, out_of_range, centerline
+    FloatingFrame,
+    assemble,
+    constraint_residual,
+    add_stiffness,
+    factor,
+    solve,
+    input_displacements,
+    damping_power,
+    energy,
+    link_poses,
+    out_of_range,
+    centerline,
 )

@@ -91,9 +91,10 @@ def modal_body(
 ) -> Body:
     """Return the `Body` of a link, or of a piece of a link (whole=False), reduced to n shapes.
 
-    frame="root": clamped modes with tip_mass (kg) and tip_inertia (kg m^2) at the tip. These shape the modes but are no
-    part of the body's inertia. frame="chord": a whole link has the same modes, relative to the line through both ends.
-    A piece, which its neighbors bend by moments at both ends, has `pinned_modes`; if n is 1, it has the clamped mode.
+    frame="root": clamped modes with tip_mass (kg) and tip_inertia (kg m^2) at the tip. Tip mass and inertia shape the
+    modes but are no part of the body's inertia. frame="chord": a whole link has the same modes, relative to the line
+    through both ends. A piece, which its neighbors bend by moments at both ends, has `pinned_modes`; if n is 1, it has
+    the clamped mode.
 
     The result is cached and shared: copy it before a change.
     """
@@ -177,8 +178,8 @@ def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, 
     """Return each body's margin of inertia (kg m^2): how far a straight link's mass matrix is from indefinite.
 
     The margin is mu of theory, section 4: the body's effective inertia for a torque on its angle, when all other parts
-    are free to move: the link's other bodies, their modes and, if it is free, the root. It is the reciprocal of the
-    angle's diagonal entry in the inverse mass matrix.
+    are free to move: the link's other bodies, their modes and, if it is free, the root. The margin is the reciprocal of
+    the angle's diagonal entry in the inverse mass matrix.
 
     bodies: rigidly joined, root to tip. payload: at the tip of the last. root_moves: the root's y is free. held: the
     root's angle is prescribed.

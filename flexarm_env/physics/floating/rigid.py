@@ -1,9 +1,9 @@
 """Rigid levers in a chain of floating frames: rigid ends of links, and the offset from the tip to the payload's center.
 
 A rigid end lies between a joint and the link's first or last body. The lever e = (ex, ey), inertial axes, leads from
-its near point (towards the arm's root) to its far point. It turns with the section to which it is fixed (angle, w,
-alpha). The far point's acceleration is a + alpha n - w^2 e with n = E e. A force f at the far point acts at the near
-point with the moment n.f. The lever's own mass lies at e/2, an elbow's mass at the far point.
+its near point (towards the arm's root) to its far point. The lever turns with the section to which the lever is fixed
+(angle, w, alpha). The far point's acceleration is a + alpha n - w^2 e with n = E e. A force f at the far point acts at
+the near point with the moment n.f. The lever's own mass lies at e/2, an elbow's mass at the far point.
 """
 
 from typing import Any, NamedTuple
@@ -71,8 +71,8 @@ def _lever_at(lane, along, across, angle):
 def propagate_outward(lane, lever, pose, S, first):
     """Propagate a section's acceleration from a lever's near to its far point: a + alpha n - w^2 e.
 
-    e: lever, n: e turned by 90 deg; w, alpha: angular velocity and acceleration of the section. No-op without a lever
-    (None).
+    e: lever, n: e turned by 90 deg; w, alpha: angular velocity and acceleration of the section. Do nothing without a
+    lever (None).
 
     # in, out  pose (5,), `PASSED`: angle and rates stay, the acceleration is replaced; inertial axes
     # out      S: ex, ey, rates and near acceleration of the lever's `LEVER_FACTORS`; first: index of lever 0's
@@ -94,13 +94,13 @@ def transmit_inward(lane, lever, force, weights, S: Lanes, first):
         f_near = f + m_far a_far + m a_mid,   M_near = M + e x (f + m_far a_far) + (e/2) x m a_mid + J alpha
 
     e: lever, near to far point; J: inertia of its own mass m; alpha: angular acceleration; a_far, a_mid: accelerations
-    less gravity at e and e/2. Inertial axes. No-op without a lever (None).
+    less gravity at e and e/2. Vectors are in inertial axes. Do nothing without a lever (None).
 
     # in       S: written by `propagate_outward`; weights: `Weights`; first: index in S of lever 0's `LEVER_FACTORS`
     # in, out  force (3,): force (N) and moment (N m) required at the far point, then at the near point
     # out      S, with weights.with_matrix: n, weighted change of the far acceleration, and `turn`, of `LEVER_FACTORS`
 
-    Theory, section 5, "Rigid ends".
+    See theory, section 5, "Rigid ends".
     """
     if lever is not None:
         at = _factors_at(first, lever)
@@ -132,12 +132,13 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
         tail <- N' (tail + m_far) W + own mass at e/2,   N = [1, 0, nx; 0, 1, ny; 0, 0, 1], W: with (wx, wy)
 
     (nx, ny): derivative of the far point by the angle; (wx, wy): derivative of its acceleration, weighted by cm, cc, ck
-    (`Weights`); e: lever; m_far: mass at the far point. No-op without a lever (None). Inertial axes.
+    (`Weights`); e: lever; m_far: mass at the far point. Do nothing without a lever (None). Vectors are in inertial
+    axes.
 
     # in       S: `LEVER_FACTORS` of `transmit_inward`; first: index of lever 0's
     # in, out  tail (9,), by rows: force x, y, moment; columns: acceleration x, y (weighted), angle
 
-    Theory, section 5, "Rigid ends".
+    See theory, section 5, "Rigid ends".
     """
     if lever is not None:
         at, mass = _factors_at(first, lever), lever.mass
@@ -181,8 +182,8 @@ def far_point_change(lane, lever, S, first, arm, flow: Lanes):
 
         (x, y) += angle times the change of the far point's acceleration by the angle
 
-    Inertial axes. arm: SWEPT for that change; ACROSS (n) for solutions with the transposed matrix. first: index in S of
-    lever 0's `LEVER_FACTORS`; no-op without a lever (None).
+    Vectors are in inertial axes. arm: SWEPT for that change; ACROSS (n) for solutions with the transposed matrix.
+    first: index in S of lever 0's `LEVER_FACTORS`; no-op without a lever (None).
     """
     if lever is not None:
         x, y = load_pair(lane, S, _factors_at(first, lever) + arm)
@@ -227,7 +228,7 @@ def _body(lane, pose: Lanes, mass, inertia, totals: Lanes):
 def add_rigid_end(lane, lever, pose, totals):
     """Move a pose (6,) from a rigid end's near to its far point and add the energy and first moments of its masses.
 
-    totals (3,): kinetic energy (J), first moments m x, m y (kg m, inertial axes). No-op without a lever.
+    totals (3,): kinetic energy (J), first moments m x, m y (kg m, inertial axes). Do nothing without a lever.
     """
     if lever is not None:
         _move_pose(lane, lever.along * 0.5, None, pose)

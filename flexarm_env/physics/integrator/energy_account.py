@@ -38,7 +38,7 @@ def account_for_step(lane, model, drive, par, w: Work, h):
     # out       w.books; w.u0, w.y0, w.psi0, w.reaction0 <- values at the end, for the next step
     # scratch   w.r, which is free once the step has succeeded
 
-    Theory, section 6, "Work and energy".
+    See theory, section 6, "Work and energy".
     """
     # work of inputs: (u0 + u) / 2 . (y - y0)
     input_displacements(lane, model, par, w.q, w.y, (w.q0, w.y0))

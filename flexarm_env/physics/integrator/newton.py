@@ -1,7 +1,7 @@
 """Newton-Raphson iteration of one time step, eqs. [69]-[82]: from the prediction to the end of the step.
 
-The unknown is the displacement q+; v+, a+ and b+ follow from it linearly (`NewmarkSlopes`). In the iteration w.q, w.v,
-w.a, w.b hold the current iterate of the step's end and w.q0, w.v0, w.a0, w.b0 its start.
+The unknown is the displacement q+; v+, a+ and b+ are linear functions of q+ (`NewmarkSlopes`). In the iteration w.q,
+w.v, w.a, w.b hold the current iterate of the step's end and w.q0, w.v0, w.a0, w.b0 its start.
 """
 
 from __future__ import annotations

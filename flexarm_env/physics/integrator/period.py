@@ -1,13 +1,14 @@
 """Correction of a step for the integrator's error of the period (theory, eq. 6.2).
 
 Newmark's displacement with beta - 2 kappa instead of beta would keep the period of a vibration to fourth order in omega
-h. It is stable, however, only if the step resolves all vibrations. The corrected displacement is therefore
+h. With beta - 2 kappa, however, the method is stable only if the step resolves all vibrations. The corrected
+displacement is therefore
 
     q+ = (Newmark's q+) - 2 kappa h^2 Y (a+ - a),   Y = S^-1 c_m M,
 
 where the Newton matrix S acts as a low-pass filter: Y is about 1 for motion that the step resolves and vanishes for
-faster motion. a+ is the acceleration of the step without correction. It is taken at the first Newton increment whose
-square is below the tolerance, so its error is below the tolerance too. M is constant.
+faster motion. a+ is the acceleration of the step without correction. The acceleration a+ is taken at the first Newton
+increment whose square is below the tolerance, so the error of a+ is below the tolerance too. M is constant.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from .work import Work, remove_known_rows
 NEAR, FAR = 0.01, 0.03
 """Largest weighted Newton increment at which to correct, and largest weighted correction (rad, lengths over the arm's
 length). A larger correction would belong to motion that the step does not resolve, such as vibrations after a jump of
-the root's velocity. It would add energy."""
+the root's velocity. The larger correction would add energy."""
 
 
 @kernel

@@ -28,7 +28,7 @@ def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
     """Compute consistent velocities, accelerations and multipliers at t+, after loads or motions may have jumped.
 
     Velocities jump by dv, M dv + Phi_q^T Lambda = 0, with the prescribed part known (Phi = 0: constraints, Lambda:
-    their impulses). Damping ends a part of dv within much less than a step. This part is removed
+    their impulses). Damping ends a part of dv within much less than a step. The part that damping ends is removed
     (`_remove_damping_layer`), and its damping forces change the accelerations that are kept. Work and loss of the
     impulses are accounted for in w.books.
 
@@ -38,7 +38,7 @@ def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
 
         (M + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -r,
 
-    The distance b - a stays the same. If the step resolves the motion, this equals M da = -r to third order. With M
+    The difference b - a stays the same. If the step resolves the motion, this equals M da = -r to third order. With M
     alone, stresses of strains and strain rates that are too stiff for the step would make accelerations large.
 
     # model     model, drive (None: no loads or motions in time, velocities stay), par; h: a step, s
@@ -157,7 +157,7 @@ def _jump_velocities(lane, model, drive, par, w: Work, h, fresh):
     # out       w.v0: v before the jump; w.a0: dv, in rows of multipliers the impulses Lambda; w.reaction; w.books
     # scratch   w.r, w.S, w.a, w.b0
 
-    Theory, section 6, "Kinks".
+    See theory, section 6, "Kinks".
     """
     n = size(model.n)
     for k in range(n):
@@ -190,7 +190,7 @@ def _solve_jump(lane, model, drive, par, w: Work):
     # out       w.a0 and w.a: dv, with Lambda in rows of multipliers; w.v = 0
     # scratch   w.r, w.S
 
-    Theory, section 6, "Kinks".
+    See theory, section 6, "Kinks".
     """
     n = size(model.n)
     for i in range(drive.known.shape[0]):
@@ -235,7 +235,7 @@ def _remove_damping_layer(lane, model, drive, par, w: Work, h, fresh):
     # state     w.a0: in, dv; out, dv - e.   w.books: work and loss are added.   w.q0 (unless fresh): in and out
     # out       w.reaction: impulses of the motions (N s, N m s), times SMALL.   # scratch  w.r, w.S, w.v, w.a
 
-    Theory, section 6, "Kinks".
+    See theory, section 6, "Kinks".
     """
     n, part = size(model.n), 0.5 * h * SMALL
     for k in range(n):
@@ -272,7 +272,7 @@ def damping_layer(lane, model, drive, par, w: Work, rest, h, fresh):
     # out       w.r: e; w.v: SMALL h/2 g, g = (1 - s)^2 (1 + 3 s) dv
     # scratch   w.S
 
-    Theory, section 6, "Kinks".
+    See theory, section 6, "Kinks".
     """
     n, part = size(model.n), 0.5 * h * SMALL
     for k in range(n):
@@ -325,7 +325,7 @@ def restart_within(lane, model, drive, par, w: Work, t, h, fresh):
     # state     w.v, w.a, w.b and multipliers in w.q: in and out; w.u, w.psi <- values at t+; w.u0, w.reaction, w.books
     # scratch   w.r, w.S, w.q0, w.v0, w.a0, w.b0, w.psi0
 
-    Theory, section 6, "Kinks".
+    See theory, section 6, "Kinks".
     """
     n = size(model.n)
     times, half = 1, 0.0

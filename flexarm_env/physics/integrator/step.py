@@ -159,8 +159,9 @@ def _constraint_rate_residual(lane, model, drive, w: Work, level):
 def _compute_reactions(lane, model, drive, par, w):
     """Store in w.reaction the generalized forces (N, N m) that enforce the prescribed motions at the end of the step.
 
-    They are the rows of the residual r of eq. [64] at the prescribed coordinates, or their multipliers. No-op without
-    motions in the `Drive` drive, or if drive is None. Scratch: w.r, w.S. algebraic: rows of multipliers, or None.
+    The forces are the rows of the residual r of eq. [64] at the prescribed coordinates, or their multipliers. Do
+    nothing without motions in the `Drive` drive, or if drive is None. Scratch: w.r, w.S. algebraic: rows of
+    multipliers, or None.
     """
     if drive is not None and drive.known.shape[0] > 0:
         assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
@@ -205,7 +206,8 @@ def advance_within(lane, model, drive, par, w: Work, t, h, n_steps, scheme, book
     # model     model, drive (None: no loads or motions in time), par: the arm's own parameters, scheme: `Scheme`
     # state     w.q, w.v, w.a, w.b and the other fields of w: in, at t; out, at the time reached
 
-    books: a tag, (0,), to account for work and dissipation in w.books; None compiles the account out. Theory, (6.1).
+    books: a tag, (0,), to account for work and dissipation in w.books; None compiles the account out. See theory,
+    (6.1).
     """
     if books is not None:
         start_energy_account(lane, model, drive, par, w)

@@ -19,9 +19,9 @@ def light_joint_weights(h):
 def jump_accelerations(lane, model, par, flat, n_motions, h, first, kept=None):
     """Let a and b jump with the inputs from w.u0 to w.u at constant q, v: M da + Phi_q^T dlambda = B (u - u0).
 
-    Unlike `restart` this keeps the filtered accelerations of the integrator. If stretch, shear and rotary modes are too
-    fast for the step, accelerations solved afresh from round-off in the strains are large, and Newton's iteration would
-    start far from the solution.
+    Unlike `restart`, `jump_accelerations` keeps the filtered accelerations of the integrator. If stretch, shear and
+    rotary modes are too fast for the step, accelerations solved afresh from round-off in the strains are large, and
+    Newton's iteration would start far from the solution.
 
     # model     model, par; h: a step, s; B: the inputs' generalized forces; lambda: multipliers of constraints Phi = 0
     # state     flat: work array (n_motions prescribed coordinates); w.a, w.b and multipliers in w.q: in and out
@@ -29,7 +29,7 @@ def jump_accelerations(lane, model, par, flat, n_motions, h, first, kept=None):
 
     first: None, or, for models with `NewtonPolicy.light_joints`, lanes > 1/2 that start from a = 0. The matrix is then
     M + h/2 C + h^2/4 K, and in the lanes `first` da follows from all forces. kept: a tag to store the accelerations
-    before the jump in w.a0, or None. Theory, section 6, "Kinks".
+    before the jump in w.a0, or None. See theory, section 6, "Kinks".
     """
     w: Work = unpack(lane, model, flat, n_motions)
     n = size(model.n)

@@ -130,7 +130,7 @@ def apply_increment(lane, model, w, d: Lanes):
 def remove_known_rows(lane, model, drive, r: Lanes, S, matrix):
     """Remove fixed and prescribed coordinates from the linear system S x = r: r_k <- 0 in their rows k.
 
-    matrix: True also replaces row and column k of S by those of the identity; False: S holds factors. drive: the
+    matrix: True also replaces row and column k of S by those of the identity matrix; False: S holds factors. drive: the
     scene's `Drive`, or None if nothing is prescribed.
     """
     for i in range(model.fixed.shape[0]):
@@ -165,8 +165,8 @@ def solve_unknown_rows(lane, model, drive, w, matrix):
 def store_reactions(lane, known, algebraic, r: Lanes, multipliers: Lanes, reaction: Lanes):
     """Store the generalized forces (N, N m) that enforce the prescribed motions, one per motion, in `reaction`.
 
-    For a coordinate row k >= 0 this is row k of the residual r. For known[i] = -1 - j it is multiplier j, read from
-    `multipliers` (an array of n rows) at row algebraic[j].
+    For a coordinate row k >= 0 this is row k of the residual r. For known[i] = -1 - j the reaction is multiplier j,
+    read from `multipliers` (an array of n rows) at row algebraic[j].
     """
     for i in range(known.shape[0]):
         k = known[i]

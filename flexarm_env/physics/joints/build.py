@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flexarm_env import validation as check
 from flexarm_env.compiler import size
 from flexarm_env.parameters import Arm
-from flexarm_env.physics.contact.build import loads_of, touching
+from flexarm_env.physics.contact.build import loads_of, obstacle_rows, touching
 from flexarm_env.physics.joints.layout import GEAR, LAW, LAWS, PLACE, PLACES
 from flexarm_env.physics.joints.points import KINDS, AtPoint, Point, numbers_in_matrix
 from flexarm_env.physics.model import Floating, Gears, Honours, Jointed, System
@@ -51,6 +51,8 @@ def with_joints(
     count = len(motors)
     base = None if places is None else _floating(scene, system, first + count, places)
     count += base is not None
+    obstacles = obstacle_rows(scene)
+    count += len(obstacles)
     # k, d, J r^2 and friction of the joints, from the arm's Joint records (after the ratio)
     rows = [system.coordinates[f"joint{k}"] for k in joints]
     laws = [_law(scene, k, row, motors.get(k, -1)) for k, row in zip(joints, rows, strict=True)]
@@ -86,7 +88,7 @@ def with_joints(
         n_inputs=inner.n_inputs,
         fixed=inner.fixed,
         algebraic=None,
-        weight=np.concatenate([inner.weight, np.ones(count)]),
+        weight=np.concatenate([inner.weight, np.ones(count - len(obstacles)), np.zeros(len(obstacles))]),
         newton=(_without_trust(inner.newton) if play else inner.newton)._replace(
             friction=(0,) if friction else None, contact=watch
         ),
@@ -104,11 +106,13 @@ def with_joints(
     names, still = tuple(f"motor{k}" for k in elastic), [0.0] * (base is not None)
     if base is not None:
         names, absolute = (*names, BASE), (*absolute, base.row)
+    names, places_0 = (*names, *obstacles), [float(f(0.0)) for f in obstacles.values()]
+    rates_0 = [float(f(0.0, 1)) for f in obstacles.values()]
     return dataclasses.replace(
         system,
         model=model,
-        q0=np.concatenate([system.q0, wound, still]),
-        v0=np.concatenate([system.v0, [system.v0[system.coordinates[f"joint{k}"]] for k in elastic], still]),
+        q0=np.concatenate([system.q0, wound, still, places_0]),
+        v0=np.concatenate([system.v0, [system.v0[system.coordinates[f"joint{k}"]] for k in elastic], still, rates_0]),
         coordinates={**system.coordinates, **{name: first + i for i, name in enumerate(names)}},
         names=(*system.names, *names),
         absolute=absolute,
@@ -128,7 +132,7 @@ def points_of(arm: Arm) -> list[AtPoint]:
 def with_points(scene: Scene) -> Scene:
     """Return the scene with a point load of no force for each contribution at a point and each point that may touch.
 
-    These loads follow the scene's own loads.
+    The added loads follow the scene's own loads.
     """
     loads = [PointLoad(*kind.place(scene.arm), constant(0.0)) for kind in points_of(scene.arm)]
     loads += loads_of(scene)
@@ -181,7 +185,7 @@ def _floating(scene: Scene, system: System, row: int, places: Sequence[tuple[int
 
 
 NOTHING = 1e-12
-"""If each arm has its own hub inertia, the model has this share of it, so that its term is compiled."""
+"""Share of the hub inertia in the model if each arm has its own hub inertia: not 0, so that the term is compiled."""
 
 
 def with_own_laws(system: System, hub: float) -> System:
@@ -222,7 +226,7 @@ def _law(scene: Scene, k: int, row: int, motor: int) -> tuple[list[int], NDArray
 def _without_trust(policy: NewtonPolicy) -> NewtonPolicy:
     """Return a Model's policy that trusts neither a first increment nor a prediction, for gears with backlash.
 
-    An increment may cross from one flank of the gap to the other. Its error is then not quadratic.
+    An increment may cross from one flank of the gap to the other. The increment's error is then not quadratic.
     """
     return policy._replace(first_error=None, resolved=None, predicts=None)
 

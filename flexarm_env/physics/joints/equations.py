@@ -188,7 +188,7 @@ def damping_power(lane, model, par, q, v, x, since=None):
 def energy(lane, model, par, q: Lanes, v: Lanes):
     """Return (kinetic, strain, gravitational) energy, J.
 
-    It is the arm's energy plus that of its contributions (gears, floating base, ...)."""
+    The result is the sum of the energies of the arm and of its contributions (gears, floating base, ...)."""
     kinetic, strain, gravity = protocol.energy(lane, model.arm, par, q, v)
     sums = kinetic, strain, gravity
     for part in model.contributions:
@@ -249,9 +249,12 @@ def conserve_momentum(lane, model, par, before, h, q, v, u, r, S):
         found = contributions.conserve_momentum(lane, part, model, par, before, h, q, v, u, r, S)
         if found is not None:
             return found
-    # with contacts the root is held
-    if model.points is None or model.newton.contact is not None:
+    if model.points is None:
         return protocol.conserve_momentum(lane, model.arm, par, before, h, q, v, u, r, S)
+    # a held root: forces on points need not be computed
+    if model.newton.contact is not None:
+        if model.newton.contact.free is None:
+            return protocol.conserve_momentum(lane, model.arm, par, before, h, q, v, u, r, S)
     # F of the arm includes the forces on its points; they do not depend on accelerations, which are not known here
     inputs = stack(lane, model.points)
     _add_point_forces(lane, model, par, State(q, v, v), u, S, inputs)

@@ -1,13 +1,14 @@
 """A floating base that carries the arm: a contribution, with the conservation of momentum (theory, section 6).
 
-The base's center of mass is at the hub. Its mass therefore acts at the arm's root, and only the hub's torque turns it:
-J psi'' = -u. The row of psi is coupled with no other row. u does work on the angle between base and arm.
+The base's center of mass is at the hub. The base's mass therefore acts at the arm's root, and only the hub's torque
+turns the base: J psi'' = -u. The row of psi is coupled with no other row. u does work on the angle between base and
+arm.
 """
 
 from __future__ import annotations
 
 from ...compiler import Lanes, kernel, size, stack
-from .. import protocol
+from .. import contributions, protocol
 from ..arithmetic import add_to
 from ..contributions import register
 from ..layout import BASE_POSE
@@ -17,10 +18,13 @@ from ..protocol import RESIDUAL_ALONE, State
 _X, _Y, _TURN, _MOTIONS = range(4)
 """Rigid motions of base and arm: 1 m/s along inertial x, along y, 1 rad/s about the origin."""
 
-_REST, _MOVING, _TURNED, _CASES = range(4)
-"""Residuals projected on the rigid motions: at rest (v = a = 0); with a = v; with a = rates of a turn at 1 rad/s."""
+_REST, _MOVING, _TURNED, _PUSHED, _CASES = range(5)
+"""Residuals projected on the rigid motions: at rest (v = a = 0); with a = v; with a = rates of a turn at 1 rad/s.
 
-# t^T r of each case (rest, moving, turned) for each rigid motion (x, y, psi)
+_PUSHED, with contacts: at rest, with the contact forces of the moving arm.
+"""
+
+# t^T r of each case for each rigid motion (x, y, psi)
 _SUMS = (0,) * (_CASES * _MOTIONS)
 
 
@@ -77,8 +81,8 @@ def poses(lane, part, model, q: Lanes, v: Lanes, out: Lanes):
 def vjp_residual(lane, part, model, par, state, bar, u_bar: Lanes, r_bar: Lanes):
     """Add to bar.a and u_bar the cotangents that the base's row of r_bar causes; that row of r_bar <- 0.
 
-    r_bar: derivative of a scalar by the residual, whose row is J psi'' + u_0. bar: cotangents of q, v, a; u_bar: of
-    inputs.
+    r_bar: derivative of a scalar by the residual, whose row is J psi'' + u_0. bar: cotangents of q, v, a; u_bar:
+    cotangents of the inputs.
     """
     add_to(lane, bar.a, part.row, r_bar[part.row] * part.inertia)
     u_bar[0] += r_bar[part.row]
@@ -98,18 +102,18 @@ def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, 
     momentum: t^T M v (N s, N m s) with the rates t of rigid motions; force: external (N, N m), inertial axes. before:
     the returned pair at the start of the step of h (s), or None. With trapezoidal steps the angular momentum has a
     ripple of second order in h, which would turn a base at rest. Therefore a rigid motion of base and arm, which causes
-    no strain, is added to v. With it, the momentum changes by h times the mean force.
+    no strain, is added to v. With this rigid motion, the momentum changes by h times the mean force.
 
     # state     q; v: in and out, (n,) lanes.   # scratch   r, S
 
-    Theory, section 6, "A floating base".
+    See theory, section 6, "A floating base".
     """
     n, base, sums = size(model.n), part, stack(lane, _SUMS)
     a, still = stack(lane, base.room), stack(lane, base.room)
     for k in range(_MOTIONS):
         sums[k] = 0.0
     # residuals with a = 0, a = v, a = rates of a turn; M times these is their difference from that at rest
-    for k in range(_first(model), _TURNED if before is None else _CASES):
+    for k in range(_first(model), _TURNED if before is None else _PUSHED):
         for j in range(n):
             still[j] = 0.0
             a[j] = 0.0 if k != _MOVING else v[j]
@@ -121,6 +125,10 @@ def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, 
     x, y, turn = _sums(lane, sums, _REST)
     moving = _sums(lane, sums, _MOVING)
     now, push = (moving[0] - x, moving[1] - y, moving[2] - turn), (-x, -y, -turn)
+    if model.newton.contact is not None:
+        _project_contact_forces(lane, base, model, par, State(q, v, v), u, still, r, S, sums)
+        px, py, about = _sums(lane, sums, _PUSHED)
+        push = -px, -py, -about
     if before is None:
         return now, push
     was, pushed = before
@@ -142,6 +150,28 @@ def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, 
         v[base.places[j]] += dx
         v[base.places[j + 1]] += dy
     return wanted, push
+
+
+@kernel
+def _project_contact_forces(lane, base, model, par, state: State, u: Lanes, still: Lanes, r: Lanes, S, sums: Lanes):
+    """Project the residual at rest with the contact forces at q, v on the rigid motions: the case `_PUSHED` of sums.
+
+    Damping and friction of contacts are external forces that depend on v, the inertia forces of the arm's own motion
+    are not external. Therefore only the forces are those of the moving arm. still: scratch, n rows; u: inputs; scratch:
+    r, S.
+    """
+    inputs = stack(lane, model.points)
+    for k in range(size(model.n_inputs)):
+        inputs[k] = u[k]
+    for part in model.contributions:
+        contributions.point_forces(lane, part, model, par, state, S, inputs)
+    for j in range(size(model.n)):
+        still[j] = 0.0
+        r[j] = 0.0
+    protocol.assemble(lane, model.arm, par, State(state.q, still, still), inputs, RESIDUAL_ALONE, r, S)
+    # the hub's torque acts on the base, too; torques in gears have no resultant
+    r[base.row] = 0.0 + u[0]
+    _take_part(lane, base, state.q, r, sums[_MOTIONS * _PUSHED :])
 
 
 @kernel

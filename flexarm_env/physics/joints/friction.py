@@ -131,7 +131,7 @@ def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
     # out       r (n,); `GEAR` fields before: the torque (N m), slides: 1 or 0, free: 1 if the joint does not slide and
     #           friction balances the other forces of its row, within T_C, otherwise 0
 
-    Theory, (6.6).
+    See theory, (6.6).
     """
     if model.newton.friction is not None:
         protocol.assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
@@ -160,7 +160,8 @@ def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
 def release_reversed_joints(lane, model, v: Lanes, S: Lanes):
     """Clear the flag `slides` in S of joints whose rate v impulses have reversed since `store_friction`.
 
-    These joints do not continue to slide in the stored direction. v: rates of all rows after the impulses.
+    Joints with reversed rates do not continue to slide in the stored direction. v: rates of all rows after the
+    impulses.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
@@ -198,7 +199,7 @@ def apply_friction(lane, model, par, state, weights, ahead, S: Lanes, x):
     """Correct x = S^-1 r by Coulomb friction torques T, x <- x + W T, so that the law holds for the new rates, (6.6).
 
     W: columns of S^-1 of the rows that friction acts on. The state changes by a -= weights.mass x, v -= weights.damping
-    x; the rate that counts is v + ahead a (ahead in s). With damping 0, where v stays, joints that slid at the last
+    x; friction acts on the rate v + ahead a (ahead in s). With damping 0, where v stays, joints that slid at the last
     `store_friction` go on sliding.
 
     The kernel guesses which joints stick, solves for the torques, and corrects the guess. For one joint the result is
@@ -209,18 +210,18 @@ def apply_friction(lane, model, par, state, weights, ahead, S: Lanes, x):
     """
     if model.newton.friction is not None:
         joints = count(model)
-        _find_gaps(lane, model, state, weights, ahead, S, x)
+        find_gaps(lane, model, state, weights, ahead, S, x)
         for i in range(joints):
             S[gear_at(model, i) + GEAR.torque] = 0.0
         for _ in range(2 * joints - 1):
             for i in range(joints):
                 _choose_branch(lane, model, par, weights, i, S)
-            _solve_torques(lane, model, S, False)
-        _add_torques(lane, model, S, x)
+            solve_torques(lane, model, S, False)
+        add_torques(lane, model, S, x)
 
 
 @kernel
-def _find_gaps(lane, model, state: State, weights, ahead, S: Lanes, x: Lanes):
+def find_gaps(lane, model, state: State, weights, ahead, S: Lanes, x: Lanes):
     """Compute each joint's gap w/c - x_i: the change of its increment x_i that makes its rate w vanish.
 
     w = v + ahead a before the increment, c = weights.damping + ahead weights.mass.
@@ -261,12 +262,12 @@ def _choose_branch(lane, model, par, weights, i, S: Lanes):
 
 
 @kernel
-def _solve_torques(lane, model, S: Lanes, transposed):
+def solve_torques(lane, model, S: Lanes, transposed):
     """Solve for friction torques T (N m): sum_j W_ij T_j = gap_i where joint i sticks, T_i = bound_i where it slides.
 
-    `GEAR` fields: gap (`_find_gaps`: change of the increment x_i that leaves joint i at rest) and bound (N m), in;
-    torque: T, out. W_ij: entry of S^-1 in the friction rows of joints i and j. transposed: True uses W^T,
-    for cotangents, where all bounds are 0. Gaussian elimination without pivoting. Theory, (6.6).
+    `GEAR` fields: gap (`find_gaps`: change of the increment x_i that leaves joint i at rest) and bound (N m), in;
+    torque: T, out. W_ij: entry of S^-1 in the friction rows of joints i and j. transposed: True uses W^T, for
+    cotangents, where all bounds are 0. The elimination is Gaussian, without pivoting. See theory, (6.6).
     """
     joints, one, zero = count(model), 1.0, 0.0
     for i in range(joints):
@@ -295,10 +296,10 @@ def _solve_torques(lane, model, S: Lanes, transposed):
 
 
 @kernel
-def _add_torques(lane, model, S: Lanes, x: Lanes):
+def add_torques(lane, model, S: Lanes, x: Lanes):
     """Add the friction torques T (N m) to the solution, x <- x + W T; sticking joints get their exact value.
 
-    W: columns of S^-1. The exact value is the increment gap + x_i that brings the joint to rest. Theory, (6.6).
+    W: columns of S^-1. The exact value is the increment gap + x_i that brings the joint to rest. See theory, (6.6).
     """
     n = size(model.n)
     # gap + x_i = w/c, before x changes
@@ -319,98 +320,13 @@ def _add_torques(lane, model, S: Lanes, x: Lanes):
 def hold_sticking_joints(lane, model, S: Lanes, x: Lanes):
     """Hold the joints that stuck in the last `apply_friction` at rest: x <- x + W T, their rows of x become 0.
 
-    x: in, a solution S^-1 y without friction, (n,). W: columns of S^-1; T: torques. S: its factors and the `GEAR`
-    records.
+    x: in, a solution S^-1 y without friction, (n,). W: columns of S^-1; T: torques. S: factors of the matrix, and the
+    `GEAR` records.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
             g = gear_at(model, i)
             S[g + GEAR.gap] = -x[model.table[PLACES * i + PLACE.friction]]
             S[g + GEAR.bound] = 0.0
-        _solve_torques(lane, model, S, False)
-        _add_torques(lane, model, S, x)
-
-
-# derivatives take the branch of the values: a joint that stuck sticks, one that slid keeps its T
-@kernel
-def store_branch(lane, model, par, state, weights, ahead, r, S: Lanes):
-    """Store in S which joints stick at the end of a step, and in which direction the other joints slide (slides = +-1).
-
-    S: factors of the step's matrix; r: residual at the step's end, overwritten. weights, ahead: as in `apply_friction`.
-    """
-    if model.newton.friction is not None:
-        protocol.solve(lane, model, S, r)
-        apply_friction(lane, model, par, state, weights, ahead, S, r)
-        for i in range(count(model)):
-            g, zero = gear_at(model, i), 0.0
-            slides = direction(lane, S[g + GEAR.bound])
-            S[g + GEAR.slides] = select_lt(0.5, S[g + GEAR.sticks], zero, slides)
-            S[g + GEAR.bound] = zero
-
-
-@kernel
-def change_friction(lane, model, par, weight, S: Lanes):
-    """Add weight times this model's T_C, in the sliding direction, to `bound` (N m) in S of joints that slide.
-
-    This is the change of the Coulomb friction torques along a direction of the parameters.
-    """
-    if model.newton.friction is not None:
-        for i in range(count(model)):
-            g = gear_at(model, i)
-            more = S[g + GEAR.slides] * (joint_law(lane, model, par, i).coulomb * weight)
-            S[g + GEAR.bound] += more
-
-
-@kernel
-def friction_tangents(lane, model, change, weights, ahead, S: Lanes, x):
-    """Apply friction to tangents x (n,) of the solved increment: `apply_friction` linearized, with the stored branches.
-
-    change: `State` of tangents of q, v, a; weights, ahead: as in `apply_friction` (rate v + ahead a). `bound` in S
-    holds tangents of the torques of sliding joints and is cleared.
-    """
-    if model.newton.friction is not None:
-        _find_gaps(lane, model, change, weights, ahead, S, x)
-        _solve_torques(lane, model, S, False)
-        _add_torques(lane, model, S, x)
-        for i in range(count(model)):
-            S[gear_at(model, i) + GEAR.bound] = 0.0
-
-
-@kernel
-def friction_cotangents(lane, model, weights, ahead, S: Lanes, x: Lanes, v_bar: Lanes, a_bar: Lanes):
-    """Compute the reverse derivative of `friction_tangents`: x, cotangents after friction is applied, <- those before.
-
-    Adds the cotangents of the rates w = v + ahead a to v_bar and a_bar. The cotangents W^T x of the torques (W: columns
-    of S^-1) must vanish for sticking joints, a system with the transposed minors of W; torques of sliding joints are
-    constant. Theory, (6.6).
-    """
-    if model.newton.friction is not None:
-        for i in range(count(model)):
-            # cotangent of torque i: W_i^T x
-            g, column, total = gear_at(model, i), column_at(model, i), 0.0
-            for k in range(size(model.n)):
-                total = total + S[column + k] * x[k]
-            S[g + GEAR.gap] = total
-            S[g + GEAR.bound] = 0.0
-        _solve_torques(lane, model, S, True)
-        # the gap is w/c - x_i: its cotangent goes to x_i and to v, a
-        share = 1.0 / (weights.damping + ahead * weights.mass)
-        for i in range(count(model)):
-            row, given = model.table[PLACES * i + PLACE.friction], S[gear_at(model, i) + GEAR.torque]
-            x[row] -= given
-            v_bar[row] += given * -share
-            a_bar[row] += given * (-share * ahead)
-
-
-@kernel
-def friction_residual_cotangents(lane, model, S: Lanes, r_bar: Lanes):
-    """Compute the reverse derivative of `store_friction`: r_bar <- cotangents of the residual without friction.
-
-    A joint that sticks with a torque within T_C (GEAR.free = 1) has residual 0 for any other forces, so its cotangent
-    vanishes. For other joints friction is the constant +-T_C, and the cotangent stays.
-    """
-    if model.newton.friction is not None:
-        for i in range(count(model)):
-            row = model.table[PLACES * i + PLACE.friction]
-            given = r_bar[row]
-            r_bar[row] = given - S[gear_at(model, i) + GEAR.free] * given
+        solve_torques(lane, model, S, False)
+        add_torques(lane, model, S, x)

@@ -100,7 +100,7 @@ def prepare(lane, part, model, par, state: State, weights, S: Lanes):
     """Store the rotors' angular momenta (N m s, along joint axes, in space) in S for the arm's assembly.
 
     Momentum: J r psi' of rotor inertia J, gear ratio r and motor angle psi (over r). With weights.with_matrix also
-    `GEAR.sway`, its derivative by the rate times weights.damping. No-op if part.spin is None.
+    `GEAR.sway`, its derivative by the rate times weights.damping. Do nothing if part.spin is None.
     """
     if part.spin is None:
         return
@@ -118,7 +118,7 @@ def prepare(lane, part, model, par, state: State, weights, S: Lanes):
 def assemble(lane, part, model, par, state: State, u, weights, r: Lanes, S: Lanes):
     """Add gears, rotors, viscous friction and hub inertia to r (N m) and, with weights.with_matrix, their entries to S.
 
-    state: q, v, a; u: inputs, joint torques first. S receives one `GEAR` per joint. Theory, (6.5).
+    state: q, v, a; u: inputs, joint torques first. S receives one `GEAR` per joint. See theory, (6.5).
     """
     for i in range(count(model)):
         one = joint_law(lane, model, par, i)
@@ -151,7 +151,7 @@ def fix_coordinate(lane, part, model, S: Lanes, k):
 def before_factor(lane, part, model, S: Lanes):
     """Eliminate the motors' rows: add their Schur complement slope - slope^2 / pivot to the joints' diagonal in S.
 
-    pivot: diagonal entry of the motor's row; -slope: its coupling with the joint's row (`GEAR`). Theory, (6.5).
+    pivot: diagonal entry of the motor's row; -slope: its coupling with the joint's row (`GEAR`). See theory, (6.5).
     """
     for i in range(count(model)):
         g, row = gear_at(model, i), model.table[PLACES * i + PLACE.row]
@@ -269,7 +269,7 @@ def _gear_deflection(play, half, wound):
 def energy(lane, part, model, par, q: Lanes, v: Lanes, sums):
     """Return sums, (kinetic, strain, gravitational; J), with rotors, gear springs and additional hub inertia added.
 
-    Theory, (6.5).
+    See theory, (6.5).
     """
     kinetic, strain, gravity = sums
     for i in range(count(model)):
@@ -305,7 +305,8 @@ def set_joint_configuration(lane, part, model, live, rates: Lanes | None, q: Lan
 def vjp_residual(lane, part, model, par, state: State, bar, u_bar: Lanes, r_bar: Lanes):
     """Add to bar and u_bar the cotangents that r_bar causes through the joints' rows of r; motor rows of r_bar <- 0.
 
-    Eq. (6.5). r_bar: derivative of a scalar by the residual; bar (a `State`): by q, v, a; u_bar: by the inputs.
+    Eq. (6.5). r_bar: derivative of a scalar by the residual; bar (a `State`): derivatives by q, v, a; u_bar: derivative
+    by the inputs.
     """
     if model.hub is not None:
         row = model.table[PLACE.row]
@@ -331,7 +332,7 @@ def vjp_residual(lane, part, model, par, state: State, bar, u_bar: Lanes, r_bar:
 
 @kernel
 def multiply(lane, part, model, S: Lanes, x: Lanes, y: Lanes):
-    """Add S x of motors, gears and rotors to y (n rows), S assembled and not factored. Theory, (6.5)."""
+    """Add S x of motors, gears and rotors to y (n rows), S assembled and not factored. See theory, (6.5)."""
     for i in range(count(model)):
         at, g = PLACES * i, gear_at(model, i)
         row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]

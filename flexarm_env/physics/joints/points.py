@@ -86,7 +86,7 @@ def store_block(lane, point, model, par, state, u: Lanes, stiffness, S: Lanes):
     """Store B and k of the block B k B^T; the `assemble` of a contribution with a matrix calls it.
 
     stiffness: k (N/m) times the weight of dr/dq in the matrix. Column i of B: the generalized forces of a force of 1 N
-    on the point along axis i, which is how much that force lowers the arm's residual. Theory, (6.7).
+    on the point along axis i, which is how much that force lowers the arm's residual. See theory, (6.7).
     """
     store_columns(lane, model, par, state, u, point.input, point.axes, point.room, S, point.at)
     S[_stiffness_at(point)] = 0.0 + stiffness
@@ -114,8 +114,8 @@ def before_factor(lane, part, model, S: Lanes):
 def after_factor(lane, part, model, S: Lanes):
     """Compute W = S^-1 B and C = (1 + k B^T W)^-1 k from B and k in S, by Gauss-Jordan elimination without pivoting.
 
-    With them `after_solve` adds the block B k B^T of the point's stiffness k to solutions with the factors in S.
-    Theory, (6.7).
+    With W and C `after_solve` adds the block B k B^T of the point's stiffness k to solutions with the factors in S.
+    See theory, (6.7).
     """
     point, axes, n = part.point, len(part.point.axes), size(part.point.room)
     # with factors that do not contain the block yet, because C is still 0
@@ -147,7 +147,7 @@ def _subtract(lane, point, S: Lanes, transposed, x):
 def before_solve(lane, part, model, S, x, transposed):
     """Compute x <- x - B C^T W^T x before a solution of S^T x = b (transposed True) without the point's block.
 
-    B: columns of forces on the point, W = S^-1 B, C: see `Point`. No-op for S x = b, which `after_solve` corrects.
+    B: columns of forces on the point, W = S^-1 B, C: see `Point`. Do nothing for S x = b, which `after_solve` corrects.
     """
     if transposed:
         _subtract(lane, part.point, S, True, x)
@@ -157,7 +157,7 @@ def before_solve(lane, part, model, S, x, transposed):
 def after_solve(lane, part, model, S, x, transposed):
     """Compute x <- x - W C B^T x after a solution of S x = b without the point's block B k B^T (theory, (6.7)).
 
-    W = S^-1 B, C = (1 + k B^T W)^-1 k. No-op for S^T x = b (transposed True), which `before_solve` corrects.
+    W = S^-1 B, C = (1 + k B^T W)^-1 k. Do nothing for S^T x = b (transposed True), which `before_solve` corrects.
     """
     if not transposed:
         _subtract(lane, part.point, S, False, x)

@@ -4,11 +4,11 @@ Vectors on one side of the matrix are forces (inertial axes) and moments (sectio
 position increments (inertial axes) and rotation increments (body axes).
 """
 
-from ...compiler import kernel, load, store
+from ...compiler import kernel, load, splat, store
 from ..arithmetic import add_to, store_vector
 from ..protocol import register
 from .chain import SpatialBeam, fill_zeros, has_lever, three_of
-from .inner import elements_before, multiplied
+from .inner import down_transposed, elements_before, multiplied, up_transposed
 from .layout import AXES, B, F, H, J, count_of, factor_at, hinge_at, inner_at, inner_row, joint_row, rows_before
 from .matrix import (
     block_times,
@@ -20,7 +20,7 @@ from .matrix import (
     swing_of,
     transposed_times,
 )
-from .rotations import add_vector, cross, dot, load_vector
+from .rotations import Vector, add_vector, cross, dot, load_vector
 
 
 @kernel
@@ -122,11 +122,23 @@ def _take(lane, x, i, S, o, a, b):
 def _up(lane, model, S, k, x):
     """Transpose of `elimination._up` and `_joint_up`: accumulate x of link k from its tip to the section before it.
 
-    The loop leads from each vertex to the vertex before: x <- x - RL^T x of that vertex (`FACTOR.RL`). Then it crosses
-    the joint, and the joint's row of x is updated. Theory, section 9, "Elimination".
+    The loop leads from each vertex to the vertex before: x <- x - RL^T x of that vertex (`FACTOR.RL`). After the
+    vertices the loop crosses the joint and updates the joint's row of x. See theory, section 9, "Elimination".
     """
     h, row, under, count = hinge_at(k), joint_row(model, k), rows_before(model, k), count_of(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
+    # the inner modes' back substitution was last; (p, m): the first segment's part of the root
+    zero = splat(lane, 0.0)
+    p, m = Vector(zero, zero, zero), Vector(zero, zero, zero)
+    if model.inner is not None:
+        for e in range(count):
+            n, i = elements_before(model, k) + e, row + 1 + AXES * e
+            left = up_transposed(lane, model, S, inner_at(model, n), x, inner_row(model, n), i)
+            if e > 0:
+                add_vector(lane, x, i - 6, left[0])
+                add_vector(lane, x, i - 3, left[1])
+            else:
+                p, m = left
     for back_e in range(count - 1):
         e = count - 1 - back_e
         i = row + 1 + AXES * e
@@ -134,6 +146,8 @@ def _up(lane, model, S, k, x):
     a, b = load_vector(lane, x, row + 1), load_vector(lane, x, row + 4)
     if count > 0:
         a, b = transposed_times(lane, S, factor_at(model, k, 0) + F.RL, -a, -b)
+        if model.inner is not None:
+            a, b = a + p, b + m
     # transpose of the joint's back substitution
     own, on_section = load(lane, x, row) + dot(joint_motion_of_root(lane, model, S, k, axis), b), turn @ b
     if has_lever(model, k):
@@ -151,7 +165,7 @@ def _down(lane, model, S, k, x):
     """Transpose of `elimination._down` and `_joint_down`: solve for x of link k, from the section before it to its tip.
 
     The joint's row of x comes first, then the vertices. For each vertex subtract the transposed block LR of its
-    `FACTOR` times x of the vertex before, then solve with the transposed factors of RR. Theory, section 9,
+    `FACTOR` times x of the vertex before, then solve with the transposed factors of RR. See theory, section 9,
     "Elimination".
     """
     h, row, under = hinge_at(k), joint_row(model, k), rows_before(model, k)
@@ -178,7 +192,11 @@ def _down(lane, model, S, k, x):
         o = factor_at(model, k, e)
         _take(lane, x, i, S, o + F.LR, a, b)
         solve_six_transposed(lane, part_of(lane, S, o + F.RR, 36), part_of(lane, x, i, 6))
+        left = a, b
         a, b = load_vector(lane, x, i), load_vector(lane, x, i + 3)
+        if model.inner is not None:
+            n = elements_before(model, k) + e
+            down_transposed(lane, model, S, inner_at(model, n), x, inner_row(model, n), left, (a, b))
         i += AXES
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ... import bodies, curves, rotations
 from ... import validation as check
 from ...bodies import RigidLink
+from ...compiler import uncompiled
 from ...parameters import Arm, Elbow, Joint, Link, Motor, Payload, Section, Taper
 from ...scene import PointLoad, Scene
 from ...sections import ACROSS, ENDS
@@ -54,7 +55,7 @@ class Body(NamedTuple):
 
 
 def combined_body(parts: list[Body]) -> Body:
-    """Return several bodies fixed to the same section as one: total mass, common center, inertia about it (Steiner)."""
+    """Combine bodies fixed to one section in one body: total mass, common center, inertia about this center."""
     mass = sum(part.mass for part in parts)
     centre = sum((part.mass * part.centre for part in parts), np.zeros(3)) / mass if mass > 0.0 else np.zeros(3)
     inertia = sum((bodies.about(p.inertia, p.mass, p.centre - centre) for p in parts), np.zeros((3, 3)))
@@ -399,7 +400,7 @@ def system(
 
 def _rotors(arm: Arm) -> NDArray[np.int64] | None:
     """Return the offset in S of each joint's `physics.layout.ROTOR`, negative if it has none; None: no rotors."""
-    places = [hinge_at(k) + H.rotor for k in range(arm.n_links)]
+    places = [uncompiled(hinge_at)(k) + H.rotor for k in range(arm.n_links)]
     at = np.array([place if arm.joint(k).rotor > 0.0 else -place for k, place in enumerate(places)], np.int64)
     return at if any(at > 0) else None
 

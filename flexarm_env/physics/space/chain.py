@@ -201,7 +201,7 @@ def has_mount(model, k):
 
 @kernel
 def has_lever(model, k):
-    """Return whether joint k is off the origins of its two sections; None, known at compile time, if no joint is."""
+    """Return whether joint k is off the origins of its two sections; None (at compile time) if no joint has a lever."""
     if model.levers is None:
         return None
     return model.levers[k] != 0
@@ -213,9 +213,9 @@ def joint_placement(lane, model, q: Lanes, v: Lanes, k, tip):
 
         E = mount exp(theta axis),  r_L = r + A (t + E o),  A_L = A E,  w_L = E^T w + axis theta'
 
-    theta: joint angle; t, o: `JOINT.before`, `beyond`; r, A, w: of tip. Returns E (root axes to section before), t + E
-    o (m, axes of the section before; None if no joint has a lever), the `Place` of the link's first section (r_L, A_L,
-    w_L), and axis theta' (rad/s, root axes).
+    theta: joint angle; t, o: `JOINT.before`, `beyond`; r, A, w: fields of `tip`. Returns E (root axes to section
+    before), t + E o (m, axes of the section before; None if no joint has a lever), the `Place` of the link's first
+    section (r_L, A_L, w_L), and axis theta' (rad/s, root axes).
     """
     o, row = J.end * k, joint_row(model, k)
     axis, held = three_of(lane, model.joints, o + J.axis), tip.p
@@ -252,7 +252,7 @@ def joint_kinematics(lane, model, state: State, k, tip, weights):
 
     alpha_L = E^T alpha + axis theta'' + w_L x axis theta' (root axes; alpha: of tip; rest: `joint_placement`). weights:
     `Weights`; newton_share times the joint's rate goes into the root's `Vertex.own` (0 where strains are coordinates).
-    Theory, (9.1).
+    See theory, (9.1).
     """
     q, v, a = state
     o = J.end * k
@@ -281,7 +281,7 @@ def add_lumped_mass(lane, mass, I, at, weights, S: Lanes, o):
 
     I: principal moments about the section's axes (kg m^2); at: `Vertex`. force = m a (inertial axes), moment = I alpha
     + w x I w (section axes), N and N m. weights: `Weights` of the 6 x 6 block; without with_matrix S stays unchanged.
-    Theory, section 9.
+    See theory, section 9.
     """
     w, alpha = at.place.spin, at.alpha
     x, y, z = I[2] - I[1], I[0] - I[2], I[1] - I[0]
@@ -330,7 +330,7 @@ def add_rigid_body(lane, array, o, mass, share, at, weights, S: Lanes, to):
 
     array, o: where the `BODY` is; m, I: `mass_of`, `inertia_of` with mass, share; c: its center of mass, section axes.
     at: `Vertex` (a, A, w, alpha). Force inertial, moment in section axes. Without weights.with_matrix S stays
-    unchanged. Theory, section 9.
+    unchanged. See theory, section 9.
     """
     zero = 0.0
     force, moment = Vector(zero, zero, zero), Vector(zero, zero, zero)
@@ -362,7 +362,7 @@ def add_rigid_body(lane, array, o, mass, share, at, weights, S: Lanes, to):
 
 @kernel
 def rotor_moment(lane, model, S: Lanes, k, at, weights, o):
-    """Return (0, h w x e), the gyroscopic moment of joint k's rotor on the section before, in its axes (N m).
+    """Return (0, h w x e), the gyroscopic moment (N m) of joint k's rotor on the section before, in section axes.
 
     h: the rotor's angular momentum (N m s), in S; e: the joint's axis; w: spin of the section's `Vertex` at; section
     axes (theory, 6). With weights.with_matrix stores w x e for `factor` and adds -h e^ cd to the 6 x 6 matrix at o of
@@ -385,8 +385,8 @@ def point_load_wrench(lane, model, u, k, at_tip, at, weights, S, o):
 
     Inputs u hold force F and moment M of each load along inertial axes, behind the joint torques. force = -F (inertial
     axes), moment = -(A^T M + c x A^T F) (section axes) with the load's lever c; at: `Vertex`; at_tip: True for loads on
-    the tip. With weights.with_matrix the moment's derivative by the section's rotation goes to the 6 x 6 matrix at o of
-    S. Theory, section 9.
+    the tip. With weights.with_matrix the moment's derivative by the section's rotation is added to the 6 x 6 matrix at
+    o of S. See theory, section 9.
     """
     zero = 0.0
     force, moment = Vector(zero, zero, zero), Vector(zero, zero, zero)
@@ -412,8 +412,8 @@ def point_load_wrench(lane, model, u, k, at_tip, at, weights, S, o):
 def transmit_wrench(lane, model, r, S, k, of):
     """Add a wrench `of` = (force, N, inertial axes; moment, N m, section axes) to the section before joint k.
 
-    It is added to the section's rows of r. Where strains are coordinates only the base has rows (k = 0); for k > 0 it
-    is added to `NOTED.on` of link k - 1 in S.
+    The wrench is added to the section's rows of r. Where strains are coordinates only the base has rows (k = 0); for k
+    > 0 the wrench is added to `NOTED.on` of link k - 1 in S.
     """
     if model.strains is not None:
         if k > 0:
@@ -437,7 +437,7 @@ def fill_zeros(lane, S: Lanes, o, n):
 def body_sums(lane, model, array, o, mass, share, at):
     """Return ((kinetic, strain = 0, gravitational) energy in J, momentum in kg m/s, inertial axes) of a rigid `BODY`.
 
-    array, o: where the `BODY` is; at: `Place` of the section it is fixed to; mass, share: `mass_of`, `inertia_of`.
+    array, o: where the `BODY` is; at: `Place` of the body's section; mass, share: `mass_of`, `inertia_of`.
     """
     c, I, A = three_of(lane, array, o + P.centre), inertia_of(lane, array, o, share), matrix(at.p)
     # center of mass and its velocity, inertial axes

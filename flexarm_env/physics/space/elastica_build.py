@@ -174,9 +174,9 @@ BENT = 0.3
 class Notes(dict[str, float]):
     """Estimate "stretch_and_shear": the error, as a fraction of the arm's length, of leaving out stretch and shear.
 
-    The estimate is for the force that bends a link by `BENT`, or for a larger force that is known to act. It includes
-    the stretch of links that rotate with prescribed joints, with all mass at the tip, because a longer link is also
-    softer.
+    The estimate is for the force that bends a link by `BENT`, or for a larger force that is known to act. The estimate
+    includes the stretch of links that rotate with prescribed joints, with all mass at the tip, because a longer link is
+    also softer.
     """
 
     def __init__(self, scene: Scene) -> None:

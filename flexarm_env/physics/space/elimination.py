@@ -2,8 +2,8 @@
 
 The vertices of a link of elements are eliminated one by one. For a link with strains the block on its last section is
 transformed to its root and its strains, and then the strains are eliminated. Before `solve`, vectors x hold forces
-(inertial) and moments (section axes). After it they hold position increments (inertial) and rotation increments (body
-axes).
+(inertial) and moments (section axes). After `solve` the vectors x hold position increments (inertial) and rotation
+increments (body axes).
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def _condense_strains(lane, model, S: Lanes, k):
     # out       `matrix` <- its factors, `over` <- matrix^-1 by_root;  LL <- LL + T^T RR T - on_root over (`FACTOR`)
     T: `_to_last`.
 
-    Theory, (9.4).
+    See theory, (9.4).
     """
     n, to, f = _rows(model), noted_at(model, k), factor_at(model, k, 0)
     zero = 0.0
@@ -164,7 +164,7 @@ def _joint_down(lane, model, S: Lanes, k, x: Lanes, of):
     Force inertial, moment in root axes. x of the joint's row becomes (x + axis . moment + c . force) / pivot, and that
     times the joint's column is subtracted from the section before; a fixed joint keeps its row of x. c: `HINGE.swing`,
     motion of the link's first section per angle; column: `HINGE.column`, wrench on the section before per angle.
-    Theory, (9.1).
+    See theory, (9.1).
     """
     h, row, (a, b) = hinge_at(k), joint_row(model, k), of
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -186,7 +186,7 @@ def _joint_up(lane, model, S: Lanes, k, x: Lanes):
     """Back substitution of joint k: x of its row <- the angle; return its link's root motion (position, rotation).
 
     Position along inertial axes, rotation in root axes. x <- x - row . (motion of the section before), row:
-    `HINGE.row`. Theory, (9.1).
+    `HINGE.row`. See theory, (9.1).
     """
     h, row, (a, turned_by) = hinge_at(k), joint_row(model, k), _moved_before(lane, model, x, S, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -222,7 +222,7 @@ def _down(lane, model, S, k, x):
     """Forward elimination of link k in x: return the (force, moment) that remains on its root (inertial; root axes).
 
     For each vertex from the tip inward: x of the vertex <- RR^-1 x, then LR times this x is subtracted from x of the
-    vertex before. RR (factored), LR: 6 x 6 blocks of each element's `FACTOR`. Theory, section 9, "Elimination".
+    vertex before. RR (factored), LR: 6 x 6 blocks of each element's `FACTOR`. See theory, section 9, "Elimination".
     """
     if model.strains is not None:
         return _strains_down(lane, model, S, k, x)
@@ -263,7 +263,7 @@ def _strains_down(lane, model, S, k, x: Lanes):
 
     Force inertial, moment in root axes. `NOTED.on` of link k is the wrench on its last section (0 at the tip); that of
     link k - 1 is set to zero here, for `_joint_down` to add to. The strains' rows of x become matrix^-1 x, with
-    `NOTED.matrix`. Theory, (9.4).
+    `NOTED.matrix`. See theory, (9.4).
     """
     to, n, i, zero = noted_at(model, k), _rows(model), strain_row(model, k), 0.0
     a, b = load_vector(lane, S, to.on), load_vector(lane, S, to.on + 3)
@@ -290,7 +290,7 @@ def _up(lane, model, S, k, x, moved):
     """Back substitution of link k in x, from the motion `moved` = (position, rotation) of its root outward.
 
     Position along inertial axes, rotation in root axes. x of each vertex <- x - RR^-1 RL (motion of the vertex before);
-    `FACTOR.RL` holds RR^-1 RL. Theory, section 9, "Elimination".
+    `FACTOR.RL` holds RR^-1 RL. See theory, section 9, "Elimination".
     """
     if model.strains is not None:
         _strains_up(lane, model, S, k, x, moved)

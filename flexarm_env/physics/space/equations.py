@@ -118,7 +118,7 @@ def _along(lane, model, par, k, state, root, weights, r, S):
 
     Returns the `Vertex` of the link's last section and (force, moment) on its root (N, inertial; N m, root axes). If
     strains are coordinates, (force, moment) is 0 here, and `_gathered` computes it from the wrench on the last section.
-    Theory, section 9.
+    See theory, section 9.
     """
     zero, first = 0.0, factor_at(model, k, 0)
     on_root = Vector(zero, zero, zero), Vector(zero, zero, zero)
@@ -161,7 +161,7 @@ def _gathered(lane, model, par, k, state, weights, r, S, of):
 
     Where strains are coordinates the points' wrenches are summed inward, and the strains' rows of r and S are written.
     For a rigid link the wrench in its rows of r moves to its root. Force inertial (N), moment in root axes (N m).
-    Theory, section 9.
+    See theory, section 9.
     """
     i = joint_row(model, k) + 1
     if model.strains is not None:
@@ -186,7 +186,7 @@ def _exact(lane, model, section, left, right, element, weights, S, f):
     """Return (force, moment) on the left and on the right end of an exact element: elastic, damping and inertia parts.
 
     left, right: `Vertex`; element: its index over all links. Forces inertial (N), moments in section axes (N m). Stores
-    the section force n and, with weights.with_matrix, the tangent in the `FACTOR` at offset f of S. Theory, (9.2).
+    the section force n and, with weights.with_matrix, the tangent in the `FACTOR` at offset f of S. See theory, (9.2).
     """
     inner = middle(section, left.place, right.place)[1]
     store_vector(lane, S, f + F.force, inner.n)
@@ -210,9 +210,9 @@ def conserve_momentum(lane, model, par: Lanes, before, h, q, v, u, r, S):
     """Correct velocities so that momentum changes by the impulse of weight and loads (theory, 9).
 
     The rigid translation (P_0 + h/2 (F_0 + F_1) - P) / M, which enters no other equation, is added to the velocities of
-    all sections. It is needed because positions of middles and of offset centers of mass are not linear in the
-    coordinates. P: momentum (kg m/s), F: force of weight and loads (N), 0 at the start and 1 at the end of the step h
-    (s), inertial axes; M: mass. Returns (P, F) at the end, or None where a support holds the arm. before: (P_0, F_0);
+    all sections. The correction is needed because positions of middles and of offset centers of mass are not linear in
+    the coordinates. P: momentum (kg m/s), F: force of weight and loads (N), 0 at the start and 1 at the end of the step
+    h (s), inertial axes; M: mass. Returns (P, F) at the end, or None where a support holds the arm. before: (P_0, F_0);
     None: no correction.
     """
     if model.free is None:
@@ -263,7 +263,7 @@ def _handed(lane, model, u: Lanes, weights, r: Lanes, S: Lanes, k, force, moment
     moment becomes E m + s x A^T force (axes of the section before); row = axis . m + (axis x o) . E^T A^T force - u_k
     (N m), u_k: joint torque. E: axes of the root to those of the section before; A: those to inertial axes; s: lever
     from that section to the link's first, o its part beyond the joint. With weights.with_matrix the `HINGE` gets what
-    `elimination` needs. Theory, (9.1).
+    `elimination` needs. See theory, (9.1).
     """
     h, axis = hinge_at(k), three_of(lane, model.joints, J.end * k + J.axis)
     turn = matrix_in(lane, S, h + H.now_turn)

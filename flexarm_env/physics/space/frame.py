@@ -1,9 +1,9 @@
 """Kinematics of a segment's floating frame between two sections in space: position, rotation, rates (theory, 9).
 
-The frame begins at the left section's origin. Its x axis (the chord) passes through the right section's origin. Its
-roll about x follows both sections' y axes: z is normal to x and to the sum p of these y axes. The sections' rotation
-vectors phi_l, phi_r (rad) relative to the frame and e = |r_r - r_l| - l (m) are the elastic coordinates of a Timoshenko
-element with 12 coordinates, 6 of which are elastic:
+The frame begins at the left section's origin. The frame's x axis (the chord) passes through the right section's origin.
+The frame's roll about x follows both sections' y axes: z is normal to x and to the sum p of these y axes. The sections'
+rotation vectors phi_l, phi_r (rad) relative to the frame and e = |r_r - r_l| - l (m) are the elastic coordinates of a
+Timoshenko element with 12 coordinates, 6 of which are elastic:
 
     r(x) = (1 - x/l) r_l + x/l r_r + A n(x),   n = h_l (phi_l x e_x) + h_r (phi_r x e_x)     [41], h of either plane
     U = (phi' K phi + EA/l (e + phi' H phi / 2)^2) / 2                    (docs: theory, eq. 1.2, of both bendings)
@@ -91,7 +91,7 @@ def _turn(A, own, share):
     """Return the `Turn` of a section against the frame: rotation matrix E, rotation vector phi, T^-1(phi), roll g.
 
     A, own: rotation matrices of frame and section (their axes to inertial axes); share: 1 / p_y of the `Frame`. Valid
-    for rotations below a right angle. Theory, (9.3).
+    for rotations below a right angle. See theory, (9.3).
     """
     E = A.T @ own
     # quaternion of E from its trace: cos(a/2) = sqrt(1 + tr E) / 2, sin(a/2) n = part (E - E^T)
@@ -121,8 +121,8 @@ def _turn(A, own, share):
 def frame_of(left, right):
     """Return the floating `Frame` of the segment between two sections' `Place`s, left and right.
 
-    Its x axis leads from the left to the right section's origin; z is normal to x and to the sum of both sections' y
-    axes.
+    The frame's x axis leads from the left to the right section's origin; z is normal to x and to the sum of both
+    sections' y axes.
     """
     d, own_l, own_r = right.r - left.r, matrix(left.p), matrix(right.p)
     length = square_root(dot(d, d))
@@ -199,7 +199,7 @@ def frame_second_rates(frame, rates, left, right):
 
     y and z components are the rates of w_y = -d_z / l and w_z = d_y / l, whose axes rotate; d: velocity of the right
     end relative to the left. The x component follows from the condition that p, the sum of both sections' y axes, keeps
-    p_z = 0 in frame axes. Theory, (9.3).
+    p_z = 0 in frame axes. See theory, (9.3).
     """
     spin, share = rates.spin, frame.over
     # y and z, from the chord's second rate

@@ -1,7 +1,8 @@
 """Forces of a segment with a floating frame in space, its energy and its damping (kinematics: `frame`; theory, 9).
 
 If segments are reduced to modes, the inner modes have rows of their own, behind all other rows. Each mode has an
-amplitude (rad) about x, y, z of the frame. It rotates sections in the frame, in addition to the ends' shape functions.
+amplitude (rad) about x, y, z of the frame. A mode rotates sections in the frame, in addition to the ends' shape
+functions.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ from .rotations import (
 )
 
 MOST, HEAVY = 0.5, 40.0
-"""Bounds of the forces in a segment's tangent: force over EI / l^2 (the buckling force is pi^2 of that) and moment over
-EI / l. They apply if inertia in steps is more than `HEAVY` times as stiff as bending. When Newton's iteration begins,
-strains have errors of second order in a step's rotation. Multiplied by EA or the stiffer EI, the resulting forces would
-spoil the tangent. Real forces are small compared with such inertia."""
+"""Bounds of the forces in a segment's tangent: force over EI / l^2 (the buckling force is pi^2 EI / l^2) and moment
+over EI / l. The bounds apply if inertia in steps is more than `HEAVY` times as stiff as bending. When Newton's
+iteration begins, strains have errors of second order in a step's rotation. Multiplied by EA or the stiffer EI, the
+resulting forces would spoil the tangent. Real forces are small compared with such inertia."""
 
 
 class Stiff(NamedTuple):
@@ -172,7 +173,7 @@ def _inner_forces(lane, model, par: Lanes, frame, tau, pull, second, at, state, 
 
     The translational inertia is added in `framed`. tau: time constant (s) or None; pull: force along the chord (N);
     second: angular accelerations of the left section, the right section (section axes) and the frame (frame axes),
-    rad/s^2. at: `frame_at`; row: first row of the modes in state and r. Theory, (9.3).
+    rad/s^2. at: `frame_at`; row: first row of the modes in state and r. See theory, (9.3).
     """
     q, v, a = state
     width, factor = inner_of(model) + 3, par[STIFFNESS_FACTOR]
@@ -239,7 +240,7 @@ def _clipped(a, most):
 def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
     """Return (force, moment) on the left and on the right end of segment i, from elasticity, damping and inertia.
 
-    Theory, (9.3). Forces along inertial axes (N), moments in section axes (N m).
+    See theory, (9.3). Forces along inertial axes (N), moments in section axes (N m).
 
     # model    section: `Section` of segment i (index over all links); par: factors on stiffnesses, tau_d
     # state    left, right: `Vertex`; state: q, v, a with the rows of inner modes
@@ -334,7 +335,7 @@ def _rotary(lane, model, at, left, right, frame, state, row):
 def frame_sums(lane, model, par: Lanes, q, v, left, right, i):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of segment i.
 
-    left, right: `Place`s of its ends; q, v: coordinates and rates of the inner modes. Theory, (9.3).
+    left, right: `Place`s of its ends; q, v: coordinates and rates of the inner modes. See theory, (9.3).
     """
     at, row = frame_at(model, i), inner_row(model, i)
     frame = frame_of(left, right)
@@ -378,7 +379,7 @@ def frame_damping(lane, model, par, state, left, right, other_l, other_r, i):
     """Return the power over tau_d (W/s) of segment i's damping forces at a first set of rates for a second set.
 
     left, right: `Place`s of the ends with the first rates; other_l, other_r: the same places with the second rates.
-    Inner modes: state.v has the first, state.a the second rates. i: index over all links. Theory, (9.3).
+    Inner modes: state.v has the first, state.a the second rates. i: index over all links. See theory, (9.3).
     """
     at, row = frame_at(model, i), inner_row(model, i)
     q, v, x = state
@@ -418,7 +419,7 @@ def frame_damping_over(lane, model, par, before, after, share, i):
 
     before, after: (q, v, left `Place`, right `Place`) at the step's start and end; share: 1 / step (1/s). The first
     value uses mean strain rates, difference / step. The second is the excess power of the mean damping force, as in
-    `element.element_damping`. Theory, (9.3).
+    `element.element_damping`. See theory, (9.3).
     """
     at, row = frame_at(model, i), inner_row(model, i)
     (q0, v0, left_0, right_0), (q, v, left, right) = before, after

@@ -65,7 +65,7 @@ def late_of(lane, model, par, frame, rates, spins, stiff, late, at):
 
     d phi' = (phi' / 2) x (dth + dbeta) - w x dth - X dbeta, X dbeta = w_x (0, dbeta_z, -dbeta_y) with the frame's spin
     w_x; strain rates follow by `framed._strained_rate`. spins: angular velocities of both sections (rad/s, section
-    axes); late: tau_d times a weight (s), see `framed_tangent.tangent`; stiff: `Stiff`. Theory, (9.3).
+    axes); late: tau_d times a weight (s), see `framed_tangent.tangent`; stiff: `Stiff`. See theory, (9.3).
     """
     x, y, spin = 0.25 * late * rates.left, 0.25 * late * rates.right, late * rates.spin
     # d phi' by the rotations of the left section, the right section, and the frame
@@ -116,8 +116,8 @@ def late_pull(frame, late):
 def swung(w, own, cd):
     """Return the part of d(t'')/d(rotation) of a section that its rates cause, times cd: rows y and z, section axes.
 
-    t'': second rate of the section's tangent; w: its angular velocity; own: rate of the joint before it (rad/s); cd:
-    weight of dr/dv (1/s). Rows are `Vector`s over the rotation's components. They are the rate terms of
+    t'': second rate of the section's tangent; w: the section's angular velocity; own: rate of the joint before (rad/s);
+    cd: weight of dr/dv (1/s). Rows are `Vector`s over the rotation's components. The rows are the rate terms of
     `element._by_turn`.
     """
     x, zero = (w[0] - own[0]) * cd, w[0] * 0.0

@@ -355,9 +355,9 @@ def tangent(lane, model, par, tau, frame, rates, spins, rate_l, stiff, pull, now
     """Store the derivative of `framed` for segment i in the `FACTOR` at offset f of S, axes as in `framed`.
 
     Inertia of the unbent segment, material stiffness, rotation of the force between the ends, and, to first order of
-    phi, velocity-dependent damping and inertia. spins: of the sections (section axes); rate_l: `own` of the left
-    `Vertex`; tau: s, or None; stiff: `Stiff`; pull, now: bounded force along the chord; (force between the ends,
-    moments on phi). Theory, (9.3).
+    phi, velocity-dependent damping and inertia. spins: angular velocities of the sections (section axes); rate_l: `own`
+    of the left `Vertex`; tau: s, or None; stiff: `Stiff`; pull, now: bounded force along the chord; (force between the
+    ends, moments on phi). See theory, (9.3).
     """
     at, row = frame_at(model, i), inner_row(model, i)
     rate = weights.stiffness

@@ -75,7 +75,7 @@ def elements_before(model, k):
 def factors(lane, n, S: Lanes, o):
     """Replace the n x n matrix at offset o of S by its L (unit diagonal) and U, with reciprocal pivots.
 
-    No row exchanges: mass dominates the diagonal.
+    No rows are exchanged, because the mass dominates the diagonal.
     """
     for k in range(n):
         inverse = 1.0 / S[o + (n + 1) * k]
@@ -128,37 +128,87 @@ def condense(lane, model, S: Lanes, f, inner):
 
 
 @kernel
-def down(lane, model, S: Lanes, inner, x: Lanes, row, right):
-    """Forward elimination of a segment's inner modes: x of their rows <- matrix^-1 x; subtract ends^T x from both ends.
+def transposed_solution(lane, n, S: Lanes, o, x: Lanes, i):
+    """Solve A^T y = x in place for n entries of x from i on, by the `factors` at offset o of S."""
+    # U^T y = x
+    for k in range(n):
+        total = x[i + k]
+        for j in range(k):
+            total = total - S[o + n * j + k] * x[i + j]
+        x[i + k] = total * S[o + (n + 1) * k]
+    # L^T x = y
+    for back_k in range(n):
+        k = n - 1 - back_k
+        total = x[i + k]
+        for j in range(k + 1, n):
+            total = total - S[o + n * j + k] * x[i + j]
+        x[i + k] = total
 
-    inner: `inner_at` of the segment; row, right: first rows of the inner modes and of the right end in x. The left
-    end's part is returned as (force, inertial; moment, section axes) to add.
+
+@kernel
+def _subtract_from_ends(lane, model, S: Lanes, table, x: Lanes, row, right):
+    """Subtract table^T (x of the inner modes) from both ends; table: offset in S of 12 columns for each mode.
+
+    row, right: first rows of the inner modes and of the right end in x. The left end's part is returned as (force,
+    inertial; moment, section axes) to add.
     """
     n = 3 * inner_of(model)
-    solution(lane, n, S, inner.matrix, x, row, 1)
     for j in range(6):
         for k in range(n):
-            x[right + j] -= S[inner.ends + 12 * k + 6 + j] * x[row + k]
+            x[right + j] -= S[table + 12 * k + 6 + j] * x[row + k]
     zero = 0.0
     a, b = Vector(zero, zero, zero), Vector(zero, zero, zero)
     for k in range(n):
-        own, at = x[row + k], inner.ends + 12 * k
+        own, at = x[row + k], table + 12 * k
         a, b = a - own * load_vector(lane, S, at), b - own * load_vector(lane, S, at + 3)
     return a, b
 
 
 @kernel
-def up(lane, model, S: Lanes, inner, x: Lanes, row, left, right):
+def _subtract_from_modes(lane, model, S: Lanes, table, x: Lanes, row, left, right):
+    """Subtract table (left, right) from x of the inner modes; table, row: as in `_subtract_from_ends`.
+
+    left, right: (position, inertial axes; rotation, section axes) by which the ends move.
+    """
+    for k in range(3 * inner_of(model)):
+        for part, side in ((left, 0), (right, 6)):
+            for j in range(3):
+                x[row + k] -= S[table + 12 * k + side + j] * part[0][j]
+                x[row + k] -= S[table + 12 * k + side + 3 + j] * part[1][j]
+
+
+@kernel
+def down(lane, model, S, inner, x, row, right):
+    """Forward elimination of a segment's inner modes: x of their rows <- matrix^-1 x; subtract ends^T x from both ends.
+
+    inner: `inner_at` of the segment; row, right: first rows of the inner modes and of the right end in x. The left
+    end's part is returned as (force, inertial; moment, section axes) to add.
+    """
+    solution(lane, 3 * inner_of(model), S, inner.matrix, x, row, 1)
+    return _subtract_from_ends(lane, model, S, inner.ends, x, row, right)
+
+
+@kernel
+def up(lane, model, S, inner, x, row, left, right):
     """Back substitution of a segment's inner modes: x of their rows <- x - over (motions of both ends).
 
     inner: `inner_at` of the segment, whose `over` is read; row: first row of the modes in x. left, right: (position,
     inertial axes; rotation, section axes) by which the ends move.
     """
-    for k in range(3 * inner_of(model)):
-        for part, side in ((left, 0), (right, 6)):
-            for j in range(3):
-                x[row + k] -= S[inner.over + 12 * k + side + j] * part[0][j]
-                x[row + k] -= S[inner.over + 12 * k + side + 3 + j] * part[1][j]
+    _subtract_from_modes(lane, model, S, inner.over, x, row, left, right)
+
+
+@kernel
+def up_transposed(lane, model, S, inner, x, row, right):
+    """Transpose of `up`: subtract over^T (x of the inner modes) from both ends; arguments and result as in `down`."""
+    return _subtract_from_ends(lane, model, S, inner.over, x, row, right)
+
+
+@kernel
+def down_transposed(lane, model, S, inner, x, row, left, right):
+    """Transpose of `down`: x of the inner modes <- matrix^-T (x - ends (left, right)); arguments as in `up`."""
+    _subtract_from_modes(lane, model, S, inner.ends, x, row, left, right)
+    transposed_solution(lane, 3 * inner_of(model), S, inner.matrix, x, row)
 
 
 @kernel
@@ -177,7 +227,7 @@ def multiplied(lane, model, S, inner, x: Lanes, y: Lanes, row, left, right):
 
     inner: `inner_at` of the segment; x, y: amplitudes and forces, the inner modes' from `row` on; left, right:
     (position, rotation) of the ends. Adds the inner rows of the product to y and returns the (force, moment) on the
-    left end and on the right end that the condensed blocks lack. Theory, (9.3).
+    left end and on the right end that the condensed blocks lack. See theory, (9.3).
     """
     n, zero = 3 * inner_of(model), 0.0
     nothing = Vector(zero, zero, zero)

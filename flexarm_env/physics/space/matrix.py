@@ -163,9 +163,9 @@ def eliminate_joint(lane, model, S: Lanes, k):
     The rotation d of the section before and the angle b move the link's root: position += X d + c b (inertial axes),
     rotation = E^T d + axis b (root axes). A force f and a moment m on the root become the moment E m + X^T f on the
     section before and axis . m + c . f in the joint's row. E, X, c: `HINGE.turn`, `shift`, `swing`. pivot, column
-    (wrench on the section before by the angle) and row (by the section's motion, over the pivot) go to the `HINGE`; the
-    section before's 6 x 6 block gets the transformed block less column row^T. Includes the geometric part of the wrench
-    on the root. Theory, (9.1).
+    (wrench on the section before by the angle) and row (by the section's motion, over the pivot) are stored in the
+    `HINGE`; the 6 x 6 block of the section before becomes the transformed block less column row^T. Includes the
+    geometric part of the wrench on the root. See theory, (9.1).
     """
     h, o, below = hinge_at(k), factor_at(model, k, 0) + F.LL, before(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -260,18 +260,16 @@ def store_spin_lag(lane, model, par: Lanes, S, k, spin, weights):
     """Store w tau/(1 + tau c_v) (rad) of the root of link k in its `HINGE`; store 0 if the matrix is no Newton matrix.
 
     spin w: rad/s, root axes; c_v = weights.damping (1/s); tau = tau_d (s). `joint_motion_of_root` reads the value.
-    Theory, 9.
+    See theory, section 9.
     """
     if model.damped is not None and model.strains is None:
         tau = par[TAU_D]
-        store_vector(
-            lane, S, hinge_at(k) + H.lag, (tau / (tau * weights.damping + 1.0) * weights.newton_share) * spin
-        )
+        store_vector(lane, S, hinge_at(k) + H.lag, (tau / (tau * weights.damping + 1.0) * weights.newton_share) * spin)
 
 
 @kernel
 def joint_motion_of_root(lane, model, S, k, a):
-    """Return a + lag x a: motion of the root of link k per unit joint angle, root axes; a: the same without damping.
+    """Return a + lag x a: motion of the root of link k per unit joint angle, root axes; a: the motion without damping.
 
     lag: `HINGE.lag`. The joint's angle turns the root's axes, and the rates in these axes change by w x a; w: spin of
     the root. Springs with dampers are 1 + tau_d c_v times as stiff as springs alone (c_v: weight of dr/dv). The change

@@ -28,7 +28,7 @@ def move_vertex(lane, q: Lanes, i, share, d, more):
     """Move the position (m, inertial axes) and rotation vector (rad) in rows i ... i + 5 of q by share d + more.
 
     share: number; d, more: increments of q, whose rotations are in body axes; more may be None (0). The rotation
-    becomes exp(q^) exp((share d + more)^). If that increment is zero, as for arms that have converged, the rotation
+    becomes exp(q^) exp((share d + more)^). If the increment is zero, as for arms that have converged, the rotation
     vector keeps its bits.
     """
     step, turn = share * load_vector(lane, d, i), share * load_vector(lane, d, i + 3)
@@ -131,6 +131,4 @@ def noted_inverse(lane, model, d, share: Lanes, x):
     for k in range(model.links):
         for e in range(vertices_of(model, k)):
             i = vertex_row(model, k, e) + 3
-            store_vector(
-                lane, x, i, rotations.inverse_map(load_vector(lane, d, i), share[i], load_vector(lane, x, i))
-            )
+            store_vector(lane, x, i, rotations.inverse_map(load_vector(lane, d, i), share[i], load_vector(lane, x, i)))

@@ -40,8 +40,8 @@ def _middle_of(left, right):
 def restore_chords(lane, model, start, q):
     """Recompute the positions of vertices in q, outward, so that segments keep the chords they have in start.
 
-    No-op unless segments have floating frames. Rotations of q stay; each chord has the components of the one in start,
-    in the axes of the segment's middle section.
+    Do nothing unless segments have floating frames. Rotations of q stay; each chord has the components of the chord in
+    `start`, in the axes of the segment's middle section.
     """
     if model.frames is None:
         return
@@ -64,7 +64,7 @@ def restore_chords(lane, model, start, q):
 def _element_sums(lane, model, par, left, right, element):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of an exact element.
 
-    left, right: `Place`s of its ends; element: its index over all links. Theory, (9.2).
+    left, right: `Place`s of its ends; element: its index over all links. See theory, (9.2).
     """
     # inlined: each step of a free arm needs the momentum alone, and unused energies are then not compiled
     section = section_at(lane, model, par, element)

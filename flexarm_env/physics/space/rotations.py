@@ -1,7 +1,7 @@
 """Algebra of vectors, 3 x 3 matrices and rotations, for one arm or for lanes: named tuples, which stay in registers.
 
 A vector is a `Vector`, a matrix a `Matrix` of three rows, a unit quaternion a tuple p = (w, x, y, z) with w =
-cos(|psi|/2). A rotation vector psi (rad) stands for the rotation exp(psi^), where psi^ b = psi x b. p and -p are the
+cos(|psi|/2). A rotation vector psi (rad) denotes the rotation exp(psi^), where psi^ b = psi x b. p and -p are the
 same rotation. Rotations map vectors from body axes to reference axes. The coordinates of a section are a rotation
 vector psi (body axes to inertial axes). An increment d in body axes changes the rotation to exp(psi^) exp(d^) (Bruels &
 Cardona 2010). T(d) is the tangent map, exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e.
@@ -144,7 +144,8 @@ def cross(a, b):
 def rotating_acceleration(w, alpha, a):
     """Return alpha x a + w x (w x a), the acceleration (m/s^2) of a point of a rigid body relative to its origin.
 
-    w, alpha: angular velocity and acceleration (rad/s, rad/s^2); a: position of the point, m. All in the same axes.
+    w, alpha: angular velocity and acceleration (rad/s, rad/s^2); a: position of the point, m. All vectors are in the
+    same axes.
     """
     return cross(alpha, a) + cross(w, cross(w, a))
 
@@ -234,7 +235,7 @@ def inverse_rotation(p):
 
 @kernel
 def shortest_rotation(p):
-    """Return the one of p and -p (the same rotation) with w >= 0, whose rotation vector is at most pi long."""
+    """Return p or -p (the same rotation) so that w >= 0 and the rotation vector is at most pi long."""
     sign = select_lt(p[0], 0.0, -1.0, 1.0)
     return p[0] * sign, p[1] * sign, p[2] * sign, p[3] * sign
 

@@ -1,9 +1,9 @@
 """Constants of segments with floating frames in space: planar elements for bending about y and z, and torsion.
 
 A segment that is reduced to n modes has n shapes for bending in either plane: two static shapes of its rotated ends and
-n - 2 `inner` shapes. These are the lowest modes between pins, less the rotation of the ends that they cause. The
-coordinate of an inner mode is its largest slope or section rotation before that subtraction. Torsion has a linear shape
-and n - 2 waves between fixed ends.
+n - 2 `inner` shapes. The inner shapes are the lowest modes between pins, less the rotation of the ends that they cause.
+The coordinate of an inner mode is its largest slope or section rotation before that subtraction. Torsion has a linear
+shape and n - 2 waves between fixed ends.
 """
 
 from __future__ import annotations

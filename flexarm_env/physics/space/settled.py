@@ -3,8 +3,9 @@
 Steel strips rotate far in a step and hardly stretch. If positions moved along straight lines while sections rotate by
 d, an element would be stretched by d^2/2. Damping would add c_v tau_d times the resulting force. The next iteration
 would have to remove these forces first. Therefore Newton's increment is applied to rotations and to the elements'
-section forces n, which are right to first order. Positions follow from these; rates and accelerations follow positions
-as in any step. With damping, a force is affine in the chord's components e in the axes of the element's middle:
+section forces n, which are right to first order. Positions follow from rotations and forces; rates and accelerations
+follow positions as in any step. With damping, a force is affine in the chord's components e in the axes of the
+element's middle:
 
     n / D = (1 + tau_d c_v) e + tau_d e x w + (terms without e),   w: angular velocity of the middle
 """
@@ -44,7 +45,7 @@ def _chord(section, left, right, n, cv):
     """Return the position (m, inertial axes) of `right` at which the element has the section force n.
 
     n: N, axes of the middle; left, right: `Place`s with final rotations and spins; cv: change of velocity per change of
-    position (1/s). Solves n / D = Gamma + tau Gamma' for the chord e. Theory, section 9, "Increments".
+    position (1/s). Solves n / D = Gamma + tau Gamma' for the chord e. See theory, section 9, "Increments".
     """
     relative = shortest_rotation(compose(inverse_rotation(left.p), right.p))
     psi, half, g, T = turn_of(relative)
@@ -118,7 +119,7 @@ def correct_positions(lane, model, par, w: Work, active, slopes, predicted):
     are those that it causes to first order. A tag: the call follows the prediction, and the forces are those at the
     step's start. Velocities and accelerations follow by `slopes`, their changes per change of position. Segments with
     floating frames keep the chords of the step's start, after the prediction alone. Scratch after the prediction: w.r.
-    Theory, section 9, "Increments".
+    See theory, section 9, "Increments".
     """
     if predicted is not None:
         copy_rows(lane, model.n, w.q, w.r)

@@ -3,7 +3,7 @@
 
 Between Gauss points (and from the last to the link's end) a section rotates by psi = s + s x d: s is the integral of
 the strain over the interval and d its first moment about the interval's middle, divided by the interval (Magnus' series
-to fourth order). Both are linear in the coordinates. The rotation is Cayley's of x = tan(|psi|/2) psi/|psi|, whose
+to fourth order). s and d are linear in the coordinates. The rotation is Cayley's of x = tan(|psi|/2) psi/|psi|, whose
 rates are rational:
 
     rel = 2 (x' - x x x') / (1 + x.x),   rel' = 2 (x'' - x x x'') / (1 + x.x) - 2 (x.x') rel / (1 + x.x)
@@ -97,7 +97,7 @@ def slope_of_slope(z):
 
 @kernel
 def bend_of(lane, model, at, i, row, q, v, a):
-    """Return the `Bend` of interval i: rotation, and its rates where v and a are not None. Theory, (9.5).
+    """Return the `Bend` of interval i: rotation, and its rates where v and a are not None. See theory, (9.5).
 
     at: `strained_at` of the link; q, v, a: coordinates, rates, accelerations, with the link's strains from `row` on.
     """
@@ -177,7 +177,7 @@ def sweep_outward(lane, model, k, state, root, S):
     """Return the `Vertex` of the last section of link k; store in S (`NOTED`) the values that `sweep_inward` needs.
 
     state: q, v, a; root: `Vertex` of the link's first section. Stored are orientations, angular rates, accelerations,
-    inertia forces and moments of all points, in the axes of the link's root. Theory, (9.5).
+    inertia forces and moments of all points, in the axes of the link's root. See theory, (9.5).
     """
     n, at, to, row = size(model.points), strained_at(model, k), noted_at(model, k), strain_row(model, k)
     q, v, a = state
@@ -262,7 +262,7 @@ def elastic(lane, model, par: Lanes, k, state, r):
     """Add elastic and damping forces of link k to its strains' rows of r, less the period correction of inertia.
 
     r <- r + factors K (q + tau v) - correction a (N m). K, correction: `STRAINED.stiffness` and `correction`, sums over
-    polynomials; factors: the arm's own on GJ, EI_y, EI; tau = tau_d times the link's share (s). Theory, (9.4).
+    polynomials; factors: the arm's own on GJ, EI_y, EI; tau = tau_d times the link's share (s). See theory, (9.4).
     """
     n, at, row = size(model.polynomials), strained_at(model, k), strain_row(model, k)
     factors, zero = factors_of(lane, par), 0.0
@@ -287,7 +287,7 @@ def elastic(lane, model, par: Lanes, k, state, r):
 def _three(lane, model, table, i, j):
     """Return entry (i, j) of a table (3, polynomials, polynomials) at offset `table` of model.strains, as a `Vector`.
 
-    Its components are for torsion, bending about y, bending about z.
+    The vector's components are for torsion, bending about y, bending about z.
     """
     n = size(model.polynomials)
     o, next_of = table + n * i + j, n * n
@@ -312,7 +312,7 @@ def sweep_inward(lane, model, k, r, S):
     """Return the (force, N; moment, N m) on the root of link k, along inertial axes and in root axes.
 
     Inward sweep over the points that `sweep_outward` has stored in S, from the wrench on the link's last section
-    (`NOTED.on`); the generalized forces on the strains are added to their rows of r. Theory, (9.5).
+    (`NOTED.on`); the generalized forces on the strains are added to their rows of r. See theory, (9.5).
     """
     n, m, at, to = size(model.points), size(model.polynomials), strained_at(model, k), noted_at(model, k)
     frame, A = matrix_in(lane, S, to.frame), matrix_in(lane, S, to.turn + 9 * n)
@@ -348,7 +348,7 @@ def sweep_inward(lane, model, k, r, S):
 def strained_sums(lane, model, par, k, q, v, root):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of link k.
 
-    root: the `Place` of its first section. Theory, (9.5).
+    root: the `Place` of its first section. See theory, (9.5).
     """
     n, at, row, A0 = size(model.points), strained_at(model, k), strain_row(model, k), matrix(root.p)
     zero = 0.0
@@ -381,7 +381,7 @@ def strained_sums(lane, model, par, k, q, v, root):
 
 @kernel
 def point_of(model, k, i, q, root):
-    """Return the position (m, inertial axes) of Gauss point i of link k; root: its first section. One lane."""
+    """Return the position (m, inertial axes) of Gauss point i of link k; root: the link's first section; one lane."""
     lane, n, at, row = (0,), len(model.points), strained_at(model, k), strain_row(model, k)
     p, r = identity_rotation(lane), Vector(0.0, 0.0, 0.0)
     for j in range(n):
@@ -405,7 +405,7 @@ def _stiff_sum(lane, model, par, k, x, y):
 def strained_damping(lane, model, par: Lanes, k, v, x):
     """Return x^T C v (W), the power of link k's damping forces C v (N m) at the strain rates x.
 
-    v, x: rates of all rows; C: stiffness of the strains times tau_d and the link's share of it.
+    v, x: rates of all rows; C: stiffness of the strains times tau_d and the link's share of tau_d.
     """
     tau = par[TAU_D] * model.strains[strained_at(model, k).damping]
     return _stiff_sum(lane, model, par, k, x, v) * tau

@@ -7,7 +7,7 @@ With a strain, sections rotate by theta and points move by R, exactly to round-o
 
 in axes that rotate with the section at the point; w, alpha: angular velocity and acceleration of that section; cm, cd,
 ck: `Weights` of mass, damping, stiffness. Rotations of sections relative to each other within a step are neglected.
-They are of first order in the step, and the omission hardly slows Newton's iteration.
+The relative rotations are of first order in the step, and the omission hardly slows Newton's iteration.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def _turns(lane, S, to, i):
     """Store the derivatives of the rotation of interval i's end by s and by d in `by_sum`, `by_slant` of S (root axes).
 
     s: integral of the strain over the interval, d: its first moment; the interval's rotation vector is psi = s + s x d.
-    Theory, (9.5).
+    See theory, (9.5).
     """
     A, x, psi = (
         matrix_in(lane, S, to.turn + 9 * i),
@@ -79,7 +79,7 @@ def _rotary(lane, model, at, to, S, i, theta, weights):
 
 @kernel
 def _turned_on(lane, S, to, i, c, by_s, by_d):
-    """Return the changes of the generalized forces on s and d of interval i by s and d themselves (N m). Theory, (9.5).
+    """Return the derivatives (N m) of the generalized forces on s and d of interval i by s and d. See theory, (9.5).
 
     Component c of s changes by by_s, of d by by_d, while the moment `NOTED.bend` rotates with the interval's end: the
     derivative of `strained._own_force`. s: integral of the strain over the interval, d: its first moment (rad).
@@ -127,7 +127,7 @@ def _on_strains(lane, model, S: Lanes, at, to, force, moment, ck, theta_too, col
     Read from S: changes of the points' forces (`change`) and moments (`second`). force, moment: change on the last
     section. ck: weight of dr/dq. theta_too: (polynomial, axis) of a strain's column, whose rotations `theta` and
     displacements `moved` also turn the present forces (weight ck); None: the column of a root rotation. Strain row i of
-    the column is S[column + stride i]. Root axes; at, to: `strained_at`, `noted_at`. Theory, (9.5).
+    the column is S[column + stride i]. Root axes; at, to: `strained_at`, `noted_at`. See theory, (9.5).
     """
     n, m = size(model.points), size(model.polynomials)
     total, couple, g = force, moment + cross(load_vector(lane, S, to.r + 3 * n), force), moment
@@ -178,7 +178,7 @@ def _by_strain(lane, model, weights, S, at, to, j, c):
     """Compute the column of the matrix for the coefficient of polynomial j about axis c, in the `NOTED` of S.
 
     Adds to column 3 j + c of `matrix` (its rows of strains) and writes row 3 j + c of `on_root`, `last` and, by the
-    root's position, `by_root`. at, to: `strained_at`, `noted_at` of the link. Theory, (9.5).
+    root's position, `by_root`. at, to: `strained_at`, `noted_at` of the link. See theory, (9.5).
     """
     n, m, zero = size(model.points), size(model.polynomials), 0.0
     cm, cd, ck = weights.mass, weights.damping, weights.stiffness
@@ -234,7 +234,7 @@ def _by_turn(lane, model, weights, S: Lanes, f, at, to, axis, c):
     """Compute the column of the matrix for a rotation of the root about its axis c (unit vector `axis`, root axes).
 
     Adds column 3 + c of the 6 x 6 block LL at offset f of S (force inertial, moment root axes) and fills `by_root`. The
-    root's acceleration less gravity and the force on the last section stay fixed in inertial axes. Theory, (9.5).
+    root's acceleration less gravity and the force on the last section stay fixed in inertial axes. See theory, (9.5).
     """
     n, zero = size(model.points), 0.0
     cm, cd, ck = weights.mass, weights.damping, weights.stiffness
@@ -263,7 +263,7 @@ def strained_tangent(lane, model, par: Lanes, k, weights, S: Lanes, f):
 
     f: offset of the link's `FACTOR`, whose RR is the block on the last section and is assembled elsewhere. Needs the
     values that `sweep_outward` and `sweep_inward` have stored. par: factors on stiffnesses, tau_d; weights: `Weights`.
-    Theory, (9.5).
+    See theory, (9.5).
     """
     n, m, at, to = size(model.points), size(model.polynomials), strained_at(model, k), noted_at(model, k)
     zero, cm = 0.0, weights.mass

@@ -13,7 +13,7 @@ STEP = 1e-3
 """Step, as a fraction of a coordinate's characteristic size (1 rad, the arm's length)."""
 
 WEIGHTS = (1, 3 / 4), (2, -3 / 20), (3, 1 / 60)
-"""Pairs: number of steps to both sides, and weight."""
+"""Weights of the central difference: pairs of the number of steps to both sides and the weight."""
 
 
 def derivative(f: Callable[[float], Array], step: float) -> Array:

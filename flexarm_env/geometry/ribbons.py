@@ -1,11 +1,14 @@
 """Links in space as ribbons: smooth lines with the direction of their width, computed from coordinates."""
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from .. import validation as check
 from ..parameters import Arm
 from ..physics.space.reading import Frame, links
 from ..rotations import matrices, turned, vectors
@@ -13,7 +16,6 @@ from ..scene import in_plane
 from ..sections import Link
 from ..settings import Settings
 from ..validation import Array
-from .clip import cuts_of, thinned
 
 
 class Ribbons(NamedTuple):
@@ -94,3 +96,23 @@ def _between(a: Frame, b: Frame, pieces: int) -> tuple[Array, Array]:
     r = h[0] * a.r[:, None] + h[1] * leaving + h[2] * b.r[:, None] + h[3] * reaching
     psi = vectors(np.swapaxes(a.A, 1, 2) @ b.A)[:, None, :] * s
     return r, turned(a.A[:, None], matrices(psi)[..., 2])
+
+
+def cuts_of(points: Array, hinges: Array) -> tuple[int, ...]:
+    """Return the indices of root, hinges and tip among points (n, P, 2).
+
+    hinges (n, N - 1, 2): positions of the hinges.
+    """
+    gaps = np.abs(points[:, None] - hinges[:, :, None]).sum(axis=-1)  # (n, N - 1, P)
+    inner = gaps.max(axis=0).argmin(axis=-1) if len(points) else ()
+    cuts = (0, *(int(k) for k in inner), points.shape[1] - 1)
+    if any(b < a for a, b in pairwise(cuts)):
+        raise check.InvalidValue("hinges", cuts[1:-1], "must be points of the chain, from root to tip")
+    return cuts
+
+
+def thinned(cuts: Sequence[int], most: int) -> tuple[NDArray[np.intp], tuple[int, ...]]:
+    """Return the indices of the points to keep, at most `most` per link, and the cuts among these points."""
+    kept = [np.unique(np.linspace(a, b, min(most, b - a + 1)).round().astype(int)) for a, b in pairwise(cuts)]
+    places = np.unique(np.concatenate(kept))
+    return places, tuple(int(np.searchsorted(places, c)) for c in cuts)

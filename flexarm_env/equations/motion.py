@@ -21,6 +21,7 @@ import numpy as np
 
 from .. import rotations
 from ..compiler import SINGLE, UNCOMPILED, size, uncompiled
+from ..geometry.poses import joint_angles
 from ..physics.assembly import assemble, physical, room_for_points, smooth
 from ..physics.equations import WITH_SLOPES, Directions, pose_slopes, residual_slopes, slopes_room
 from ..physics.floating.layout import LINK, MULTIPLIERS, SIZE, START
@@ -31,7 +32,6 @@ from ..physics.space.build import axis_of, mount_of
 from ..physics.space.layout import AXES
 from ..physics.space.reading import read
 from ..simulation import Simulation
-from ..trajectory import joint_angles
 from ..validation import Array
 from .differences import derivative, step_along
 from .reduced import Frame, Point, Reduced, Rows, check_mass
@@ -42,7 +42,7 @@ class Equations:
 
     Attributes:
         free: rows of q that can move (no multiplier, not fixed, not prescribed). algebraic: rows of multipliers.
-        independent, dependent: positions in `free`; the floating frame after a joint depends on the one before the
+        independent, dependent: positions in `free`; the floating frame after a joint depends on the frame before the
             joint. joints: joints that can turn, each with its position among the independent coordinates.
         turned: joints that a torque can turn, each with the position of the angle on which the torque acts. With an
             elastic gear the torque acts on the motor's angle, otherwise on the joint's angle. rows_turned: row of the
@@ -65,7 +65,7 @@ class Equations:
         self.n = int(size(model.n))
         self._most_points = room_for_points(simulation.settings, self.n_links)
         self._room = np.zeros(
-            int(uncompiled(slopes_room)(WITH_SLOPES, model, len(self.par), len(simulation.scene.motions)))
+            int(uncompiled(slopes_room)(WITH_SLOPES, model, len(self.par), simulation.n_motions))
         )
         # rows that can move
         self.algebraic = np.asarray(() if model.algebraic is None else model.algebraic, np.int64)
@@ -244,7 +244,7 @@ class Equations:
         return slopes
 
     def motor_angles(self, q: Array) -> Array:
-        """Return the angles (n_links,) on which joint torques act: the motors', relative to the previous link."""
+        """Return the motors' angles (n_links,), on which joint torques act, relative to the previous link."""
         angles = self.joint_angles(q, np.zeros(self.n))[0]
         for k, row in self.motors.items():
             angles[k] = q[row]
@@ -401,3 +401,10 @@ def motor_rows(simulation: Simulation) -> dict[int, int]:
     """Return the row of each motor that drives an elastic gear."""
     found = {k: simulation.system.coordinates.get(f"motor{k}") for k in range(simulation.scene.arm.n_links)}
     return {k: row for k, row in found.items() if row is not None}
+
+
+def at_rest_of(simulation: Simulation) -> tuple[Equations, Point]:
+    """Return a simulation's equations, and the equilibrium at its coordinates under its inputs."""
+    equations, w = Equations(simulation), simulation.work
+    zero = np.zeros(equations.n)
+    return equations, Point(w.q.copy(), zero, zero, w.u.copy(), w.psi.copy())

@@ -44,10 +44,11 @@ def rigid_times(inertia: Array, to_go: Array, limits: Array) -> Array:
 def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, angles: Array) -> Array:
     """Return joint angles (N,), rad, of one arm of straight links with its tip at (x, y), m, from its root.
 
-    The environments choose the same solution. x, y are in inertial axes. lengths (N,), m. rates (N,), rad/s: a joint's
-    time is proportional to sqrt(|angle|) / rate. limits (2 N,), rad: low, high of each joint in turn. angles (N,):
-    present angles, rad. With two links the function returns the solution with the shorter time, with more links the one
-    with the least sum of squares (`tasks.angles`). If the point is out of reach, the arm points along the line to it.
+    The environments choose the same solution as this function. x, y are in inertial axes. lengths (N,), m. rates (N,),
+    rad/s: a joint's time is proportional to sqrt(|angle|) / rate. limits (2 N,), rad: low, high of each joint in turn.
+    angles (N,): present angles, rad. With two links the function returns the solution with the shorter time, with more
+    links the solution with the least sum of squares of the angles (`tasks.angles`). If the point is out of reach, the
+    arm points along the line to the point.
     """
     goal: Array = angles.copy()
     if len(lengths) == 2:
@@ -60,13 +61,13 @@ def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, ang
 def goal_angles(arm: Arm, angles: Array, target: Array, rates: Array) -> Array:
     """Compute joint angles (n, N), rad, that place the rigid arm's tip at the target.
 
-    With two links, the solution with the shorter time is chosen; with more links, the one with the least sum of squares
-    (`tasks.angles`). The hub angle is unwrapped to the nearest turn.
+    With two links, the solution with the shorter time is chosen; with more links, the solution with the least sum of
+    squares of the angles (`tasks.angles`). The hub angle is unwrapped to the nearest turn.
 
     Args:
         angles (n, N): present angles, rad. target (n, 2): in hub axes at these angles, m.
         rates (n, N): a joint takes sqrt(|x|) / rate for an angle x. For two links only.
-    A target out of reach is approached along the line to it. Joint limits are kept, and no elbow turns past pi.
+    A target out of reach is approached along the line to the target. Joint limits are kept, and no elbow turns past pi.
     """
     low_high = [(-np.inf, np.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links]
     lengths, limits = np.array([link.span for link in arm.links]), np.array(low_high, np.float64).ravel()

@@ -2,57 +2,34 @@
 
 from __future__ import annotations
 
-import importlib
 import json
-import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from . import validation as check
-from .files import from_json, read_npz, unit_of, write_npz, write_text
-from .physics.assembly import assemble
-from .physics.gauges import Spot, curvatures
-from .physics.layout import FACTORISATIONS, HALVINGS, ITERATIONS, POSE, ROOT, STEPS, TIP, TIP_RATES
-from .physics.model import STATUS
-from .physics.space.reading import read as read_in_space
-from .physics.space.reading import tips as tips_in_space
-from .scene import Scene, computed
-from .scenes import COLUMNS
-from .sensors import Sensors, StrainGauge, from_table
-from .settings import Settings
-from .validation import Array
-from .view import Clip, Player, SpaceClip
-from .view.sources import of_trajectory
+from .. import validation as check
+from ..files import from_json, read_npz, unit_of, write_npz, write_text
+from ..geometry.poses import joint_angles, link_deflection
+from ..physics.assembly import assemble
+from ..physics.gauges import Spot, curvatures
+from ..physics.layout import FACTORISATIONS, HALVINGS, ITERATIONS, POSE, ROOT, STEPS, TIP, TIP_RATES
+from ..physics.model import STATUS
+from ..scene import Scene, computed
+from ..scenes import COLUMNS
+from ..sensors import Sensors, StrainGauge, from_table
+from ..settings import Settings
+from ..validation import Array
+
+if TYPE_CHECKING:
+    from ..view import Clip, Player, SpaceClip
 
 MOST_STEPS, MOST_SAMPLES = 10**9, 10**6
 """Largest number of steps (half an hour for the fastest arm) and of recorded instants (some GB) of a run."""
-
-
-def link_deflection(poses: Array) -> Array:
-    """Return each link's tip deflection, m: the component of tip - root normal to its root's tangent.
-
-    poses (..., n_links, 12), see `physics.layout`; result (..., n_links).
-    """
-    dx, dy = poses[..., POSE.tip_x] - poses[..., POSE.x], poses[..., POSE.tip_y] - poses[..., POSE.y]
-    angle = poses[..., POSE.angle]
-    return np.asarray(np.cos(angle) * dy - np.sin(angle) * dx)
-
-
-def joint_angles(poses: Array) -> tuple[Array, Array]:
-    """Return joint angles (rad) and rates (rad/s): joint 0 from the x axis, joint k from the tip of link k - 1.
-
-    poses (..., n_links, 12), see `physics.layout`; results (..., n_links).
-    """
-    angles, rates = poses[..., POSE.angle].copy(), poses[..., POSE.rate].copy()
-    angles[..., 1:] -= poses[..., :-1, POSE.tip_angle]
-    rates[..., 1:] -= poses[..., :-1, POSE.tip_rate]
-    return angles, rates
 
 
 def placed(coordinates: Mapping[str, int], poses: Array, q: Array, v: Array) -> dict[str, Any]:
@@ -142,6 +119,7 @@ class Trajectory:
     link_angles: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
 
     arrays: ClassVar[dict[str, check.Shape]]
+    kinds: ClassVar[dict[bool, type[Trajectory]]] = {}
 
     def __repr__(self) -> str:
         end = f" to {self.t[-1]:g} s" if len(self.t) else ""
@@ -199,6 +177,29 @@ class Trajectory:
         return curvatures(self.scene, self.settings, self.names, places, self.q)
 
     # --- to be looked at ---------------------------------------------------------------------------
+    @classmethod
+    def read(cls, simulation: Any, fields: Mapping[str, Array], shapes: Array) -> dict[str, Any]:
+        """Return the fields of this class that depend on the plane or space, from those of `Simulation.record`."""
+        poses, links = fields["poses"], simulation.scene.arm.links
+        lengths = np.array([link.span for link in links])
+        bows = np.array([link.far.imag for link in links])
+        return {
+            "deflection_bound": simulation.settings.deflection_bound, "start": poses[:, 0, ROOT],
+            "hinges": poses[:, 1:, POSE.x : POSE.angle], "tip_deflection": (link_deflection(poses) - bows) / lengths,
+            "shapes": shapes, **placed(simulation.system.coordinates, poses, fields["q"], fields["v"]),
+            "link_angles": poses[..., [POSE.angle, POSE.tip_angle]],
+        }  # fmt: skip
+
+    @classmethod
+    def read_tips(cls, scene: Scene, settings: Settings, fields: Mapping[str, Array]) -> Array:
+        """Return the tip's positions (n, 2), m, which error estimates compare; fields: see `read`."""
+        return fields["poses"][:, -1, TIP][:, :2]
+
+    @property
+    def compared_tips(self) -> Array:
+        """The tip's positions as `read_tips` returns them."""
+        return self.tip[:, :2]
+
     def clip(self, label: str | None = None) -> Clip | SpaceClip:
         """Return the run as a clip for the player. label: name beside other runs; the default is the scene's name.
 
@@ -207,6 +208,8 @@ class Trajectory:
         self.check_arrays()
         if not len(self.t):
             raise check.InvalidValue("t", self.t, "must hold one instant at least to be shown")
+        from ..view.sources import of_trajectory
+
         return of_trajectory(self, label, self._curvature)
 
     def view(self, *others: Trajectory, labels: Sequence[str] | None = None) -> Player:
@@ -214,6 +217,8 @@ class Trajectory:
 
         labels: names of all runs; the default is the scenes' names.
         """
+        from ..view import Player
+
         return Player.of((self, *others), labels)
 
     def _repr_html_(self) -> str:
@@ -248,8 +253,8 @@ class Trajectory:
 
     def _read(self, sensors: Sensors, period: float, seed: int) -> dict[str, Array]:
         """Return the readings of sensors at the samples, by name; period: s between samples; seed: seed of noise."""
-        from .runtime.laws import law_of, memory_of, room_of
-        from .runtime.readings import read_rows
+        from ..runtime.laws import law_of, memory_of, room_of
+        from ..runtime.readings import read_rows
 
         arm, space = self.scene.arm, self.scene.spatial
         readings = sensors.readings(arm, space)
@@ -347,17 +352,7 @@ _NO_TRAJECTORY = "this is no trajectory, or one of a version before 0.2"
 
 def kind_of(scene: Scene) -> type[Trajectory]:
     """Return the class of a scene's trajectory."""
-    if scene.spatial:
-        found: type[Trajectory] = importlib.import_module(".spatial", __package__).SpatialTrajectory
-        return found
-    return Trajectory
-
-
-def tips_of(scene: Scene, settings: Settings, fields: Mapping[str, Array]) -> Array:
-    """Return the tip's positions (n, 2), m, in space with its axes (n, 4, 3), from fields of `Simulation.record`."""
-    if scene.spatial:
-        return tips_in_space(scene.arm, settings, fields["q"])
-    return fields["poses"][:, -1, TIP][:, :2]
+    return Trajectory.kinds[scene.spatial]
 
 
 Reader = Callable[[str, Any], Any]
@@ -387,6 +382,7 @@ ARRAYS: dict[str, check.Shape] = {
 }  # fmt: skip
 """Arrays of a trajectory; all their numbers are finite."""
 Trajectory.arrays = ARRAYS
+Trajectory.kinds[False] = Trajectory
 
 SINGLE: dict[str, tuple[str, check.Shape]] = {
     "names": ("text", ("rows",)), "error_estimate": ("number", ()),
@@ -417,7 +413,7 @@ def check_work(end: float, interval: float, dt: float | None) -> None:
 
 def recorded(simulation: Any, fields: Mapping[str, Array], shapes: Array, cpu_seconds: float) -> Trajectory:
     """Return the Trajectory from the fields of `Simulation.record`, with shared memory."""
-    poses, energies, torque = fields["poses"], fields["energies"], fields["torque"]
+    energies, torque = fields["energies"], fields["torque"]
     scene, system, counts = simulation.scene, simulation.system, simulation.work.counts
     for i, motion in enumerate(scene.motions):
         if motion.joint is not None:
@@ -431,20 +427,6 @@ def recorded(simulation: Any, fields: Mapping[str, Array], shapes: Array, cpu_se
         "factorizations": int(counts[FACTORISATIONS]), "halvings": int(counts[HALVINGS]), "cpu_seconds": cpu_seconds,
         "notes": system.notes, "gross_work": simulation.gross, "step_levels": tuple(simulation.levels),
         "step_error": simulation.step_error,
-        "deflection_bound": math.inf if scene.spatial else simulation.settings.deflection_bound,
     }  # fmt: skip
-    if scene.spatial:
-        common["unresolved_damping"] = fields["beyond"]
-        return kind_of(scene)(**common, **read_in_space(scene.arm, simulation.settings, fields["q"], fields["v"]))
-    links = scene.arm.links
-    lengths = np.array([link.span for link in links])
-    bows = np.array([link.far.imag for link in links])
-    return Trajectory(
-        **common,
-        start=poses[:, 0, ROOT],
-        hinges=poses[:, 1:, POSE.x : POSE.angle],
-        tip_deflection=(link_deflection(poses) - bows) / lengths,
-        shapes=shapes,
-        **placed(system.coordinates, poses, fields["q"], fields["v"]),
-        link_angles=poses[..., [POSE.angle, POSE.tip_angle]],
-    )
+    kind = kind_of(scene)
+    return kind(**common, **kind.read(simulation, fields, shapes))

@@ -1,26 +1,31 @@
 """Recorded runs in space: a `Trajectory` with positions of three components, and with rotations."""
 
 import dataclasses
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from . import rotations
-from . import validation as check
-from .physics.gauges import Spot, curvatures
-from .scene import Scene, in_plane
-from .sensors import MEASURES, Sensors
-from .trajectory import ARRAYS, Trajectory
-from .validation import Array
+from .. import rotations
+from .. import validation as check
+from ..physics.gauges import Spot, curvatures
+from ..physics.space.reading import read, tips
+from ..scene import Scene, in_plane
+from ..sensors import MEASURES, Sensors
+from ..settings import Settings
+from ..validation import Array
+from .recorded import ARRAYS, Trajectory
 
 _QUATERNION = "wxyz"
 
 
 @dataclass(repr=False)
 class SpatialTrajectory(Trajectory):
-    """A recorded run of n instants and N links in space, SI units. These attributes differ from :class:`Trajectory`:
+    """A recorded run of n instants and N links in space, SI units.
+
+    The attributes below differ from those of :class:`Trajectory`.
 
     Attributes:
         start, tip (n, 3): x, y, z of the root of link 0 and of the tip of the last link, m.
@@ -54,6 +59,22 @@ class SpatialTrajectory(Trajectory):
     def balance(self) -> Array:
         """Energy imbalance, J (n,): change of energy + dissipated + unresolved damping - work."""
         return np.asarray(super().balance + self.unresolved_damping - self.unresolved_damping[0])
+
+    @classmethod
+    def read(cls, simulation: Any, fields: Mapping[str, Array], shapes: Array) -> dict[str, Any]:
+        """Return the fields of this class that depend on the plane or space, from those of `Simulation.record`."""
+        found = read(simulation.scene.arm, simulation.settings, fields["q"], fields["v"])
+        return {"deflection_bound": math.inf, "unresolved_damping": fields["beyond"], **found}
+
+    @classmethod
+    def read_tips(cls, scene: Scene, settings: Settings, fields: Mapping[str, Array]) -> Array:
+        """Return the tip's positions and axes (n, 4, 3), which error estimates compare; fields: see `read`."""
+        return tips(scene.arm, settings, fields["q"])
+
+    @property
+    def compared_tips(self) -> Array:
+        """The tip's positions and axes as `read_tips` returns them."""
+        return tips(self.scene.arm, self.settings, self.q)
 
     def columns(self) -> dict[str, Array]:
         """Return the table that `to_csv` writes: t, energy, positions, tip quaternion, angles, deflections, twist."""
@@ -91,6 +112,7 @@ class SpatialTrajectory(Trajectory):
         return inputs + ([self.tip, np.arcsin(np.clip(A[:, 1:, 0], -1.0, 1.0))] if sensors.camera is not None else [])
 
 
+Trajectory.kinds[True] = SpatialTrajectory
 SpatialTrajectory.arrays = {
     **{name: shape for name, shape in ARRAYS.items() if name != "link_angles"},
     "tip_velocity": ("n", 6), "hinges": ("n", "joints - 1", 3), "tip_deflection": ("n", "links", 2),

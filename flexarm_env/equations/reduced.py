@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..physics.integrator.work import Work
 from ..validation import Array
 
 Rows = NDArray[np.int64]
@@ -89,3 +90,33 @@ def check_mass(M: Array) -> None:
             "the mass matrix is singular, so there is no state space: some coordinate has no inertia "
             "(a link reduced to modes needs a hub inertia)"
         )
+
+
+def point_of(w: Work) -> Point:
+    """Return a copy of the point (coordinates, rates, accelerations, inputs) in a work array."""
+    return Point(w.q.copy(), w.v.copy(), w.a.copy(), w.u.copy(), w.psi.copy())
+
+
+ROUND_OFF = 1e-14
+"""Relative error of the stiffness K: squared frequencies below this times |x|'|K||x| are those of rigid motions."""
+
+
+def undamped(M: Array, K: Array) -> tuple[Array, Array]:
+    """Return squared frequencies and M-normalized shapes of M x'' + K x = 0; those of rigid motions are exactly 0.
+
+    Stretching frequencies may be 1e8 times the bending frequencies, and their round-off is as large. The low
+    frequencies are therefore computed as the largest eigenvalues of the inverse problem.
+    """
+    from scipy.linalg import eigh
+
+    squares, basis = eigh(K, M)
+    largest = float(np.abs(squares).max())
+    shift = max(1e-12 * largest, -2.0 * float(squares.min()))
+    inverse, shapes = eigh(M, K + shift * M)
+    low = int((squares < 1e-8 * largest).sum())
+    inverse, shapes = inverse[::-1][:low], shapes[:, ::-1][:, :low]
+    fine = 1.0 / inverse - shift
+    shapes = shapes / np.sqrt(inverse)
+    noise = ROUND_OFF * (np.abs(shapes) * (np.abs(K) @ np.abs(shapes))).sum(axis=0) + 1e-6 * shift
+    fine[np.abs(fine) < noise] = 0.0
+    return np.concatenate([fine, squares[low:]]), np.hstack([shapes, basis[:, low:]])

@@ -1,0 +1,79 @@
+"""Choice of the method by which a batch's control periods are differentiated.
+
+| transition | by its equation, forward and backward | as executed, in dual lanes |
+|---|---|---|
+| jump of accelerations with the torques | `integrator.transitions` | `integrator.start`, `integrator.switching` |
+| time step | `integrator.step_derivatives` | `integrator.newton`, with one more solution at the end |
+| stick and slip of joints | `joints.friction_derivatives`, for the branch of the values | `joints.friction` |
+| change of the payload | – | `integrator.impact`: a fixed number of solutions |
+| kinks of prescribed motions | – | `runtime.guided` |
+
+The computations between two transitions (commands, motors, observation, reward) have no unknown. Dual lanes or
+`compiler.vjp_of` differentiate these computations.
+"""
+
+from typing import Any, NamedTuple
+
+from ..physics.model import Elastica, ExactBeam, Floating, FloatingChain
+from ..physics.space.chain import SpatialBeam, SpatialElastica
+
+PASSES, MOST_PASSES = 5, 20
+"""Number of iterations for a step's tangents if the step's matrix differs from the derivative by about a thousandth
+(exact beams in the plane, elasticas in space, contact); largest number for exact beams in space, which iterate to
+convergence.
+"""
+
+
+class Method(NamedTuple):
+    """How periods are differentiated.
+
+    by_equations: forward by the equations of steps and jumps (`runtime.implicit`); otherwise every operation is
+    differentiated when it is executed (`runtime.derivative`). backwards: `runtime.adjoint` computes cotangents;
+    otherwise the Jacobians do. passes: solutions for the unknown's derivative in a step: 1 if the step's matrix is the
+    exact derivative of its residual.
+    """
+
+    by_equations: bool
+    backwards: bool
+    passes: int
+
+
+def method_of(model: Any, program: Any, extras: Any, kept: bool, alone: str) -> Method:
+    """Return the method for a model and parts of a program."""
+    # what a period does beside the equations of its steps and jumps
+    beside = (
+        program.models is not None,  # numbers of halvings are found by the run
+        model.algebraic is not None,  # multipliers: the step is projected onto the constraints
+        model.newton.period_correction is not None,
+        any(isinstance(part, Floating) for part in getattr(model, "contributions", ())),  # momentum moves a step's end
+        kept,  # motions: kinks within the period
+        alone == "all",  # steps that are halved where Newton's iteration fails
+    )
+    by_equations = not any(beside)
+    # memory of sensors and impacts have no cotangents
+    forwards_alone = extras.instruments is not None or extras.payload_change is not None
+    backwards = by_equations and not forwards_alone and _goes_back(model)
+    return Method(by_equations, backwards, _passes(model))
+
+
+def _passes(model: Any) -> int:
+    arm = getattr(model, "arm", model)
+    if isinstance(arm, SpatialBeam):
+        return MOST_PASSES
+    # the matrix leaves out how contacts' normals and velocities change with the coordinates
+    touches = model.newton.contact is not None
+    return PASSES if touches or isinstance(arm, ExactBeam | SpatialElastica) else 1
+
+
+def _goes_back(model: Any) -> bool:
+    """Return whether a model has kernels for cotangents.
+
+    Large elasticas and floating frames in the plane have loops that are not written out, without reverse derivatives of
+    their own.
+    """
+    arm = getattr(model, "arm", model)
+    if isinstance(arm, Elastica):
+        return isinstance(arm.n, tuple)
+    if isinstance(arm, FloatingChain):
+        return isinstance(arm.mesh.n, tuple)
+    return isinstance(arm, SpatialBeam | ExactBeam)

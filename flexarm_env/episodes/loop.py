@@ -1,0 +1,154 @@
+"""Play the episodes of a policy in a single or a vector environment."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+
+
+class Policy(Protocol):
+    """Policy for one episode, or for n episodes that begin together.
+
+    `reset` receives the first observations; `act` then receives each period's observation, the first observations
+    included.
+    """
+
+    def reset(self, observation: NDArray[np.float32]) -> Any:
+        """Begin episodes; by default there is no memory."""
+        return
+
+    def act(self, observation: NDArray[np.float32]) -> Any:
+        """Return actions (n, joints) for observations (n, entries); for one episode (joints,) and (entries,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """Start of episodes, or end of a control period.
+
+    The entries of a vector environment are arrays with one row per episode.
+
+    Attributes:
+        seeds: seeds of the episodes. period: number of the control period, from 1; 0 at the start. action: action of
+            the period; None at the start. observation, reward, terminated, truncated, info: results of the
+            environment's `reset` or `step`; no reward and no end at the start. running: whether the period belongs to
+            the episode; False after the episode's end.
+    """
+
+    seeds: Sequence[int | None]
+    period: int
+    action: Any
+    observation: Any
+    reward: Any
+    terminated: Any
+    truncated: Any
+    info: Mapping[str, Any]
+    running: Any
+
+
+Recorder = Callable[[Instant], Any]
+"""Function that is called with every instant of the played episodes."""
+
+
+def periods(
+    env: Any, policy: Policy, seeds: Sequence[int | None], options: Mapping[str, Any] | None = None
+) -> Iterator[Instant]:
+    """Play an episode of each seed and yield the start and the end of each control period.
+
+    A single environment plays the episodes in turn. A vector environment of n arms plays n episodes at a time and
+    continues until all n have ended; `Instant.running` masks episodes that have ended before.
+
+    Args:
+        env: an environment, wrapped or not. A vector environment has autoreset mode "NextStep", its default. policy:
+            policy, reset at the start of each episode, or of each n episodes. seeds: a seed for each episode, a
+            multiple of n in number; None: the environment's generator continues. options: options of all resets.
+    Raises:
+        ValueError: a number of seeds that is no multiple of n, or another autoreset mode.
+    """
+    n = getattr(env, "num_envs", None)
+    if n is not None:
+        if len(seeds) % n:
+            raise check.InvalidValue("seeds", f"{len(seeds)} seeds", f"must be a multiple of the {n} arms of env")
+        mode = getattr(env, "metadata", {}).get("autoreset_mode")
+        if mode is not None and mode.name != "NEXT_STEP":
+            raise check.InvalidValue("env.autoreset_mode", mode.value, "must be NextStep to play episodes")
+    for at in range(0, len(seeds), n or 1):
+        own = seeds[at : at + (n or 1)]
+        yield from _together(env, policy, own, n, options)
+
+
+def _together(
+    env: Any, policy: Policy, seeds: Sequence[Any], n: int | None, options: Mapping[str, Any] | None
+) -> Iterator[Instant]:
+    """Play the episode of a single environment, or one episode of each arm of a vector environment."""
+    # a vector environment counts on from one seed by itself
+    seed: Any = seeds[0] if n is None or list(seeds) == list(range(seeds[0], seeds[0] + n)) else list(seeds)
+    observation, info = env.reset(seed=seed) if options is None else env.reset(seed=seed, options=options)
+    policy.reset(observation)
+    none: Any = False if n is None else np.zeros(n, bool)
+    running: Any = True if n is None else np.ones(n, bool)
+    yield Instant(seeds, 0, None, observation, 0.0, none, none, info, running)
+    period = 0
+    while np.any(running):
+        action = policy.act(observation)
+        observation, reward, terminated, truncated, info = env.step(action)
+        period += 1
+        yield Instant(seeds, period, action, observation, reward, terminated, truncated, info, running)
+        over = terminated | truncated
+        running = not over if n is None else running & ~over
+
+
+def play(
+    env: Any,
+    policy: Policy,
+    seeds: Sequence[int | None],
+    recorders: Sequence[Recorder] = (),
+    options: Mapping[str, Any] | None = None,
+) -> None:
+    """Play an episode of each seed and call every recorder with every instant; arguments as in `periods`."""
+    for instant in periods(env, policy, seeds, options):
+        for recorder in recorders:
+            recorder(instant)
+
+
+class Actions(Policy):
+    """Open-loop policy that plays actions over time, (T, N) of one episode or (T, n, N) of n episodes."""
+
+    def __init__(self, actions: NDArray[Any]) -> None:
+        self.actions = actions
+
+    def reset(self, observation: NDArray[np.float32]) -> None:
+        """Start at the first actions."""
+        self.k = 0
+
+    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the next actions; after the end, repeat the last actions."""
+        self.k += 1
+        now: NDArray[np.float32] = self.actions[min(self.k, len(self.actions)) - 1].astype(np.float32)
+        return now
+
+
+class Timed(Policy):
+    """Policy whose decisions are timed.
+
+    Attributes:
+        seconds: duration of each decision by `clock`.
+    """
+
+    def __init__(self, policy: Policy, clock: Callable[[], float]) -> None:
+        self.policy, self.clock = policy, clock
+        self.seconds: list[float] = []
+
+    def reset(self, observation: NDArray[np.float32]) -> None:
+        """Reset the policy, which is not timed."""
+        self.policy.reset(observation)
+
+    def act(self, observation: NDArray[np.float32]) -> Any:
+        """Return the policy's actions."""
+        began = self.clock()
+        action = self.policy.act(observation)
+        self.seconds.append(self.clock() - began)
+        return action

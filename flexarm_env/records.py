@@ -1,0 +1,202 @@
+"""Fields of frozen dataclasses as data: type, unit, bounds and one sentence of documentation.
+
+    @described
+    @dataclass(frozen=True)
+    class Base:
+        \"\"\"Rigid body that carries a freely floating arm.\"\"\"
+
+        mass: float = number("mass of the base", "kg", minimum=0.0)
+
+        def __post_init__(self) -> None:
+            validate(self)
+
+From these fields follow validation (`validate`, with the messages of `validation`), reading from TOML (`made`), the
+arguments in the docstring (`described`), rows of tables in the documentation (`rows`) and a JSON schema (`schema`).
+Rules that relate several fields remain code in `__post_init__`.
+"""
+
+import dataclasses
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass
+from functools import partial
+from typing import Any, TypeVar
+
+from flexarm_env import validation as check
+
+T = TypeVar("T")
+Schema = dict[str, Any]
+
+RULE = "rule"
+"""Key of a field's rule in its metadata."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Rule of a field.
+
+    Attributes:
+        text: one sentence of documentation, without unit and bounds. unit: SI unit; "": none. check: function of key
+            path and value that returns the value to store, or raises `InvalidValue`. json: JSON schema of the value.
+            optional: whether None is permitted, too.
+    """
+
+    text: str
+    unit: str
+    check: Callable[[str, Any], Any]
+    json: Mapping[str, Any]
+    optional: bool = False
+
+    def __call__(self, path: str, value: Any) -> Any:
+        """Validate a value and return the value to store."""
+        return None if value is None and self.optional else self.check(path, value)
+
+    @property
+    def allowed(self) -> str:
+        """Phrase for the permitted values, as in error messages: "must be a positive number (kg)"."""
+        try:
+            self.check("", object())
+        except check.InvalidValue as error:
+            return error.allowed
+        return "must be given"
+
+
+def number(
+    text: str, unit: str = "", default: Any = MISSING, *, optional: bool = False,
+    minimum: float | None = None, above: float | None = None, maximum: float | None = None,
+) -> Any:  # fmt: skip
+    """Declare a field with a finite number; bounds as in `validation.number`."""
+    bounds: dict[str, Any] = {"minimum": minimum, "above": above, "maximum": maximum}
+    words = {"minimum": "minimum", "above": "exclusiveMinimum", "maximum": "maximum"}
+    json = {"type": "number"} | {words[key]: bound for key, bound in bounds.items() if bound is not None}
+    return value(partial(check.number, unit=unit, **bounds), json, text, unit, default, optional=optional)
+
+
+def integer(
+    text: str, default: Any = MISSING, *, minimum: int, maximum: int | None = None, optional: bool = False
+) -> Any:  # fmt: skip
+    """Declare a field with a whole number; bounds as in `validation.integer`."""
+    json = {"type": "integer", "minimum": minimum} | ({} if maximum is None else {"maximum": maximum})
+    rule = partial(check.integer, minimum=minimum, maximum=maximum)
+    return value(rule, json, text, "", default, optional=optional)
+
+
+def choice(words: Sequence[str], text: str, default: Any = MISSING) -> Any:
+    """Declare a field with one of some words."""
+    return value(partial(check.choice, allowed=words), {"enum": list(words)}, text, "", default)
+
+
+def value(
+    rule: Callable[[str, Any], Any], json: Mapping[str, Any], text: str, unit: str = "", default: Any = MISSING,
+    *, optional: bool = False,
+) -> Any:  # fmt: skip
+    """Declare a field with any other value, by its validating function and JSON schema."""
+    return dataclasses.field(default=default, metadata={RULE: Rule(text, unit, rule, json, optional)})
+
+
+def rules(kind: Any) -> dict[str, Rule]:
+    """Return the rules of a class's fields by name; fields without a rule are left out."""
+    return {one.name: one.metadata[RULE] for one in dataclasses.fields(kind) if RULE in one.metadata}
+
+
+def validate(record: Any, prefix: str = "") -> None:
+    """Validate all fields that have a rule, in order, and store the converted values. prefix: key path of the record.
+
+    Raises:
+        InvalidValue: the message names the field's key path, the value and the rule.
+    """
+    for name, rule in rules(record).items():
+        check.store(record, **{name: rule(check.joined(prefix, name), getattr(record, name))})
+
+
+def made(path: str, kind: type[T], table: object, *, prefix: str | None = None) -> T:
+    """Create an object from a table of a TOML file. path, prefix: as in `validation.made`.
+
+    Raises:
+        ValueError: the message names the key path, and the value and the rule, or the missing or unknown key.
+    """
+    known = rules(kind)
+    required = {name: known[name].allowed for name in _required(kind) if name in known}
+    return check.made(path, kind, table, prefix=prefix, **required)
+
+
+def _required(kind: Any) -> list[str]:
+    """Return the names of a class's fields without default."""
+    own = [one for one in dataclasses.fields(kind) if one.init]
+    return [one.name for one in own if one.default is MISSING and one.default_factory is MISSING]
+
+
+# ------------------------------------------------------------------ documentation
+def described(kind: type[T]) -> type[T]:
+    """Append the fields with sentence, unit and bounds to the docstring of a class, as its arguments.
+
+    Arguments that the docstring describes itself are at its end and come first; they replace the sentences of fields.
+    """
+    text = inspect.cleandoc(kind.__doc__ or "")
+    lines = [] if "\nArgs:\n" in text else ["", "Args:"]
+    for name, rule in rules(kind).items():
+        if f"\n    {name}: " in text:
+            continue
+        words = ", ".join([*filter(None, [rule.unit]), *_bounds(rule)])
+        lines.append(f"    {name}: {rule.text}{f' ({words})' if words else ''}.")
+    kind.__doc__ = "\n".join([text, *lines]) + "\n"
+    return kind
+
+
+def _bounds(rule: Rule) -> list[str]:
+    """Return the bounds of a field in words."""
+    low, above, high = (rule.json.get(key) for key in ("minimum", "exclusiveMinimum", "maximum"))
+    found = ["positive"] if above == 0.0 else [] if above is None else [f"above {above:g}"]
+    found += [] if low is None else ["zero or positive"] if low == 0.0 else [f"at least {low:g}"]
+    found += [] if high is None else [f"at most {high:g}"]
+    found += [", ".join(f'"{word}"' for word in rule.json["enum"])] if "enum" in rule.json else []
+    return [*found, "or left out"] if rule.optional else found
+
+
+def rows(kind: Any) -> list[tuple[str, str, str, str]]:
+    """Return a row for each field with a rule: name, default, unit and bounds, sentence."""
+    found, required = [], _required(kind)
+    defaults = {one.name: one.default for one in dataclasses.fields(kind)}
+    for name, rule in rules(kind).items():
+        default = defaults[name]
+        shown = "required" if name in required else "" if default in (None, MISSING) else f"`{default!r}`"
+        found.append((f"`{name}`", shown, ", ".join([*filter(None, [rule.unit]), *_bounds(rule)]), rule.text))
+    return found
+
+
+# ------------------------------------------------------------------ JSON schema
+def schema(kind: Any, **more: Any) -> Schema:
+    """Return the JSON schema of a table with a class's fields.
+
+    more: schemas of fields without a rule; they replace those of fields with one.
+    """
+    known = {name: _described(rule) for name, rule in rules(kind).items()} | more
+    fields = [one for one in dataclasses.fields(kind) if one.init]
+    properties = {one.name: known.get(one.name) or _by_type(str(one.type)) for one in fields}
+    return {
+        "type": "object", "properties": properties, "required": _required(kind), "additionalProperties": False,
+        "description": inspect.cleandoc(kind.__doc__ or "").partition("\n")[0],
+    }  # fmt: skip
+
+
+def _described(rule: Rule) -> Schema:
+    """Return the schema of a field, with unit and sentence as description."""
+    return {**rule.json, "description": f"{rule.text}{f' ({rule.unit})' if rule.unit else ''}"}
+
+
+def _by_type(words: str) -> Schema:
+    """Return the schema of a field without rule from its annotation; {} permits any value."""
+    simple = {"float": "number", "int": "integer", "str": "string", "bool": "boolean"}
+    name = words.removeprefix("<class '").removesuffix("'>").removesuffix(" | None")
+    return {"type": simple[name]} if name in simple else {}
+
+
+def by_key(cases: Mapping[str, Schema], otherwise: Schema) -> Schema:
+    """Return the schema of a table whose kind follows from a key: the first of `cases` that the table has.
+
+    A validator then reports the fault in this kind of table, and not that none of several kinds fits.
+    """
+    found = otherwise
+    for key, one in reversed(list(cases.items())):
+        found = {"if": {"type": "object", "required": [key]}, "then": one, "else": found}
+    return found
