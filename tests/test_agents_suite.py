@@ -209,7 +209,7 @@ def test_costs_are_counted_and_sloped():
     taken, slope, _ = fine(seen, seen)
     assert taken.tolist() == [0.0, task.price, task.price]
     assert (slope[:, 0] == 0.0).all() and slope[1, 1] < -1.0 and abs(slope[2, 1]) < 1e-9
-    with pytest.raises(ValueError, match="no slope of costs"):
+    with pytest.raises(ValueError, match="only costs of deflection"):
         payoff.Fine(dataclasses.replace(task, keywords={"cost": {"strain": 1e-3}}), None)
 
 

@@ -78,7 +78,8 @@ def solve_tangents(lane, wide, model, parx, w, x, weights, ahead, free):
     free: scratch, n dual rows.
     """
     n, many = size(model.n), len(wide) // len(lane)
-    v, a = free[: n * len(lane)], free[n * len(lane) : 2 * n * len(lane)]
+    step = n * len(lane)
+    v, a = free[:step], free[step : step + step]
     # one right side per direction, because the factors are those of plain lanes
     for j in range(1, many):
         for k in range(n):
