@@ -18,7 +18,7 @@ TRAINING = {"tutorials/train.md", "tutorials/circle.md", "tutorials/randomisatio
 TRAINING |= {"tutorials/wrappers.md", "hyperparameters.md"}
 PAGES = ["index.md", "getting-started.md", "linearization.md", "scenes.md", "suite.md"]
 PAGES += ["environments.md", "environments/options.md", "hyperparameters.md", "identification.md"]
-PAGES += ["library.md", "remote.md", "coming_from_mujoco.md"]
+PAGES += ["arm_files.md", "measures.md", "library.md", "remote.md", "coming_from_mujoco.md"]
 PAGES += ["derivatives.md", *sorted(f"tutorials/{path.name}" for path in (DOCS / "tutorials").glob("*.md"))]
 BLOCK = re.compile(
     r"(?:<!-- shortened in the tests: (?P<old>.*?) => (?P<new>.*?) -->\n\n)?```(?P<kind>python|sh)\n(?P<code>.*?)```",
@@ -105,6 +105,7 @@ def test_hyperparameters_are_those_of_the_files() -> None:
 
 # ----------------------------------------------------------------- the API
 INSIDE = {"compiler", "layout", "physics", "runtime", "tasks", "batch", "curves", "rest", "rotations"}
+INSIDE |= {"equations", "geometry", "records"}
 INSIDE |= {"cli", "data", "__main__", "__init__", "accuracy_space", "meshing"}
 """Rooms that are not for use from outside."""
 
@@ -168,6 +169,7 @@ def public(body: list[ast.stmt]) -> list[ast.FunctionDef | ast.ClassDef]:
 def test_every_public_name_has_a_docstring() -> None:
     overridden = {"torques", "initialise", "predict"}  # of `control.Controller`, which describes them
     overridden |= {"value", "slopes"}  # of a cost of `control.ilqr`
+    overridden |= {"forget", "pressing"}  # of `control.force.PressController`
     overridden |= {"read", "reached", "place", "entries", "ranges", "path", "check_ranges"}  # `envs.targets.Target`
     bare = []
     for path in python_files(PACKAGE):
