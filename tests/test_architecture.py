@@ -357,7 +357,7 @@ def test_importing_the_package_is_light() -> None:
 
 
 def test_environments_load_no_controllers_linear_models_or_players() -> None:
-    """Together they would add a tenth to the time until the first step of an environment whose programs are compiled."""
+    """Together they would add a tenth to the time until the first step of a compiled environment."""
     loaded = loaded_after(f"import {PACKAGE}.envs.flexible_arm, {PACKAGE}.envs.spatial")
     assert f"{PACKAGE}.envs.spatial" in loaded
     unused = {"control.catalogue", "control.policy", "linear", "derivatives", "view.page", "view.sources"}

@@ -21,6 +21,6 @@ fn=(4) 0x0000000000006000
 
 
 def test_jump_tables_of_libraries_are_no_compiled_code() -> None:
-    """Code at 0x5000 and 0x6000 is in no file; 0x1010 lies in a library. What a call came to is counted in the callee."""
+    """Code at 0x5000 and 0x6000 is in no file; 0x1010 lies in a library. Costs of a call belong to the callee."""
     assert counts(DUMP, [(0x1000, 0x2000)]) == {"compiled": 11, "all": 161}
     assert counts(DUMP, []) == {"compiled": 61, "all": 161}
