@@ -1,6 +1,6 @@
 """Compare with MuJoCo, accuracy against run time: docs/results/work_precision.md, docs/results/mujoco_peer.json.
 
-    python -m benchmarks.mujoco_peer [--episodes 20] [--page] [--out FOLDER] [--figures FOLDER]
+    python -m benchmarks.mujoco_peer [--episodes 20] [--times] [--page] [--out FOLDER] [--figures FOLDER]
 
 `strip` and `de_luca_siciliano` run the episodes of `benchmarks.choose_default` from the starts of the environments. The
 torques are held over control periods of 20 ms; half of the episodes have random torques, half bang-bang torques. The
@@ -13,6 +13,7 @@ times. The script takes about ten CPU minutes and needs the extra `mujoco`.
 
 import argparse
 import itertools
+import json
 import sys
 import time
 from collections.abc import Sequence
@@ -24,7 +25,7 @@ import numpy as np
 
 from benchmarks import pages
 from benchmarks.choose_default import EXACT, IDS, Stopwatch, actions_of, tips
-from benchmarks.machine import cpu_seconds, table
+from benchmarks.machine import DOCS, cpu_seconds, table
 from benchmarks.mujoco_chains import Case, MujocoArm, Rollouts, chain, explicit_step, judged, model_of, rod_of
 from flexarm_env import arms
 from flexarm_env.control import load_policy
@@ -238,17 +239,38 @@ def measure_plane(env_id: str, episodes: int, rounds: int) -> Row:
             kept.append(row)
     take_times(env_id, arm, kept, torques, starts, rounds)
     ours = []
-    watches = [Stopwatch(env_id, options, True) for options in OURS.values()]
-    reads = np.array([[watch.read() for watch in watches] for _ in range(rounds)]).min(axis=0)
-    for (name, options), (vector, single) in zip(OURS.items(), reads.tolist(), strict=True):
+    for (name, options), times in zip(OURS.items(), own_times(env_id, rounds), strict=True):
         places, _ = tips(env_id, actions, options)
-        errors = worst(largest(places, truth, arm.total_length))
-        two = on_two_threads(env_id, options)
-        ours.append({"label": name, "gym": single, "batch": vector, "threads": two, **errors})
+        ours.append({"label": name, **times, **worst(largest(places, truth, arm.total_length))})
     return {
         "arm": arm.name, "episodes": episodes, "reference_apart": apart, "extrapolated": extrapolated, "rows": rows,
         "timed": kept, "ours": ours, "frequencies": frequencies(arm),
     }  # fmt: skip
+
+
+def own_times(env_id: str, rounds: int) -> list[Row]:
+    """Return the times `gym`, `batch` and `threads`, µs, of each entry of `OURS`."""
+    watches = [Stopwatch(env_id, options, True) for options in OURS.values()]
+    reads = np.array([[watch.read() for watch in watches] for _ in range(rounds)]).min(axis=0)
+    return [
+        {"gym": single, "batch": vector, "threads": on_two_threads(env_id, options)}
+        for options, (vector, single) in zip(OURS.values(), reads.tolist(), strict=True)
+    ]
+
+
+def timed_again(found: pages.Found, rounds: int) -> pages.Found:
+    """Measure the times of the plane's rows again, in one run; the stored errors stay."""
+    for env_id in IDS:
+        arm, rows = arm_of(env_id), found[env_id]["timed"]
+        actions = actions_of(env_id, found[env_id]["episodes"], arm.n_links)
+        torques = actions.astype(np.float32).astype(np.float64) * np.array(arm.torque_limits)
+        for row in rows:
+            for key in ("alone", "gym", "batch", "threads"):
+                row.pop(key, None)
+        take_times(env_id, arm, rows, torques, starts_of(env_id, actions.shape[1]), rounds)
+        for row, times in zip(found[env_id]["ours"], own_times(env_id, rounds), strict=True):
+            row.update(times)
+    return found
 
 
 def on_two_threads(env_id: str, options: dict[str, Any]) -> float:
@@ -530,9 +552,15 @@ def figure(found: pages.Found, path: Path) -> None:
 
 
 def measured(options: argparse.Namespace) -> pages.Found:
-    """Run all measurements and plot them."""
+    """Run all measurements, or only the times, and plot them."""
     begun = cpu_seconds()
-    found: pages.Found = {env_id: measure_plane(env_id, options.episodes, options.rounds) for env_id in IDS}
+    if options.times:
+        stored = json.loads((DOCS / "results" / "mujoco_peer.json").read_text("utf-8"))
+        stored.pop("machine")
+        found = timed_again(stored, options.rounds)
+        figure(found, options.figures / "mujoco_peer.png")
+        return found
+    found = {env_id: measure_plane(env_id, options.episodes, options.rounds) for env_id in IDS}
     found["three_dof"] = measure_space(max(2, options.episodes // 3), options.rounds)
     found["policy"] = measure_policy()
     found["cpu_seconds"] = cpu_seconds() - begun
@@ -540,6 +568,10 @@ def measured(options: argparse.Namespace) -> pages.Found:
     return found
 
 
+MORE: dict[str, dict[str, Any]] = {
+    "times": {"action": "store_true", "help": "measure only the times in the plane again; the stored errors stay"},
+}
+
 if __name__ == "__main__":
     sys.exit(pages.run("mujoco_peer", __doc__, measured, blocks, page="results/work_precision", packages=("mujoco",),
-                       indent=None, episodes=20, rounds=3))  # fmt: skip
+                       indent=None, episodes=20, rounds=3, more=MORE))  # fmt: skip
