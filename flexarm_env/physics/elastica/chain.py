@@ -32,7 +32,7 @@ from ..linalg import product, solve
 Array = NDArray[np.float64]
 
 MOST_IN_PIECE = 12
-"""Largest number of nodes on a smooth piece of a link; runs with 24 on one polynomial gained energy and diverged."""
+"""Largest number of nodes on a smooth piece of a link; runs with 24 nodes on one piece gained energy and diverged."""
 
 
 def nodes(n: int, tip: bool) -> Array:
@@ -76,7 +76,7 @@ gauss = lru_cache(64)(legendre.leggauss)
 
 @dataclass(frozen=True)
 class Line:
-    """Interpolation of one link with n nodes: continuous, and a polynomial between any two jumps or kinks. SI units.
+    """Interpolation of a link's angle by n nodes: continuous, and a polynomial between two jumps or kinks; SI units.
 
     `pieces` holds for each smooth piece its two ends s on the link (m), the number of its first node and the basis of
     its functions. Neighboring pieces share a node.
@@ -88,7 +88,7 @@ class Line:
 
     @classmethod
     def of(cls, link: Link, n: int, tip: bool) -> Line:
-        """Distribute n nodes over a link; ``tip``: with a node at its tip. Node intervals are its cells (`meshing`).
+        """Distribute n nodes along a link, with a node at its tip if ``tip``; node intervals are its cells (`meshing`).
 
         Raises:
             ValueError: n is too few for the link's jumps, or gives a smooth piece more than `MOST_IN_PIECE` nodes.
@@ -169,7 +169,7 @@ class Line:
         return 0.5 * self.length * (x + 1.0), 0.5 * self.length * weights
 
     def matrix(self, table: Array, what: str) -> Array:
-        """Return int X table^T table ds (n, n), X the section's property `what` ("m", "J", "EI" ...).
+        """Return the matrix int X table^T table ds (n, n); X: section property named by `what` ("m", "J", "EI" ...).
 
         table: (points, n), functions at the points of `quadrature`.
         """
@@ -187,7 +187,7 @@ class Line:
 
     @property
     def rest(self) -> Array:
-        """Stress-free angles of the nodes, of least strain energy, less the root's angle, (n,), rad."""
+        """Angles of the nodes (n,), rad, relative to the root, at which the link's strain energy is least."""
         # K phi = int EI kappa_0 l' ds with phi = 0 at the first node
         s, weights = self.quadrature()
         slope = self.slope(s)
@@ -203,7 +203,7 @@ class Line:
 
     @property
     def tip_angle(self) -> Array:
-        """Weights l_l(L) of the nodes' angles in the angle of the link's tip, (n,)."""
+        """Weights l_l(L), (n,), of the nodes' angles in the section angle at the link's tip."""
         return np.asarray(self.lagrange(np.array([self.length]))[0])
 
 
@@ -226,7 +226,7 @@ class Chain:
 
     @property
     def rest(self) -> Array | None:
-        """Stress-free angles of the nodes less their link's root angle, (Nn,), rad; None if all links are straight."""
+        """Stress-free angles of all nodes (Nn,), rad, relative to their link's root; None if all links are straight."""
         if not any(line.link.curved for line in self.lines):
             return None
         return np.concatenate([line.rest for line in self.lines])
@@ -239,7 +239,7 @@ class Chain:
         return weights
 
     def angle_at(self, link: int, s: float) -> Array:
-        """Return weights (Nn,) of the nodes' angles in the section angle at s (m) on a link, a rigid end included."""
+        """Return weights (Nn,) of the nodes' angles in a link's section angle at s (m); s may lie on a rigid end."""
         n, weights = self.n, np.zeros(self.w.size)
         line = self.lines[link]
         weights[link * n : (link + 1) * n] = line.lagrange(np.clip(np.array([s]), 0.0, line.length))[0]

@@ -79,7 +79,7 @@ def tip_lever(link: Link) -> Array:
 
 
 def tip_end(link: Link) -> Body:
-    """Return a link's rigid end as a `Body` fixed to the link's last section; its mass is at the end's middle."""
+    """Return a link's rigid end as a `Body` on the link's last section; its mass is at the middle of the rigid end."""
     return Body(link.tip_mass, 0.5 * tip_lever(link), bodies.tensor(link.tip_inertia))
 
 

@@ -114,7 +114,7 @@ class Hinge(NamedTuple):
     """Kinematics of a joint.
 
     turn   rotation matrix E: axes of the link's root to axes of the section before
-    lever  m: from the section before to the link's first section, axes of the section before; None: no levers in the arm
+    lever  m: from the section before to the link's first section, axes of the section before; None without levers
     root   `Vertex` of the link's first section
     """
 
@@ -137,7 +137,7 @@ def nine_of(lane, array, k):
 
 @kernel
 def uneven_of(lane, model, i):
-    """Return (chord, a_y, a_z) of element i without unit (see `bow_of`); None if all elements are even (constant)."""
+    """Return (chord, a_y, a_z) of element i (see `bow_of`); None if section and curvature of elements are constant."""
     if model.uneven is None:
         return None
     o = E.end * i
@@ -315,7 +315,7 @@ def mass_of(lane, array, o, mass):
 
 @kernel
 def inertia_of(lane, array, o, share):
-    """Return the inertia tensor (kg m^2, section axes) of the `BODY` at o of `array`, times `share` unless None."""
+    """Return the inertia tensor (kg m^2, section axes) of the `BODY` at o of `array`, times share; None counts as 1."""
     I = nine_of(lane, array, o + P.inertia)
     if share is None:
         return I
