@@ -1,4 +1,4 @@
-"""Functions on lanes for physics and tasks. A batch and a single arm get the same bits from them."""
+"""Functions on lanes for physics and tasks. A batch of arms and a single arm get the same bits from these functions."""
 
 import math
 
@@ -7,7 +7,7 @@ from ..compiler import Lanes, absolute, kernel, select_lt, square_root
 
 @kernel
 def scaled_by_share(shares, k, value):
-    """Return value * shares[k] if shares is an array; value itself if shares is None or a tag (a tuple)."""
+    """Return value * shares[k] if shares is an array, or value if shares is None or a compile-time tag (a tuple)."""
     if shares is None or isinstance(shares, tuple):
         return value
     return value * shares[k]
@@ -35,7 +35,7 @@ def clip(x, bound):
 
 @kernel
 def decay(x):
-    """Return exp(-x) for x >= 0, within 1e-11; x above 60 counts as 60, practically 0.
+    """Return exp(-x) for x >= 0 with an error of 1e-11; x above 60 is replaced by 60.
 
     exp(-x) = exp(-x / 1024)^1024: a Taylor polynomial of order 7, then ten squarings.
     """

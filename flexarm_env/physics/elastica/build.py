@@ -34,7 +34,8 @@ HEAVIER = 1.0 / 60.0
 `phase_correction`)."""
 
 NO_PART = 1e-9
-"""Largest correction for a rigid rotation of the link that counts as rounding, as a fraction of the link's inertia."""
+"""Largest error of the correction C in a rigid rotation, as a fraction of the link's inertia; beyond it C is computed
+from differences of angles."""
 
 
 def bends(parts: Chain) -> Array:

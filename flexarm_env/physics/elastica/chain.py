@@ -125,7 +125,7 @@ class Line:
         return table
 
     def lagrange(self, s: Array) -> Array:
-        """Return the Lagrange polynomials l_l(s), (len(s), n): weights of the nodes' angles in phi(s); s in m."""
+        """Return Lagrange polynomials l_l(s), (len(s), n): weights of the nodes' angles in the angle phi(s); s: m."""
         return self._table(s, lambda x, of, length: product(legendre.legvander(x, len(of.own) - 1), of.own))
 
     def slope(self, s: Array) -> Array:
@@ -179,7 +179,7 @@ class Line:
         return product(table.T * (weights * getattr(self.link.along(s), what)), table)
 
     def total(self, table: Array, what: str) -> Array:
-        """Return int X table ds (n,), X the section's property `what`; table: functions at the quadrature's points."""
+        """Return int X table ds (n,); X: section property `what`; table: functions at the quadrature points."""
         s, weights = self.quadrature()
         if self.link.uniform is not None:
             return np.asarray(getattr(self.link.uniform, what) * product(weights, table))
@@ -198,7 +198,7 @@ class Line:
 
     @property
     def tip_weights(self) -> Array:
-        """Weights w of the tangents from the root joint to the tip joint (n,), m; S_l(L) without rigid ends."""
+        """Weights (n,), m, of the unit tangents in the vector root joint to tip joint; S_l(L) without rigid ends."""
         return np.asarray(self.position(np.array([self.length + self.link.tip_offset]))[0])
 
     @property
@@ -209,7 +209,8 @@ class Line:
 
 @dataclass(frozen=True)
 class Chain:
-    """Constant matrices of a chain of N links with n nodes each, without payload; SI, nodes numbered from the root."""
+    """Constant matrices of a chain of N links with n nodes each, without payload; SI units, nodes counted from the
+    root."""
 
     lines: tuple[Line, ...]
     P: Array  # (Nn, Nn) kg m^2: masses, kinetic energy 1/2 sum P_ij e_i'.e_j'
@@ -232,7 +233,7 @@ class Chain:
         return np.concatenate([line.rest for line in self.lines])
 
     def arms_to(self, link: int, s: Array) -> Array:
-        """Return weights (len(s), Nn), m: the point at s (m) on a link is r_root + sum_j weight_j e_j."""
+        """Return weights (len(s), Nn), m, with which a link's point at s (m) is r_root + sum_j weight_j e_j."""
         n, weights = self.n, np.zeros((len(s), self.w.size))
         weights[:, : link * n] = self.w[: link * n]
         weights[:, link * n : (link + 1) * n] = self.lines[link].position(s)

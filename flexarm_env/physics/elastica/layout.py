@@ -49,7 +49,7 @@ BENDS = Layout(
     Field("slope", ("points", "nodes"), "1/m", "sum slope_j phi_j = kappa"),
     Field("own", ("points", OWN), "", "further constants of the law of M (`materials.BENDING`)"),
 )  # fmt: skip
-"""Constants of a law of M other than EI kappa, at the quadrature points of all links; nodes: of all links."""
+"""`BENDS`: constants of a nonlinear law M(kappa) at all quadrature points; nodes are those of all links."""
 _data_at = kernel(DATA.offsets)
 eccentric_at = kernel(ECCENTRIC.offsets)
 bends_at = kernel(BENDS.offsets)

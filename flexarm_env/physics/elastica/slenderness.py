@@ -311,7 +311,7 @@ def _acceleration(f: TimeFunction, t: Array) -> Array:
 
 
 def coordinates(arm: Arm, n: int) -> Array:
-    """Return T (Nn, Nn), nodes' angles = T coordinates: the first node of link k > 0 adds the tip before its joint."""
+    """Return the matrix T (Nn, Nn) that maps coordinates (joint and node angles) to the tangent angles of all nodes."""
     T = np.eye(arm.n_links * n)
     for k in range(1, arm.n_links):
         T[k * n, k * n - 1] = 1.0

@@ -83,8 +83,7 @@ def _bent(arm: Arm) -> bool:
 
 
 def rest(arm: Arm, elements: int, order: int) -> list[Array]:
-    """Return each link's stress-free bending of its elements, (elements, order), rad: psi right - left, then interior
-    psi.
+    """Return each link's stress-free values (right - left, interior ...) of the angle psi: (elements, order), rad.
 
     The values of psi minimize 1/2 int EI (psi' - kappa_0)^2 ds with the link's curvature kappa_0 (1/m).
     """

@@ -23,7 +23,7 @@ def _own(section: Any, p: int) -> list[list[Any]]:
 
 
 def materials(section: Any, p: int) -> list[tuple[Any, Any, list[Any]]]:
-    """Return a tuple per Gauss point: k1 = EA/2l, k2 = C/2l (N/m) and the further constants of the laws of N and Q."""
+    """Return for each Gauss point k1 = EA/2l, k2 = C/2l (N/m) and a list of other constants of the laws of N and Q."""
     own = [row[: len(NORMAL_AND_SHEAR)] for row in _own(section, p)]
     if hasattr(section, "k1"):
         return [(section.k1, section.k2, row) for row in own]
@@ -59,7 +59,7 @@ def dot(row: list[Any], values: list[Any]) -> Any:
 
 
 def moments_of(section: Any, t: Tables, bent: list[Any]) -> list[Any]:
-    """Return the generalized bending moments K b (N m), conjugate to (right - left, interior ...) of psi; b: bent."""
+    """Return bending moments K b (N m), conjugate to b = bent = (psi_right - psi_left, interior psi ...), rad."""
     # one section: K is diagonal, kb norm_i
     if hasattr(section, "kb"):
         return [x * (section.kb * float(norm)) for x, norm in zip(bent, t.norm, strict=True)]

@@ -150,7 +150,7 @@ def _vertex_behind_hinge(lane, model, state: State, k, left):
 
 @kernel
 def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
-    """Write r = M a + f(q, v) - B u, eq. [64], and, with weights.with_matrix, the matrix S condensed to vertices.
+    """Write the residual r = M a + f(q, v) - B u [64]; with weights.with_matrix also S, condensed to vertices.
 
     Rows of r: forces (N, inertial axes) on x, y; moments (N m) on psi and delta. S = weights.mass M + weights.damping C
     + weights.stiffness K in the fields `interior`, `condensed` of FACTORS. state: q, v, a; u: joint torques, then point

@@ -67,7 +67,7 @@ def set_inputs(lane, drive, u: Lanes, t, side):
 
 @kernel
 def set_motions(lane, drive, psi: Lanes, t, side):
-    """Write value, rate and second rate of each prescribed coordinate at time t (s) to psi: a `MOTION` each (m, rad).
+    """Write value, rate and second rate of each prescribed coordinate at time t (s) to psi, one `MOTION` each.
 
     drive: `Drive`; psi: (n_motions * 3,) lanes; side: time (s) slightly before or after t, which selects the piece of a
     function that jumps at t.
