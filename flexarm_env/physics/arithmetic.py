@@ -61,7 +61,7 @@ _EIGHTH = math.sqrt(2.0) - 1.0  # tan(pi/8)
 
 @kernel
 def arctangent(y, x):
-    """Return the angle (rad) of the point (x, y) in (-pi, pi], within 1e-15; 0 at the origin."""
+    """Return the angle (rad, in (-pi, pi]) of the vector (x, y) from the x axis, to 1e-15; 0 for the zero vector."""
     a, b = absolute(y), absolute(x)
     # first octant: t = tan(angle) in [0, 1]; 1e-300 avoids 0/0
     low, high = select_lt(a, b, a, b), select_lt(a, b, b, a)

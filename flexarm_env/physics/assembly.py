@@ -1,4 +1,4 @@
-"""Assemble the System of a scene and its settings (by the formulation's `build`) and the Drive (functions of time)."""
+"""Assemble a scene's System, with its formulation's `build`, and its Drive (loads and motions over time)."""
 
 import dataclasses
 from typing import Any

@@ -174,8 +174,7 @@ MASS_ALONE = Weights(1.0, 0.0, 0.0)
 
 @kernel
 def added(lane, q: Lanes, share, d: Lanes, more: Lanes | None, k):
-    """Return row k of q + share d + more: coordinate k (m or rad) after an increment, for coordinates without
-    rotations.
+    """Return row k of q + share d + more, coordinate k (m or rad) after an increment; k is no row of a rotation.
 
     q, d, more: arrays of n rows; share: factor on d; more is None for zero.
     """

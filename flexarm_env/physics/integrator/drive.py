@@ -10,7 +10,7 @@ from ...time_functions import AMPLITUDE, C0, C1, C2, C3, OMEGA, PHASE, PIECE, T0
 from ..layout import OF_MOTION
 
 cubic, wave = kernel(time_functions.cubic), kernel(time_functions.wave)
-"""Value and derivatives of a piece, compiled from the source of `TimeFunction`."""
+"""Kernels for the value and derivatives of a piece's cubic and wave, compiled from the source of `TimeFunction`."""
 
 
 @kernel

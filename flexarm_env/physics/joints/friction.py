@@ -129,8 +129,8 @@ def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
     torque T_C.
 
     # in        state, u: q, v, a and inputs
-    # out       r (n,); fields of `GEAR`: before (friction torque, N m), slides (1 or 0), free: 1 if the joint does not slide and
-    #           friction balances the other forces of its row, within T_C, otherwise 0
+    # out       r (n,); fields of `GEAR`: before (friction torque, N m), slides (1 or 0), free: 1 if the joint does
+    #           not slide and friction within T_C balances the other forces of the joint's row, otherwise 0
 
     See theory, (6.6).
     """

@@ -139,7 +139,7 @@ def assemble(lane, part, model, par, state: State, u, weights, r: Lanes, S: Lane
 
 @kernel
 def fix_coordinate(lane, part, model, S: Lanes, k):
-    """Flag row k as fixed or prescribed in the `GEAR` records of S: a motor row as `pinned`, a joint row as `held`."""
+    """Mark row k as fixed or prescribed in S: by `GEAR.pinned` if k is a motor's row, by `GEAR.held` for a joint."""
     for i in range(count(model)):
         g = gear_at(model, i)
         if model.table[PLACES * i + PLACE.motor] == k:
