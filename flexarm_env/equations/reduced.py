@@ -100,7 +100,7 @@ def point_of(w: Work) -> Point:
 
 
 ROUND_OFF = 1e-14
-"""Relative error of the stiffness K: squared frequencies below this times |x|'|K||x| are those of rigid motions."""
+"""Relative error of the stiffness K. Squared frequencies below ROUND_OFF |x|'|K||x| are those of rigid motions."""
 
 
 def undamped(M: Array, K: Array) -> tuple[Array, Array]:

@@ -66,7 +66,7 @@ def goal_angles(arm: Arm, angles: Array, target: Array, rates: Array) -> Array:
 
     Args:
         angles (n, N): present angles, rad. target (n, 2): in hub axes at these angles, m.
-        rates (n, N): speed factors; a joint takes a time proportional to sqrt(|x|) / rate for an angle x. Used for two links only.
+        rates (n, N): speed factors, for two links only; a joint turns by x in a time proportional to sqrt(|x|) / rate.
     A target out of reach is approached along the line to the target. Joint limits are kept, and no elbow turns past pi.
     """
     low_high = [(-np.inf, np.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links]

@@ -70,7 +70,7 @@ def ribbons_of(run: Any, pieces: int = 6) -> Ribbons:
 
 
 def sides(arm: Arm) -> Array:
-    """Return width and thickness (N, 2), m, of the links from the stiffnesses at mid-length; 0 for rigid links."""
+    """Return width and thickness (N, 2), m, of the links, from their stiffnesses at mid-length; 0 for rigid links."""
     return np.array([_sides(link) for link in arm.links])
 
 

@@ -49,7 +49,7 @@ Round-off, such as cos(pi/2) = 6e-17, must not select the side.
 """
 
 _TURNS = 16
-"""Largest number of turns of a joint in a search for equilibrium. An arm that turns further has no equilibrium."""
+"""Largest number of turns by which loads may wind an arm up; an arm that turns further has no equilibrium."""
 
 _MOST = 400
 """Largest number of Newton iterations in a search."""

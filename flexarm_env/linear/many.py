@@ -98,7 +98,7 @@ class Linearizer:
         self._made = entry(linearized.linearize, self._placed, 0, 0)
 
     def __call__(self, q: Array, v: Array, u: Array, par: Array) -> LinearModels:
-        """Return the models at coordinates and rates (n, rows), torques (n, N) and parameters (n, 4)."""
+        """Return the models at coordinates q, rates v (n, rows), torques u (n, N) and parameters par (n, 4)."""
         d, n = self._rows, self.n
         d.given.reshape(n, -1)[:] = np.concatenate([q, v, u, par], axis=1)
         self._made(self._placed.address, 0, -(-n // len(d.lane)))

@@ -20,7 +20,7 @@ from ..simulation import Simulation
 from ..validation import Array
 
 SHARP = 1e-12
-"""Newton tolerance if the period is corrected; the correction differs by less if it begins an iteration earlier."""
+"""Newton tolerance for models with a period correction, so that it hardly matters at which iteration it begins."""
 
 
 def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:

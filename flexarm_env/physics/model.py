@@ -52,7 +52,7 @@ STIFFNESSES = {"EI": STIFFNESS_FACTOR, "EI_y": EI_Y_FACTOR, "GJ": GJ_FACTOR}
 
 
 def damped(arm: Arm) -> tuple[int, ...] | NDArray[np.float64] | None:
-    """Return a Model's field `damped`: None without tau_d, (0,) if all links have equal tau_d, or each link's share."""
+    """Return a Model's field `damped`: None without damping, (0,) for equal tau_d in all links, else their shares."""
     largest, shares = arm.damping
     return None if largest == 0.0 else (0,) if shares is None else np.array(shares)
 

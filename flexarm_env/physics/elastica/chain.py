@@ -36,7 +36,7 @@ MOST_IN_PIECE = 12
 
 
 def nodes(n: int, tip: bool) -> Array:
-    """Return n nodes on [-1, 1], the first at -1: Lobatto nodes (the last at +1) if ``tip``, otherwise Radau nodes."""
+    """Return n nodes on [-1, 1] with one at -1: Lobatto nodes (one also at +1) if ``tip`` is True, else Radau nodes."""
     # Lobatto: roots of P'_{n-1} between the ends; Radau: roots of P_{n-1} + P_n
     basis = np.zeros(n + 1)
     if tip:
