@@ -2,8 +2,8 @@
 
 A body's frame has origin R and angle theta. In frame axes the body's tip has the position t(q). The body's root section
 is rotated by the angle rho'q relative to the frame. Gravity enters as an acceleration of the frame, so positions R are
-not needed. The sweep from root to tip therefore passes only a section's angle, its rates and its acceleration. The
-sweep from tip to root passes a force and a moment (theory, section 3).
+not needed. The sweep from root to tip therefore transmits only a section's angle, its rates and its acceleration. The
+sweep from tip to root transmits a force and a moment (theory, section 3).
 
 Arguments that recur: `model` is the `Mesh`, common to all bodies. `D` is one body's block of constants (`layout.BODY`).
 q, v, a begin at the body's n elastic coordinates. E = [[0, -1], [1, 0]] rotates a vector by 90 deg. In a frame that

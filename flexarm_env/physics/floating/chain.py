@@ -171,8 +171,8 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
 def add_stiffness(lane, model, S: Lanes, k, x):
     """Add x (N m/rad) to the stiffness that `factor` adds to the diagonal of row k, the hub's or an elbow's angle.
 
-    x None: mark row k, of the root (0 to 2) or of an elbow, as fixed; `factor` and `solve` treat a fixed row as a row
-    of the identity matrix.
+    If x is None, row k, of the root (0 to 2) or of an elbow, is fixed: `factor` and `solve` then use the row of the
+    identity matrix.
     """
     elbow = _joint_at(k - elbow_row(model, 0))
     if x is None:

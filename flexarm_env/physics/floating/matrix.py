@@ -201,7 +201,7 @@ def add_outboard(lane, model, D, S: Lanes, tail: Lanes):
     rotation. Both are in frame axes.
 
     # in       tail (9,): change of force (N) and moment (N m) at the tip section by its weighted acceleration and its
-    #          angle, inertial axes; overwritten by the same in the frame's axes
+    #          angle, inertial axes; overwritten by the same matrix in the axes of the body's frame
     # in, out  S: `FACTORS.matrix` (n + 3, n + 3); reads `frame`, `arm`, `swept`
     """
     own, n = constants(model), size(model.n)
@@ -246,8 +246,8 @@ def condense(lane, model, D, S: Lanes, tail: Lanes):
     ck, as in `add_outboard`) and the angle of the root section. The factors L and U, with inverted pivots, stay in S.
     No pivoting is needed, because the positive definite cm M outweighs the other terms.
 
-    # in, out  tail (9,): change of force and moment by acceleration and angle (inertial axes), in: at the tip section
-    #          of the body, of all beyond; out: at its root section, the Schur complement of the elastic rows
+    # in, out  tail (9,): matrix of force and moment by acceleration and angle (inertial axes), at the tip section of
+    #          the body for all bodies beyond, then at its root section: the Schur complement of the elastic rows
     # in, out  S: `FACTORS.matrix`, then its factors
 
     See theory, (3.3).

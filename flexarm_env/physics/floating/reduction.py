@@ -66,8 +66,8 @@ def clamped_modes(link: Link, n: int, tip_mass: float, tip_inertia: float) -> tu
 def pinned_modes(link: Link, n: int) -> tuple[Array, Array]:
     """Return two static shapes and the lowest n - 2 bending modes of a link between pins.
 
-    In the static shapes the root section, or the tip section, is turned by 1 rad. Returns the stiffness matrix (n, n)
-    of the shapes, and the nodal shapes (2 (MESH + 1), n), whose rows are v and phi of each node. Each mode rotates the
+    In a static shape the root section, or the tip section, is rotated by 1 rad. Returns the stiffness matrix (n, n) of
+    the shapes, and the nodal shapes (2 (MESH + 1), n), whose rows are v and phi of each node. Each mode rotates the
     root section in the positive sense.
     """
     from scipy.linalg import solve

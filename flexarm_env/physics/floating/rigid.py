@@ -75,7 +75,7 @@ def propagate_outward(lane, lever, pose, S, first):
     e: lever; n: lever rotated by 90 deg; w, alpha: angular velocity and acceleration of the section. Nothing is done if
     `lever` is None.
 
-    # in, out  pose (5,), `PASSED`: angle and rates stay, the acceleration is replaced; inertial axes
+    # in, out  pose (5,), `PASSED`: the acceleration is replaced, angle and rates do not change; inertial axes
     # out      S: ex, ey, rates and near acceleration of the lever's `LEVER_FACTORS`; first: index of lever 0's
     """
     if lever is not None:
@@ -97,7 +97,7 @@ def transmit_inward(lane, lever, force, weights, S: Lanes, first):
     e: lever, near to far point; J: inertia of its own mass m; alpha: angular acceleration; a_far, a_mid: accelerations
     less gravity at e and e/2. Vectors are in inertial axes. Do nothing without a lever (None).
 
-    # in       S: written by `propagate_outward`; weights: `Weights`; first: index in S of lever 0's `LEVER_FACTORS`
+    # in       S: values of `propagate_outward`; weights: `Weights`; first: index in S of lever 0's `LEVER_FACTORS`
     # in, out  force (3,): force (N) and moment (N m) required at the far point, then at the near point
     # out      S, with weights.with_matrix: n, weighted change of the far acceleration, and `turn`, of `LEVER_FACTORS`
 
@@ -184,7 +184,7 @@ def far_point_change(lane, lever, S, first, arm, flow: Lanes):
         (x, y) += angle times the derivative of the far point's weighted acceleration by the angle
 
     Vectors are in inertial axes. arm: SWEPT selects that derivative; ACROSS (n) is for solutions with the transposed
-    matrix. first: index in S of lever 0's `LEVER_FACTORS`; no-op without a lever (None).
+    matrix. first: index in S of lever 0's `LEVER_FACTORS`. Nothing is done if `lever` is None.
     """
     if lever is not None:
         x, y = load_pair(lane, S, _factors_at(first, lever) + arm)

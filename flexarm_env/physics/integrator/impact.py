@@ -26,12 +26,12 @@ def change_payload(lane, model, resting, par, new, live: Lanes, w: Work, h, book
 
         (M+ + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -(r+ - r-),    solved three times with one factorization.
 
-    # model     model; par: in, old payload; out, new one. h: a step, s. In space the inertia is a factor on the tensor
-    # state     w.v, w.a, w.b and multipliers in w.q: in and out
+    # model     par: old payload, replaced by the new one; h: a step, s. In space the inertia is a factor on the tensor
+    # state     w.v, w.a, w.b and multipliers in w.q are changed
     # scratch   w.r, w.S, w.q0, w.v0, w.a0, w.b0
 
-    books: a tag to account in w.books, or None. The impact's loss T- - T+ of kinetic energy counts as dissipation. The
-    energy of the gripped or released object counts as work.
+    books: a tag to add the energies to w.books, or None. The impact's loss T- - T+ of kinetic energy counts as
+    dissipation. The energy of the gripped or released object counts as work.
     """
     n, here = size(model.n), live[0]
     before = energy(lane, model, par, w.q, w.v)

@@ -28,9 +28,9 @@ def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
     """Compute consistent velocities, accelerations and multipliers at t+, after loads or motions may have jumped.
 
     Velocities jump by dv, M dv + Phi_q^T Lambda = 0, with the prescribed part known (Phi = 0: constraints, Lambda:
-    their impulses). Damping ends a part of dv within much less than a step. The part that damping ends is removed
-    (`_remove_damping_layer`), and its damping forces change the accelerations that are kept. Work and loss of the
-    impulses are accounted for in w.books.
+    their impulses). Damping ends a part of dv within much less than a step. This part is removed from the velocities,
+    and the damping forces of the removed part change the accelerations. The work and the energy loss of the impulses
+    are added to the energy account w.books.
 
     Accelerations: a fresh start solves M a + Phi_q^T lambda = Q - h(q, v), Q: generalized loads, and b = a. At a kink
     within a run (not fresh, with a drive) accelerations and multipliers are kept, and then corrected three times by the
@@ -38,10 +38,11 @@ def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
 
         (M + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -r,
 
-    The difference b - a stays the same. If the step resolves the motion, this equals M da = -r to third order. With M
-    alone, stresses of strains and strain rates that are too stiff for the step would make accelerations large.
+    The difference b - a does not change. If the step resolves the motion, the result agrees with M da = -r to third
+    order. With M alone, stresses of strains and strain rates that are too stiff for the step would make accelerations
+    large.
 
-    # model     model, drive (None: no loads or motions in time, velocities stay), par; h: a step, s
+    # model     model; drive: `Drive`, or None (no loads or motions in time, velocities do not jump); par; h: a step, s
     # state     flat: work array `Work` with n_motions prescribed coordinates; q stays, v, a, b and lambda change
     """
     restart_within(lane, model, drive, par, unpack(lane, model, flat, n_motions), t, h, fresh)
@@ -265,8 +266,8 @@ def _remove_damping_layer(lane, model, drive, par, w: Work, h, fresh):
 def damping_layer(lane, model, drive, par, w: Work, rest, h, fresh):
     """Compute the part of a velocity jump dv that damping ends within a step: w.r <- e = (1 - s)^3 (1 + 3 s) dv.
 
-    s = (M + h/2 C)^-1 M with mass and damping matrix M, C, see `_remove_damping_layer`; h: a step, s. Unless fresh,
-    w.q0 accumulates the jump of accelerations.
+    s = (M + h/2 C)^-1 M, with the mass matrix M and the damping matrix C; h: a step, s. Unless fresh, w.q0 accumulates
+    the jump of accelerations.
 
     # in        w.r: dv; w.a = 0; rest: residual at rest (v = a = 0), n rows
     # out       w.r: e; w.v: SMALL h/2 g, g = (1 - s)^2 (1 + 3 s) dv
@@ -321,8 +322,8 @@ def restart_within(lane, model, drive, par, w: Work, t, h, fresh):
     fresh, with a drive) a and multipliers are kept and corrected, and b keeps its distance from a (equations:
     `restart`).
 
-    # model     model, drive (None: no loads or motions in time, velocities stay), par; h: a step, s
-    # state     w.v, w.a, w.b and multipliers in w.q: in and out; w.u, w.psi <- values at t+; w.u0, w.reaction, w.books
+    # model     model; drive: `Drive`, or None (no loads or motions in time, velocities do not jump); par; h: a step, s
+    # state     w.v, w.a, w.b and multipliers in w.q are changed; w.u, w.psi <- values at t+; w.u0, w.reaction, w.books
     # scratch   w.r, w.S, w.q0, w.v0, w.a0, w.b0, w.psi0
 
     See theory, section 6, "Kinks".

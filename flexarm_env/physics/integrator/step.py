@@ -4,8 +4,8 @@
     q+ = q + h v + h^2 ((1/2 - beta) b + beta b+),   v+ = v + h ((1 - gamma) b + gamma b+)
 
 With alpha_m = alpha_f = 0 (or rho = 1 and b = a at the start) this is the paper's Newmark method. The end of a step
-depends only on the state and inputs at its start. In lanes, an arm that has converged keeps its bits while other arms
-iterate. A batch and a single arm therefore give the same bits.
+depends only on the state and inputs at its start. In lanes, the state of an arm that has converged does not change
+while other arms iterate. A batch and a single arm therefore give the same bits.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def newmark_predict(lane, model, w: Work, h, scheme):
     acceleration, s = 0 zero. b: auxiliary acceleration, (1 - alpha_m) b+ + alpha_m b = (1 - alpha_f) a+ + alpha_f a.
 
     # model     model, scheme (`Scheme`)
-    # state     w.q, w.v, w.a, w.b: in, start of the step; out, prediction at its end
+    # state     w.q, w.v, w.a, w.b: state at the start of the step, replaced by the prediction at the step's end
     # scratch   w.r
     # out       w.q0, w.v0, w.a0, w.b0: values at the start of the step, from which a failed step restarts
     """
@@ -187,7 +187,7 @@ def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, boo
     arm is flagged while the other arms continue, and the intended end time is returned. The caller repeats the failed
     arm alone from time t.
 
-    # model     model, drive (None: no loads or motions in time), par: the arm's own parameters, scheme: `Scheme`
+    # model     model; drive: `Drive`, or None without loads and motions in time; par: the arm's parameters; `Scheme`
     # state     flat: the work array, `Work`; n_motions: number of prescribed coordinates
 
     books: a tag, (0,), to account for work and dissipation in w.books; None compiles the account out.
@@ -203,8 +203,8 @@ def advance_within(lane, model, drive, par, w: Work, t, h, n_steps, scheme, book
     A single arm retries a failed step from another start, then in halves, and stops at the last good state with w.flag
     set. In lanes a failed arm is flagged while the other arms continue, and t + n_steps h is returned.
 
-    # model     model, drive (None: no loads or motions in time), par: the arm's own parameters, scheme: `Scheme`
-    # state     w.q, w.v, w.a, w.b and the other fields of w: in, at t; out, at the time reached
+    # model     model; drive: `Drive`, or None without loads and motions in time; par: the arm's parameters; `Scheme`
+    # state     w.q, w.v, w.a, w.b and the other fields of w, first at t, then at the time reached
 
     books: a tag, (0,), to account for work and dissipation in w.books; None compiles the account out. See theory,
     (6.1).

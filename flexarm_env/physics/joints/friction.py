@@ -173,7 +173,7 @@ def release_reversed_joints(lane, model, v: Lanes, S: Lanes):
 
 @kernel
 def account_for_friction(lane, model, par, state, u, r, S, start, books):
-    """Add the energy (J) that friction dissipates in a step to books: mean friction torque times change of angle.
+    """Add the energy (J) that friction dissipates in a step, mean torque times change of angle, to the account `books`.
 
     start: coordinates at the step's start. The mean is between the torques stored at the step's start and the torques
     of the present state. The torques of the present state are stored in S for the next step. Scratch: r.
@@ -200,8 +200,8 @@ def apply_friction(lane, model, par, state, weights, ahead, S: Lanes, x):
     """Add Coulomb friction torques T to x = S^-1 r, x <- x + W T, so that the law (6.6) holds for the new rates.
 
     W: columns of S^-1 of the rows that friction acts on. The state changes by a -= weights.mass x, v -= weights.damping
-    x; friction acts on the rate v + ahead a (ahead in s). With damping 0, where v stays, joints that slid at the last
-    `store_friction` go on sliding.
+    x; friction acts on the rate v + ahead a (ahead in s). If weights.damping is 0, v does not change, and joints that
+    slid at the last `store_friction` continue to slide.
 
     The kernel guesses which joints stick, solves for the torques, and corrects the guess. For one joint the result is
     exact at once. For several joints there are 2 joints - 1 passes, and Newton's next iteration corrects the remaining

@@ -1,7 +1,7 @@
 """Derivatives of Coulomb friction, eq. (6.6), for small changes with which no joint starts or stops sliding.
 
 `transitions` and `runtime.sensitivity` call these functions after the friction of the values (`joints.friction`), which
-has left its torques and branches in the matrix array S.
+stores the friction torques and the sticking or sliding state of joints in the matrix array S.
 """
 
 from __future__ import annotations
@@ -155,7 +155,8 @@ def friction_residual_cotangents(lane, model, par_bar: Lanes, S: Lanes, r_bar: L
     """Compute the reverse derivative of `store_friction`: r_bar <- cotangents of the residual without friction.
 
     A joint that sticks with a torque within T_C (GEAR.free = 1) has residual 0 for any other forces, so its cotangent
-    vanishes. For other joints friction is +-T_C, and the cotangent stays and goes to the arms' own T_C in par_bar.
+    vanishes. For other joints friction is +-T_C: the cotangent does not change and is added to the cotangent of T_C in
+    par_bar.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):

@@ -42,15 +42,15 @@ class Chain(NamedTuple):
 
     places    int64: a `PLACE` for each link, and one more behind the last
     joints    float64: a `JOINT` for each link, at its root
-    end       float64 `BODY`: the last link's rigid end; payload: `BODY` of the payload; both on the last section
-    mounts    int64 (links,): 1 where the joint's `mount` is no identity matrix; None: all mounts are identity matrices
-    levers    int64 (links,): 1 where the joint has a lever (`before`, `beyond`); None: no joint has a lever
+    end       float64: `BODY` of the last link's rigid end; payload: `BODY` of the payload; both on the last section
+    mounts    int64 (links,): 1 where the joint's `mount` rotates the axes; None if no joint's mount does
+    levers    int64 (links,): 1 where the joint has a lever (`before`, `beyond`); None if no joint has a lever
     gravity   float64 (3,): m/s^2, inertial axes; or None
     loads     float64: a `LOAD` per point load; its inputs are a force (N) and a moment (N m), inertial axes; or None
     damped    (0,) with Kelvin-Voigt damping, otherwise None
-    rotors    int64 (links,): offset in S of the joint's `physics.layout.ROTOR`, negative without one; None: no rotors
-    free      kg: mass of all but the payload where nothing holds the arm, otherwise None
-    sections  float64: an `ELEMENT` for each element, from root to tip; None: coordinates are strains
+    rotors    int64 (links,): offset in S of the joint's `physics.layout.ROTOR`, negative without rotor; or None
+    free      kg: mass of the arm without the payload if no support holds the arm, otherwise None
+    sections  float64: an `ELEMENT` for each element, from root to tip; None if coordinates are strains
     frames    float64: a `FRAME` for each element if elements are segments with floating frames, otherwise None
     inner     (0,) * n for segments with n inner modes, whose rows follow all others; otherwise None
     uneven    (0,) where a section or a curvature varies along an element, otherwise None
@@ -279,9 +279,9 @@ def rotational_inertia_moment(I, spin, alpha):
 def add_lumped_mass(lane, mass, I, at, weights, S: Lanes, o):
     """Return the (force, moment) of a mass (kg) at a section's origin; add their derivative to the block at o of S.
 
-    I: principal moments about the section's axes (kg m^2); at: `Vertex`. force = m a (inertial axes), moment = I alpha
-    + w x I w (section axes), N and N m. weights: `Weights` of the 6 x 6 block; without with_matrix S stays unchanged.
-    See theory, section 9.
+    I: principal moments about the section's axes (kg m^2); at: `Vertex`. force = m a (N, inertial axes), moment = I
+    alpha + w x I w (N m, section axes). weights: `Weights` of the 6 x 6 block; if weights.with_matrix is False, S is
+    unchanged. See theory, section 9.
     """
     w, alpha = at.place.spin, at.alpha
     x, y, z = I[2] - I[1], I[0] - I[2], I[1] - I[0]

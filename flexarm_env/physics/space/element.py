@@ -1,7 +1,7 @@
 """An element with two vertices in space: strains at its middle, end forces, their tangent, and its inertia (theory, 9).
 
 With q_rel = q_left^-1 q_right the vertices' relative rotation and psi its rotation vector, the section turns about one
-axis along the element, the middle is turned by psi/2 from the left, R is its rotation matrix, and
+axis along the element, the middle is rotated by psi/2 from the left end, R is its rotation matrix, and
 
     Gamma = R^T (r_right - r_left) / l - e_x - psi x (psi x e_x) / 24,      kappa = psi / l
                                                                                 (Simo & Vu-Quoc 1986, one point)

@@ -46,7 +46,7 @@ def factor(lane, model, S):
 
 @kernel
 def solve(lane, model, S, x):
-    """Replace x by S^-1 x with the factors that `factor` has left in S (`protocol.solve`).
+    """Replace the right side x by the solution S^-1 x, with the factors that `factor` stored in S (`protocol.solve`).
 
     On entry x holds forces (inertial axes) and moments (section axes). On return x holds increments of positions
     (inertial axes) and of rotations (body axes).

@@ -212,8 +212,8 @@ def conserve_momentum(lane, model, par: Lanes, before, h, q, v, u, r, S):
     The rigid translation (P_0 + h/2 (F_0 + F_1) - P) / M, which enters no other equation, is added to the velocities of
     all sections. The correction is needed because positions of middles and of offset centers of mass are not linear in
     the coordinates. P: momentum (kg m/s), F: force of weight and loads (N), 0 at the start and 1 at the end of the step
-    h (s), inertial axes; M: mass. Returns (P, F) at the end, or None where a support holds the arm. before: (P_0, F_0);
-    None: no correction.
+    h (s), inertial axes; M: mass. Returns (P, F) at the end, or None where a support holds the arm. before: (P_0, F_0),
+    or None to skip the correction.
     """
     if model.free is None:
         return None

@@ -164,9 +164,9 @@ def eliminate_joint(lane, model, S: Lanes, k):
     The rotation d of the section before and the angle b move the link's root: position += X d + c b (inertial axes),
     rotation = E^T d + axis b (root axes). A force f and a moment m on the root become the moment E m + X^T f on the
     section before and axis . m + c . f in the joint's row. E, X, c: `HINGE.turn`, `shift`, `swing`. pivot, column
-    (wrench on the section before by the angle) and row (by the section's motion, over the pivot) are stored in the
-    `HINGE`; the 6 x 6 block of the section before becomes the transformed block less column row^T. Includes the
-    geometric part of the wrench on the root. See theory, (9.1).
+    (wrench on the section before by the angle) and row (moment by the section's motion, divided by the pivot) are
+    stored in the `HINGE`; the 6 x 6 block of the section before becomes the transformed block less column row^T.
+    Includes the geometric part of the wrench on the root. See theory, (9.1).
     """
     h, o, below = hinge_at(k), factor_at(model, k, 0) + F.LL, before(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)

@@ -40,8 +40,8 @@ def _middle_of(left, right):
 def restore_chords(lane, model, start, q):
     """Recompute the positions of vertices in q from root to tip, so that segments keep their chords of `start`.
 
-    Do nothing unless segments have floating frames. Rotations of q stay; each chord has the components of the chord in
-    `start`, in the axes of the segment's middle section.
+    Do nothing unless segments have floating frames. Rotations in q do not change; each chord has the components of the
+    chord in `start`, in the axes of the segment's middle section.
     """
     if model.frames is None:
         return
