@@ -42,8 +42,8 @@ class Equations:
 
     Attributes:
         free: rows of q that can move (no multiplier, not fixed, not prescribed). algebraic: rows of multipliers.
-        independent, dependent: positions in `free`; the floating frame after a joint depends on the frame before the
-            joint. joints: joints that can turn, each with its position among the independent coordinates.
+        independent, dependent: indices into `free`; the floating frame after a joint depends on the frame before
+                the joint. joints: joints that can turn, each with its position among the independent coordinates.
         turned: joints that a torque can turn, each with the position of the angle on which the torque acts. With an
             elastic gear the torque acts on the motor's angle, otherwise on the joint's angle. rows_turned: row of the
             angle on which the torque acts, for every joint.
@@ -136,7 +136,7 @@ class Equations:
         return r, slopes, int(status)
 
     def along(self, point: Point, q: Any = 0.0, v: Any = 0.0, a: Any = 0.0, u: Any = 0.0, level: int = 0) -> Array:
-        """Return derivatives (n, m) of the residual along m directions: of q, v, a (n, m each) and of u (inputs, m)."""
+        """Return derivatives (n, m) of the residual along m directions: changes of q, v, a (n, m) and u (inputs, m)."""
         m = max(np.shape(x)[1] for x in (q, v, a, u) if np.ndim(x) == 2)
         ways = Directions(*(
             np.array(np.broadcast_to(np.transpose(x), (m, rows)), np.float64, order="C")

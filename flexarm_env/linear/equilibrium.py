@@ -65,7 +65,7 @@ class Equilibrium(Simulation):
     Attributes:
         stability: stability of the equilibrium, with the joints held or free according to `hold_joints`.
         followed: share of the loads up to which the continuation from the unloaded arm succeeded. 1.0: all of the
-            loads; less: the arm snaps through at this share; 0.0: joints turn freely.
+            loads; below 1.0: the arm snaps through at this share of the loads; 0.0: joints turn freely.
     """
 
     stability: Stability

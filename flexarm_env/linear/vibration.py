@@ -31,7 +31,7 @@ class Modes:
             without oscillation, 0 for a rigid motion.
         eigenvalues (n,): lambda, rad/s; of each pair the member with positive imaginary part.
         shapes (n, points, 2), in space (n, points, 3): displacements of the points along the chain, scaled and shifted
-            in phase so that the largest one is 1 m. In rotation points move on ellipses; the shape is the real part.
+            in phase so that the largest one is 1 m. In rotation points move on ellipses; shapes are real parts.
         points (points, 2) or (points, 3): the points along the chain, root to tip, m.
         spin: the given spin, rad/s.
         growing: number of unstable modes among all modes, not only the n lowest; 0 if the point is stable.

@@ -24,8 +24,8 @@ Linear system, hooks around the arm's own `factor` and `solve`
     before_solve(lane, part, model, S, x, transposed)       Eliminate the contribution's rows from x, the right
                                                             side; transposed: of the system with S^T.
     after_solve(lane, part, model, S, x, transposed)        Complete or correct the solution x.
-    correct_increment(lane, part, model, S, x, fresh)       In a Newton iteration: correct x = S^-1 r by laws that the
-                                                            matrix lacks; fresh: S is new.
+    correct_increment(lane, part, model, S, x, fresh)       In a Newton iteration: correct x = S^-1 r by laws that are
+                                                            not in the matrix; fresh: S has new factors.
 
 Work and energy
     energy(lane, part, model, par, q, v, sums)              Return sums (kinetic, strain, gravitational; J) plus

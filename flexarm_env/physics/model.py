@@ -141,7 +141,7 @@ class Drive(NamedTuple):
 
 
 class Mesh(NamedTuple):
-    """Elastic coordinates of every body in a chain of floating frames, and the terms that their kernels contain.
+    """Sizes that are common to all bodies of a chain of floating frames, and tags of the terms in their kernels.
 
     A field that is the tag (0,) includes a term, a field that is None omits the term.
     """
@@ -231,7 +231,7 @@ class ExactBeam(NamedTuple):
     sections  float64: for each link `physics.exact.layout.SECTION`, or for each element `VARYING`
     rest      float64 (order,) for each element: stress-free (right - left, interior ...) of psi, rad, or None
     rigid     float64: `physics.exact.layout.LEVERS` where links have rigid ends, otherwise None
-    elbows    float64: for each link but the first `physics.exact.layout.ELBOW`
+    elbows    float64: a `physics.exact.layout.ELBOW` for each link but the first
     hub_inertia  kg m^2, of the hub, which rotates with the root section
     damped    None without damping, (0,) if all links have the same tau_d, or each link's share (`damped`)
     gravity   float64 (2,) m/s^2, or None

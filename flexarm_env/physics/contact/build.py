@@ -110,7 +110,7 @@ def largest_stiffness(contact: Contact, mass: float, dt: float) -> float:
 
 
 def effective_masses(system: System, dt: float) -> Array:
-    """Return the least effective mass (kg) of each point that may touch, over all directions, in a step of dt (s).
+    """Return the smallest effective mass (kg), in any direction, of each point that may touch, for a step dt (s).
 
     The mass is 1 / (c_m b^T S^-1 b) with the generalized force b of 1 N on the point and the Newton matrix S = c_m M +
     c_v C + K of the arm at its start. The effective mass is the inertia that a point shows in one step. Links bend away

@@ -1,4 +1,4 @@
-"""Assembly of the geometrically exact beam (Simo & Vu-Quoc 1986) in the plane: scene -> Model; theory, section 5.
+"""Assemble the Model of a planar scene with geometrically exact beams (Simo & Vu-Quoc 1986; theory, section 5).
 
 Strains Gamma_1 = cos psi x' + sin psi y' - 1, Gamma_2 = -sin psi x' + cos psi y', kappa = psi' store the energy
 1/2 (EA Gamma_1^2 + C Gamma_2^2 + EI kappa^2) per length. Elements have order p, p-point (reduced) Gauss quadrature of

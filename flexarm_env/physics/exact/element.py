@@ -103,7 +103,7 @@ def _momenta(sums: Sums, t: Tables, section: Any, nodes: list[Any], axis: int) -
 def momentum(lane, order, a, left, section, r: Lanes):
     """Write the left vertex's and the interior rows of r = M a of an element: forces (inertial axes), moment on psi.
 
-    left: acceleration (x, y, psi) and rows of r so far of the left vertex. Returns these six for the right vertex."""
+    left: left vertex's acceleration (x, y, psi) and rows of r so far. Returns these six numbers of the right vertex."""
     p, sums = len(order), Sums()
     t = tables(p)
     ends, rest = [], []

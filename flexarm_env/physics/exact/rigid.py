@@ -1,11 +1,11 @@
 """Rigid ends of links: levers between a chain's rows and its beams (docs: theory, "Links that vary, and rigid ends").
 
 The rows of a vertex are those of a beam's tip, or of the joint at the chain's root. If links have rigid ends, the next
-beam begins elsewhere: past the lever of the tip before it (length b along psi), the hinge, and the lever of its own
-root (length c along psi + delta). The near point of a lever is the lever's end closer to the arm's root. A force at a
+beam begins beyond the lever of the preceding tip (length b along psi), the hinge, and the lever of the beam's own root
+(length c along psi + delta). The near point of a lever is the lever's end closer to the arm's root. A force at a
 lever's far point acts on the near point with a moment. The lever's mass is at its middle. The matrix neglects the
 lever's rotation during its acceleration (terms in h omega, times the lever's share of the inertia). A payload with its
-center off the tip is at the far point of one more lever, behind the last one.
+center of mass off the tip is at the far point of an additional lever at the tip.
 
 Vectors are in inertial axes (m, m/s, m/s^2, N); moments (N m) and angles (rad) are counter-clockwise. `end`: ROOT_END
 (joint to beam start) or TIP_END (beam end to next joint). Where `model.rigid` is None there are no levers.

@@ -32,7 +32,7 @@ class Element:
 
     link: the piece as a link of its own. start: distance of the piece's start from the body's root, m. number: index of
     the element in a mesh of equal elements, otherwise None. Where sections vary, the shape functions are those of the
-    mean section; stiffness and mass are integrals.
+    mean section; the stiffness and the mass matrix are integrals over these sections.
     """
 
     link: Link

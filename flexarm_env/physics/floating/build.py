@@ -116,7 +116,7 @@ def _cut(link: Link, settings: Settings) -> list[Link]:
 
 
 def bodies_of(arm: Arm, settings: Settings) -> list[Body]:
-    """Return the bodies of all links from root to tip, the same number for each link; hub and elbows are lumped.
+    """Return the bodies of all links from root to tip, the same number per link, with hub and elbow inertia lumped.
 
     The payload is not lumped, because its mass is a parameter that may differ between the arms of a batch.
     """

@@ -1,8 +1,8 @@
 """A body's Newton matrix, cm dr/da + cc dr/dv + ck dr/dq, and its elimination from a chain (theory, section 3).
 
-A body's matrix has n + 3 rows and columns. The first n belong to the elastic coordinates. The next two rows are the
-force at the root, and their columns the acceleration of the frame's origin (frame axes). The last row is the moment at
-the root, and its column the frame's angle.
+A body's matrix has n + 3 rows and columns. The first n rows and columns belong to the elastic coordinates. The next two
+rows are the force at the root, and their columns the acceleration of the frame's origin (frame axes). The last row is
+the moment at the root, and its column the frame's angle.
 
 A change of the coordinates before a body acts on the body through three numbers: the change of the acceleration at its
 root (two components) and of its angle. The change of acceleration is weighted: it is the sum of cm, cc, ck times the

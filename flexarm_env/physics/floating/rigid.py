@@ -76,7 +76,7 @@ def propagate_outward(lane, lever, pose, S, first):
     `lever` is None.
 
     # in, out  pose (5,), `PASSED`: the acceleration is replaced, angle and rates do not change; inertial axes
-    # out      S: ex, ey, rates and near acceleration of the lever's `LEVER_FACTORS`; first: index of lever 0's
+    # out      S: ex, ey, rates and near acceleration in the lever's `LEVER_FACTORS`; first: index in S of lever 0's
     """
     if lever is not None:
         at, (angle, w, alpha) = _factors_at(first, lever), load_vector(lane, pose, PASSED.angle)
@@ -136,7 +136,7 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
     (`Weights`); e: lever; m_far: mass at the far point. Do nothing without a lever (None). Vectors are in inertial
     axes.
 
-    # in       S: `LEVER_FACTORS` of `transmit_inward`; first: index of lever 0's
+    # in       S: `LEVER_FACTORS`, written by `transmit_inward`; first: index in S of the `LEVER_FACTORS` of lever 0
     # in, out  tail (9,), by rows: force x, y, moment; columns: acceleration x, y (weighted), angle
 
     See theory, section 5, "Rigid ends".

@@ -36,7 +36,7 @@ def account_for_step(lane, model, drive, par, w: Work, h):
 
     # state     w.q0, w.v0, w.u0, w.y0, w.psi0, w.reaction0 at the start; w.q, w.v, w.u, w.psi, w.reaction at the end
     # out       w.books (energy account); w.u0, w.y0, w.psi0, w.reaction0 <- values at the end, for the next step
-    # scratch   w.r, which is free once the step has succeeded
+    # scratch  w.r, which a completed step no longer needs
 
     See theory, section 6, "Work and energy".
     """

@@ -194,7 +194,7 @@ def newton(lane, model, drive, par, w: Work, slopes, scheme, plain):
     iterate.
 
     # model     model, drive, par, scheme; slopes: `NewmarkSlopes` of the step
-    # state     w.q, w.v, w.a, w.b: prediction, replaced by the step's end; w.u, w.psi at the end; w.q0, w.a0 at the start
+    # state     w.q, w.v, w.a, w.b: prediction, replaced by the step's end; w.u, w.psi at end; w.q0, w.a0 at start
     # scratch   w.r, w.S (out: factors of the Newton matrix), w.shift
 
     plain: True skips the period correction (6.2).

@@ -182,10 +182,10 @@ def _restore_step_start(lane, model, w):
 def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, books):
     """Integrate n_steps steps of h (s) from time t (s), between two kinks; return the time reached, s.
 
-    A single arm retries a step whose Newton iteration fails: from another start, then in halves; it stops at the last
-    good state, with w.flag set. A step that is rejected for its energy (`balance`) is halved at once. In lanes a failed
-    arm is flagged while the other arms continue, and the intended end time is returned. The caller repeats the failed
-    arm alone from time t.
+    If Newton's iteration fails for a single arm, the step is repeated without prediction, then in halves; the
+    integration stops at the last good state, with w.flag set. A step that is rejected for its energy (`balance`) is
+    halved at once. In lanes a failed arm is flagged while the other arms continue, and the intended end time is
+    returned. The caller repeats the failed arm alone from time t.
 
     # model     model; drive: `Drive`, or None without loads and motions in time; par: the arm's parameters; `Scheme`
     # state     flat: the work array, `Work`; n_motions: number of prescribed coordinates
@@ -200,8 +200,9 @@ def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, boo
 def advance_within(lane, model, drive, par, w: Work, t, h, n_steps, scheme, books):
     """Integrate n_steps steps of h (s) from time t on the unpacked work array w (`Work`); return the time reached, s.
 
-    A single arm retries a failed step from another start, then in halves, and stops at the last good state with w.flag
-    set. In lanes a failed arm is flagged while the other arms continue, and t + n_steps h is returned.
+    If a step of a single arm fails, the step is repeated without prediction, then in halves; the integration stops at
+    the last good state, with w.flag set. In lanes a failed arm is flagged while the other arms continue, and t +
+    n_steps h is returned.
 
     # model     model; drive: `Drive`, or None without loads and motions in time; par: the arm's parameters; `Scheme`
     # state     w.q, w.v, w.a, w.b and the other fields of w, first at t, then at the time reached

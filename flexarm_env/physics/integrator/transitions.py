@@ -16,8 +16,9 @@ Both rules use the factors of S at the solution, in lanes without tangents:
     backward   lambda = -S^-T z_bar;  cotangents of start, u and parameters += (dr)^T lambda (`protocol.vjp_residual`)
 
 If S is approximate, the remaining error is solved for again. Coulomb friction corrects the solution by torques that are
-linear in the solution, for the branch of the values (`joints.friction_derivatives`). The period correction is no part
-of a step's equation: periods with this correction are differentiated as executed (`runtime.derivative`).
+linear in the solution, for the branch of the values (`joints.friction_derivatives`). The period correction is not part
+of a step's equation. Derivatives of control periods with this correction therefore differentiate every operation of the
+solver (`runtime.derivative`).
 
 Arguments that recur: `w`, the arm's own work array; `wide`, a dual lane tag, and `x`, its work array with tangents,
 whose values are copied from w; `parx`, parameters in dual lanes; `bar`, a work array whose q, v, a, b and u hold
@@ -112,7 +113,7 @@ def before_jump(lane, wide, model, parx, w, x, first):
     """Compute the residual before a jump in dual lanes: x.q0 <- r(q, v, a, u0), or 0 in lanes that start afresh.
 
     # in        w: the arm before the jump;  x.u0: inputs before the jump;  first: dual lanes > 1/2 start afresh
-    # out       x.q0;  x.a, x.b <- 0 in lanes whose accelerations are solved for
+    # out       x.q0; x.a, x.b <- 0 in lanes whose accelerations are computed anew
     """
     n, zero = size(model.n), splat(wide, 0.0)
     if model.newton.resolved is not None:

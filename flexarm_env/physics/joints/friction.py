@@ -8,7 +8,7 @@ linear in the torques T of all joints, and so is each joint's rate. For each joi
 The law applies to the rate w = v + ahead a, half a step ahead. A joint that friction stops is then at rest two steps
 later. With v alone, trapezoidal steps would leave the joint an acceleration that alternates for ever.
 
-The integrator calls these functions for any Model; without Coulomb friction they compile to nothing.
+The integrator calls these functions for any Model. In models without Coulomb friction the functions do nothing.
 """
 
 from __future__ import annotations
@@ -124,9 +124,9 @@ def store_columns(lane, model, S):
 def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
     """Store in S the friction torques of the present state and which joints slide; r <- residual (N m) with friction.
 
-    The torque of a sliding joint is T_C against its rate. The margin _SLIDES makes this independent of small changes of
-    the other forces in its row. The torque of a sticking joint balances the other forces, up to the Coulomb friction
-    torque T_C.
+    The friction torque of a sliding joint has the magnitude T_C and opposes the rate. The margin _SLIDES makes this
+    independent of small changes of the other forces in its row. The torque of a sticking joint balances the other
+    forces, up to the Coulomb friction torque T_C.
 
     # in        state, u: q, v, a and inputs
     # out       r (n,); fields of `GEAR`: before (friction torque, N m), slides (1 or 0), free: 1 if the joint does

@@ -113,8 +113,8 @@ class Vertex(NamedTuple):
 class Hinge(NamedTuple):
     """Kinematics of a joint.
 
-    turn   rotation matrix E: axes of the link's root to axes of the section before
-    lever  m: from the section before to the link's first section, axes of the section before; None without levers
+    turn   rotation matrix E: axes of the link's root to axes of the preceding section
+    lever  m: from the preceding section to the link's first section, axes of the preceding section; or None
     root   `Vertex` of the link's first section
     """
 
@@ -209,13 +209,13 @@ def has_lever(model, k):
 
 @kernel
 def joint_placement(lane, model, q: Lanes, v: Lanes, k, tip):
-    """Compute where the root of link k is and how it moves, from the `Place` tip of the section before (theory, 9).
+    """Compute where the root of link k is and how it moves, from the preceding section's `Place` tip (theory, 9).
 
         E = mount exp(theta axis),  r_L = r + A (t + E o),  A_L = A E,  w_L = E^T w + axis theta'
 
     theta: joint angle (rad); t, o: levers `JOINT.before` and `beyond` (m); r, A, w: position, rotation and spin in
-    `tip`. Returns E (root axes to section before), t + E o (m, axes of the section before; None if no joint has a
-    lever), the `Place` of the link's first section (r_L, A_L, w_L), and axis theta' (rad/s, root axes).
+    `tip`. Returns E (root axes to axes of the preceding section), t + E o (m, axes of the preceding section; None if no
+    joint has a lever), the `Place` of the link's first section (r_L, A_L, w_L), and axis theta' (rad/s, root axes).
     """
     o, row = J.end * k, joint_row(model, k)
     axis, held = three_of(lane, model.joints, o + J.axis), tip.p
@@ -248,11 +248,11 @@ def joint_placement(lane, model, q: Lanes, v: Lanes, k, tip):
 
 @kernel
 def joint_kinematics(lane, model, state: State, k, tip, weights):
-    """Return the `Hinge` of joint k: motion of its link's first section, from the `Vertex` tip of the section before.
+    """Return the `Hinge` of joint k: motion of its link's first section, from the preceding section's `Vertex` tip.
 
     alpha_L = E^T alpha + axis theta'' + w_L x axis theta' (root axes; alpha: of tip; rest: `joint_placement`). weights:
-    `Weights`; newton_share times the joint's rate goes into the root's `Vertex.own` (0 where strains are coordinates).
-    See theory, (9.1).
+    `Weights`. The field `own` of the root's `Vertex` is weights.newton_share times the joint's rate, or 0 if strains
+    are coordinates. See theory, (9.1).
     """
     q, v, a = state
     o = J.end * k
@@ -362,7 +362,7 @@ def add_rigid_body(lane, array, o, mass, share, at, weights, S: Lanes, to):
 
 @kernel
 def rotor_moment(lane, model, S: Lanes, k, at, weights, o):
-    """Return (0, h w x e), the gyroscopic moment (N m) of joint k's rotor on the section before, in section axes.
+    """Return (0, h w x e), the gyroscopic moment (N m) of joint k's rotor on the preceding section, section axes.
 
     h: the rotor's angular momentum (N m s), in S; e: the joint's axis; w: spin of the section's `Vertex` at; section
     axes (theory, 6). With weights.with_matrix stores w x e for `factor` and adds -h e^ cd to the 6 x 6 matrix at o of

@@ -15,8 +15,8 @@ rotation increments dth in body axes,
     R^T dR = (P dth_l + Q dth_r)^,  P, Q = 1/2 -+ g^/2,  g = tan(|psi|/4) psi/|psi|;   dpsi = T^-1 dth_r - T^-T dth_l.
 
 Where sections vary, the element bends about its center of flexibility, a l from the middle: Gamma_y + a_z psi_z and
-Gamma_z - a_y psi_y, and the second moment of flexibility about it replaces l^2 / (12 EI). Where a curvature varies, the
-chord without stress is the curve's own (`layout.ELEMENT`).
+Gamma_z - a_y psi_y, and the second moment of flexibility about this center replaces l^2 / (12 EI). Where a curvature
+varies, the chord without stress is the curve's own (`layout.ELEMENT`).
 
 The mass moves as a cubic through the vertices' positions and tangents t = A e_x, integrated by Simpson's rule: a sixth
 at each vertex, four at r_m = (r_l + r_r)/2 + (t_l - t_r) l/8. Errors are of fourth order in l where an element bends.

@@ -378,8 +378,8 @@ def frame_sums(lane, model, par: Lanes, q, v, left, right, i):
 def frame_damping(lane, model, par, state, left, right, other_l, other_r, i):
     """Return the power / tau_d (W/s) of segment i's damping forces at first rates for a second set of (virtual) rates.
 
-    left, right: `Place`s of the ends with the first rates; other_l, other_r: the same places with the second rates.
-    Inner modes: state.v has the first, state.a the second rates. i: index over all links. See theory, (9.3).
+    left, right: `Place`s of the ends with the first rates; other_l, other_r: `Place`s of the same ends with the second
+    rates. Inner modes: state.v has the first, state.a the second rates. i: index over all links. See theory, (9.3).
     """
     at, row = frame_at(model, i), inner_row(model, i)
     q, v, x = state

@@ -100,10 +100,10 @@ def late_of(lane, model, par, frame, rates, spins, stiff, late, at):
 
 @kernel
 def late_pull(frame, late):
-    """Return the chord's force in `Late` by both sections' rotations (N) and by places across (N/m).
+    """Return derivatives of the chord's force in `Late` by both sections' rotations (N) and lateral positions (N/m).
 
-    The derivative by places is a pair (y, z), by the right end's position in frame axes. late: `Late`, or None for
-    zeros. The frame rotates with the ends' positions (beta_y, beta_z) and rolls with the sections (g).
+    The derivative by positions is a pair (y, z): by the right end's y and z position, frame axes. late: `Late`, or None
+    for zeros. The frame rotates with the ends' positions (beta_y, beta_z) and rolls with the sections (g).
     """
     if late is None:
         zero = frame.length * 0.0

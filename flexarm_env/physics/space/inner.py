@@ -1,9 +1,9 @@
 """Inner modes of segments with floating frames in space: sums over modes, and their part of the Newton matrix.
 
-A segment has `inner_of` modes. Each mode has an amplitude (rad) about x, y and z of the frame. The rows of these
-amplitudes follow the rows of the chain. The Newton matrix eliminates them within their segment before it is condensed
-along the chain. A table of a `FRAME` holds three numbers, for x, y, z, per pair of coordinates. Row i is for inner mode
-i; its columns are left end, right end (and frame, in `inner_rotary`), then the inner modes.
+A segment has `inner_of(model)` inner modes. Each mode has an amplitude (rad) about x, y and z of the frame. The rows of
+these amplitudes follow the rows of the chain. The Newton matrix eliminates them within their segment before it is
+condensed along the chain. A table of a `FRAME` holds three numbers, for x, y, z, per pair of coordinates. Row i is for
+inner mode i; its columns are left end, right end (and frame, in `inner_rotary`), then the inner modes.
 """
 
 from __future__ import annotations

@@ -7,8 +7,8 @@ modes of each segment with a floating frame. Rows of v and a are the same with v
 angular velocities in the section's own axes. Rows of a residual are forces along inertial axes and moments in section
 axes.
 
-A link's root coincides with the vertex before it (levers of rigid ends aside); the joint's mount and angle rotate it
-against that vertex. In the descriptions "section before" is the last section of the link before the joint.
+A link's root coincides with the vertex before it (levers of rigid ends aside); the joint's mount and angle rotate the
+root relative to that vertex. In the descriptions "section before" is the last section of the link before the joint.
 """
 
 from __future__ import annotations

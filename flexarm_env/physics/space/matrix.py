@@ -4,9 +4,9 @@ The motion d = (position, rotation) of the section before a joint and the joint'
 
     position += X d_rotation + c b,   rotation = E^T d_rotation + axis b,     X = -A s^,  c = A E (axis x o)
 
-A: axes of the section before to inertial axes; E: axes of the link's root to axes of the section before; s: lever to
-the link's first section and o its part beyond the joint, so X = c = 0 without levers. Block rows: force along inertial
-axes, moment in section axes; block columns: position (inertial), rotation in body axes.
+A: axes of the preceding section to inertial axes; E: axes of the link's root to axes of the preceding section; s: lever
+to the link's first section and o its part beyond the joint, so X = c = 0 without levers. Block rows: force along
+inertial axes, moment in section axes; block columns: position (inertial), rotation in body axes.
 """
 
 from __future__ import annotations
@@ -159,13 +159,13 @@ def _base_is_held(lane, S):
 
 @kernel
 def eliminate_joint(lane, model, S: Lanes, k):
-    """Condense the root block of link k onto the section before it, eliminating the joint's angle; fill its `HINGE`.
+    """Condense the root block of link k onto the preceding section, eliminate the joint's angle, fill its `HINGE`.
 
-    The rotation d of the section before and the angle b move the link's root: position += X d + c b (inertial axes),
+    The rotation d of the preceding section and the angle b move the link's root: position += X d + c b (inertial axes),
     rotation = E^T d + axis b (root axes). A force f and a moment m on the root become the moment E m + X^T f on the
-    section before and axis . m + c . f in the joint's row. E, X, c: `HINGE.turn`, `shift`, `swing`. pivot, column
-    (wrench on the section before by the angle) and row (moment by the section's motion, divided by the pivot) are
-    stored in the `HINGE`; the 6 x 6 block of the section before becomes the transformed block less column row^T.
+    preceding section and axis . m + c . f in the joint's row. E, X, c: `HINGE.turn`, `shift`, `swing`. pivot, column
+    (wrench on the preceding section by the angle) and row (moment by that section's motion, divided by the pivot) are
+    stored in the `HINGE`; the 6 x 6 block of the preceding section becomes the transformed block less column row^T.
     Includes the geometric part of the wrench on the root. See theory, (9.1).
     """
     h, o, below = hinge_at(k), factor_at(model, k, 0) + F.LL, before(model, k)
@@ -328,7 +328,8 @@ def transposed_times(lane, S, o, a, b):
 def swing_of(lane, model, k, axis, turn):
     """Return E (axis x o), the displacement of link k's first section per joint angle (m/rad).
 
-    The vector is given in the axes of the section before the joint. turn: E, axes of the link's root to those of the
-    section before; axis: the joint's axis and o: lever from joint to first section (`JOINT.beyond`), root axes.
+    The vector is given in the axes of the section before the joint. turn: matrix E from axes of the link's root to axes
+    of the preceding section; axis: the joint's axis and o: lever from joint to first section (`JOINT.beyond`), root
+    axes.
     """
     return turn @ cross(axis, three_of(lane, model.joints, J.end * k + J.beyond))
