@@ -223,7 +223,7 @@ def of_scene(scene: Scene, settings: Settings) -> float:
 
 
 def moving(scene: Scene) -> float:
-    """Return the torque (N m) that moves a scene's arm: the largest of its loads, its weight, and its motions' inertia.
+    """Return the torque (N m) that moves a scene's arm: the largest of loads, weight and inertia torques of motions.
 
     The torque is infinite if no torque turns the arm by `STILL` in the scene's time.
     """

@@ -36,8 +36,8 @@ Residual and Newton matrix
     factor(lane, model, S), solve(lane, model, S, x)
         Factor S in place; x <- S^-1 x in place.
     add_stiffness(lane, model, S, k, x)
-        Before `factor`: add x (N m/rad) to the diagonal entry of row k, a joint's angle, beside earlier x. None,
-        infinitely stiff: replace row and column k, of the root or of a joint, by those of the identity.
+        Before `factor`: add x (N m/rad) to the diagonal entry of row k, a joint's angle, in addition to
+        earlier values. If x is None, replace row and column k, of the root or of a joint, by those of the identity.
 
 Newton iteration
     correct_positions(lane, model, par, w, active, slopes, predicted)

@@ -169,7 +169,7 @@ def check_steps(scene: Scene, settings: Settings, system: System, start: bool = 
 
     Steps fitted to a tolerance (`step_tolerance`) are not checked.
 
-    start: check also points that are inside an obstacle at the start. The energy k d^(n + 1) / (n + 1) of their
+    start: True to check also points that are inside an obstacle at the start. The energy k d^(n + 1) / (n + 1) of their
         penetration d is that of an impact at the speed with which they leave.
 
     Raises:

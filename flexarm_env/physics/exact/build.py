@@ -1,9 +1,9 @@
 """Assemble the Model of a planar scene with geometrically exact beams (Simo & Vu-Quoc 1986; theory, section 5).
 
-Strains Gamma_1 = cos psi x' + sin psi y' - 1, Gamma_2 = -sin psi x' + cos psi y', kappa = psi' store the energy
-1/2 (EA Gamma_1^2 + C Gamma_2^2 + EI kappa^2) per length. Elements have order p, p-point (reduced) Gauss quadrature of
-the energy and p + 1 points for the consistent mass, which is constant. Coordinates are in inertial axes, so there are
-no quadratic-velocity terms.
+The strains Gamma_1 = cos psi x' + sin psi y' - 1, Gamma_2 = -sin psi x' + cos psi y', kappa = psi' have the energy 1/2
+(EA Gamma_1^2 + C Gamma_2^2 + EI kappa^2) per length. Elements have order p, p-point (reduced) Gauss quadrature of the
+energy and p + 1 points for the consistent mass, which is constant. Coordinates are in inertial axes, so there are no
+quadratic-velocity terms.
 """
 
 import numpy as np

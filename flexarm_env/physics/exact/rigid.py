@@ -63,7 +63,8 @@ def _store_lever_factors(lane, S, at, lever, far, mass, turn):
 def payload_place(lane, model, psi, spin, x, y, vx, vy):
     """Return (x, y, vx, vy; inertial axes) of the payload's center of mass, given x, y, vx, vy of the tip.
 
-    Units m, m/s. psi, spin: angle (rad) and rate (rad/s) of the tip section. A payload at the tip has the tip's values.
+    Units m, m/s. psi, spin: angle (rad) and rate (rad/s) of the tip section. For a payload at the tip the tip's values
+    are returned.
     """
     if model.eccentric is None:
         return x, y, vx, vy

@@ -1,6 +1,7 @@
 """The integrator's work array: layout, views, and operations on the views before and after a linear solve.
 
-An arm, or a group of arms in lanes, has one flat float64 array. `unpack` returns its parts by name, the record `Work`.
+An arm, or a group of arms in lanes, has one flat float64 array. `unpack` returns the array's parts by name, as the
+record `Work`.
 """
 
 from __future__ import annotations

@@ -70,7 +70,7 @@ def add_stiffness(lane, model, S, k, x):
 
 @kernel
 def factor(lane, model, S: Lanes):
-    """Condense the contributions' rows of S onto the arm's and factor the arm's matrix, in place.
+    """Condense the contributions' rows of S onto the arm's rows and factor the arm's matrix, in place.
 
     With Coulomb friction S also receives the columns of S^-1 for the rows that friction acts on.
     """

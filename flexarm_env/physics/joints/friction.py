@@ -125,8 +125,8 @@ def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
     """Store in S the friction torques of the present state and which joints slide; r <- residual (N m) with friction.
 
     The friction torque of a sliding joint has the magnitude T_C and opposes the rate. The margin _SLIDES makes this
-    independent of small changes of the other forces in its row. The torque of a sticking joint balances the other
-    forces, up to the Coulomb friction torque T_C.
+    torque independent of small changes of the other forces in the joint's row. The torque of a sticking joint balances
+    the other forces, up to the Coulomb friction torque T_C.
 
     # in        state, u: q, v, a and inputs
     # out       r (n,); fields of `GEAR`: before (friction torque, N m), slides (1 or 0), free: 1 if the joint does

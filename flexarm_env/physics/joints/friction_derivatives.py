@@ -119,9 +119,9 @@ def friction_cotangents(lane, model, par_bar: Lanes, weights, ahead, S: Lanes, x
     """Compute the reverse derivative of `friction_tangents`: x: cotangents after friction in, cotangents before out.
 
     Adds the cotangents of the rates w = v + ahead a to v_bar and a_bar. The cotangents W^T x of the torques (W: columns
-    of S^-1) must vanish for sticking joints, a system with the transposed minors of W. Cotangents of sliding joints,
-    whose torques are T_C in the directions `slides` (`store_directions`), are added to the arms' own T_C in par_bar.
-    See theory, (6.6).
+    of S^-1) must vanish for sticking joints, which requires the solution of a linear system with the transposed entries
+    of W in the rows of these joints. Cotangents of sliding joints, whose torques are T_C in the directions `slides`
+    (`store_directions`), are added to the arms' own T_C in par_bar. See theory, (6.6).
     """
     if model.newton.friction is not None:
         for i in range(count(model)):

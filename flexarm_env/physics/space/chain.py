@@ -40,7 +40,7 @@ from .strained_layout import noted_at
 class Chain(NamedTuple):
     """Model of N links in space; a link is rigid, or has elements with two vertices, or has strains as coordinates.
 
-    places    int64: a `PLACE` for each link, and one more behind the last
+    places    int64: a `PLACE` for each link, and one more after the last link's
     joints    float64: a `JOINT` for each link, at its root
     end       float64: `BODY` of the last link's rigid end; payload: `BODY` of the payload; both on the last section
     mounts    int64 (links,): 1 where the joint's `mount` rotates the axes; None if no joint's mount does

@@ -71,7 +71,7 @@ class Section(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Kinematic state of a section."""
+    """Position, velocity, rotation and angular velocity of a section."""
 
     r: Any  # m: position, inertial axes
     v: Any  # m/s: velocity, inertial axes

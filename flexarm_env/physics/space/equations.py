@@ -1,7 +1,8 @@
 """Residual and tangent of chains in space (models: `chain`), and the registration of their kernels.
 
-Rows of coordinates and the layout of S: `layout`. Each end of an exact element carries half of its rotary inertia; a
-vertex's moment is J alpha + w x J w in its own axes. Wrenches: force along inertial axes, moment in section axes.
+The module `layout` defines the rows of coordinates and the layout of S. Each end of an exact element carries half of
+its rotary inertia; a vertex's moment is J alpha + w x J w in its own axes. Wrenches: force along inertial axes, moment
+in section axes.
 """
 
 from __future__ import annotations

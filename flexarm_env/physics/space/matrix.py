@@ -5,8 +5,9 @@ The motion d = (position, rotation) of the section before a joint and the joint'
     position += X d_rotation + c b,   rotation = E^T d_rotation + axis b,     X = -A s^,  c = A E (axis x o)
 
 A: axes of the preceding section to inertial axes; E: axes of the link's root to axes of the preceding section; s: lever
-to the link's first section and o its part beyond the joint, so X = c = 0 without levers. Block rows: force along
-inertial axes, moment in section axes; block columns: position (inertial), rotation in body axes.
+from the preceding section to the link's first section, and o: part of this lever beyond the joint, so X = c = 0 without
+levers. Block rows: force along inertial axes, moment in section axes; block columns: position (inertial), rotation in
+body axes.
 """
 
 from __future__ import annotations
@@ -120,7 +121,7 @@ def solve_six(lane, A, x: Lanes):
 def eliminate(lane, LL: Lanes, LR: Lanes, RL: Lanes, RR):
     """Eliminate an element's right vertex: factor RR in place, then RL <- RR^-1 RL, LL <- LL - LR RR^-1 RL.
 
-    LL, LR, RL, RR: the element's four 6 x 6 blocks (rows and columns of the left, the right vertex), 36 lanes each.
+    LL, LR, RL, RR: the element's four 6 x 6 blocks (rows and columns of the left, the right vertex), 36 entries each.
     """
     _factors(lane, RR)
     for j in range(6):

@@ -8,8 +8,8 @@ coordinates. The Cayley vector x = tan(|psi|/2) psi/|psi| of the rotation has ra
 
     rel = 2 (x' - x x x') / (1 + x.x),   rel' = 2 (x'' - x x x'') / (1 + x.x) - 2 (x.x') rel / (1 + x.x)
 
-along the axes of the interval's end. A point's position is the weighted sum of the tangents before it. Positions are a
-function of the coordinates. Generalized forces are the transpose of this function's derivative times the points'
+along the axes of the interval's end. The position of a Gauss point is a weighted sum of the link's tangents. Positions
+are a function of the coordinates. Generalized forces are the transpose of this function's derivative times the points'
 forces, to round-off. The chain therefore obeys its conservation laws for any number of points. All vectors are in the
 axes of the link's root unless stated otherwise.
 """
