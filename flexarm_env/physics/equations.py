@@ -58,7 +58,7 @@ def residual_slopes(lane, model, par, state, u, psi, directions, level, room, r,
     # in        state: q, v, a (n,); u: inputs (N m, N); psi: prescribed motions, a `MOTION` each; par: parameters
     #           directions: `Directions`; level: rows of multipliers of r are the constraints Phi (0) or their first (1)
     #           or second (2) time derivatives
-    # scratch   room: `slopes_room` numbers
+    # scratch   room: array of the length `slopes_room`
     # out       r (n,): M(q) a + h(q, v) + Phi_q^T lambda - B u (N, N m); slopes (m, n): dr along each direction
 
     lane: `WITH_SLOPES`. The status is 0 where the model is valid (`model.STATUS`).

@@ -1,4 +1,4 @@
-"""Energy, dissipation and readings of contacts."""
+"""Functions for the energy, the dissipation and the readings of contacts."""
 
 from __future__ import annotations
 
@@ -126,8 +126,7 @@ def _store_reading(lane, part, p, q, v, y: Lanes, poses: Lanes, h, S: Lanes):
 def respond(lane, model, par, state, u: Lanes, weights, part, r: Lanes, S, out):
     """Write to out, for each point and axis, the generalized force of 1 N on the point and S^-1 times that force.
 
-    The function runs in Python only. S: Newton matrix of the arm alone with fixed coordinates; out (points, axes, 2,
-    n).
+    The function is not compiled. S: Newton matrix of the arm alone with fixed coordinates; out (points, axes, 2, n).
     """
     n, arm = size(model.arm.n), model.arm
     still = r.copy()

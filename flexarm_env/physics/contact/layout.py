@@ -59,11 +59,11 @@ class Touching(NamedTuple):
 
     input     first entry of the points in the arm's inputs; `entries` for each point: force (N), moment (N m)
     at        offset in S of the first point's `HERE`
-    points    one zero per point
-    entries   one zero per entry of a point in the inputs: 3 in the plane, 6 in space
+    points    one zero for each point of the arm that may touch obstacles
+    entries   one zero for each entry of a point in the inputs: 3 in the plane, 6 in space
     space     one zero per axis of the obstacles: 2 in the plane, 3 in space
     axes      one zero per component of the force that is used: `space`, with friction on a sphere also the moment
-    room      one zero per row of the Model
+    room      one zero for each row (coordinate) of the Model
     poses     one zero per number that `protocol.task_poses` writes for the arm
     links     int64 (points,): the points are the tips of these links
     radii     float64 (points,): radius of the sphere about each point, m

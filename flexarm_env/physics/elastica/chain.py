@@ -88,7 +88,8 @@ class Line:
 
     @classmethod
     def of(cls, link: Link, n: int, tip: bool) -> Line:
-        """Distribute n nodes along a link, with a node at its tip if ``tip``; node intervals are its cells (`meshing`).
+        """Distribute n nodes along a link, with a node at its tip if ``tip``; the intervals between nodes are cells
+        (`meshing`).
 
         Raises:
             ValueError: n is too few for the link's jumps, or gives a smooth piece more than `MOST_IN_PIECE` nodes.

@@ -58,8 +58,8 @@ def add_payload_lever(lane, model, i, force_x, force_y, x, y):
     """Return (x, y) + conj(w_i) F: the sum A_i (N m) of node i with the force F (N, inertial axes) on the payload.
 
     (x, y): A_i without F; the moment on node i is (-sin phi_i, cos phi_i) . A_i. w_i (m): complex weight of the node's
-    unit tangent in the vector from the root to the payload, real for a payload at the tip; vectors as complex numbers x
-    + i y.
+    unit tangent in the vector from the root to the payload, real for a payload at the tip; vectors are written as
+    complex numbers x + i y.
     """
     if model.eccentric is None:
         w = constants(model).w + i
@@ -185,7 +185,7 @@ def _product(a, b, c, d):
 def add_offset_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
     """Add to S (row-major, nodes' angles and root) the terms that an eccentric payload adds to a payload at the tip.
 
-    # model     payload: its mass, kg; cm: weight of M
+    # model     payload: the payload's mass, kg; cm: weight of the mass matrix M
     # state     on: `Nodes` with the unit tangents e_j in (c, s) and the weighted derivative of e_j'' in (ex, ey)
     # out       S[i, j] += Re p_ij d + Im p_ij d', where d and d' are the parts of that derivative across and along e_i
 

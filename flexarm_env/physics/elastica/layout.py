@@ -84,7 +84,7 @@ def load_at(model, f):
 
 @kernel
 def weighted_sum(lane, weights, first, x: Lanes, m):
-    """Return sum_j weights[first + j] x_j over j = 0 ... m - 1; weights holds numbers, x lanes."""
+    """Return sum_j weights[first + j] x_j for j = 0 ... m - 1; entries of weights are numbers, entries of x lanes."""
     total = 0.0
     for j in range(m):
         total = total + x[j] * weights[first + j]

@@ -167,8 +167,8 @@ def energy(lane, model, par: Lanes, q, v):
 def link_poses(lane, model, par, q, v, out, tasks=None):
     """Write `layout.POSES` of each link to out: x, y (m), angle (rad) and their rates at its root, then at its tip.
 
-    Vectors are in inertial axes. Root and tip are the joints, beyond rigid ends; angles are those of the beam's
-    tangents there. q, v: coordinates and their rates. par and tasks are not used. See theory, section 5.
+    Vectors are in inertial axes. Root and tip are at the joints, beyond rigid ends; the angles are those of the beam's
+    tangents at its ends. q, v: coordinates and their rates. par and tasks are not used. See theory, section 5.
     """
     D = model.data
     at = constants(model)
@@ -200,8 +200,8 @@ def link_poses(lane, model, par, q, v, out, tasks=None):
 def centerline(model, q, points):
     """Write positions along the chain, root + sum_j weight_pj e_j, to points[:, :2] (m); return their number.
 
-    The kernel has one lane. q: coordinates; e_j: unit tangent (inertial axes) of node j. The stations p are those of
-    DATA.points. Writing stops where `points` (n, 2) is full.
+    The kernel has one lane. q: coordinates; e_j: unit tangent (inertial axes) of node j. The weights of the drawn
+    stations p are in DATA.points. Writing stops where `points` (n, 2) is full.
     """
     D = model.data
     lane = (0,)

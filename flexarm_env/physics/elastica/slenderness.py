@@ -8,10 +8,11 @@ balanced through the chain, cause section forces N and Q whose work in stretch a
 to the mode's bending flexibility (first order; Grammel), which divides the square of its frequency by 1 + epsilon. Each
 mode's response to the scene's loads and motions is computed in time with and without epsilon. The estimate is a sum of
 three terms: the largest distance between the two tip motions, a share of the distance between the deflections that
-grows with the arm's rotation, and the stretch along the arm (theory, section 5). The model is linear about the start.
-The estimate is right within a factor of about 3 for one link and of 4 for several links that do not swing far. A small
-error (below 0.3 % of the length) is mostly overestimated. The estimate does not cover links that whip round. A run's
-error estimate then uses the distance to a softer companion run (`Notes.softer`), if that distance is larger.
+grows with the arm's rotation, and the stretch along the arm (theory, section 5). The model is linear about the initial
+configuration. The estimate is right within a factor of about 3 for one link and of 4 for several links that do not
+swing far. A small error (below 0.3 % of the length) is mostly overestimated. The estimate does not cover links that
+whip round. A run's error estimate then uses the distance to a softer companion run (`Notes.softer`), if that distance
+is larger.
 """
 
 from collections.abc import Iterator, Mapping

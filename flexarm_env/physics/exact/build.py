@@ -213,7 +213,7 @@ def load_rows(load: PointLoad, arm: Arm, elements: int, order: int) -> list[int]
 
 
 def build(scene: Scene, settings: Settings) -> System:
-    """Build the scene's `System`; each link has ``settings.elements`` elements of polynomial order ``settings.order``.
+    """Build the scene's `System` with ``settings.elements`` elements of polynomial order ``settings.order`` per link.
 
     Raises:
         InvalidValue: `period_correction` with links of different tau_d, rigid ends or an eccentric payload.

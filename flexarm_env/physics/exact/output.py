@@ -1,6 +1,7 @@
 """Outputs of a chain of geometrically exact beams: input displacements, energies, damping power, poses, centerline.
 
-Also `correct_positions`, for the start of the Newton iteration. Positions in m, inertial axes; angles in rad from x.
+The module also has `correct_positions`, for the start of the Newton iteration. Positions (m) are along inertial axes;
+angles (rad) are from the x axis.
 """
 
 import numpy as np
@@ -35,9 +36,9 @@ from .tables import interior
 def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
     """Write the displacement conjugate to each input to y: joint angles (rad), then x, y, angle of each load point.
 
-    Positions in m, inertial axes. The angle of joint 0 is psi of the root vertex; other joint angles are the hinge
-    angles delta. A load at the end of a lever moves with the lever. The angle at a load behind a hinge is psi + delta.
-    par and since are not used, because angles in the plane add up.
+    Positions (m) are along inertial axes. The angle of joint 0 is psi of the root vertex; other joint angles are the
+    hinge angles delta. A load at the end of a lever moves with the lever. The angle at a load behind a hinge is psi +
+    delta. par and since are not used, because angles in the plane add up.
     """
     rows, links = rows_of(model), model.links
     y[0] = q[T]
@@ -61,7 +62,7 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
 def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
     """Return (kinetic, strain, gravitational) energy of the chain, J; gravitational energy is 0 at the origin.
 
-    q: coordinates (m, rad); v: their rates. Strain energy as in theory (5.1).
+    q: coordinates (m, rad); v: their rates. The strain energy is that of theory, (5.1).
     """
     i = rows_of(model).elements
     # mx, my: first moments of mass, kg m
@@ -130,8 +131,8 @@ def damping_power(lane, model, par: Lanes, q: Lanes, v: Lanes, x: Lanes):
 def link_poses(lane, model, par, q: Lanes, v: Lanes, out, tasks=None):
     """Write `layout.POSES` of each link to out: x, y (m), angle (rad) and their rates at its root, then at its tip.
 
-    Vectors are in inertial axes. Root and tip are the joints, beyond rigid ends; angles are those of the beam's
-    sections there. q, v: coordinates and their rates. par and tasks are not used.
+    Vectors are in inertial axes. Root and tip are at the joints, beyond rigid ends; the angles are those of the beam's
+    end sections. q, v: coordinates and their rates. par and tasks are not used.
     """
     for k in range(model.links + 1):
         # r, psi and their rates at joint k (inertial axes): the root of link k and the tip of link k - 1

@@ -3,9 +3,9 @@
 The rows of a vertex are those of a beam's tip, or of the joint at the chain's root. If links have rigid ends, the next
 beam begins beyond the lever of the preceding tip (length b along psi), the hinge, and the lever of the beam's own root
 (length c along psi + delta). The near point of a lever is the lever's end closer to the arm's root. A force at a
-lever's far point acts on the near point with a moment. The lever's mass is at its middle. The matrix neglects the
-lever's rotation during its acceleration (terms in h omega, times the lever's share of the inertia). A payload with its
-center of mass off the tip is at the far point of an additional lever at the tip.
+lever's far point acts on the near point with a moment. The mass of a lever is at the lever's middle. The matrix
+neglects the lever's rotation during its acceleration (terms in h omega, times the lever's share of the inertia). A
+payload with its center of mass off the tip is at the far point of an additional lever at the tip.
 
 Vectors are in inertial axes (m, m/s, m/s^2, N); moments (N m) and angles (rad) are counter-clockwise. `end`: ROOT_END
 (joint to beam start) or TIP_END (beam end to next joint). Where `model.rigid` is None there are no levers.
@@ -35,7 +35,8 @@ def lever_vector(lane, model, k, end, angle):
 
 @kernel
 def payload_lever_vector(lane, model, angle):
-    """Return the vector from the tip to the payload's center of mass, m, inertial axes; angle: psi of the tip, rad."""
+    """Return the vector from the tip to the payload's center of mass, m, inertial axes; angle: psi of the tip section,
+    rad."""
     sine, cosine = sincos(angle)
     return rotate_2d(cosine, sine, model.eccentric[0], model.eccentric[1])
 
@@ -120,8 +121,8 @@ def _lever_acceleration(lever, rate, second, ax, ay, share):
 def beam_start(lane, model, state: State, k, tip, i):
     """Return the `Vertex` where the beam of link k begins, behind levers and hinge, from the vertex `tip` at row i.
 
-    For k = 0 `tip` is the joint at the chain's root. The force field of the new vertex is 0. The new vertex's moment is
-    the hub's inertia torque less the hub torque (k = 0), or the elbow's inertia torque behind the hinge.
+    For k = 0 `tip` is the joint at the chain's root. The field `force` of the new vertex is 0. The new vertex's moment
+    is the hub's inertia torque less the hub torque (k = 0), or the elbow's inertia torque behind the hinge.
     `beam_start_rows` later transmits the beam's force back. state: q, v, a of the arm. See theory, section 5, "Rigid
     ends".
     """

@@ -1,7 +1,8 @@
 """Shape functions of a geometrically exact element on [-1, 1], their values at Gauss points, and their traced sums.
 
-`tables` and its helpers use NumPy. `Sums` and the functions after it take run-time values, in traced functions. Nodes
-of an element of order p: left vertex, right vertex, p - 1 interior functions, which vanish at both ends.
+The function `tables` and the functions that it calls use NumPy. `Sums` and the functions after it take run-time values,
+in traced functions. Nodes of an element of order p: left vertex, right vertex, p - 1 interior functions, which vanish
+at both ends.
 """
 
 from dataclasses import dataclass

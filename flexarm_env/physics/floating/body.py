@@ -46,8 +46,8 @@ def along(lane, model, D, at, x):
     """Return sum_j D[at + j] x_j of a shape function along the axis of the body's frame (m for coordinates x).
 
     D, at: the body's constants and the offset of the function; x: elastic coordinates, rates or accelerations. Bodies
-    reduced to modes have no such functions. For bodies reduced to modes -0.0 is returned, because x + -0.0 is x to the
-    last bit.
+    reduced to modes have no shape functions along the axis. For these bodies -0.0 is returned, because x + -0.0 is x to
+    the last bit.
     """
     if model.modal is not None:
         return -0.0

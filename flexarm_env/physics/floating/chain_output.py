@@ -63,7 +63,7 @@ def place(lane, model, D, q, v, pose: Lanes, frame: Lanes):
     axes; E: rotation by 90 deg.
 
     # state    q, v: the body's elastic coordinates and rates
-    # in, out  pose (6,), inertial axes
+    # in, out  pose (6,): x, y, angle and their rates, inertial axes
     # out      frame, `FRAME`: cos theta, sin theta, velocity of the origin in frame axes, w
     """
     own = constants(model)

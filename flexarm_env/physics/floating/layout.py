@@ -1,7 +1,7 @@
 """Layouts of a floating-frame Model's arrays: `table` (a row per body), `data` (a block per body), factors S, scratch.
 
 Components that kernels read together (`arithmetic.load_pair`, `load_vector`) are neighboring fields, in that order.
-Symbols are those of docs/theory.md, sections 1 to 3. Frame axes: those of a body's floating frame.
+Symbols are those of docs/theory.md, sections 1 to 3. Frame axes are the axes of a body's floating frame.
 """
 
 from ...compiler import kernel, size

@@ -319,7 +319,7 @@ def _turn_matrix(lane, tail: Lanes, c, s):
 def reduce(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
     """Substitute forward in one body: x <- L^-1 x in the rows of the body's elastic coordinates.
 
-    # in       S: factors of `condense`
+    # in       S: factors that `condense` stored
     # in, out  x (n,): right side, then the reduced right side
     # in, out  flow (3,): force and moment (inertial axes) that the reduced right sides of the bodies beyond cause;
     #          in: at the tip section; out: at the root section, to be subtracted from the right side there
@@ -358,7 +358,7 @@ def reduce(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
 def restore(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
     """Substitute back in one body: x <- increments of the body's elastic coordinates. See theory, (3.3).
 
-    # in       S: factors of `condense`, `FACTORS.swept`
+    # in       S: factors that `condense` stored, and `FACTORS.swept`
     # in, out  x (n,): reduced right side, then the solution
     # in, out  flow (3,): change of acceleration (weighted as in `add_outboard`, inertial axes) and of angle,
     #          in: at the root section; out: at the tip section

@@ -3,8 +3,8 @@
 Each body has its own rows: R_x, R_y (inertial axes) and theta of its frame, then its elastic coordinates q. The
 constraints Phi (theory, eq. 3.4) require that the body's tip is the origin of the next frame. If the joint is rigid or
 prescribed, Phi also requires that the tip section has the next frame's angle. Order of rows: body 0, multipliers of the
-joint at its tip, body 1, ...; the matrix is banded. The kernels of `body` compute each body. For a body, the
-multipliers of the joint at the tip are a force at the tip like any other force.
+joint at its tip, body 1, ...; the matrix is banded. The kernels of module `body` compute the forces and the matrix of
+each body. For a body, the multipliers of the joint at the tip are a force at the tip like any other force.
 
 S holds the band, the pivots of its factors, and one body's `FACTORS` as scratch. The kernels solve for one arm at a
 time, because pivoting exchanges rows.
@@ -238,7 +238,7 @@ def solve(lane, model, S: Lanes, x):
 
 @kernel
 def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
-    """Write the displacements conjugate to the inputs into y: joint angles, then x, y, angle at each point load.
+    """Write the displacements conjugate to the inputs into y: joint angles, then x, y and angle at each point load.
 
     The hub's joint angle is the angle of the first frame. The angle of elbow k is the angle of link k's first frame
     less the angle of the tip section before the elbow (rad). Positions (m) are along inertial axes. since: not read,

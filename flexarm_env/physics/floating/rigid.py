@@ -43,7 +43,8 @@ def end_of(model, k, end):
 
 @kernel
 def to_payload(model):
-    """Return the `Lever` from the tip to the payload's center, without mass; None where the payload sits at the tip."""
+    """Return the `Lever` from the tip to the payload's center, without mass; None if the payload's center is at the
+    tip."""
     if model.eccentric is None:
         return None
     return Lever(2 * model.links, model.eccentric[0], model.eccentric[1], 0.0, 0.0, 0.0)
@@ -94,8 +95,8 @@ def transmit_inward(lane, lever, force, weights, S: Lanes, first):
 
         f_near = f + m_far a_far + m a_mid,   M_near = M + e x (f + m_far a_far) + (e/2) x m a_mid + J alpha
 
-    e: lever, near to far point; J: inertia of its own mass m; alpha: angular acceleration; a_far, a_mid: accelerations
-    less gravity at e and e/2. Vectors are in inertial axes. Do nothing without a lever (None).
+    e: lever, near to far point; J: inertia of the lever's own mass m; alpha: angular acceleration; a_far, a_mid:
+    accelerations less gravity at e and e/2. Vectors are in inertial axes. Do nothing without a lever (None).
 
     # in       S: values of `propagate_outward`; weights: `Weights`; first: index in S of lever 0's `LEVER_FACTORS`
     # in, out  force (3,): force (N) and moment (N m) required at the far point, then at the near point
@@ -211,7 +212,7 @@ def _move_pose(lane, along, across, pose: Lanes):
 
 @kernel
 def far_point_pose(lane, lever, pose):
-    """Move a pose (6,), inertial axes, from a lever's near to its far point; no-op without a lever (None)."""
+    """Move a pose (6,), inertial axes, from a lever's near to its far point; do nothing if lever is None."""
     if lever is not None:
         _move_pose(lane, lever.along, lever.across, pose)
 

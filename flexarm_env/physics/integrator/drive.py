@@ -52,8 +52,8 @@ def evaluate(drive, f, t, side):
 def set_inputs(lane, drive, u: Lanes, t, side):
     """Write the inputs that are functions of time into u (N m, N): each driven entry is the sum of its terms at t (s).
 
-    drive: `Drive`. Entries without a term keep their value (actions). u: (n_inputs,) lanes; side: time (s) slightly
-    before or after t, which selects the piece of a function that jumps at t.
+    drive: `Drive`. Entries without a term, such as actions, keep their value. u: array of n_inputs lanes; side: time
+    (s) slightly before or after t, which selects the piece of a function that jumps at t.
     """
     before = -1
     for i in range(drive.entries.shape[0]):
@@ -69,8 +69,8 @@ def set_inputs(lane, drive, u: Lanes, t, side):
 def set_motions(lane, drive, psi: Lanes, t, side):
     """Write value, rate and second rate of each prescribed coordinate at time t (s) to psi, one `MOTION` each.
 
-    drive: `Drive`; psi: (n_motions * 3,) lanes; side: time (s) slightly before or after t, which selects the piece of a
-    function that jumps at t.
+    drive: `Drive`; psi: array of n_motions * 3 lanes (m, rad, with rates); side: time (s) slightly before or after t,
+    which selects the piece of a function that jumps at t.
     """
     for i in range(drive.motions.shape[0]):
         value, rate, second = evaluate(drive, drive.motions[i], t, side)

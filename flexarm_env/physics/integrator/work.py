@@ -54,7 +54,8 @@ _views = inlined(WORK.views)
 def shift_size(model, n):
     """Return the number of rows of `Work.shift`: 2 n if the model has a period correction or rotations, otherwise 0.
 
-    Period correction: the shift of the displacement (n rows), then scratch. Rotations: `accumulated_increment`.
+    With a period correction the rows are the shift of the displacement (n rows), then scratch. With rotations they are
+    the two arrays of `accumulated_increment`.
     """
     return 0 if model.newton.period_correction is None and model.newton.rotations is None else 2 * n
 
@@ -114,7 +115,7 @@ def apply_increment(lane, model, w, d: Lanes):
     step is applied to the predicted q. The end of a step then does not depend on the path of the Newton iteration.
 
     # model     model
-    # out       w.q; with rotations also w.shift
+    # out       w.q; in models with rotations also w.shift
     """
     if model.newton.rotations is None:
         retract(lane, model, w.q, 1.0, d, None)

@@ -99,10 +99,11 @@ def multiply(lane, part, model, S: Lanes, x: Lanes, y: Lanes):
 def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, r, S):
     """Return (momentum, force), each with x, y and moment about the origin; if `before` is given, first correct v.
 
-    momentum: t^T M v (N s, N m s) with the rates t of rigid motions; force: external (N, N m), inertial axes. before:
-    the returned pair at the start of the step of h (s), or None. With trapezoidal steps the angular momentum has a
-    ripple of second order in h, which would turn a base at rest. Therefore a rigid motion of base and arm, which causes
-    no strain, is added to v. With this rigid motion, the momentum changes by h times the mean force.
+    momentum: t^T M v (N s, N m s) with the rates t of rigid motions; force: external force and moment (N, N m),
+    inertial axes. before: the returned pair at the start of the step of h (s), or None. With trapezoidal steps the
+    angular momentum has a ripple of second order in h, which would turn a base at rest. Therefore a rigid motion of
+    base and arm, which causes no strain, is added to v. With this rigid motion, the momentum changes by h times the
+    mean force.
 
     # state     q; v: in and out, (n,) lanes.   # scratch   r, S
 

@@ -128,7 +128,7 @@ def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
     torque independent of small changes of the other forces in the joint's row. The torque of a sticking joint balances
     the other forces, up to the Coulomb friction torque T_C.
 
-    # in        state, u: q, v, a and inputs
+    # in        state: q, v, a of the arm; u: inputs
     # out       r (n,); fields of `GEAR`: before (friction torque, N m), slides (1 or 0), free: 1 if the joint does
     #           not slide and friction within T_C balances the other forces of the joint's row, otherwise 0
 
