@@ -41,7 +41,7 @@ class Equations:
     """Equations of motion of one arm.
 
     Attributes:
-        free: rows of q that can move (no multiplier, not fixed, not prescribed). algebraic: rows of multipliers.
+        free: rows of q that can move (no multiplier, not fixed, not prescribed). algebraic: rows of q with multipliers.
         independent, dependent: indices into `free`; the floating frame after a joint depends on the frame before
                 the joint. joints: joints that can turn, each with its position among the independent coordinates.
         turned: joints that a torque can turn, each with the position of the angle on which the torque acts. With an

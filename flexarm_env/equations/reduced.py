@@ -50,7 +50,7 @@ class Frame:
 class Reduced:
     """Matrices of M e' + C e + K d = B u about a point.
 
-    d (n,): changes of the independent coordinates. e (n,): changes of their rates.
+    d (n,): changes of the independent coordinates. e (n,): changes of the rates of the independent coordinates.
 
     The changes of the rows that can move are dq = lift d, dv = lift e + drift d, da = lift e' + bend_v dv + bend_q dq.
     frame: `Frame` of the independent coordinates, with which e and e' are computed from d and its time derivatives.
@@ -67,15 +67,13 @@ class Reduced:
     frame: Frame
 
     def among(self, keep: Sequence[int]) -> tuple[Array, Array, Array]:
-        """Return M, C and K of M d'' + C d' + K d = B u for the coordinates `keep`, while all other coordinates are
-        fixed."""
+        """Return M, C, K of M d'' + C d' + K d = B u for the coordinates `keep`; the other coordinates are fixed."""
         pick, frame = np.ix_(keep, keep), self.frame
         C, K = self.C + self.M @ frame.U, self.K + self.C @ frame.V + self.M @ frame.W
         return self.M[pick], C[pick], K[pick]
 
     def accelerations(self, driven: Rows) -> tuple[Array, Array]:
-        """Return derivatives of e': by (d, e, u), shape (n, 2 n + inputs), and by prescribed accelerations, (n,
-        driven)."""
+        """Return derivatives of e' by (d, e, u), (n, 2 n + inputs), and by prescribed accelerations, (n, driven)."""
         rest = np.setdiff1d(np.arange(len(self.M)), driven)
         right = np.hstack([-self.K, -self.C, self.B, -self.M[:, driven]])[rest]
         found = np.zeros((len(self.M), right.shape[1]))
@@ -104,7 +102,7 @@ ROUND_OFF = 1e-14
 
 
 def undamped(M: Array, K: Array) -> tuple[Array, Array]:
-    """Return squared frequencies and M-normalized shapes of M x'' + K x = 0; those of rigid motions are exactly 0.
+    """Return squared frequencies (exactly 0 for rigid motions) and M-normalized shapes of M x'' + K x = 0.
 
     Stretching frequencies may be 1e8 times the bending frequencies, and their round-off is as large. The low
     frequencies are therefore computed as the largest eigenvalues of the inverse problem.

@@ -15,9 +15,9 @@ def wrapped(angle: Array) -> Array:
 def tip_in_hub_frame(arm: Arm, elbows: Array, bends: Array) -> Array:
     """Compute the tip position (n, 2), m, in the frame that turns with the hub.
 
-    elbows (n, N - 1): joint angles, rad. bends (n, N): tip deflection w of each link, divided by its length. A link's
-    tip is at L (1 - 0.6 w^2, w) in its root frame and is turned by 1.5 w, as in a cantilever bent by a force at its
-    tip.
+    elbows (n, N - 1): angles of the elbow joints, rad. bends (n, N): tip deflection w of each link, divided by its
+    length. A link's tip is at L (1 - 0.6 w^2, w) in its root frame and is turned by 1.5 w, as in a cantilever bent by a
+    force at its tip.
     """
     tip, angle = np.zeros((len(bends), 2)), np.zeros(len(bends))
     for k, link in enumerate(arm.links):
@@ -33,8 +33,8 @@ def tip_in_hub_frame(arm: Arm, elbows: Array, bends: Array) -> Array:
 def rigid_times(inertia: Array, to_go: Array, limits: Array) -> Array:
     """Return the minimum time (n,), s, of a rigid arm from rest to rest with synchronized joints.
 
-    The time is 2 sqrt(max_i |I dq|_i / tau_i). inertia I (n, N, N): kg m^2. to_go (n, N): joint displacements dq, rad.
-    limits (N,): largest torques tau, N m.
+    The time is 2 sqrt(max_i |I dq|_i / tau_i). inertia (n, N, N): mass matrices I of the rigid arms, kg m^2. to_go (n,
+    N): joint displacements dq, rad. limits (N,): largest torques tau, N m.
     """
     load = np.abs(np.einsum("nij,nj->ni", inertia, to_go)) / limits
     times: Array = 2.0 * np.sqrt(load.max(axis=1))
@@ -46,9 +46,9 @@ def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, ang
 
     The environments choose the same solution as this function. x, y: target in inertial axes. lengths (N,): lengths of
     the links, m. rates (N,): speed factors of the joints; a joint's time is proportional to sqrt(|angle|) / rate.
-    limits (2 N,), rad: lower and upper limit of each joint in turn. angles (N,): present angles, rad. With two links
-    the function returns the solution with the shorter time, with more links the solution with the least sum of squares
-    of the angles (`tasks.angles`). If the point is out of reach, the arm points along the line to the point.
+    limits (2 N,), rad: lower and upper limit of each joint in turn. angles (N,): present joint angles, rad. With two
+    links the function returns the solution with the shorter time, with more links the solution with the least sum of
+    squares of the angles (`tasks.angles`). If the point is out of reach, the arm points along the line to the point.
     """
     goal: Array = angles.copy()
     if len(lengths) == 2:
@@ -65,7 +65,7 @@ def goal_angles(arm: Arm, angles: Array, target: Array, rates: Array) -> Array:
     squares of the angles (`tasks.angles`). The hub angle is unwrapped to the nearest turn.
 
     Args:
-        angles (n, N): present angles, rad. target (n, 2): in hub axes at these angles, m.
+        angles (n, N): present joint angles, rad. target (n, 2): target of the tip, m, in hub axes at these angles.
         rates (n, N): speed factors, for two links only; a joint turns by x in a time proportional to sqrt(|x|) / rate.
     A target out of reach is approached along the line to the target. Joint limits are kept, and no elbow turns past pi.
     """

@@ -99,7 +99,7 @@ def _between(a: Frame, b: Frame, pieces: int) -> tuple[Array, Array]:
 
 
 def cuts_of(points: Array, hinges: Array) -> tuple[int, ...]:
-    """Return the indices of root, hinges and tip among points (n, P, 2).
+    """Return the indices of root, hinges and tip among the points (n, P, 2) of a planar arm, m.
 
     hinges (n, N - 1, 2): positions of the hinges.
     """

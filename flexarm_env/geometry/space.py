@@ -132,9 +132,9 @@ def lost_at(
 def angles_at(arm: Arm, point: Array, gravity: Sequence[float] | None = None) -> Array | None:
     """Return joint angles (N,), rad, within limits, with the rigid tip at point (3,), m; None if no solution is found.
 
-    The tip is within 1e-9 of the arm's length. The search has many initial postures and returns the solution with the
-    least sum of squares. gravity (3,): m/s^2, inertial axes. Solutions that the torque limits can hold against gravity
-    are preferred.
+    The distance of the tip from the point is at most 1e-9 of the arm's length. The search has many initial postures and
+    returns the solution with the least sum of squares. gravity (3,): gravitational acceleration, m/s^2, inertial axes.
+    Solutions that the torque limits can hold against gravity are preferred.
     """
     starts = _bent(arm)
     found = approach(arm, starts, np.broadcast_to(point, (len(starts), 3)))

@@ -25,9 +25,9 @@ class Stability:
     """Stability of an arm at rest, with its present joint conditions.
 
     Attributes:
-        smallest: lowest squared frequency mu of the arm, rad^2/s^2, of K x = mu M x without the held joints; infinite
-            if nothing can move.
-        negative: number of negative mu. neutral: number of mu that are zero to round-off (freely turning joints).
+        smallest: lowest squared frequency mu, rad^2/s^2, of K x = mu M x without the held joints; infinite if no
+                coordinate can move.
+            negative: number of negative mu. neutral: number of mu that are 0 to round-off (freely turning joints).
     """
 
     smallest: float
@@ -41,7 +41,7 @@ class Stability:
 
     @property
     def growth(self) -> float:
-        """Fastest rate of growth, 1/s, without damping; 0.0 if the arm is stable."""
+        """Largest rate of growth (1/s) of a small motion without damping; 0.0 if the arm is stable."""
         return float(np.sqrt(max(0.0, -self.smallest)))
 
 

@@ -33,7 +33,7 @@ class Modes:
         shapes (n, points, 2), in space (n, points, 3): displacements of the points along the chain, scaled and shifted
             in phase so that the largest one is 1 m. In rotation points move on ellipses; shapes are real parts.
         points (points, 2) or (points, 3): the points along the chain, root to tip, m.
-        spin: the given spin, rad/s.
+        spin: the argument `spin` of `modes`, rad/s.
         growing: number of unstable modes among all modes, not only the n lowest; 0 if the point is stable.
         whirl (n,): in space, the direction in which points circle the first joint's axis, in the frame that turns with
             the arm: 1 for circles in the direction of a positive spin, -1 against it, 0 for linear motion. NaN if

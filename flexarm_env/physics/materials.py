@@ -66,8 +66,8 @@ def viscoelastic(force, rate, tau):
 def viscoelastic_slope(slope, tau, damping, stiffness):
     """Return stiffness df/de + damping df/d(rate) of the law f + tau_d d(e)/dt: its slope in a matrix with two weights.
 
-    slope: df/de, `Answer.slope` (None: 1); tau: tau_d (s), or None without damping; damping, stiffness: weights of the
-    derivatives by rates and by coordinates (`protocol.Weights`).
+    slope: df/de, the field `slope` of an `Answer`; None stands for 1. tau: tau_d (s), or None without damping; damping,
+    stiffness: weights of the derivatives by rates and by coordinates (`protocol.Weights`).
     """
     own = stiffness
     if slope is not None:

@@ -306,7 +306,7 @@ class Floating(NamedTuple):
     """A base that carries an arm and floats freely in the plane; its mass acts at the arm's root. SI.
 
     row      row of the base's attitude (rad), from the inertial x axis, 0 at the start
-    inertia  kg m^2, of the base
+    inertia  kg m^2: the base's moment of inertia about its center of mass
     mass     kg: base and arm together, without the payload
     angles   int64: rows of angles from the inertial x axis, the attitude among them
     vectors  int64: pairs of rows of x and y in inertial axes, which turn with the arm
@@ -396,8 +396,7 @@ C to estimate the error of neglecting stretch and shear.)"""
 
 
 def fixed_rows(scene: Scene, coordinates: Mapping[str, int]) -> NDArray[np.int64]:
-    """Return a Model's `fixed` rows: angles of rigid joints, and the position of a pinned root without prescribed
-    motion."""
+    """Return a Model's `fixed` rows: angles of rigid joints, and the position of a pinned root that cannot move."""
     fixed = [coordinates[f"joint{k}"] for k in scene.rigid_joints]
     if scene.root == "pinned":
         fixed += [coordinates[name] for name in ("root_x", "root_y") if scene.motion_of(name) is None]
@@ -410,9 +409,9 @@ class System:
 
     par (4,), in space (6,): see PAYLOAD_MASS. q0, v0 (n,): state at t = 0 (m, rad; m/s, rad/s). coordinates: row of
     "joint0" ..., "root_x", "root_y"; a negative entry -1 - j: prescribed by multiplier j. names (n,): names of the
-    rows. vectors (k, 2): rows of x and y of vectors in inertial axes that turn with the arm; absolute (k,): rows of
-    angles from the inertial x axis; all other rows stay the same if the whole arm rotates. notes: error estimates that
-    a formulation reports about itself, as fractions of the arm's length.
+    coordinates. vectors (k, 2): rows of x and y of vectors in inertial axes that turn with the arm; absolute (k,): rows
+    of angles from the inertial x axis; all other rows stay the same if the whole arm rotates. notes: error estimates
+    that a formulation reports about itself, as fractions of the arm's length.
     """
 
     model: Any

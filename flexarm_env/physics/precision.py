@@ -154,8 +154,7 @@ def ratio(
 
 
 def refusal(most: float, unit: str, settings: Settings, torque: float) -> str:
-    """Return an error message that names the largest value `most` (in `unit`) allowed under the settings, and the
-    reason."""
+    """Return an error message that names the largest allowed value `most` (in `unit`) and the reason for the limit."""
     way = "modes" if settings.modes is not None else settings.formulation
     return (
         f"must be at most {f'{most:.3g} {unit}'.strip()} under {way} with dt = {settings.dt:.3g} s and an arm that "
@@ -208,8 +207,7 @@ def check_parameters(
 
 
 def of_torques(arm: Arm, settings: Settings, factors: Mapping[str, float] = ALIKE, damping: float = 1.0) -> float:
-    """Return the Newton tolerance of an arm under its full torques, with `factors` on its stiffnesses; raises as
-    `ratio`."""
+    """Return the Newton tolerance of an arm under its full torques, with stiffness `factors`; raises as `ratio`."""
     torques, h = arm.torque_limits or (math.inf,), settings.dt
     assert h is not None
     # angle that the torque turns each joint in a step, tau h^2 / I of the straight arm beyond it

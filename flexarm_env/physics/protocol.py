@@ -174,7 +174,7 @@ MASS_ALONE = Weights(1.0, 0.0, 0.0)
 
 @kernel
 def added(lane, q: Lanes, share, d: Lanes, more: Lanes | None, k):
-    """Return row k of q + share d + more, coordinate k (m or rad) after an increment; k is no row of a rotation.
+    """Return row k of q + share d + more, coordinate k (m or rad) after an increment; row k is not part of a rotation.
 
     q, d, more: arrays of n rows; share: factor on d; more is None for zero.
     """

@@ -37,8 +37,7 @@ def loads_of(scene: Scene) -> list[PointLoad]:
 
 
 def obstacle_rows(scene: Scene) -> dict[str, TimeFunction]:
-    """Return the Model's rows for moving obstacles, in order: each row's name and its displacement (m) as a function of
-    time."""
+    """Return the names of the rows for moving obstacles, in order, and the displacement (m) of each over time."""
     return {
         f"obstacle{i}_{'xyz'[axis]}": function
         for i, contact in enumerate(scene.contacts)

@@ -17,8 +17,7 @@ from .layout import LAWS
 
 
 class Meeting(NamedTuple):
-    """Contact of a point with an obstacle: geometry, rates, and forces on the arm, which are 0 in lanes without
-    contact."""
+    """Contact of a point and an obstacle: geometry, rates, and forces on the arm (0 in lanes without contact)."""
 
     gap: Any  # m, signed distance of the sphere's surface, negative where it penetrates
     normal: Any  # `Vector` out of the obstacle

@@ -88,8 +88,7 @@ class Line:
 
     @classmethod
     def of(cls, link: Link, n: int, tip: bool) -> Line:
-        """Distribute n nodes along a link, with a node at its tip if ``tip``; the intervals between nodes are cells
-        (`meshing`).
+        """Distribute n nodes over a link's cells (`meshing`), with a node at the link's tip if ``tip`` is True.
 
         Raises:
             ValueError: n is too few for the link's jumps, or gives a smooth piece more than `MOST_IN_PIECE` nodes.
@@ -210,8 +209,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Chain:
-    """Constant matrices of a chain of N links with n nodes each, without payload; SI units, nodes counted from the
-    root."""
+    """Constant matrices of a chain of N links with n nodes each, without payload; SI units; nodes from root to tip."""
 
     lines: tuple[Line, ...]
     P: Array  # (Nn, Nn) kg m^2: masses, kinetic energy 1/2 sum P_ij e_i'.e_j'

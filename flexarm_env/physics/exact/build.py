@@ -35,8 +35,7 @@ matrix would be singular."""
 
 
 def sections(arm: Arm, elements: int, order: int) -> Array:
-    """Return the packed constants of all elements: one `SECTION` per link, or one `VARYING` per element if sections
-    vary."""
+    """Return the packed constants of elements: a `SECTION` per link, or a `VARYING` per element if sections vary."""
     if varies(arm):
         return np.concatenate([_varying(part, order) for link in arm.links for part in link.cut(elements, "elements")])
     rows = []
@@ -204,8 +203,7 @@ def rows(arm: Arm, elements: int, order: int) -> tuple[tuple[str, ...], dict[str
 
 
 def load_rows(load: PointLoad, arm: Arm, elements: int, order: int) -> list[int]:
-    """Return a point load's `ROWS_OF_LOAD`: rows of its vertex's x, y, psi and of the hinge angle (-1 if there is
-    none)."""
+    """Return a point load's `ROWS_OF_LOAD`: rows of its vertex's x, y, psi and of the hinge angle, or -1."""
     at, at_tip = CHAIN.offsets(0, arm.n_links, elements, order), load.end == "tip"
     first = at.elements + AXES * order * elements * (load.link + at_tip)
     hinge = -1 if at_tip or load.link == 0 else at.hinges + load.link - 1

@@ -11,8 +11,8 @@ strains are Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = psi', and with p Gauss
 
 with the laws of `materials` in place of the squares. Inertia: ml = m l/2, jl = J l/2. If sections vary within the
 element (`layout.Varying`), k1 and k2 differ between points, and bending and inertia have full matrices (`constants`).
-Arrays of coordinates begin at the left vertex (`layout.ELEMENT`); lists of nodes hold left, right, interior. `order`: a
-tuple of p zeros. All functions run when a kernel is compiled; `compiler.trace` records their operations on values.
+Arrays of coordinates begin at the left vertex (`layout.ELEMENT`); lists of nodes have the order left, right, interior.
+`order`: p zeros. All functions run when a kernel is compiled; `compiler.trace` records their operations on values.
 """
 
 from typing import Any, NamedTuple

@@ -35,8 +35,7 @@ def lever_vector(lane, model, k, end, angle):
 
 @kernel
 def payload_lever_vector(lane, model, angle):
-    """Return the vector from the tip to the payload's center of mass, m, inertial axes; angle: psi of the tip section,
-    rad."""
+    """Return the vector (m, inertial axes) from the tip to the payload's center of mass; angle: psi of the tip, rad."""
     sine, cosine = sincos(angle)
     return rotate_2d(cosine, sine, model.eccentric[0], model.eccentric[1])
 

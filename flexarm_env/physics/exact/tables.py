@@ -86,8 +86,7 @@ class Sums:
         self.known: dict[Any, Any] = {}
 
     def __call__(self, coefficients: Any, values: Any, factor: float = 1.0, unit: Any = None) -> Any:
-        """Return factor * unit * (sum of coefficient * value), or 0.0 if all coefficients vanish; unit: a traced
-        number."""
+        """Return factor * unit * (sum of coefficient * value), or 0.0 if all coefficients are 0; unit: traced value."""
         terms = [(float(c), v) for c, v in zip(coefficients, values, strict=True) if abs(c) > 1e-14]
         if not terms:
             return 0.0

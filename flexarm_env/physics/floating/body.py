@@ -24,8 +24,7 @@ def constants(model):
 
 @kernel
 def damping_time(lane, model, D, par: Lanes):
-    """Return the body's damping time (s): the arm's tau_d in par, times the body's share of it if links differ in
-    tau_d."""
+    """Return the body's damping time (s): the arm's tau_d in par, times the body's share if tau_d differs by link."""
     tau = par[TAU_D]
     if model.damped is not None and len(model.damped) > 1:
         tau = tau * D[constants(model).damped]

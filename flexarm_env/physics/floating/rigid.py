@@ -43,8 +43,7 @@ def end_of(model, k, end):
 
 @kernel
 def to_payload(model):
-    """Return the `Lever` from the tip to the payload's center, without mass; None if the payload's center is at the
-    tip."""
+    """Return the massless `Lever` from the tip to the payload's center; None if the payload's center is at the tip."""
     if model.eccentric is None:
         return None
     return Lever(2 * model.links, model.eccentric[0], model.eccentric[1], 0.0, 0.0, 0.0)

@@ -28,8 +28,7 @@ The share is less than 1 because of the solver's error."""
 
 
 class Law(NamedTuple):
-    """Constants of one joint's law, as in `layout.LAW`: numbers common to all arms, or lanes with each arm's own
-    numbers."""
+    """Constants of one joint's law (`layout.LAW`): numbers common to all arms, or lanes with each arm's numbers."""
 
     stiffness: Any  # N m/rad, of the gear
     damping: Any  # N m s/rad, of the gear

@@ -103,8 +103,7 @@ def _add_both(lane, y, i, a, b):
 
 @kernel
 def solve_transposed(lane, model, S, x):
-    """Replace x by the solution S^-T x of the transposed system, with the factors that `elimination.factor` stored in
-    S."""
+    """Replace x by the solution S^-T x of the transposed system, with the factors from `elimination.factor` in S."""
     for back_k in range(model.links):
         _up(lane, model, S, model.links - 1 - back_k, x)
     solve_base(lane, S, x, True)

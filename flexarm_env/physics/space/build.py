@@ -181,8 +181,7 @@ def _elements(link: Link, n: int, damping: float) -> list[Array]:
 
 
 def chords_of(link: Link, ends: Array) -> Array:
-    """Return how much each element's stress-free chord differs from a circular arc's chord: (elements, 3), chord /
-    length."""
+    """Return (elements, 3): each element's stress-free chord minus that of a circular arc, divided by the length."""
     found = np.zeros((len(ends) - 1, 3))
     if link.curved:
         angles = curves.angle(link.curvature, ends)

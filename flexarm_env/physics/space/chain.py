@@ -364,9 +364,9 @@ def add_rigid_body(lane, array, o, mass, share, at, weights, S: Lanes, to):
 def rotor_moment(lane, model, S: Lanes, k, at, weights, o):
     """Return (0, h w x e), the gyroscopic moment (N m) of joint k's rotor on the preceding section, section axes.
 
-    h: the rotor's angular momentum (N m s), in S; e: the joint's axis; w: spin of the section's `Vertex` at; section
-    axes (theory, 6). With weights.with_matrix stores w x e for `factor` and adds -h e^ cd to the 6 x 6 matrix at o of
-    S.
+    h: the rotor's angular momentum (N m s), in S; e: the joint's axis; w: spin of the section, from its `Vertex` at;
+    section axes (theory, 6). With weights.with_matrix stores w x e for `factor` and adds -h e^ cd to the 6 x 6 matrix
+    at o of S.
     """
     zero, h = 0.0, hinge_at(k)
     axis = nine_of(lane, model.joints, J.end * k + J.mount) @ three_of(lane, model.joints, J.end * k + J.axis)

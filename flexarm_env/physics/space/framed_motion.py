@@ -118,8 +118,8 @@ def swung(w, own, cd):
     """Return the part of d(t'')/d(rotation) of a section that its rates cause, times cd: rows y and z, section axes.
 
     t'': second time derivative of the section's tangent; w: the section's angular velocity (rad/s, section axes); own:
-    rate of the joint at the section (rad/s); cd: weight of dr/dv in the Newton matrix (1/s). Each row is a `Vector`
-    with one entry for each component of the rotation.
+    field `own` of the section's `Vertex`, the joint's rate (rad/s); cd: weight of dr/dv in the Newton matrix (1/s).
+    Each row is a `Vector` with one entry for each component of the rotation.
     """
     x, zero = (w[0] - own[0]) * cd, w[0] * 0.0
     return Vector((w[1] + own[1]) * cd, x, zero), Vector((w[2] + own[2]) * cd, zero, x)

@@ -239,7 +239,7 @@ def vertex_row(model, k, e):
 
 @kernel
 def count_of(model, k):
-    """Return the number of elements of link k; 0 for a rigid link."""
+    """Return the number of elements (or segments) of link k, which is 0 for a rigid link."""
     return model.places[PL.end * k + PL.elements]
 
 

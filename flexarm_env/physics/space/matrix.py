@@ -259,7 +259,7 @@ def eliminate_joint(lane, model, S: Lanes, k):
 
 @kernel
 def store_spin_lag(lane, model, par: Lanes, S, k, spin, weights):
-    """Store w tau/(1 + tau c_v) (rad) of link k's root in its `HINGE`; the value is 0 outside Newton's iteration.
+    """Store w tau/(1 + tau c_v) (rad) of link k's root in its `HINGE`, or 0 if weights.newton_share is 0.
 
     spin w: rad/s, root axes; c_v = weights.damping (1/s); tau = tau_d (s). `joint_motion_of_root` reads the value.
     See theory, section 9.

@@ -68,8 +68,7 @@ def retract(lane, model, q: Lanes, share, d, more):
 
 @kernel
 def rotation_increment(lane, start, q, i):
-    """Return the rotation increment (rad, body axes) from the coordinates start to q, of the rotation in rows i ... i +
-    2."""
+    """Return the increment (rad, body axes) of the rotation in rows i ... i + 2 from coordinates start to q."""
     before, after = quaternion(load_vector(lane, start, i)), quaternion(load_vector(lane, q, i))
     return rotation_vector(shortest_rotation(compose(inverse_rotation(before), after)))
 

@@ -270,7 +270,7 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
     """Store joint angles (rad) in y, then each load's position (m) and rotation vector (rad), inertial axes.
 
     since = (start, y0): rotation vectors are those of y0 plus the rotation since the coordinates `start` about inertial
-    axes, on which moments do work. since None: the section's own rotation vector.
+    axes, on which moments do work. With since = None the rotation vector is that of the section's rotation matrix.
     """
     for k in range(model.links):
         y[k] = q[joint_row(model, k)]

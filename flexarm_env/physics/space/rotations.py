@@ -1,7 +1,7 @@
 """Algebra of vectors, 3 x 3 matrices and rotations, for one arm or for lanes: named tuples, which stay in registers.
 
 A vector is a `Vector`, a matrix a `Matrix` of three rows, a unit quaternion a tuple p = (w, x, y, z) with w =
-cos(|psi|/2). A rotation vector psi (rad) denotes the rotation exp(psi^), where psi^ b = psi x b. p and -p are the
+cos(|psi|/2). A rotation vector psi (rad) denotes the rotation exp(psi^), where psi^ b = psi x b. p and -p denote the
 same rotation. Rotations map vectors from body axes to reference axes. The coordinates of a section are a rotation
 vector psi (body axes to inertial axes). An increment d in body axes changes the rotation to exp(psi^) exp(d^) (Bruels &
 Cardona 2010). T(d) is the tangent map, exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e.
@@ -22,7 +22,7 @@ _ARCTANGENT = tuple((-1.0) ** k / (2 * k + 1) for k in range(11, -1, -1))
 
 
 class Vector(NamedTuple):
-    """A vector with components x, y, z in some axes. It has `a + b`, `a - b`, `s * a`, `-a`; b may be a tuple."""
+    """A vector with components x, y, z in some axes. Operators: `a + b`, `a - b`, `s * a`, `-a`; b may be a tuple."""
 
     x: Any
     y: Any

@@ -232,8 +232,7 @@ def sweep_outward(lane, model, k, state, root, S):
 
 @kernel
 def noted_tangent(lane, S: Lanes, to, i):
-    """Return the tangent at Gauss point i, root axes, from the rotation matrix that `sweep_outward` stored at `to` in
-    S."""
+    """Return the tangent at Gauss point i, root axes, from the rotation matrix that `sweep_outward` stored in S."""
     o = to.turn + 9 * i
     return Vector(S[o], S[o + 3], S[o + 6])
 
