@@ -43,7 +43,7 @@ class Equations:
     Attributes:
         free: rows of q that can move (no multiplier, not fixed, not prescribed). algebraic: rows of q with multipliers.
         independent, dependent: indices into `free`; the floating frame after a joint depends on the frame before
-                the joint. joints: joints that can turn, each with its position among the independent coordinates.
+            the joint. joints: joints that can turn, each with its position among the independent coordinates.
         turned: joints that a torque can turn, each with the position of the angle on which the torque acts. With an
             elastic gear the torque acts on the motor's angle, otherwise on the joint's angle. rows_turned: row of the
             angle on which the torque acts, for every joint.

@@ -51,7 +51,7 @@ def campbell(
     Args:
         scene: a pinned scene without gravity; its loads are not used. spins: rad/s, one or more.
         n: number of frequencies at each spin: the lowest in the fixed frame if frequencies are defined there,
-                otherwise the lowest in the frame that rotates with the arm. Planar arms use the rotating frame.
+            otherwise the lowest in the frame that rotates with the arm. Planar arms use the rotating frame.
         formulation, options, clamped: as for `modes`; by default the hub is held at its spin.
     Returns:
         The Campbell; `plotting.plot_campbell` plots it.

@@ -26,8 +26,8 @@ class Stability:
 
     Attributes:
         smallest: lowest squared frequency mu, rad^2/s^2, of K x = mu M x without the held joints; infinite if no
-                coordinate can move.
-            negative: number of negative mu. neutral: number of mu that are 0 to round-off (freely turning joints).
+            coordinate can move.
+        negative: number of negative mu. neutral: number of mu that are 0 to round-off (freely turning joints).
     """
 
     smallest: float

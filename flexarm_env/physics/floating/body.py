@@ -85,8 +85,7 @@ def tip(lane, model, D, x):
 
 @kernel
 def turn_of_root(lane, model, D, x):
-    """Return the angle rho'x (rad) of the root section relative to the body's frame; 0 if the frame is clamped to the
-    root."""
+    """Return the root section's angle rho'x (rad) relative to the body's frame; 0 for frames clamped to the root."""
     if model.chord is None:
         return 0.0
     return dot(lane, model, D, constants(model).root, x)

@@ -189,8 +189,7 @@ def cross_with_ex(phi):
 
 @kernel
 def ex_cross(f):
-    """Return e_x x f = (0, -f_z, f_y), the moment conjugate to phi of a transverse force f (transpose of
-    `cross_with_ex`)."""
+    """Return e_x x f = (0, -f_z, f_y), the moment on phi of a transverse force f (transpose of `cross_with_ex`)."""
     return Vector(f[0] * 0.0, -f[2], f[1])
 
 

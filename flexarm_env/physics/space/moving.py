@@ -75,16 +75,14 @@ def rotation_increment(lane, start, q, i):
 
 @superword
 def store_increment(lane, start, q, d, i):
-    """Store a vertex's increment from start to q in rows i ... i + 5 of d: position (inertial axes), rotation (body
-    axes)."""
+    """Store a vertex's increment (position, rotation in body axes) from start to q in rows i ... i + 5 of d."""
     store_vector(lane, d, i, load_vector(lane, q, i) - load_vector(lane, start, i))
     store_vector(lane, d, i + 3, rotation_increment(lane, start, q, i + 3))
 
 
 @kernel
 def local_difference(lane, model, start: Lanes, q: Lanes, d: Lanes):
-    """Store in d the increment from coordinates start to coordinates q, rotations in body axes
-    (`protocol.local_difference`)."""
+    """Store in d the increment from coordinates start to q, rotations in body axes (`protocol.local_difference`)."""
     # d of the base, of joint angles (differences) and of vertices (rotations in section axes)
     store_increment(lane, start, q, d, 0)
     for k in range(model.links):
