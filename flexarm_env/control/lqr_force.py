@@ -28,9 +28,10 @@ class LQRForceGains(Approach):
 
     Args:
         angle, rate, bend, bend_rate: weights of the state; see `LQRGains`.
-        path: weight, 1/s, of the integral of the distance from the path over the arm's length.
-        force: weight, 1/s, of the integral of the force error over the largest tip force that the motors can hold.
-        stiffness: assumed stiffness of the wall, times the arm's length over the largest tip force.
+        path: weight, 1/s, of the time integral of the distance from the path divided by the arm's length.
+        force: weight, 1/s, of the time integral of the force error divided by the largest tip force that the motors can
+            hold.
+        stiffness: assumed stiffness of the wall, multiplied by the arm's length and divided by the largest tip force.
     """
 
     angle: float = 10.0
@@ -106,7 +107,7 @@ def wall_gains(
 
     limits (N,): torque limits, N m. dt: control period, s. posture: elbow angles, rad. bearing: direction of the wall's
     normal away from the root, rad, in the hub's frame. most: largest tip force, N. friction: coefficient of
-    friction, negative if the tip slides along the normal turned by a quarter to the right.
+    friction, negative if the tip slides in the direction of the normal turned by -90 degrees.
     """
     model = arm_model(arm, posture)
     n, N, size = len(model.A) // 2, model.n_joints, len(model.A)

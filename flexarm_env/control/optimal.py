@@ -2,7 +2,7 @@
 
     plant = dynamics(arm, 0.02)
     motion = least_time(plant, plant.rest(start), plant.rest(goal), Bounds(deflection=0.1))
-    motion.controls       # (T, n, N) torques over their limits, held for a period each; zero after each arm's end
+    motion.controls       # (T, n, N) torques divided by their limits, one row per period; zero after each arm's end
 
 `ilqr` computes all these motions on the nonlinear elastica with torque limits. Multipliers enforce bounds on joint
 angles and deflections, and terminal conditions. Times are whole control periods, found by bisection for all arms
@@ -256,12 +256,12 @@ def least_settling(
 
     Args:
         plant: the arm. start, goal: states (n, S), the goal at rest.
-        off: (states (..., n, S), arms (n,)) -> the tip's distances (..., n, 1) from its target divided by the allowed
-            distance, and their derivative (..., n, 1, S).
+        off: function of states (..., n, S) and arm indices (n,). It returns the distances (..., n, 1) of the tips from
+            their targets divided by the allowed distance, and the derivative (..., n, 1, S) of these distances.
         after: cost matrices after the arrival: for a stage (S, S) and for the last stage (n, S, S).
         guess: controls (T, n, N) that arrive after about `periods` (n,). tail: periods of the plan after the arrival.
             most: largest number of periods.
-    `missed` is divided by the allowed distance.
+    The returned motion's `missed` is in multiples of the allowed distance.
     """
     stage, last = after
 
@@ -290,7 +290,8 @@ def soonest(
     """Find each arm's fewest periods for which `tried` finds a motion, by bisection over all arms together.
 
     Args:
-        start: states (n, S). high: first periods (n,) to be tried. tried: (arms, periods, initial guess) -> `Motion`.
+        start: states (n, S). high: numbers of periods (n,) to be tried first. tried: function of arm indices, numbers
+            of periods and initial guess that returns a `Motion`.
         most: largest number of periods. guess: initial guess (T, n, N). tail: periods of a motion after the counted
             periods. low: periods (n,) known to be too few; None: 0.
     An arm without a motion of at most `most` periods has `periods` 0 and an infinite `missed`.

@@ -94,7 +94,7 @@ def replay(
         plant: plant of the plan. ends (n,): control periods after which each arm has to be at rest at its goal.
         goal (n, S): goal states; None: no goal. bound: bound on deflections; infinite: none. missed: function that
             returns the violation of all other limits.
-        rate: divisor of joint rates, 1/s.
+        rate: characteristic joint rate (`optimal.rates_of`), rad/s, by which joint rates are divided.
     """
     fine = finer(plant)
     x, shares = refined(plant, fine, start), round(plant.period / fine.period)

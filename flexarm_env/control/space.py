@@ -134,6 +134,9 @@ class AboutRest(Controller):
         self.torque = self.torque - weight
 
     def forward(self, to_go: Array) -> Array:
-        """Return the torques (n, N), N m, that hold the arm at its present joint angles, goal minus to_go."""
+        """Return the torques (n, N), N m, that hold the arm at its present joint angles.
+
+        to_go (n, N): joint angles of the goal minus present joint angles, rad.
+        """
         found: Array = self.torque + holding(self.setup.arm, self.gravity, self.goal - to_go, self.bodies)[0]
         return found
