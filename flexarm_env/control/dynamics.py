@@ -219,11 +219,9 @@ class Dynamics:
         return weights.stage(self.outputs(np.zeros((1, self.size)))[1][0], self.first, self.n_inputs)
 
     def corrected(self, x: Array, outputs: Array) -> Array:
-        """Correct states x (m, S) to measured outputs (m, 4 N): joint angles and rates, tip deflections and their
-        rates.
+        """Correct states x (m, S) to measured outputs (m, 4 N) (joint angles and rates, deflections and their rates).
 
-        Deflections are divided by length. Links are turned
-        at their joints, and bent in the shape that a force at the tip causes.
+        Deflections are divided by length. Links are turned at their joints, and bent as by a force at the tip.
         """
         half, out = self.half, x.copy()
         angle, rate, bend, bend_rate = np.split(outputs, 4, axis=1)

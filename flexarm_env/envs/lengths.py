@@ -66,7 +66,7 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
     """Arms with links of several lengths as one vector environment.
 
     Args:
-        env_id: a registered id. num_envs: number of arms, at least one for each length.
+        env_id: id of a registered environment. num_envs: number of arms, at least one for each length.
         lengths: factors on the lengths of all links, or for each entry a factor for each link. The arms are divided
             evenly among the entries, and the first arms have the first entry.
         keywords: keywords of the environment, with `autoreset_mode` and `threads`.

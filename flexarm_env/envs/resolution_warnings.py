@@ -10,13 +10,14 @@ from ..rigid import timescales
 from ..settings import Settings
 
 COARSE, COARSE_IF_GIVEN = 0.05, 0.2
-"""Estimates above which `make` warns: for its own settings, and for a step or mesh that the user gives."""
+"""Estimated errors, divided by the arm's length, above which `make` warns: for its own settings, and for a step or mesh
+that the user gives."""
 
 FINEST = 1e-3
 """Smallest ratio of step to control period that a warning advises."""
 
 LEAST_TURNS = 1.5
-"""Smallest default duration of an episode that gets no warning, over the time of the arm's fastest quarter turn."""
+"""Smallest default duration of an episode without a warning, divided by the time of the arm's fastest quarter turn."""
 
 
 class ResolutionWarning(UserWarning):
@@ -24,19 +25,20 @@ class ResolutionWarning(UserWarning):
 
 
 class Rule(Protocol):
-    """Interface of `resolution.Worst`."""
+    """Interface of `judge.Worst`: the tip's errors that depend on mesh and step."""
 
     period: float
 
     def estimate(self, settings: Settings, h: float) -> float:
-        """Error that mesh and step may leave, over L."""
+        """Return the tip's estimated error due to mesh and step h (s), divided by L."""
 
 
 def too_coarse(rule: Rule, settings: Settings, estimate: float, name: str, most: float) -> str:
     """Return a sentence about settings whose estimate exceeds `most`, with the tip's error and advice; otherwise "".
 
-    estimate: error of the tip over the arm's length. name: name of the settings' field with the mesh. The sentence
-    advises a shorter step if this reduces the rule's estimate to COARSE, otherwise a finer mesh.
+    rule: estimates of the tip's error. estimate: error of the tip divided by the arm's length. name: name of the
+    settings' field with the mesh. The sentence advises a shorter step if this reduces the rule's estimate to COARSE,
+    otherwise a finer mesh.
     """
     if estimate <= most:
         return ""

@@ -109,7 +109,11 @@ class _Assembly:
 
 
 def moved(at: Array, way: Array) -> Array:
-    """Return the map (6, n) of a point rigidly attached to a section at distance `way` (3,) m, inertial axes."""
+    """Return the map (6, n) of a point that is rigidly attached to a section.
+
+    at (6, n): map from the coordinates to displacement and rotation of the section. way (3,): vector from the section
+    to the point, m, inertial axes.
+    """
     found = at.copy()
     # displacement u + theta x way
     found[:3] -= rotations.skew(way) @ at[3:]
@@ -152,8 +156,8 @@ def of_space(
 ) -> Motion:
     """Return the small motions of an arm in space about joint angles `pose` (N,), rad, in the arm's lowest modes.
 
-    elements: number per link. settings, h: the integrator's settings and step; h = None: the continuous equations.
-    stiffness: factor on EI, EI_y and GJ of all links.
+    elements: number of elements per link. settings: the integrator's settings; None: the continuous equations. h: step
+    of the integrator, s. stiffness: factor on EI, EI_y and GJ of all links.
     """
     made = _Assembly(arm, elements, pose)
     made.K *= stiffness

@@ -23,9 +23,9 @@ AHEAD = (0.1, 0.3)
 class Target(ABC):
     """Type of a task's target: an angle or a point.
 
-    numbers: length of a target. Records have at least two entries; the second entry of an angle is 0. paths: shapes of
-    drawn paths, the default shape first. Each shape has the names and units of the numbers that define a path: at most
-    four, in space five.
+    numbers: number of coordinates of a target. Records have at least two entries; the second entry of an angle is 0.
+    paths: shapes of drawn paths, the default shape first. Each shape has the names and units of the numbers that define
+    a path: at most four, in space five.
     """
 
     numbers: int
@@ -35,7 +35,7 @@ class Target(ABC):
     def read(self, arm: Arm, value: Any, gravity: Sequence[float] | None = None) -> Pair:
         """Check options["target"] of reset and return it.
 
-        gravity: m/s^2; the motors must hold the arm at the target against it.
+        gravity: acceleration of gravity, m/s^2, against which the motors must hold the arm at the target.
         """
 
     @abstractmethod
@@ -84,7 +84,9 @@ class Target(ABC):
 
     @abstractmethod
     def path(self, reference: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        """Return a given reference as one function of time per number. t (n,): instants of reading, s."""
+        """Return the path `reference` as one function of time per coordinate; t (n,): instants at which it is read,
+        s.
+        """
 
 
 class Angle(Target):
@@ -186,7 +188,7 @@ class Point(Target):
 
 
 def coordinates(value: Any, what: str, numbers: int) -> list[TimeFunction]:
-    """Return a point's path as one function of time per number; the first column of a table is t, s."""
+    """Return a point's path `value` as one function of time per coordinate; a table's first column is t, s."""
     try:
         rows = np.asarray(value)
     except ValueError:

@@ -73,7 +73,8 @@ class Kind:
     def build(self, arm: Arm, weights: Array, period: float, aims: Mapping[str, Any], rules: int = 2) -> Task:
         """Return the task's record for an arm.
 
-        weights: weights of the reward's terms. period: control period, s. aims: fields that differ from the defaults.
+        weights: weights of the reward's terms. period: control period, s. aims: fields of the record that differ from
+            the defaults.
         """
         assert arm.torque_limits is not None
         scales = [scale for _, scale in self.entries(arm)]
@@ -228,7 +229,7 @@ def info_entries(
     """Return the numeric entries of info, in order.
 
     The texts in info (success, range, status, reason) are translated from codes. full: whether info has energies.
-    motors: whether it has motor angles and rates, for joints that are not ideal. extras: options that add entries.
+    motors: whether info has motor angles and rates, for joints that are not ideal. extras: options that add entries.
     fitted: whether the steps follow a tolerance. drawn: index of each drawn factor, by name. touches: whether the arm
     may touch obstacles.
     """
@@ -350,7 +351,7 @@ def reward_weights(
 
 
 def most_lost(weights: Mapping[str, float], joints: int) -> float:
-    """Return the largest sum that all terms except failure can subtract in a period.
+    """Return the largest sum that all reward terms except failure can subtract in a control period.
 
     Bounds of the terms: effort 1 per joint, change 4 per joint, rewarding terms 0, all others 1.
     """
