@@ -24,7 +24,7 @@ from flexarm_env.settings import Settings, default_options, expand_preset, merge
 from flexarm_env.time_functions import TimeFunction, constant
 
 _SAME_TIME = 1e-9
-"""Instants of different functions whose difference is smaller (s, or relative to the duration) count as one."""
+"""Instants of different functions count as one if their difference is smaller (in s, or relative to the duration)."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Scene:
     Args:
         name: a short word.
         arm: the arm, N links.
-        duration: s. dt: default step, s. sample: default sampling interval, s (None: ``dt``).
+        duration: length of the run, s. dt: default step, s. sample: default sampling interval, s (None: ``dt``).
         root: "pinned" (position fixed or prescribed, hub angle free unless prescribed) or "free" (a free body; an arm
             with a base floats together with the base).
         position: position of the root at t = 0, m: (x, y), in space (x, y, z).
@@ -380,8 +380,9 @@ def standing_scene(
     """Return a scene of the arm without motions; the arm is pinned or on its floating base.
 
     Args:
-        dt: step, s. gravity: m/s^2, or None. angles: initial angles, rad. pushed: add a zero force on the tip, which
-            reserves memory for an external force. contacts: obstacles that the arm may touch.
+        dt: step, s. gravity: acceleration of gravity, m/s^2, or None. angles: initial angles of the links, rad (in
+            space joint angles). pushed: add a zero force on the tip, which reserves memory for an external force.
+            contacts: obstacles that the arm may touch.
     """
     root = "pinned" if arm.base is None else "free"
     loads = (PointLoad(arm.n_links - 1, "tip", force_x=constant(0.0)),) if pushed else ()

@@ -12,7 +12,7 @@ ROOT = ("root_x", "root_y", "root_z")
 
 OUT_OF_PLANE = ("force_z", "torque_x", "torque_y")
 FORCES = ("force_x", "force_y", "torque", *OUT_OF_PLANE)
-"""Components of a point load; those in `OUT_OF_PLANE` exist only in space."""
+"""Components of a point load; the components in `OUT_OF_PLANE` exist only in space."""
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,7 @@ def possible(task_id: str) -> Possible:
 
 @cache
 def instants(task_id: str) -> tuple[float, int]:
-    """Return a task's control period, s, and the number of periods for which the bounds of success must hold."""
+    """Return a task's control period, s, and the number of periods for which the success bounds must be met."""
     made = resolved(task(task_id))
     return made.period, int(made.record.hold) - 1
 

@@ -27,9 +27,10 @@ _TO = MOVING.places
 _ONE, _RECORD, _PLACE, _DRAWN = (0,), (0,) * GOAL, (0,) * _TO.end, (0,) * 5
 _INSTANTS = 32
 _POINTS = (0,) * (2 * _INSTANTS)
-"""Number of instants of an episode at which a path is checked."""
+"""Two zeros for each of the `_INSTANTS` instants of an episode at which a path is checked."""
 _CLOSE = 1e-9
-"""Tolerance of a posture's tip on its target, over the arm's length, and of an angle on its limit, rad."""
+"""Largest accepted distance of a posture's tip from its target, divided by the arm's length, and of an angle beyond its
+limit, rad."""
 
 MOST_DRAWS = 10_000
 """Largest number of draws of a target; the last draw is kept. (Environments with fewer hits are rejected.)"""
@@ -123,11 +124,11 @@ def _allowed(task, needs, mine):
 
 @kernel
 def draw_attainable(reference, task, stream, arm, angles, path, most):
-    """Draw a path until the arm can follow it; return 1.0, or 0.0 where none of `most` draws is attainable.
+    """Draw paths until the arm can follow the path; return 1.0, or 0.0 if none of `most` draws is attainable.
 
-    If no draw is attainable, the last draw stays in `path`. reference.ranges: low and high of each drawn number;
-    reference.line: straight lines are drawn; reference.needs: an `Attainable`, or None to accept the first draw.
-    # in        angles, joint angles at the start, rad;  arm, number in the batch
+    If no draw is attainable, the last draw stays in `path`. reference.ranges: lower and upper bound of each drawn
+    number. reference.line: a tag for straight lines, None for circles. reference.needs: an `Attainable`, or None to
+    accept the first draw. # in        angles, joint angles at the start, rad;  arm, number in the batch
     # in, out   stream[arm]
     # out       path, a `PATH`
     """

@@ -12,7 +12,7 @@ from ..compiler import kernel, size
 from .task import TASKS, Task, judge, reward_term
 
 TERM_ARGUMENTS = ("lane", "task", "poses", "action", "record")
-"""Arguments of a term; see `tasks.task`."""
+"""Names of a reward term's arguments; see `tasks.task`."""
 
 
 @kernel

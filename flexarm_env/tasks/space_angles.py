@@ -1,7 +1,7 @@
 """Inverse kinematics in space: joint angles of the rigid arm that bring its tip to a point, by damped least squares.
 
-`chain` holds a `JOINT` per joint. The results replace the present joint angles (rad); limits (2 N,): see `angles`. If a
-point is out of reach, the tip approaches it.
+`chain` holds a `JOINT` per joint. The resulting joint angles (rad) replace the present ones; limits (2 N,): see
+`angles`. If a point is out of reach, the tip approaches it.
 """
 
 import math

@@ -25,7 +25,7 @@ def uniform(stream, arm):
 
 @kernel
 def draw(stream, arm, ranges, k):
-    """Return the next number of an arm's stream, uniform within row k, (low, high), of `ranges` (2 x rows,)."""
+    """Return the next number of an arm's stream, uniform between ranges[2 k] and ranges[2 k + 1]."""
     return ranges[2 * k] + (ranges[2 * k + 1] - ranges[2 * k]) * uniform(stream, arm)
 
 

@@ -34,7 +34,7 @@ from .program import CLIP, FURTHER, GOAL, HOLD, SUCCESS, TARGET, TIP, info_at
 
 
 class Task(NamedTuple):
-    """Constants of a task: N links, D numbers in a target, T reward terms, O entries of the observation.
+    """Constants of a task with N links, D numbers in a target, T reward terms, and O entries of the observation.
 
     Sizes and tags are tuples of zeros, which the compiler knows.
     """
@@ -96,9 +96,9 @@ def put_info(lane, live, info: Lanes, k, value):
 def deflection(lane, poses: Lanes, k):
     """Return the tip of link k relative to its root: (normal, along, normal rate, dx, dy, dvx, dvy, sine, cosine).
 
-    normal, along: m, across and along the tangent of the root section; normal rate: m/s, in the frame that turns with
-    that section; dx, dy (m), dvx, dvy (m/s): the same vector and its velocity in inertial axes; sine, cosine: sine and
-    cosine of the root section's angle.
+    normal, along: components, m, across and along the tangent of the root section; normal rate: rate of the normal
+    component, m/s; dx, dy (m), dvx, dvy (m/s): vector from root to tip and its rate, in inertial axes; sine, cosine:
+    sine and cosine of the root section's angle.
     """
     # tip less root, inertial axes
     o = POSE.end * k
@@ -134,7 +134,7 @@ def hub_angle(lane, task, poses: Lanes, sine, cosine):
 
 @kernel
 def show_base(lane, task, poses: Lanes, sine, cosine, out):
-    """Write the last seven entries of the observation of an arm on a floating base, over their scales.
+    """Write the last seven entries of the observation of an arm on a floating base, divided by their scales.
 
     Do nothing where the root is held. Sine and cosine of the base's attitude, its rate (rad/s), then velocity (m/s) and
     position (m) of the hub, each along and across the root of link 0; sine, cosine: those of the inertial angle of that
@@ -169,7 +169,7 @@ def level(lane, task, poses, good):
 
 @kernel
 def squared_turn(lane, task, poses):
-    """Return the square of a floating base's attitude over its success band, the last of task.bands (rad)."""
+    """Return the square of a floating base's attitude divided by its success band, the last of task.bands (rad)."""
     turned = of_base(lane, task, poses, BASE_POSE.angle) / task.bands[task.bands.shape[0] - 1]
     return turned * turned
 
@@ -193,7 +193,7 @@ def reward_attitude(lane, task, poses: Lanes, live, info, total):
 
 @kernel
 def show_scaled(lane, task, out: Lanes, k, value):
-    """Write value over the scale of entry k, clipped to +-CLIP, into entry k of the observation `out`."""
+    """Write value divided by the scale of entry k, clipped to +-CLIP, into entry k of the observation `out`."""
     out[k] = clip(value / task.scales[k], CLIP)
 
 
@@ -211,7 +211,7 @@ def past_limit(task, k, angle, past):
 def past_limits(lane, task, poses: Lanes):
     """Return 1.0 in lanes where any joint's angle is beyond its limits, in other lanes 0.0.
 
-    A joint's angle is the angle of its link's root section, less the angle of the tip section before or of the base.
+    A joint's angle is the angle of its link's root section minus that of the preceding link's tip section or the base.
     """
     past = 0.0
     # joint 0 is measured against the base's attitude psi_b, joint k against the tip section before it
@@ -255,7 +255,7 @@ def effort(lane, task, action: Lanes):
 def settled(lane, square):
     """Return 1 / (1 + square^2), the reward term `settle`: 1 at rest on the target, 1/2 if square is 1.
 
-    square: sum of squares of errors (position, speed, ...), each over its success band.
+    square: sum of squares of errors (position, speed, ...), each divided by its success band.
     """
     return 1.0 / (square * square + 1.0)
 
