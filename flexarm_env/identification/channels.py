@@ -24,10 +24,10 @@ LEAST_GAIN = 0.02
 LEAST_DELAY = 0.25
 """Smallest reported delay of a column, in sampling intervals of the log."""
 LEAST_CLOCK = 0.005
-"""Smallest reported relative errors: LEAST_CLOCK of the clock's rate, LEAST_GAIN of a column's gain."""
+"""Smallest relative errors that are reported: LEAST_CLOCK of the clock's rate, LEAST_GAIN of a column's gain."""
 
 CLOCK_STEP = 1e-4
-"""Relative change of the time axis for the derivative by the clock."""
+"""Relative change of the time axis for the finite difference by the clock's rate."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,8 @@ class Deviation:
     """Estimated deviation of a column from its description in the config.
 
     Attributes:
-        value, half: the deviation and the half width of its 95 % interval. least: smallest deviation that matters.
+        value: the deviation, as a relative error or in s. half: half width of its 95 % interval. least: smallest
+            deviation that matters.
         sentence: description with numbers. remedy: advice.
     """
 

@@ -27,7 +27,7 @@ from .signals import nrmse, oscillator, read_off, vaf
 from .uncertainty import Uncertainty
 
 FAR_OFF = 100.0
-"""Ratio of a log's readings to the arm's, or inverse ratio, above which the log must be in another unit."""
+"""Ratio of a log's readings to the arm's readings, or its inverse, above which the log must be in another unit."""
 
 
 def identify(
@@ -150,7 +150,7 @@ def _modes(arm: Arm, config: Config) -> tuple[Array, Array]:
 
 
 BEATEN = 4.0
-"""A fit is poor if its unexplained variance exceeds both 2 % and this many times one oscillator's."""
+"""A fit is poor if its unexplained variance exceeds both 2 % and `BEATEN` times that of one oscillator per output."""
 
 
 def _verdict(resolved: Resolved, train: Sequence[Prediction], baseline: Sequence[Prediction]) -> str:

@@ -145,7 +145,7 @@ def plot_energies(trajectory: Trajectory, path: str | os.PathLike[str], title: s
 
 
 LABELLED, LEAST_LABELLED = 4, 1e-2
-"""Largest number of labelled peaks of a spectrum; smallest height of a labelled peak over the highest."""
+"""Largest number of labelled peaks of a spectrum; smallest height of a labelled peak, divided by the highest peak."""
 
 
 def spectrum(t: Array, x: Array) -> tuple[Array, Array]:
@@ -166,11 +166,11 @@ def spectrum(t: Array, x: Array) -> tuple[Array, Array]:
 def plot_spectrum(
     trajectory: Trajectory, path: str | os.PathLike[str], since: float | None = None, title: str | None = None
 ) -> Path:
-    """Plot the amplitude spectrum of each link's tip deflection over its length, the highest peaks labelled.
+    """Plot the amplitude spectrum of each link's tip deflection divided by its length; label the highest peaks.
 
     Args:
         trajectory, path, title: as for `plot_trajectory`.
-        since: s; earlier samples are ignored. Default: the last instant at which a drive jumps or ends.
+        since: time, s, before which samples are ignored. None: the last instant at which a drive jumps or ends.
     Raises:
         ValueError: too few samples remain.
     """
@@ -378,7 +378,7 @@ def _peaks(amplitude: Array) -> list[int]:
 
 
 def plot_campbell(found: Campbell, path: str | os.PathLike[str], title: str = "") -> Path:
-    """Plot frequencies over spin, with the line of one vibration per turn; returns `path`.
+    """Plot natural frequencies over spin rate, with the line of one vibration per turn; returns `path`.
 
     Whirl frequencies are those in the fixed frame. If some motion is neither forward nor backward whirl (the arm is not
     a body of revolution), all frequencies are in the rotating frame. Unstable spins are marked at the bottom.

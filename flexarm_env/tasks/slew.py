@@ -76,7 +76,8 @@ def slew_observe(lane, task, poses: Lanes, record, out):
 def slew_judge(lane, task, poses, action, record: Lanes, live, info):
     """Write success, info and reward terms of a tip that turns to an angle; return (reward, joint limit passed).
 
-    e: magnitude of tip angle minus target (rad). slip: tip rate minus target rate (rad/s). rate: deflection rate divided by L (1/s).
+    e: magnitude of tip angle minus target (rad). slip: tip rate minus target rate (rad/s). rate: deflection rate
+    divided by L (1/s).
 
         accuracy exp(-(10 e)^2), settle exp(-(50 e)^2 - (5 slip)^2), distance by min(e, 1) (`left_of`; with task.turns e
         in half turns), effort -sum action^2, vibration -min(rate^2, 1)

@@ -51,7 +51,7 @@ def report(folder: Path, title: str, began: float, lines: list[str]) -> None:
 
 
 def own_folder(folder: Path, fresh: bool) -> Path:
-    """Return the folder; create it if it does not exist. fresh: whether to empty it first."""
+    """Return the folder; create the folder if it does not exist. fresh: whether to empty the folder first."""
     if fresh and folder.exists():
         shutil.rmtree(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -233,8 +233,8 @@ def checkpoints(folder: Path) -> list[Path]:
 def new_checkpoint(folder: Path, steps: int, best: Iterable[str]) -> Iterator[Path]:
     """Provide a folder to be filled, which then atomically becomes the checkpoint after `steps` steps.
 
-    The last two checkpoints are kept. best: files of the run's best model so far; they are restored together with the
-    learning curve.
+    The last two checkpoints are kept. steps: environment steps so far. best: names of the files of the run's best model
+    so far, which are restored together with the learning curve.
     """
     home = folder / "checkpoints"
     part, final = home / f".part-{os.getpid()}", home / f"{steps:012d}"

@@ -33,13 +33,14 @@ class SpatialTrajectory(Trajectory):
         tip_velocity (n, 6): m/s and rad/s, both along inertial axes.
         hinges (n, N-1, 3): positions of joints 1 to N-1, m. joint_angles, joint_rates (n, N): rad and rad/s, about the
             joints' axes.
-        tip_deflection (n, N, 2): each link's tip along y and z of its root, over the link's length; 0 for rigid links.
-        twist (n, N): rad, rotation of each link's tip relative to its root: component about the root's x axis.
+        tip_deflection (n, N, 2): displacement of each link's tip along y and z of the link's root, divided by the
+            link's length; 0 for rigid links.
+        twist (n, N): rotation of each link's tip relative to its root about the root's x axis, rad.
         link_rotations (n, N, 2, 4): quaternions of each link's root and tip.
         shapes (n, points, 3): points along the chain from root to tip, m.
-        unresolved_damping (n,): J, since the start: work of damping forces in excess of `dissipated`. Strain rates at
-            the ends of steps differ from those within steps in second order of the step. In stiff links with damping,
-            the strain energy absorbs this work and returns it. The balance includes this work.
+        unresolved_damping (n,): work of the damping forces since the start in excess of `dissipated`, J. Strain rates
+            at the ends of steps differ from those within steps in second order of the step. In stiff links with
+            damping, the strain energy absorbs this work and returns it. The balance includes this work.
         q, v (n, rows): positions, rotation vectors and joint angles, and their rates; for rotations v contains angular
             velocities in the section's own axes, rad/s. For a scene that stays in a plane, the rows are those of the
             plane (`scene.plane.in_plane`).
@@ -62,7 +63,9 @@ class SpatialTrajectory(Trajectory):
 
     @classmethod
     def read(cls, simulation: Any, fields: Mapping[str, Array], shapes: Array) -> dict[str, Any]:
-        """Return the fields of this class that depend on the plane or space, from those of `Simulation.record`."""
+        """Return the fields of this class that differ between plane and space, from the fields of
+        `Simulation.record`.
+        """
         found = read(simulation.scene.arm, simulation.settings, fields["q"], fields["v"])
         return {"deflection_bound": math.inf, "unresolved_damping": fields["beyond"], **found}
 

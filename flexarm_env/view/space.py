@@ -27,10 +27,11 @@ class SpaceClip:
 
     Attributes:
         label, note, t, pulls, charts, pinned, payload: see `Clip`; forces are (n, 3).
-        points, across (n, P, 3), cuts (N + 1,): see `geometry.ribbons.Ribbons`. sides (N, 2): width and thickness, m.
-        length: length of the arm, m. ground: height of the ground, m. rigid (n, N + 1, 3): joints and tip of the rigid
-            arm, m, or None.
-        target (n, 3): m, or None. walls: faces of shapes to avoid, (corners, 3) m each.
+        points, across (n, P, 3), cuts (N + 1,): see `geometry.ribbons.Ribbons`. sides (N, 2): width and thickness of
+            each link, m. length: length of the arm, m. ground: height of the ground, m. rigid (n, N + 1, 3): joints and
+            tip of the rigid arm, m, or None.
+        target (n, 3): target point, m, or None. walls: faces of the shapes to avoid, each with its corners (corners,
+            3), m.
     """
 
     label: str
