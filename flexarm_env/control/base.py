@@ -336,7 +336,7 @@ class Controller(ABC):
 
     @abstractmethod
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Return joint torques (n, N), N m, before the limit; to_go as in :meth:`initialise`."""
+        """Return joint torques (n, N), N m, before the limit; to_go: see :meth:`initialise`."""
 
     def predict(self, torques: Array) -> None:  # noqa: B027
         """Advance the estimate by one period under the applied torques (n, N), N m."""

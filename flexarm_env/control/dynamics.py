@@ -301,8 +301,8 @@ NEWTON = 8
 class SpatialDynamics(Dynamics):
     """`Dynamics` of an arm in space on a fixed base, under gravity (x, y, z), m/s^2.
 
-    A link's q are its joint angle, then its strains: `nodes` - 1 polynomials of torsion and bending about y and z. The
-    deflections are those of the flexible links along y, then along z, divided by length, then the twists, rad.
+    A link's q are its joint angle, then its strains: `nodes` - 1 polynomials of torsion and bending about y and z.
+    Deflections are the flexible links' tip deflections along y, then along z, divided by length, then twists, rad.
     """
 
     step = 0.005

@@ -102,8 +102,8 @@ def wall_gains(
 ) -> Array:  # fmt: skip
     """Compute gains (N, 4 N + 2) for the outputs of an arm that touches a wall and the integrals of both errors.
 
-    The integrated errors are the error along the wall and the force error. The state follows from the outputs as in
-    `force.posture_gains`.
+    The integrated errors are the error along the wall and the force error. The arm's state is computed from the outputs
+    by `ArmModel.state_of`.
 
     limits (N,): torque limits, N m. dt: control period, s. posture: elbow angles, rad. bearing: direction of the wall's
     normal away from the root, rad, in the hub's frame. most: largest tip force, N. friction: coefficient of

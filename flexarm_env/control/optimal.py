@@ -37,7 +37,7 @@ class Motion:
     controls (T, n, N): torques divided by their limits; states (T + 1, n, S); periods (n,): control periods until each
     arm arrives; missed (n,): largest violation of the limits (see `TOLERANCE`). ends (n,): periods after which each
     arm's controls are zero. replay: replay of the controls on a finer mesh with shorter steps; None: not replayed.
-    step: solver step of the plan, s; nan: that of its plant.
+    step: solver step of the plan, s; nan: the step of the plan's plant.
     """
 
     controls: Array
@@ -78,7 +78,7 @@ def rates_of(plant: Dynamics) -> float:
 def rigid_periods(plant: Dynamics, start: Array, goal: Array) -> Counts:
     """Return the minimum control periods (n,) of the rigid arm from rest to rest with synchronized joints.
 
-    The inertia is that of the goal's posture. start, goal (n, N): joint angles, rad.
+    The inertia is computed at the goal's posture. start, goal (n, N): joint angles, rad.
     """
     times = rigid_times(plant.inertia(goal), goal - start, plant.limits)
     return np.asarray(np.maximum(1, np.ceil(times / plant.period)), np.int64)
@@ -216,8 +216,8 @@ def least_time(
 ) -> Motion:
     """Plan from a state to rest in the fewest control periods.
 
-    Arguments as for `least_effort`; most: largest number of control periods. Raises ValueError if an arm cannot arrive
-    within `most` periods.
+    plant, start, goal, bounds: see `least_effort`. most: largest number of control periods. Raises ValueError if an arm
+    cannot arrive within `most` periods.
     """
     start, goal, own = _posed(plant, start, goal, bounds)
     most, joints = check.integer("most", most, minimum=1), plant.joints

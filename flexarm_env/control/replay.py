@@ -29,7 +29,7 @@ class Replay:
 
     Attributes:
         deflection (n, D): largest magnitude of `Dynamics.bends`, at the plan's control instants and between them.
-        off (n, N): joint angles minus those of the goal at the plan's arrival, rad; nan without a goal.
+        off (n, N): joint angles minus the goal's joint angles at the plan's arrival, rad; nan without a goal.
         rates (n, N): joint rates at the arrival, rad/s; nan without a goal.
         missed (n,): largest violation of the bounds and the goal, in the units of `Motion.missed`.
         kept (n,): whether the replay meets its tolerances (`BENT`, `LEAST`, `OTHERS`): the deflection bound is exceeded

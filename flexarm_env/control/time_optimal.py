@@ -20,7 +20,7 @@ from .lqr import LQR, LQRGains, times
 class Plan:
     """Torque plan of n periods to rest at the goal.
 
-    torques (n, N): N m, one row per period; states (n + 1, m): states relative to the goal, the last one zero.
+    torques (n, N): torques, N m, one row per period; states (n + 1, m): states relative to the goal, the last one zero.
     """
 
     torques: Array

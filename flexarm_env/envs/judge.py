@@ -311,8 +311,8 @@ def judge(arm: Arm, drive: Drive, period: float, stiffness: float = 1.0) -> Judg
 def worst(arm: Arm, drive: Drive, period: float, drawn: Mapping[str, tuple[float, float]]) -> Worst:
     """Return error estimates of an arm and its extreme drawn arms: the softest; the stiffest with the least payload.
 
-    period: control period, s. drawn: ranges (low, high) of factors by name; only those of EI, payload and
-    torque_constant are used.
+    period: control period, s. drawn: ranges (low, high) of randomized factors by name; only the factors on EI, payload
+    and torque_constant are used.
     """
     (soft, stiff), (light, _), (_, strong) = (
         drawn.get(name, (1.0, 1.0)) for name in ("EI", "payload", "torque_constant")

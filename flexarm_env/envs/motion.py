@@ -1,7 +1,7 @@
 """Episodes with prescribed motion: the values of `reset(options={"motion": ...})`, and the arms that follow a motion.
 
 An arm with a prescribed motion runs outside the batch in its own `Simulation`, which ends a step at every kink.
-`simulate` uses the same code, so its numbers are the same.
+`simulate` uses the same code, so both give the same numbers.
 """
 
 import math
@@ -210,7 +210,7 @@ class Guide:
     def advance(self, torques: Array) -> int:
         """Advance one control period with torques (N,), N m, on the free joints; return the status code.
 
-        For derivatives, `runtime.guided.follow_motions` computes the same.
+        For derivatives, `runtime.guided.follow_motions` computes the same period.
         """
         simulation = self.simulation
         if self.steps:

@@ -55,7 +55,7 @@ def bending(arm: Arm) -> list[str]:
 
 
 def bent(arm: Arm, deflection: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the flexible links' deflections along y and z, divided by length, from those of all links (N, 2)."""
+    """Return the flexible links' deflections along y, z divided by length; deflection (N, 2): values of all links."""
     y, z = deflection[[not link.rigid for link in arm.links]].T
     return np.asarray(np.hypot(y, z))
 

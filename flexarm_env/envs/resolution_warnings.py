@@ -55,7 +55,7 @@ def too_coarse(rule: Rule, settings: Settings, estimate: float, name: str, most:
 def amplified(estimate: float, formulation: str) -> str:
     """Return a sentence about an arm that amplifies errors so much that no settings make them small.
 
-    estimate: error of the tip over the arm's length.
+    estimate: error of the tip divided by the arm's length. formulation: formulation of the settings.
     """
     instead = "formulation='geometrically_exact'" if formulation == "elastica" else "a smaller dt"
     size = "its length" if estimate >= 1.0 else f"{100.0 * estimate:.2g} % of its length"
@@ -65,7 +65,7 @@ def amplified(estimate: float, formulation: str) -> str:
 def unsettled(period: float, estimate: float) -> str:
     """Return a sentence about an arm with a chattering PD loop: the tip's error, and the settings to change.
 
-    period: control period, s. estimate: error of the tip over the arm's length.
+    period: control period, s. estimate: error of the tip divided by the arm's length.
     """
     what = "the PD loop of action_mode='residual_pd' does not settle with this arm, whatever the solver's step"
     size = "" if estimate <= COARSE else ", and the arm's tip may be off by " + (

@@ -106,7 +106,7 @@ class Specified:
 
     @property
     def starts(self) -> Any:
-        """Ranges of fresh starts, as for the keyword `starts`; {} for the default ranges.
+        """Ranges of fresh starts, in the form of the keyword `starts`; {} for the default ranges.
 
         The attribute may be set at any time, for example by a curriculum; the next reset uses it.
         """

@@ -55,7 +55,7 @@ class Target(ABC):
         """Return the ranges of the numbers that define a drawn path of this shape (`draw_path`, `draw_line`)."""
 
     def drawn(self, options: Mapping[str, Any], arm: Arm) -> tuple[str, list[Pair]]:
-        """Return shape and ranges of drawn paths: the default ranges, except for those that the user gives by name.
+        """Return shape and ranges of drawn paths: the user's ranges by name (`options`), otherwise the default ranges.
 
         Raises:
             ValueError: a name is unknown, a range is invalid, or a path may leave the reach of the arm.

@@ -44,9 +44,10 @@ ATTITUDE = "attitude"
 class Kind:
     """Definition of a task for arms of `links` links (minimum, maximum; None: any number).
 
-    id: id of the registry. task: name of the default task. arm: name of the default arm. duration: s. target: type of
-    target. rewards: names and default weights of the reward's terms, in the order in which the task's `judge` computes
-    them; the last term is failure. entries: names and scales of an arm's observation, in the order of `observe`.
+    id: id of the registry. task: name of the default task. arm: name of the default arm. duration: default length of an
+    episode, s. target: type of target. rewards: names and default weights of the reward's terms, in the order in which
+    the task's `judge` computes them; the last term is failure. entries: names and scales of an arm's observation, in
+    the order of `observe`.
     record: class of the task's record for an arm; it determines the kernels. starts: ranges of fresh starts. bands:
     default bounds of success with their units, by name. replays: default motions of task="replay"; additional joints
     use the last motion. space: whether arms leave the plane. period: control period, s. gravity: default gravity,
@@ -332,8 +333,8 @@ def reward_weights(
     is the sum of two parts. The first part is the largest loss that the other terms can cause in an episode, so that
     ending an episode early never pays. The second part is the largest reward of the other terms in `HOLD_TIME`, so that
     policies learn to avoid the joint limits. Weights refer to the kind's control period. For another period all weights
-    except that of failure scale in proportion, so that an episode's return does not depend on the period. Rules 1:
-    distance and attitude cost up to 1, weights do not depend on the period, and the weight of failure is the kind's.
+    except the weight of failure scale in proportion, so that an episode's return does not depend on the period. Rules
+    1: distance and attitude cost up to 1, weights do not depend on the period, and the weight of failure is the kind's.
 
     joints: number of joints. period: control period, s. limit: control periods of an episode.
     """

@@ -286,11 +286,11 @@ def settled(
     trial: Trial, settings: Settings, finer: Settings, at: Callable[[Settings, float], Settings], least: float,
     length: float,
 ) -> tuple[Settings, float]:  # fmt: skip
-    """Return the settings with the longest step whose episodes agree with those of a finer mesh in half the step.
+    """Return the settings with the longest step whose episodes agree with episodes on a finer mesh in half the step.
 
-    The second result is the largest distance between the tips of these episodes, divided by L. The step is halved from
-    that of `settings` until the distance is at most `TRIED` or the step reaches `least` (s). finer: settings with the
-    finer mesh. at: as in `refined`. length: L of the arm, m.
+    The second result is the largest distance between the tips of these episodes, divided by L. The search begins with
+    the step of `settings` and halves the step until the distance is at most `TRIED` or the step reaches `least` (s).
+    finer: settings with the finer mesh. at: function of (settings, step, s), see `refined`. length: L of the arm, m.
     """
     best, chosen = settings, math.inf
     while True:

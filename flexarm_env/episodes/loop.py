@@ -108,7 +108,7 @@ def play(
     recorders: Sequence[Recorder] = (),
     options: Mapping[str, Any] | None = None,
 ) -> None:
-    """Play an episode of each seed and call every recorder with every instant; arguments as in `periods`."""
+    """Play an episode of each seed and call every recorder with every instant; for the arguments see `periods`."""
     for instant in periods(env, policy, seeds, options):
         for recorder in recorders:
             recorder(instant)

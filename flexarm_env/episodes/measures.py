@@ -131,7 +131,7 @@ def overshoot(history: History, setup: Setup) -> Array:
 
 
 def residual_vibration(history: History, setup: Setup) -> Array:
-    """Return half the peak-to-peak tip deflection (n,), m, over the last second of each episode.
+    """Return half the peak-to-peak tip deflection (n,), m, in the last second of each episode.
 
     For several links the largest of the links' values is returned. In space the deflection is a magnitude. The history
     must contain info["tip_deflection"], the deflection divided by the link's length.

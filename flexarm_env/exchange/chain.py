@@ -31,10 +31,10 @@ _Z = np.array(bodies.Z)
 class Hinge:
     """Hinge of a body: `axis` (3,) in the body's axes, SI units.
 
-    stiffness: N m/rad. damping: N m s/rad. armature: rotor inertia about this axis, kg m^2. friction: friction torque,
-    N m. joint: index of the arm's joint that the hinge represents; -1: a spring for bending or torsion. limits: lower
-    and upper angle, rad, or None. driven: whether the joint's torque acts on the hinge. place: distance of a spring
-    from the root of the beam, m.
+    stiffness: spring stiffness, N m/rad. damping: damping coefficient, N m s/rad. armature: rotor inertia about this
+    axis, kg m^2. friction: friction torque, N m. joint: index of the arm's joint that the hinge represents; -1: a
+    spring for bending or torsion. limits: lower and upper angle, rad, or None. driven: whether the joint's torque acts
+    on the hinge. place: distance of a spring from the root of the beam, m.
     """
 
     name: str
@@ -54,9 +54,9 @@ class Body:
     """Rigid body of the chain, whose frame has its origin on its hinges.
 
     position (3,), rotation (3, 3): origin, m, and axes of the body's frame in the preceding body's frame, with all
-    hinge angles 0. mass: kg. centre (3,): center of mass, m, in the body's frame. inertia (3, 3): inertia tensor about
-    the center of mass, kg m^2. end (3,): position of the next body's frame or of the tip, m. link: index of the arm's
-    link.
+    hinge angles 0. mass: mass, kg. centre (3,): center of mass, m, in the body's frame. inertia (3, 3): inertia tensor
+    about the center of mass, kg m^2. end (3,): position of the next body's frame or of the tip, m. link: index of the
+    arm's link.
     """
 
     name: str

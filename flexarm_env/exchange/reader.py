@@ -34,7 +34,7 @@ class Imported:
     """An arm from a file.
 
     Attributes:
-        arm: the arm; its links are rigid, except those requested as flexible.
+        arm: the arm; its links are rigid, except the links requested as flexible.
         links: names of each link's bodies in the file, joined by "+".
         joints: names of the file's joints, in the arm's order.
         root (3,): position of the first joint in the file, m; the arm's root is at the origin.

@@ -115,7 +115,10 @@ class Config:
     seed: int = 0
 
     def chosen(self, names: tuple[str, ...] | None = None) -> tuple[Parameter, ...]:
-        """Return the parameters to be fitted, by name or key path; names=None: those that the config selects."""
+        """Return the parameters to be fitted.
+
+        names: names or key paths of the parameters; None: the parameters that the config selects.
+        """
         wanted = self.fit if names is None else names
         known = {key: p for p in self.parameters for key in (p.name, p.path)}
         for name in wanted:

@@ -1,4 +1,4 @@
-"""Least-squares fit: parameters for which an arm's readings are closest to those of the logs."""
+"""Least-squares fit: parameters for which an arm's readings are closest to the logs' readings."""
 
 import hashlib
 import json

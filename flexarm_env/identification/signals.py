@@ -102,7 +102,8 @@ def free_decay(t: Array, y: Array, *, periods: float = 4.0, high: float = np.inf
     """Measure frequency and damping by amplitude in a decay record: one Ringing per interval, largest amplitude first.
 
     Args:
-        t (n,): s, evenly spaced. y (n,): vibration signal, in any unit. periods: vibration periods per interval.
+        t (n,): instants, s, evenly spaced. y (n,): vibration signal, in any unit. periods: vibration periods per
+            interval.
         high: upper limit of the frequency, Hz.
     Raises:
         ValueError: fewer than two intervals, or no vibration.

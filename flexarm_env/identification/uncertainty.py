@@ -3,8 +3,8 @@
 Residuals of a slightly wrong model, and of filtered sensors, are correlated between samples. The covariance is the
 sandwich (J'J)^-1 S (J'J)^-1. S is heteroskedasticity- and autocorrelation-consistent (Newey & West 1987), with the
 bandwidth of Andrews (1991). The intervals use quantiles of Student's t with the degrees of freedom of S (Kiefer &
-Vogelsang 2005: 1.5 n divided by the bandwidth of Bartlett's kernel). The covariance is never smaller than that of
-independent residuals.
+Vogelsang 2005: 1.5 n divided by the bandwidth of Bartlett's kernel). The covariance is never smaller than the
+covariance for independent residuals.
 """
 
 from collections.abc import Sequence

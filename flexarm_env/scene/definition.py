@@ -39,7 +39,7 @@ class Scene:
             with a base floats together with the base).
         position: position of the root at t = 0, m: (x, y), in space (x, y, z).
         angles: absolute angles of the links at t = 0, N numbers (rad), or () if all links point along +x. The angle of
-            a curved link is that of its tangent at the root. If the links turn out of the plane (`Arm.spatial`),
+            a curved link is the angle of its tangent at the root. If the links turn out of the plane (`Arm.spatial`),
             `angles` are joint angles.
         velocity: velocity of the root before t = 0, m/s: (x, y), in space (x, y, z). rates: absolute rates of the links
             before t = 0, N numbers (rad/s), or () for none; in space joint rates. Links turn as rigid bodies. If a

@@ -108,9 +108,9 @@ def judged(
 
     Args:
         word: name of the policy. choose: function that finds the policy, see `suite.policies.choose`. name, run: name
-            and run of the results; default: those of the policy, whose file must then contain only this policy.
-            episodes: number of episodes from the protocol's first one on, at least as many as before. Only the values
-            of episodes beyond the protocol's hundred are kept.
+            and run of the results; None: the policy's name and run, and the results file must then contain only this
+            policy. episodes: number of episodes from the protocol's first one on, at least as many as before. Only the
+            values of episodes beyond the protocol's hundred are kept.
     Returns:
         the results on these tasks; messages on the tasks that failed; by task, a note on results not evaluated now.
     """

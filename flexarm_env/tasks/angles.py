@@ -269,9 +269,9 @@ def least_angles(lengths, limits, x, y, angles):
 
     Two solutions are computed, starting from arcs (equal angles at all elbows) to either side. The one with the smaller
     sum is written. For targets within about 0.2 of the arm's length from the root a solution with a still smaller sum
-    may exist. If no solution is found from either arc, the angles of an arc are written. lengths (N,): m; limits (2
-    N,): low, high of each joint, rad. angles (N,): the result, rad. Of the present angles only the hub's matters: whole
-    turns bring the new hub angle near it.
+    may exist. If no solution is found from either arc, the angles of an arc are written. lengths (N,): link
+    lengths, m. limits (2 N,): lower and upper limit of each joint, rad. angles (N,): joint angles, rad, written. At
+    entry only the hub's present angle angles[0] is read; whole turns bring the new hub angle near this angle.
     """
     now, least, least_x, least_y = angles[0], math.inf, 0.0, 0.0
     for side in (1.0, -1.0):
@@ -305,8 +305,9 @@ def _set_arc(lengths, limits, bearing, bend, angles):
 def next_angles(lengths, limits, x, y, angles):
     """Write the joint angles of N links with the least sum of squares near the present angles, tip at (x, y), m.
 
-    If no solution is found near the present angles, `least_angles` is used. lengths (N,): m; limits (2 N,): low, high
-    of each joint, rad. angles (N,): present joint angles in, those at the target out, rad.
+    If no solution is found near the present angles, `least_angles` is used. lengths (N,): link lengths, m. limits (2
+    N,): lower and upper limit of each joint, rad. angles (N,): joint angles, rad: the present angles at entry, the
+    resulting angles at return.
     """
     now = angles[0]
     # f from the present angles: the force (rad/m) whose moments about the joints are nearest to them

@@ -67,9 +67,10 @@ def attainable(task, needs, angles, x, y):
 def first_unattainable(task, needs, angles, points):
     """Return the number of the first path point at which the arm cannot follow the target, or -1 without such a point.
 
-    points: (x, y; x, y; ...), m, or (angle, unused; ...), rad. angles: joint angles before the first point, rad;
-    `pursue` then moves the posture from point to point. At a returned point the posture does not reach the target,
-    passes joint limits, or needs more than the largest torques against gravity (`_allowed`). needs: an `Attainable`.
+    points: two numbers per point: x and y, m, or an angle, rad, and an unused number. angles: joint angles before the
+    first point, rad; `pursue` then moves the posture from point to point. At a returned point the posture does not
+    reach the target, passes joint limits, or needs more than the largest torques against gravity (`_allowed`). needs:
+    an `Attainable`.
     """
     mine = stack(_ONE, task.links + _RECORD)
     for k in range(size(task.links)):
@@ -172,9 +173,9 @@ def _can_follow(reference, task, angles, drawn, path):
 def held_in_space(needs, links, angles):
     """Return 1.0 if the rigid arm in space can rest at `angles` with at most the largest torques, otherwise 0.0.
 
-    links: a tag of N zeros. angles (N,): rad. Gravity is the only load. needs: an `Attainable` with gravity (m/s^2,
-    inertial axes), torques (N m, the largest), chain (a `JOINT` per joint) and bodies: mass (kg) and center of mass (m,
-    link axes) of each link.
+    links: a tag of N zeros. angles (N,): joint angles, rad. Gravity is the only load. needs: an `Attainable` with
+    gravity (m/s^2, inertial axes), torques (N m, the largest), chain (a `JOINT` per joint) and bodies: mass (kg) and
+    center of mass (m, link axes) of each link.
     """
     lines, torques = stack(_ONE, links + links + links + links + links + links), stack(_ONE, links)
     g = Vector(needs.gravity[0], needs.gravity[1], needs.gravity[2])

@@ -1,4 +1,4 @@
-"""User-defined reward terms, which are added to those of a task.
+"""User-defined reward terms, which are added to a task's reward terms.
 
 A term is a kernel `term(lane, task, poses, action, record)` that returns the term's value for a lane of arms. Terms are
 constants of the record's class, which the compiler knows. Each choice of terms therefore has a class of its own.

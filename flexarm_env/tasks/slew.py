@@ -173,7 +173,7 @@ def slew_path_at(task, path, t, out):
 
 @kernel
 def slew_turn_in(lane, task, poses, seen, first, end):
-    """Leave `seen` as it is: an angle difference or a rate is the same in any frame."""
+    """Do nothing: the entries in `seen`, angle differences and rates, are the same in any frame of the plane."""
 
 
 TASKS.register(

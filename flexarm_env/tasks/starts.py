@@ -51,7 +51,7 @@ class Ranges(NamedTuple):
 
 @dataclass(frozen=True)
 class Starts:
-    """Ranges from which fresh starts are drawn, uniformly; fields not described here are those of `Ranges`.
+    """Ranges from which fresh starts are drawn, uniformly; `Ranges` describes the fields that are not described here.
 
     target: two ranges (the second is unused with one link); in space one range for each joint. drawn: range of each
     drawn factor by name, in the order of `FACTOR_NAMES`. laws: whether factors on joint laws are drawn.

@@ -137,8 +137,8 @@ def show_base(lane, task, poses: Lanes, sine, cosine, out):
     """Write the last seven entries of the observation of an arm on a floating base, divided by their scales.
 
     Do nothing where the root is held. Sine and cosine of the base's attitude, its rate (rad/s), then velocity (m/s) and
-    position (m) of the hub, each along and across the root of link 0; sine, cosine: those of the inertial angle of that
-    root. poses: poses of the links, then of the base, inertial axes.
+    position (m) of the hub, each along and across the root of link 0; sine, cosine: sine and cosine of the inertial
+    angle of that root. poses: poses of the links, then of the base, inertial axes.
     """
     if size(task.base) > 0:
         k = size(task.entries) - 7

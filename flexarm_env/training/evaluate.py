@@ -114,7 +114,7 @@ def bounds(env: Any, result: fixed.Episodes) -> dict[str, float]:
 
 
 def report(arguments: Arguments, rows: Mapping[str, Any], limits: Mapping[str, float]) -> dict[str, Any]:
-    """Return the JSON content: the numbers of a single policy at the top level, those of several under `policies`."""
+    """Return the JSON content: one policy's numbers at the top level, several policies' numbers under `policies`."""
     head = {
         "env": arguments.env, "episodes": arguments.episodes, "first_seed": arguments.first,
         "formulation": arguments.formulation, "randomized": arguments.randomized, "bounds": dict(limits),

@@ -1,7 +1,7 @@
 """Small networks in NumPy, forward and backward, that share memory with PyTorch's parameters.
 
 For networks this small, PyTorch's overhead per operation exceeds the time of the arithmetic. The learned parameters
-remain those of a PyTorch module, which is saved, loaded and evaluated as usual.
+belong to a PyTorch module, which is saved, loaded and evaluated as usual.
 """
 
 from typing import Any

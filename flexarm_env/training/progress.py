@@ -68,7 +68,7 @@ class Progress:
         return better
 
     def judged(self, steps: int) -> bool:
-        """Return whether the last evaluation took place after this many steps."""
+        """Return whether the last evaluation took place after `steps` steps."""
         return steps in [row["steps"] for row in self.curve[-1:]]
 
     def outcome(self) -> dict[str, Any]:

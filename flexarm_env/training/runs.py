@@ -131,9 +131,9 @@ class Training:
     def begun(self, *kept: str, algorithm: str | None = None) -> Self:
         """Return the validated arguments of a new run, or of the run to be resumed.
 
-        A resumed run keeps its original arguments except those named in `kept`. ValueError in four cases: a new run
-        exists already; the run has finished and --n-timesteps does not extend it; the run belongs to another algorithm;
-        or the seed is reserved for evaluation.
+        A resumed run keeps its original arguments except the arguments named in `kept`. ValueError in four cases: a new
+        run exists already; the run has finished and --n-timesteps does not extend it; the run belongs to another
+        algorithm; or the seed is reserved for evaluation.
         """
         own = self._resumed(kept, algorithm) if self.resume else self
         if not isinstance(own.seed, int) or not 0 <= own.seed <= MOST_SEED:
@@ -299,7 +299,9 @@ def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
 
 
 def load_normaliser(path: Path, model: Any) -> Any:
-    """Load the VecNormalize statistics of a model. ValueError for another kind of file, or those of another model."""
+    """Load the VecNormalize statistics of a model. ValueError for another kind of file, or for statistics of another
+    model.
+    """
     try:
         with path.open("rb") as file:
             found = pickle.load(file)

@@ -39,11 +39,11 @@ class SpatialTrajectory(Trajectory):
         link_rotations (n, N, 2, 4): quaternions of each link's root and tip.
         shapes (n, points, 3): points along the chain from root to tip, m.
         unresolved_damping (n,): work of the damping forces since the start in excess of `dissipated`, J. Strain rates
-            at the ends of steps differ from those within steps in second order of the step. In stiff links with
-            damping, the strain energy absorbs this work and returns it. The balance includes this work.
+            at the ends of steps differ from strain rates within steps by a term of second order in the step. In stiff
+            links with damping, the strain energy absorbs this work and returns it. The balance includes this work.
         q, v (n, rows): positions, rotation vectors and joint angles, and their rates; for rotations v contains angular
-            velocities in the section's own axes, rad/s. For a scene that stays in a plane, the rows are those of the
-            plane (`scene.plane.in_plane`).
+            velocities in the section's own axes, rad/s. For a scene that stays in a plane, the rows are the rows of the
+            run in the plane (`scene.plane.in_plane`).
     """
 
     tip_rotation: Array = field(default_factory=lambda: np.zeros((0, 4)))

@@ -93,7 +93,8 @@ def _bending(arm: Arm, deflection: Array, twist: Array) -> list[Chart]:
 def of_run(run: Any, label: str | None, note: str, charts: Sequence[Chart]) -> SpaceClip:
     """Return the clip of a `SpatialTrajectory`.
 
-    charts: charts of torques and energies, shown after those of deflection and twist. label: None: the scene's name.
+    charts: charts of torques and energies, shown after the charts of deflection and twist. label: None: the scene's
+    name.
     """
     scene: Scene = run.scene
     far = 0.7 * scene.arm.total_length
