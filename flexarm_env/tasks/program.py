@@ -308,7 +308,7 @@ class Sensors(NamedTuple):
 class Instruments(NamedTuple):
     """Sensors that read by a law (`sensors.Law`); None: no sensor of this kind. Channels follow the fields' order.
 
-    The sensors' entries follow those of task and target: goals, accelerometer, gyroscope, camera, force, switch, gauges.
+    Sensor entries follow those of task and target: goals, accelerometer, gyroscope, camera, force, switch, gauges.
     """
 
     period: float  # s
