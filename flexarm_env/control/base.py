@@ -260,8 +260,9 @@ class Controller(ABC):
     needs_goals: ClassVar[bool] = False
     """Whether the controller requires goal joint angles minus measured joint angles (observation="measured")."""
     restarts: ClassVar[bool] = False
-    """Whether single environments may begin a new episode (`restart`); the memory then has no part shared by all
-    environments."""
+    """Whether single environments may begin a new episode (`restart`); each environment then has a memory of its
+    own.
+    """
 
     def __init__(self, setup: Setup) -> None:
         """Store the setup and torque limits, and prepare the observation reader."""

@@ -27,7 +27,7 @@ class LQRForceGains(Approach):
     """Gains of `LQRForce`.
 
     Args:
-        angle, rate, bend, bend_rate: weights of the state; see `LQRGains`.
+        angle, rate, bend, bend_rate: weights of the arm's state; see `lqr.StateWeights`.
         path: weight, 1/s, of the time integral of the distance from the path divided by the arm's length.
         force: weight, 1/s, of the time integral of the force error divided by the largest tip force that the motors can
             hold.

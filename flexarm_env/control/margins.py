@@ -11,7 +11,7 @@ from .lqr import LQRGains, design, spread_of
 from .pd import PDGains, postures_of
 
 SAFE = 0.6
-"""Share of the delay margin above which a loop vibrates too long to settle."""
+"""A loop vibrates too long to settle if its delay exceeds `SAFE` times the delay margin."""
 
 
 MARGINS_OF = ("pd", "zvd", "lqr", "time_optimal")

@@ -73,7 +73,7 @@ class MPCGains(StateWeights):
         memory: weight of the prediction in the unmeasured part of the state estimate. The shape under a force at the
             tip has the weight 1 - memory.
         allowed: a plan has arrived if the cost of its distance from the goal is below this value.
-        block: number of control periods with the same planned torque. horizon: number of such blocks in a plan.
+        block: number of control periods with the same planned torque. horizon: number of blocks in a plan.
         iterations: iLQR iterations per period. first: iterations of an episode's first plan.
         margin: distance of plans from shapes, divided by the arm's length, and from joint limits, rad.
     """
@@ -274,7 +274,7 @@ class MPC(Controller):
 
 
 SOONER, SPARE = 0.9, 1.2
-"""Factor on a successful arrival for the next attempt; final arrival divided by the soonest one found."""
+"""Factor from a successful arrival time to the next attempt; final arrival time divided by the soonest one found."""
 
 NOISE, UNSEEN = 0.02, 3e-4
 """Process noise of the filter per period: torques, divided by their limits; angles and strains, rad, and their rates

@@ -16,8 +16,8 @@ FINER = 4
 
 BENT, LEAST, OTHERS = 0.05, 5e-4, 0.01
 """Tolerances of a replay. BENT: excess over the deflection bound, divided by the bound. LEAST: smallest allowed excess
-over the deflection bound, divided by a link's length. OTHERS: violation of the other limits and of the goal (angles in
-rad; rates divided by the arm's characteristic rate; distances divided by the arm's length)."""
+over the deflection bound, divided by a link's length. OTHERS: violation of all other limits and of the goal. Angles are
+in rad, rates are divided by the arm's characteristic rate, and distances by the arm's length."""
 
 Missed = Callable[[Dynamics, Array], Array]
 """Function of a plant and states (T, n, S) that returns each arm's largest violation of limits, (n,)."""

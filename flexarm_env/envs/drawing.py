@@ -34,7 +34,7 @@ def pygame_module() -> Any:
 
 
 class Sheet:
-    """A picture in progress.
+    """Canvas of one picture of an arm, on which the methods draw.
 
     Args:
         size: width and height of the picture, pixels. reach: arm's reach, m. margin: length shown by half of the
@@ -105,7 +105,9 @@ class Sheet:
 
 
 def draw_arrow(canvas: Any, start: Array, end: Array, color: Color, point: float) -> None:
-    """Draw an arrow between two points of a canvas, pixels, with a dot at its start; point: pixels of a point."""
+    """Draw an arrow between two points of a canvas, pixels, with a dot at its start; point: length of a "point",
+    pixels.
+    """
     pg, way = pygame_module(), end - start
     long = float(np.hypot(*way))
     if long > 0.0:

@@ -309,7 +309,9 @@ def judge(arm: Arm, drive: Drive, period: float, stiffness: float = 1.0) -> Judg
 
 
 def worst(arm: Arm, drive: Drive, period: float, drawn: Mapping[str, tuple[float, float]]) -> Worst:
-    """Return error estimates of an arm and its extreme drawn arms: the softest; the stiffest with the least payload.
+    """Return error estimates of an arm and its extreme drawn arms, which are the softest and the stiffest arm.
+
+    The stiffest arm has the smallest payload.
 
     period: control period, s. drawn: ranges (low, high) of randomized factors by name; only the factors on EI, payload
     and torque_constant are used.

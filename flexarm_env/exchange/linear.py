@@ -61,8 +61,8 @@ def mass_matrix(chain: Chain) -> Array:
 def chain_modes(chain: Chain, clamped: bool = True) -> tuple[Array, Array]:
     """Return natural frequencies (Hz, ascending) and damping ratios of a chain about its stress-free posture.
 
-    clamped: whether the joints are held (with an elastic gear: the motor). Free joints have frequency 0, which is
-    omitted. The ratios assume proportional damping.
+    clamped: whether the joints are held (for an elastic gear, the motor is held). Free joints have frequency 0, which
+    is omitted. The ratios assume proportional damping.
     """
     hinges = chain.hinges
     kept = [i for i, hinge in enumerate(hinges) if not (clamped and hinge.driven)]

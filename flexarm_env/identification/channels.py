@@ -18,7 +18,7 @@ from .fit import Problem
 from .uncertainty import interval_of_last
 
 CERTAIN = 2.0
-"""A deviation is significant if it exceeds this many half widths of its 95 % interval."""
+"""A deviation is significant if it exceeds `CERTAIN` times the half width of its 95 % interval."""
 
 LEAST_GAIN = 0.02
 LEAST_DELAY = 0.25

@@ -67,7 +67,8 @@ class JointTorque:
 
 @dataclass(frozen=True)
 class PointLoad:
-    """Force (N) and torque (N m) on the "root" or "tip" of a link, in global axes; at least one component is given.
+    """Force (N) and torque (N m) on the "root" or "tip" of a link, in inertial axes; at least one component must be
+    given.
 
     In space a load may also have force_z, and torque_x and torque_y beside the torque about z.
     """

@@ -26,8 +26,8 @@ MOST_HALVINGS = 12
 """Maximum number of step halvings for cubic pieces that are shorter than the step."""
 
 MOST_REFINED, MOST_STEPS = 100.0, 1e7
-"""Limits of refinement: a function is rejected if it needs a step more than MOST_REFINED times shorter and more than
-MOST_STEPS steps in all.
+"""Limits of refinement. A function of time is rejected if its step is more than MOST_REFINED times shorter than the
+longest step and the run has more than MOST_STEPS such steps.
 """
 
 

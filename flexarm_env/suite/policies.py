@@ -28,7 +28,8 @@ class Chosen:
     """A policy that is not yet bound to an environment.
 
     Attributes:
-        kind: "controller", "policy", "onnx" or "function". source: the name with the task's id filled in.
+        kind: "controller", "policy", "onnx" or "function". source: name of the policy, with the task's id in place of
+            {task}.
         fingerprint: hash of the policy. make: function of a vector environment that returns the `Policy`, or raises
             ValueError if the policy does not fit. run: training seed, if its file records it. training: record of the
             training (steps, wall_s, cpu_s). canonical: function that returns the policy's numbers as bytes, which

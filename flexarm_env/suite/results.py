@@ -279,7 +279,8 @@ def read(path: Path, *, earlier: bool = False) -> Results:
     """Read a results file. ValueError names the file, the key, its value and the rule.
 
     Args:
-        earlier: accept entries of earlier versions of a task; otherwise another digest is rejected.
+        earlier: accept entries of earlier versions of a task. If False, an entry whose digest differs from the task's
+            digest is rejected.
     """
     content = read_json(path)
     with check.in_file(path):

@@ -55,8 +55,8 @@ def land_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lane
         vibration -min(sum of squares of deflection rates, 1), impulse -min(I / c, 1)
 
     Success: F > 0, e < a and v < b in the last periods (`record_success`), and I < c in all periods up to now. poses:
-    poses of the links, inertial axes; info is written where live > 1/2. Returns (reward, 1.0 where a joint is beyond
-    its limits).
+    poses of the links, inertial axes; info is written in lanes with live > 1/2. Returns (reward, 1.0 where a joint
+    is beyond its limits).
     """
     n = size(task.links)
     shaking = 0.0

@@ -65,7 +65,7 @@ def press_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lan
 
     Success: in all periods of the last two thirds of the episode up to now, the root mean square of f is at most a and
     e is at most b. No period of the first third counts as a success. poses: poses of the links, inertial axes; info is
-    written where live > 1/2. Returns (reward, 1.0 where a joint is beyond its limits).
+    written in lanes with live > 1/2. Returns (reward, 1.0 where a joint is beyond its limits).
     """
     n = size(task.links)
     shaking = 0.0

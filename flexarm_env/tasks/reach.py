@@ -52,8 +52,8 @@ def reach_observe(lane, task, poses: Lanes, record: Lanes, out):
     Entries: sine, cosine of each joint angle; N joint rates (rad/s); N tip deflections divided by link length, and
     their N rates (1/s); tip velocity (m/s) and target minus tip (m), in the axes of link 0's root; seven entries of a
     floating base.
-    poses: poses of the links, inertial axes; record: the target. Each entry is divided by its scale and clipped to
-    +-10.
+    poses: poses of the links, inertial axes; record: records of the arms, of which the target is read. Each entry is
+    divided by its scale and clipped to +-10.
     """
     n = size(task.links)
     before, spin = 0.0, of_base(lane, task, poses, BASE_POSE.rate)
@@ -91,8 +91,8 @@ def reach_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
 
     error: distance of the tip to the target divided by the arm's length; speed: speed of the tip relative to the target
     divided by that length, 1/s; shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2.
-    poses: poses of the links, inertial axes; action (joints, lanes), in [-1, 1]; info is written where live > 1/2.
-    Returns (reward, 1.0 where a joint is beyond its limits).
+    poses: poses of the links, inertial axes; action (joints, lanes), in [-1, 1]; info is written for running arms (live
+    > 1/2). Returns (reward, 1.0 where a joint is beyond its limits).
     """
     n = size(task.links)
     shaking = 0.0
@@ -125,7 +125,7 @@ def reward_point(lane, task, error, speed, shaking, poses, action, record, live,
     Each term is multiplied by its weight. If task.paid is a tag, settle is 1 / (1 + s^2) (`settled`). s is the sum of
     squares of error and speed (and of a floating base's attitude), each divided by its success band. error: divided by
     the arm's length. speed: divided by the arm's length, 1/s. shaking: sum of squares of the deflection rates divided
-    by the links' lengths, 1/s^2. Terms are written into info, where live > 1/2.
+    by the links' lengths, 1/s^2. Terms are written into info in lanes with live > 1/2.
     """
     # success: |r - target| / L and speed / L (1/s) within their bands
     good = select_lt(error, task.bands[0], 1.0, 0.0)
@@ -156,7 +156,7 @@ def reach_target(task, angles, first, second):
 
 @kernel
 def reach_aim(task, record):
-    """Write the goal angles (rad) of two links into record[GOAL:]: of two solutions, the solution reached first.
+    """Write the goal angles (rad) of two links into record[GOAL:]: the elbow side that the joints reach first.
 
     record: record of one arm. The record's target (m, inertial axes) is read. The record's goal holds the present joint
     angles at entry and the angles that bring the tip to the target at return (`angles.sooner_angles`).

@@ -86,8 +86,8 @@ def space_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
 
     error: distance of the tip to the target divided by the arm's length; speed: speed of the tip relative to the target
     divided by that length, 1/s; shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2.
-    poses: poses of the links; action (joints, lanes), in [-1, 1]; info is written where live > 1/2. Returns (reward,
-    1.0 where a joint is beyond its limits).
+    poses: poses of the links; action (joints, lanes), in [-1, 1]; info is written in lanes with live > 1/2.
+    Returns (reward, 1.0 where a joint is beyond its limits).
     """
     n, at = size(task.links), info_of(task)
     shaking, past = 0.0, 0.0
@@ -128,7 +128,7 @@ def space_aim(task, record):
 
     Goal angles of a resting target have been drawn before the target itself. record: record of one arm. The record's
     target (m, inertial axes) is read. The record's goal holds the start of the search at entry and the goal angles at
-    return. task.chain: a `JOINT` per joint, None where targets rest.
+    return. task.chain: kinematics of the arm, a `JOINT` per joint; None if targets rest.
     """
     if task.chain is not None:
         point = (record[TARGET], record[TARGET + 1], record[TARGET + 2])

@@ -2,7 +2,8 @@
 
 A task is a record (a subclass of `Task`) and kernels that are registered for it, such as `Slew` and `Reach`. `poses`
 holds a `physics.layout.POSES` per link, then a `BASE_POSE` where the base floats. Observed entries are divided by their
-scales and clipped to +-10. All arithmetic is on lanes: a batch and a single arm give the same bits.
+scales and clipped to +-10. All arithmetic is on lanes: a batch and a single arm give the same bits. `live` is 1.0 in
+the lanes of arms that were advanced without a failure and have finite observations, otherwise 0.0.
 
     observe(lane, task, poses, record, out)                write the scaled observation into the first entries of `out`
     judge(lane, task, poses, action, record, live, info)   write success and reward terms into `info`, where live > 1/2;
@@ -158,8 +159,8 @@ def show_base(lane, task, poses: Lanes, sine, cosine, out):
 def level(lane, task, poses, good):
     """Return `good` (1 or 0) if a floating base's attitude is within its success band, else 0.
 
-    The band is the last of task.bands, rad. If the root is held, `good` is returned. poses: poses of the links, then of
-    the base.
+    The success band of the attitude, rad, is the last entry of task.bands. If the root is held, `good` is returned.
+    poses: poses of the links, then of the base.
     """
     if size(task.base) > 0:
         turned = absolute(of_base(lane, task, poses, BASE_POSE.angle))
@@ -179,7 +180,7 @@ def reward_attitude(lane, task, poses: Lanes, live, info, total):
     """Return total plus reward term 5, which rewards a small attitude of a floating base; total if the root is held.
 
     The loss is min(attitude^2, 1), rad^2; the term is 1 - loss or -loss (`left_of`) times its weight. Attitude (rad)
-    and hub position (m, inertial axes) go into info, where live > 1/2.
+    and hub position (m, inertial axes) are written into info in lanes with live > 1/2.
     """
     if size(task.base) > 0:
         turned, at = of_base(lane, task, poses, BASE_POSE.angle), info_of(task).further + FURTHER.base
@@ -276,7 +277,7 @@ def reward_change(lane, task, action: Lanes, record: Lanes, live, info, total):
     """Return total plus the weighted term -sum (action - last action)^2; total itself without a price (task.acted).
 
     The term is written into info, before the failure term. The action (joints, lanes) is stored in the record as the
-    last action, where live > 1/2.
+    last action in lanes with live > 1/2.
     """
     change = 0.0
     for j in range(size(task.acted)):
@@ -292,7 +293,7 @@ def reward_change(lane, task, action: Lanes, record: Lanes, live, info, total):
 
 @kernel
 def reward_term(lane, task, live, info, k, value):
-    """Write value times the weight of reward term k (task.weights) into info where live > 1/2; return the product."""
+    """Write value times the weight of reward term k (task.weights) into info if live > 1/2; return the product."""
     # info holds weighted terms, so that they add up to the reward
     weighted = value * task.weights[k]
     put_info(lane, live, info, info_of(task).terms + k, weighted)
@@ -301,9 +302,9 @@ def reward_term(lane, task, live, info, k, value):
 
 @kernel
 def record_tip(lane, task, poses: Lanes, record: Lanes, live, info):
-    """Write the tip's position (m, inertial axes) and the target (m, or rad) into info, where live > 1/2.
+    """Write the tip's position (m, inertial axes) and the target (m, or rad) into info in lanes with live > 1/2.
 
-    poses: poses of the links, inertial axes. record: the target.
+    poses: poses of the links, inertial axes. record: records of the arms, of which the target is read.
     """
     o, at = POSE.end * (size(task.links) - 1), info_of(task).target
     put_info(lane, live, info, TIP, poses[o + POSE.tip_x])

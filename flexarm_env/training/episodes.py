@@ -78,8 +78,8 @@ class Episodes:
         task, dt: task and control period, s, of the environment. success (n,), settled (n,), terminated (n,): whether
             an episode succeeded, settled, and ended early. settling (n,): settling time, s; the full duration if the
             tip never settled. vibration (n,): residual vibration, m. overshoot (n,): share of the initial error. effort
-            (n,): time integral of the joints' (torque / limit)^2, s. returns (n,): returns. errors (steps + 1, n): tip errors at
-            each instant. way (n,): initial tip error.
+            (n,): time integral of the joints' (torque / limit)^2, s. returns (n,): returns. errors (steps + 1, n): tip
+            errors at each instant. way (n,): initial tip error.
     """
 
     task: str

@@ -50,10 +50,12 @@ SEARCHED: dict[str, dict[str, tuple[float, float]]] = {
 """Searched gains with their ranges, on a logarithmic scale."""
 
 OWN: dict[str, tuple[float, float]] = {"bandwidth": (0.02, 3.0), "ratio": (0.02, 3.0)}
-"""Ranges for a user's own arm; with a light hub or elbow the sampled loop tolerates little damping."""
+"""Ranges of the searched gains for a user's own arm; with a light hub or elbow the sampled loop tolerates little
+damping."""
 
 WIDE: dict[str, tuple[float, float]] = {"bandwidth": (0.02, 3.0), "ratio": (0.3, 10.0)}
-"""Ranges for randomized arms; loops that suit all randomized arms are slower and better damped."""
+"""Ranges of the searched gains for randomized arms; loops that suit all randomized arms are slower and better
+damped."""
 
 PER_JOINT = ("bandwidth", "ratio")
 

@@ -76,7 +76,8 @@ class Trajectory:
         deflection_bound: tip_deflection at which the formulation stops; infinite unless whole links are reduced to
             modes.
         step_levels: with a step_tolerance, number of halvings of dt in each interval between samples and kinks.
-        step_error: largest remaining error in one of these intervals, a fraction of L; 0 without a step_tolerance.
+        step_error: largest remaining error in an interval between samples and kinks, divided by the arm's length; 0
+            without a step_tolerance.
         gross_work: work of the drives, J, with negative work counted as positive.
         link_angles (n, N, 2): angles of the tangents at each link's root and tip, rad.
     """

@@ -129,7 +129,10 @@ def _loads(loads: Sequence[PointLoad], cuts: Sequence[int], t: Array) -> list[Pu
 
 
 def of_episode(plan: Any, views: Sequence[Any], label: str, note: str, charts: Sequence[Chart]) -> SpaceClip:
-    """Return the clip of an episode. views: `batch.View` of each instant. charts: further charts."""
+    """Return the clip of an episode.
+
+    views: `batch.View` of each instant. charts: charts shown after the charts of deflection and twist.
+    """
     arm, q = plan.arm, np.array([view.q for view in views])
     target = np.array([view.target for view in views])
     poses = np.array([view.poses for view in views])
