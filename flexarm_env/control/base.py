@@ -62,7 +62,7 @@ class Setup:
 
     Args:
         task: "slew" (one link, tip angle), "reach" (two links or more, tip position), "press" or "land" (at a wall).
-        arm: the nominal arm. control_dt: control period, s. torque_limits (N,): N m at an action of 1.
+        arm: the nominal arm. control_dt: control period, s. torque_limits (N,): joint torques at an action of 1, N m.
         names, scales: names and scales of the observation's entries, in order; entry = value / scale.
         history: number of instants in an observation, the oldest first.
         sensors: sensors that produce the entries; None: ideal or unknown sensors. noise: standard deviation of the

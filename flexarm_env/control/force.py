@@ -104,7 +104,8 @@ class View(NamedTuple):
 class PressController(Controller):
     """Basis of the controllers of a contact force: the observation, the wall, and the progress of the approach.
 
-    In task "press" the tip slides along the wall. In task "land" the target rests, and the commanded force is a gain.
+    In task "press" the tip slides along the wall. In task "land" the target rests, and the gain `Approach.touch` sets
+    the commanded force.
     """
 
     needs_bends = True

@@ -100,7 +100,7 @@ def wall_gains(
     arm: Arm, limits: tuple[float, ...], dt: float, gains: LQRForceGains, posture: tuple[float, ...], bearing: float,
     most: float, friction: float,
 ) -> Array:  # fmt: skip
-    """Compute gains (N, 4 N + 2) for the outputs of an arm that touches a wall and the integrals of both errors.
+    """Compute gains (N, 4 N + 2) for an arm that touches a wall: for its outputs and for two integrated errors.
 
     The integrated errors are the error along the wall and the force error. The arm's state is computed from the outputs
     by `ArmModel.state_of`.

@@ -143,7 +143,7 @@ class Shaped(Controller):
         return np.sum(self.amplitudes * done, axis=1), np.sum(self.amplitudes * rate, axis=1)
 
     def reference(self) -> tuple[Array, Array, Array]:
-        """Return the reference of this period: remaining angles, rad, rates and mean accelerations, (n, N) each."""
+        """Return the reference of this period: remaining angles, rad, rates, rad/s, mean accelerations, rad/s^2."""
         dt = self.setup.control_dt
         done, rate = self._reference(self.step * dt)
         _, later = self._reference((self.step + 1) * dt)

@@ -62,7 +62,8 @@ DEFAULT_OPTIONS: dict[str, dict[str, Any]] = {
     "paper": {"segments": 5, "dt": 0.0025, "tolerance": 1e-6},
 }
 OF_MODES: dict[str, Any] = {"dt": 0.005, "tolerance": 1e-6}
-"""DEFAULT_OPTIONS: default solver options of the environments, by formulation; OF_MODES: for links reduced to modes.
+"""DEFAULT_OPTIONS: default solver options of the environments, by formulation. OF_MODES: default solver options for
+links reduced to modes.
 
 The values follow from `benchmarks/choose_default.py`.
 """

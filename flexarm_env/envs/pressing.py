@@ -37,7 +37,8 @@ BANDS: dict[str, tuple[float, str]] = {"force": (0.1, ""), "path": (0.002, "m")}
 LANDED: dict[str, tuple[float, str]] = {"path": (0.005, "m"), "speed": (0.005, "m/s")}
 """Bounds of a success of "land": distance from the target along the wall, and speed of the tip.
 
-The bound of a period's impulse is the impulse of the largest tip force that the motors can hold, over a default period.
+The bound of a period's impulse is the impulse, in one default control period, of the largest tip force that the motors
+can hold.
 """
 
 

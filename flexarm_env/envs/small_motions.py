@@ -43,7 +43,7 @@ PERIODS = 100
 """Number of control periods simulated."""
 
 HELD = (1, 8, 8, 25)
-"""Numbers of periods for which each run holds its actions; only the spin of the last run is used."""
+"""Numbers of control periods for which each run holds its actions. From the last run only the spin is used."""
 
 
 @lru_cache(8)

@@ -27,7 +27,8 @@ X = np.array([1.0, 0.0, 0.0])
 BENDING_Y, BENDING_Z = [1, 5, 7, 11], [2, 4, 8, 10]
 """Indices among an element's 12 rows for bending along y and z.
 
-The slope along y is rotation z; the slope along z is minus rotation y.
+The slope of the displacement along y is the rotation about z; the slope of the displacement along z is minus the
+rotation about y.
 """
 
 POINTS = legendre.leggauss(4)

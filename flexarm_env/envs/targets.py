@@ -23,7 +23,8 @@ AHEAD = (0.1, 0.3)
 class Target(ABC):
     """Type of a task's target: an angle or a point.
 
-    numbers: number of coordinates of a target. Records have at least two entries; the second entry of an angle is 0.
+    numbers: number of coordinates of a target. A record stores at least two numbers per target; the second number of an
+    angle is 0.
     paths: shapes of drawn paths, the default shape first. Each shape has the names and units of the numbers that define
     a path: at most four, in space five.
     """
@@ -158,7 +159,7 @@ class Point(Target):
         return [(f"{name}_{axis}", scale) for name, scale in named for axis in axes]
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges for a path of this shape: distances scaled by the arm's length, times by the arm's rates."""
+        """Return ranges for a path of this shape: distances scaled by the arm's length, times by its joint rates."""
         rate, far = rate_scale(arm, 0), arm.total_length
         turns = (-math.pi / 3, math.pi / 3)
         if path == "line":

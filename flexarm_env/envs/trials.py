@@ -59,11 +59,12 @@ IDLE = 4
 """If a PD loop moves the arm, one of `IDLE` episodes has no action, so that the arm must settle."""
 
 Trial = Callable[[Settings], Array]
-"""Tip positions (PERIODS, lanes, 2 or 3), m, for given settings; nan after an episode's end, inf at a failure."""
+"""Function of settings that returns tip positions (PERIODS, lanes, 2 or 3), m; nan after an episode's end, inf at a
+failure."""
 
 
 class Rule(Protocol):
-    """Interface of `resolution.Judge` for small motions."""
+    """Interface of `judge.Judge`: errors of small motions."""
 
     def small(self, settings: Settings, h: float) -> float:
         """Return e_1, the error of small motions with these settings in steps of h (s), divided by L."""

@@ -91,9 +91,9 @@ def swing(arm: Arm, settings: Settings) -> Array:
     The first n rows are rates for `protocol.set_joint_configuration`. The next row is the energy, J, for an amplitude
     of 1. The last row is (c, 0, 0); c, in s^2, is large compared with the squared reciprocal of every frequency. The
     modes are computed about straight links at joint angles 0, without gravity. A mode counts as y bending, z bending or
-    torsion if this deformation has most of the mode's strain energy; the rates are 0 if there is no such mode. All
-    three modes have the same energy: to first order, the energy at which a tip deflects by its link's length in the
-    softer bending direction.
+    torsion if this deformation has most of the mode's strain energy. If no mode counts as one of the three kinds, the
+    rates of this kind are 0. All three modes have the same energy: to first order, the energy at which a tip deflects
+    by its link's length in the softer bending direction.
     """
     assert settings.dt is not None
     arm = arm.taut

@@ -46,7 +46,7 @@ def identify(
         arm: initial guess: an Arm, a name, a TOML file. config: a TOML file or its text.
         data, hold_out: CSV files for the fit and for the evaluation. fit: names or key paths of the parameters to fit;
             None: the config's. out: a folder for `Identification.save`; an interrupted fit resumes from there.
-        progress: called with the share done, 0 to 1.
+        progress: function that is called with the completed share of the fit, 0 to 1.
     Raises:
         ValueError: an invalid value, with its key path. BadLog (a ValueError): an unusable log, with file, column and
             row. OSError: a file that cannot be read or written.

@@ -46,8 +46,8 @@ class Uncertainty:
 
     Attributes:
         half (p,): half widths of the 95 % intervals, in the parameters' units. correlation (p, p): correlation matrix.
-        condition: condition number of the derivatives by parameters in their sizes. at_bound: names of parameters at a
-            bound; they have no interval (nan).
+        condition: condition number of the residuals' derivatives by value / size of the parameters. at_bound: names of
+            parameters at a bound; they have no interval (nan).
         unidentifiable: names of the parameters that the logs do not determine, at a bound or not. directions: changes
             of several parameters with almost no effect. identifiable: for each direction, the best known combination of
             the same parameters.

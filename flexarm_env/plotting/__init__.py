@@ -380,7 +380,7 @@ def _peaks(amplitude: Array) -> list[int]:
 def plot_campbell(found: Campbell, path: str | os.PathLike[str], title: str = "") -> Path:
     """Plot natural frequencies over spin rate, with the line of one vibration per turn; returns `path`.
 
-    Whirl frequencies are frequencies in the fixed frame. If some motion is neither forward nor backward whirl (the arm
+    Whirl frequencies refer to the fixed frame. If some motion is neither forward nor backward whirl (the arm
     is not a body of revolution), all frequencies are in the rotating frame. Unstable spins are marked at the bottom.
     """
     spins, rests = np.abs(found.spins), np.isfinite(found.at_rest).all()

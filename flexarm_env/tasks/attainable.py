@@ -49,9 +49,10 @@ class Attainable(NamedTuple):
 def attainable(task, needs, angles, x, y):
     """Return 1.0 if a planar arm can reach the target (x, y) and rest there, otherwise 0.0.
 
-    The checked posture is the task's goal posture from joint angles `angles` (rad). The posture's angles must be within
-    their limits, and its tip at (x, y) (m; a target angle in rad needs no check). No joint torque against gravity may
-    exceed the largest torque. needs: an `Attainable`, with masses, gravity and largest torques.
+    The checked posture is the task's goal posture from joint angles `angles` (rad). The posture's joint angles must be
+    within the joint limits, and its tip must be at (x, y), m; for a target angle, rad, the tip is not checked. No joint
+    torque against gravity may exceed the largest torque. needs: an `Attainable`, with masses, gravity and largest
+    torques.
     """
     mine = stack(_ONE, task.links + _RECORD)
     mine[TARGET], mine[TARGET + 1] = x, y

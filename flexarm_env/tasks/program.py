@@ -231,7 +231,7 @@ REASONS: dict[float, str] = {
     float(ACTION_NOT_FINITE): "action_not_finite",
     float(JOINT_LIMIT): "joint_limit",
 }
-"""One word for each code that `info` holds."""
+"""Word for the reason of an episode's end, by the reason's code in `info`."""
 
 STATUS_WORDS: dict[float, str] = {code: STATUS[int(code)] if code < len(STATUS) else STATUS[0] for code in REASONS}
 """The solver's status word for each code of `REASONS`, as in `info`."""

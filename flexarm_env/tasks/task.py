@@ -274,7 +274,7 @@ def left_of(task, loss):
 
 @kernel
 def reward_change(lane, task, action: Lanes, record: Lanes, live, info, total):
-    """Return total plus the weighted term -sum (action - last action)^2; total itself without a price (task.acted).
+    """Return total plus the weighted term -sum (action - last action)^2; without a price (task.acted), return total.
 
     The term is written into info, before the failure term. The action (joints, lanes) is stored in the record as the
     last action in lanes with live > 1/2.
