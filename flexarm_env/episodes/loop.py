@@ -63,8 +63,9 @@ def periods(
 
     Args:
         env: an environment, wrapped or not. A vector environment has autoreset mode "NextStep", its default. policy:
-            policy, reset at the start of each episode, or of each n episodes. seeds: a seed for each episode, a
-            multiple of n in number; None: the environment's generator continues. options: options of all resets.
+            policy, reset at the start of each episode, or of each n episodes. seeds: one seed per episode, None to
+            continue with the environment's generator; the number of seeds is a multiple of n. options: options of all
+            resets.
     Raises:
         ValueError: a number of seeds that is no multiple of n, or another autoreset mode.
     """

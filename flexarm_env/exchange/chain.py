@@ -120,7 +120,8 @@ def chain_of(arm: Arm, segments: int = 4, placement: str = "gauss") -> Chain:
     """Build the chain of an arm.
 
     Args:
-        segments: number of springs of each flexible link; for "between" the number of pieces; 0: links are rigid.
+        segments: number of springs of each flexible link, or for placement "between" the number of pieces; 0: rigid
+            links.
         placement: places of the springs. "gauss": at Gauss points of each smooth piece of a link. "middle": in the
             middle of cells of equal length. "between": between pieces of equal length, k = EI / l, the first piece
             clamped. Chains are often made by hand with the placement "between", which is the least accurate.

@@ -52,9 +52,9 @@ class Scene:
         loads: joint torques and point loads.
         contacts: obstacles that points of the arm may touch, with the law of the forces (`Contact`).
         gravity: acceleration (gx, gy), in space (gx, gy, gz), m/s^2, or None.
-        space: True: compute an arm in space that could be computed in the plane. A scene is always in space if an arm,
-            gravity, position, velocity, force, moment or motion of the root leaves the x-y plane. If the scene stays in
-            another plane, `simulate` finds that plane (`scene.plane.in_plane`).
+        space: True: compute the scene in space even if it could be computed in the plane. A scene is always in space if
+            an arm, gravity, position, velocity, force, moment or motion of the root leaves the x-y plane. If the scene
+            stays in another plane, `simulate` finds that plane (`scene.plane.in_plane`).
         solver: formulation and flat options that suit the scene, as pairs (name, value) or a dict.
         description, source, note: content, origin and assumptions.
     """

@@ -87,7 +87,9 @@ def evaluate(arguments: Arguments) -> tuple[dict[str, dict[str, Any]], dict[str,
 
 
 def keywords(arguments: Arguments, chosen: NamedPolicy) -> dict[str, Any]:
-    """Return the environment keywords for evaluating a policy: the task's, from its training, then the user's."""
+    """Return the environment keywords for evaluating a policy: those of its training, overridden by the user's
+    keywords.
+    """
     kwargs = dict(chosen.env_kwargs) | arguments.env_kwargs
     if arguments.formulation is not None:
         kwargs["formulation"] = arguments.formulation

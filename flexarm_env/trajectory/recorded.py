@@ -55,7 +55,7 @@ class Trajectory:
     Attributes:
         scene, settings: input of the run. t (n,): times, s.
         start, tip (n, 3): x, y (m) and angle (rad) of the root of link 0 and of the tip of the last link.
-        tip_velocity (n, 3): m/s and rad/s. hinges (n, N-1, 2): positions of joints 1 to N-1, m.
+        tip_velocity (n, 3): rates of `tip`, m/s and rad/s. hinges (n, N-1, 2): positions of joints 1 to N-1, m.
         joint_angles, joint_rates (n, N): angles, rad, and rates, rad/s, of the joints: joint 0 relative to the x axis
             or the floating base, joint k relative to the tip of link k-1.
         motor_angles, motor_rates (n, N): angles and rates of the motors divided by the gear ratio, relative to the

@@ -18,9 +18,9 @@ from ..validation import Array
 class Pull:
     """A force or torque on a point of the chain.
 
-    name: name in the legend. point: index of the point. values: torques (n,), N m, or forces (n, 2), N, in space
-    (n, 3). limit: torque limit, N m; the largest torque replaces a limit that is None or exceeded. axis (n, 3): axis of
-    a torque in space.
+    name: name in the legend. point: index of the chain's point on which the force or torque acts. values: torques (n,),
+    N m, or forces (n, 2), N, in space (n, 3). limit: torque limit, N m; the largest torque replaces a limit that is
+    None or exceeded. axis (n, 3): axis of a torque in space.
     """
 
     name: str
