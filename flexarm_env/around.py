@@ -83,9 +83,7 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
         self._ended = np.zeros(env.num_envs, np.bool_)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset all environments, or the environments in options["reset_mask"], and begin the controller's episodes
-        there.
-        """
+        """Reset all environments, or those in options["reset_mask"], and begin the controller's episodes there."""
         seen, info = self.env.reset(seed=seed, options=options)
         mask = (options or {}).get("reset_mask")
         if mask is None or self._seen is None:
@@ -98,9 +96,7 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
         return seen, info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step all environments with the controller's torques plus the share of the actions (n, N), clipped to [-1,
-        1].
-        """
+        """Step all environments with controller torques plus the share of the actions (n, N) in [-1, 1]."""
         if self._seen is None:
             raise RuntimeError("No episode has begun: call reset first")
         total = self.inside.actions(self.controller, self._seen, actions)

@@ -37,8 +37,7 @@ MOST_GAIN = 1e6
 
 @dataclass(frozen=True)
 class Gains:
-    """Validated controller parameters; a field per joint has a tuple of N numbers, or one number for all.
-    """
+    """Validated controller parameters; a field per joint has a tuple of N numbers, or one number for all."""
 
     def __post_init__(self) -> None:
         """Validate every field against its bounds and store the converted value."""
@@ -261,9 +260,7 @@ class Controller(ABC):
     needs_goals: ClassVar[bool] = False
     """Whether the controller requires goal joint angles minus measured joint angles (observation="measured")."""
     restarts: ClassVar[bool] = False
-    """Whether single environments may begin a new episode (`restart`); each environment then has a memory of its
-    own.
-    """
+    """Whether single environments may begin a new episode (`restart`); each then has its own memory."""
 
     def __init__(self, setup: Setup) -> None:
         """Store the setup and torque limits, and prepare the observation reader."""

@@ -105,8 +105,7 @@ class Sheet:
 
 
 def draw_arrow(canvas: Any, start: Array, end: Array, color: Color, point: float) -> None:
-    """Draw an arrow between two points of a canvas, pixels, with a dot at its start; point: length of a "point",
-    pixels.
+    """Draw an arrow between two canvas points, pixels, with a dot at its start; point: pixels per length unit "point".
     """
     pg, way = pygame_module(), end - start
     long = float(np.hypot(*way))

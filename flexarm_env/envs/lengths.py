@@ -113,8 +113,7 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array32, dict[str, Any]]:
-        """Start episodes of all arms, or of the arms in options["reset_mask"]. Arm i gets the seed seed + i, or
-        seed[i].
+        """Start episodes of all arms, or of the arms in options["reset_mask"]; arm i has seed + i, or seed[i].
 
         Raises:
             ValueError: in the cases in which the native vector environment raises it; no episode has then started.

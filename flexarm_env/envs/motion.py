@@ -232,8 +232,7 @@ class Guide:
         return bool(uncompiled(is_unbalanced)(SINGLE, kinetic + strain, gravity, accounted, exchanged, floor))
 
     def report(self) -> dict[str, Array]:
-        """Return poses, joint torques, motor angles, energies and gauges of the arm, as `Batch.take_report` stores
-        them.
+        """Return the arm's poses, joint torques, motor angles, energies and gauges, as in `Batch.take_report`.
 
         If gears are rigid, the motor angles equal the joint angles.
         """

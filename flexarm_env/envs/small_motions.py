@@ -223,15 +223,11 @@ class Motion:
         return np.vstack([np.hstack([np.zeros((n, n)), np.eye(n), np.zeros_like(self.B)]), solved])
 
     def exact(self, period: float) -> Array:
-        """Return the exact transition matrix (2 n, 2 n + N) from state (x, x') and torques to the state a period (s)
-        later.
-        """
+        """Return the exact transition matrix (2 n, 2 n + N): state (x, x') and torques to state a period (s) later."""
         return self._whole(exponential, self._rates(self.M) * period)
 
     def stepped(self, h: float, steps: int) -> Array:
-        """Return the transition matrix (2 n, 2 n + N) of `steps` trapezoidal steps of h seconds, with inertia matrix
-        S.
-        """
+        """Return the transition matrix (2 n, 2 n + N) of `steps` trapezoidal steps of h seconds, with inertia S."""
         # (1 - h/2 A) z+ = (1 + h/2 A) z + h B u
         A = self._rates(self.S) * (0.5 * h)
         rows = len(A)

@@ -85,9 +85,7 @@ class Target(ABC):
 
     @abstractmethod
     def path(self, reference: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        """Return the path `reference` as one function of time per coordinate; t (n,): instants at which it is read,
-        s.
-        """
+        """Return the path `reference` as a function of time per coordinate; t (n,): instants of reading, s."""
 
 
 class Angle(Target):

@@ -77,10 +77,9 @@ def _sum(rows: Array) -> Array:
 
 # ------------------------------------------------------------------ the tip
 def tip_errors(history: History, setup: Setup) -> Array:
-    """Return target minus tip at each instant: (T + 1, n, 1), rad, for slews, else (T + 1, n, 2 or 3), m, inertial
-    axes.
+    """Return target minus tip at each instant: (T + 1, n, 1), rad, for slews, else (T + 1, n, 2 or 3), m.
 
-    Angles continue over full turns. The history must contain `TIP`. After an episode's end the errors are nan.
+    Positions are in inertial axes; angles continue over full turns. The history must contain `TIP`. After an episode's end the errors are nan.
     """
     tip, target = history.info("tip_position"), history.info("target")
     if setup.task != "slew":

@@ -32,9 +32,7 @@ ROUGH = 0.1
 
 @dataclass(frozen=True)
 class Problem:
-    """Least-squares problem in z = (value - start) / size; residuals are divided by each reading's standard
-    deviation.
-    """
+    """Least-squares problem in z = (value - start) / size; residuals are divided by the readings' deviations."""
 
     experiment: Experiment
     runs: Sequence[Run]
@@ -60,9 +58,7 @@ class Problem:
         return np.asarray(self.experiment.start + self.sizes * z)
 
     def errors(self, z: Array) -> list[Array]:
-        """Return each run's residuals (kept, outputs): (prediction - log) / log's standard deviation, offsets
-        removed.
-        """
+        """Return each run's residuals (kept, outputs), (prediction - log) / deviation of the log, without offsets."""
         return [self._of_run(z, run) for run in self.runs]
 
     def _of_run(self, z: Array, run: Run) -> Array:

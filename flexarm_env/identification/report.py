@@ -24,8 +24,9 @@ from .uncertainty import Direction, Uncertainty
 
 @dataclass(frozen=True)
 class Prediction:
-    """Prediction of one run by one model: readings (n,), variance accounted for (VAF, %) and normalized root mean
-    square error (NRMSE, %), each by output.
+    """Prediction of one run by one model: for each output readings (n,), VAF (%) and NRMSE (%).
+
+    VAF: variance accounted for. NRMSE: root mean square error divided by the log's standard deviation.
     """
 
     run: Run

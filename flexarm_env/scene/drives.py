@@ -67,8 +67,7 @@ class JointTorque:
 
 @dataclass(frozen=True)
 class PointLoad:
-    """Force (N) and torque (N m) on the "root" or "tip" of a link, in inertial axes; at least one component must be
-    given.
+    """Force (N) and torque (N m) on the "root" or "tip" of a link, in inertial axes; one component or more is given.
 
     In space a load may also have force_z, and torque_x and torque_y beside the torque about z.
     """

@@ -69,9 +69,7 @@ class Config:
         return self if n_timesteps is None else replace(self, text={**self.text, "n_timesteps": n_timesteps})
 
     def changed(self, settings: Sequence[str], env_id: str) -> Config:
-        """Return the config with hyper-parameters replaced by `settings` of the form KEY=VALUE; ValueError if
-        invalid.
-        """
+        """Return the config with the values in `settings`, texts KEY=VALUE. ValueError for invalid keys or values."""
         if not settings:
             return self
         text = dict(self.text)

@@ -87,9 +87,7 @@ def evaluate(arguments: Arguments) -> tuple[dict[str, dict[str, Any]], dict[str,
 
 
 def keywords(arguments: Arguments, chosen: NamedPolicy) -> dict[str, Any]:
-    """Return the environment keywords for evaluating a policy: those of its training, overridden by the user's
-    keywords.
-    """
+    """Return a policy's environment keywords: the keywords of its training, overridden by the user's keywords."""
     kwargs = dict(chosen.env_kwargs) | arguments.env_kwargs
     if arguments.formulation is not None:
         kwargs["formulation"] = arguments.formulation

@@ -299,9 +299,7 @@ def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
 
 
 def load_normaliser(path: Path, model: Any) -> Any:
-    """Load the VecNormalize statistics of a model. ValueError for another kind of file, or for statistics of another
-    model.
-    """
+    """Load a model's VecNormalize statistics. ValueError for other files, or statistics of another model."""
     try:
         with path.open("rb") as file:
             found = pickle.load(file)

@@ -42,9 +42,7 @@ is in mm, overshoot in %."""
 
 
 def summary(result: Episodes) -> dict[str, Any]:
-    """Return each of `QUANTITIES` with its interval (key + "_interval"), and the rates of settled and terminated
-    episodes.
-    """
+    """Return `QUANTITIES` with their intervals (key + "_interval"), and the rates of settling and early ends."""
     out: dict[str, Any] = {"episodes": len(result.success)}
     for key, (_, statistic, values) in QUANTITIES.items():
         numbers = values(result)

@@ -154,9 +154,7 @@ class Trajectory:
 
     @property
     def turned_over(self) -> float:
-        """Energy, J, with which the balance is compared: gross work, initial energy and energy exchanged with
-        gravity.
-        """
+        """Energy with which the balance is compared, J: gross work, initial energy, exchange with gravity."""
         return self.gross_work + float(self.kinetic[0] + self.strain_energy[0] + np.ptp(self.gravity))
 
     def strain(self, link: int, place: float, distance: float | None = None) -> Array:
@@ -183,9 +181,7 @@ class Trajectory:
     # --- to be looked at ---------------------------------------------------------------------------
     @classmethod
     def read(cls, simulation: Any, fields: Mapping[str, Array], shapes: Array) -> dict[str, Any]:
-        """Return the fields of this class that differ between plane and space, from the fields of
-        `Simulation.record`.
-        """
+        """Return the fields that differ between plane and space, from the fields of `Simulation.record`."""
         poses, links = fields["poses"], simulation.scene.arm.links
         lengths = np.array([link.span for link in links])
         bows = np.array([link.far.imag for link in links])

@@ -63,9 +63,7 @@ class SpatialTrajectory(Trajectory):
 
     @classmethod
     def read(cls, simulation: Any, fields: Mapping[str, Array], shapes: Array) -> dict[str, Any]:
-        """Return the fields of this class that differ between plane and space, from the fields of
-        `Simulation.record`.
-        """
+        """Return the fields that differ between plane and space, from the fields of `Simulation.record`."""
         found = read(simulation.scene.arm, simulation.settings, fields["q"], fields["v"])
         return {"deflection_bound": math.inf, "unresolved_damping": fields["beyond"], **found}
 
