@@ -105,7 +105,9 @@ class Sheet:
 
 
 def draw_arrow(canvas: Any, start: Array, end: Array, color: Color, point: float) -> None:
-    """Draw an arrow between two canvas points, pixels, with a dot at its start; point: pixels per length unit "point".
+    """Draw an arrow between two canvas points, pixels, with a dot at its start.
+
+    point: number of pixels per length unit "point".
     """
     pg, way = pygame_module(), end - start
     long = float(np.hypot(*way))

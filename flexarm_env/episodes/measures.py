@@ -79,7 +79,8 @@ def _sum(rows: Array) -> Array:
 def tip_errors(history: History, setup: Setup) -> Array:
     """Return target minus tip at each instant: (T + 1, n, 1), rad, for slews, else (T + 1, n, 2 or 3), m.
 
-    Positions are in inertial axes; angles continue over full turns. The history must contain `TIP`. After an episode's end the errors are nan.
+    Positions are in inertial axes; angles continue over full turns. The history must contain `TIP`. After an
+    episode's end the errors are nan.
     """
     tip, target = history.info("tip_position"), history.info("target")
     if setup.task != "slew":
