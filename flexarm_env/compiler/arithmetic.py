@@ -99,7 +99,10 @@ def truth(b: Any, x: Any) -> Any:
 
 
 def element(b: Any, found: Any, letter: str) -> Any:
-    """Convert a loaded array element to an item: float32 becomes float64, uint8 becomes i64, bool becomes i1."""
+    """Convert a loaded array element to an item: float32 becomes float64, uint8 becomes i64, bool becomes i1.
+
+    letter: element type of the array, a key of `kinds.NUMBERS`.
+    """
     if letter in "iu":
         return Integer(found, letter == "u")
     if letter == "b":
@@ -397,9 +400,7 @@ def absolute(b: Any, x: Any) -> Any:
 
 
 def passed(b: Any, k: Any, step: Any) -> Any:
-    """Emit the next loop counter k + step (signed integers), saturated at the 64-bit limits so that it cannot wrap
-    around.
-    """
+    """Emit the next loop counter k + step (signed integers), saturated at the 64-bit limits so that it cannot wrap."""
     kind = ir.FunctionType(WORD, [WORD, WORD])
     return b.call(b.module.declare_intrinsic("llvm.sadd.sat.i64", (), kind), [k, step])
 

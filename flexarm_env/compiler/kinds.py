@@ -218,8 +218,7 @@ def words_of(value: Any) -> list[int]:
 
 
 def declared(item: Any, holds: bool | None, lane: Any) -> Any:
-    """Return an argument or field as its annotation declares it: its indices count elements of all lanes, or single
-    numbers.
+    """Return an argument or field as annotated: its indices count elements of all lanes, or single numbers.
 
     holds: True if the annotation is `Lanes`, False if it is another type, None without annotation. lane: the kernel's
     lane tag, or None. Raises Refused if `Lanes` annotates an item other than a one-dimensional float64 array, None or a
@@ -251,7 +250,7 @@ def lane_tags(item: Any) -> list[Any]:
 
 
 def is_tag(item: Any) -> bool:
-    """Return whether `item` is a tuple of zeros, whose length is a lane tag's number of lanes or a size."""
+    """Return whether `item` is a tuple of zeros: a lane tag or a size, each given by the length of the tuple."""
     return all(type(x) is int and x == 0 for x in item)
 
 
