@@ -406,8 +406,7 @@ def passed(b: Any, k: Any, step: Any) -> Any:
 
 
 def narrow(b: Any, x: Any, letter: str) -> Narrow:
-    """Convert x for storing in an array: to float32 if `letter` is "g", to the low 8 bits of an integer if it is "b".
-    """
+    """Convert x for an array: to float32 if `letter` is "g", to an integer's low 8 bits if `letter` is "b"."""
     if isinstance(x, Narrow) and x.letter == letter:
         return x
     made = b.trunc(whole(b, x), NUMBERS["b"]) if letter == "b" else b.fptrunc(number(b, x).value, NUMBERS["g"])

@@ -42,8 +42,7 @@ class Placed:
         self._held: dict[str, Any] = {}
 
     def replace(self, name: str, array: Any, address: int) -> None:
-        """Replace the array `name` of the named tuple by a contiguous array of the same type and shape, at `address`.
-        """
+        """Replace the named tuple's array `name` by a contiguous array of the same type and shape, at `address`."""
         if UNCOMPILED:
             self.address = self.value = self.value._replace(**{name: array.reshape(-1)})
             return

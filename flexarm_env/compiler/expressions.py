@@ -330,8 +330,7 @@ class Expressions(Elements):
         return chosen
 
     def of_IfExp(self, node: ast.IfExp) -> Any:
-        """Evaluate x if t else y: only one operand if t is known, otherwise two blocks and a phi for each LLVM value.
-        """
+        """Evaluate x if t else y: only one operand if t is known, otherwise two blocks and phi instructions."""
         test = self.condition(node.test)
         if isinstance(test, bool):
             return self.value(node.body if test else node.orelse)

@@ -109,13 +109,11 @@ class Module:
         self._check_room(room, room[0] + count, room[1])
 
     def room_of(self, code: Any) -> tuple[int, ...]:
-        """Return the stack use of the LLVM function `code` and the largest stack use of its callees, as counted so far.
-        """
+        """Return the stack use of the LLVM function `code` and the largest of its callees, as counted so far."""
         return tuple(self._rooms.get(code.name, (0, 0)))
 
     def reset_room(self, code: Any, room: tuple[int, ...]) -> None:
-        """Reset the stack use of the LLVM function `code` to an earlier result of `room_of`, after removal of its code.
-        """
+        """Reset the stack use of the LLVM function `code` to an earlier result of `room_of`."""
         self._rooms[code.name] = list(room)
 
     def _check_room(self, room: list[int], own: int, below: int) -> None:

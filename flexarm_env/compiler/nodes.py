@@ -83,8 +83,7 @@ class Region:
         return False
 
     def again(self, value: Any) -> Any:
-        """Return a forward value of this region for the reverse sweep: recomputed if that is cheap, otherwise reloaded.
-        """
+        """Return a forward value of this region for the reverse sweep: recomputed if cheap, otherwise reloaded."""
         if id(value) not in self.kept:
             found = self.tape.copied(value, self.entry) if self.tape.found_again(value) else self.brought(value)
             # one copy per region: later uses in the same reverse code share it

@@ -37,8 +37,7 @@ class Sheet:
         self._alone = _BARE + _EACH * len(self._views)
 
     def is_free(self) -> bool:
-        """Return whether no other object refers to the array or to one of its views, according to the reference counts.
-        """
+        """Return whether, by the reference counts, no other object refers to the array or to one of its views."""
         return self.count() == self._alone
 
     def count(self) -> int:

@@ -249,8 +249,7 @@ class Straight:
         return self.function(*items)
 
     def written(self, writer: Any, items: list[Any]) -> Any:
-        """Trace the function into the calling kernel; return a tuple of its results, with lanes and tangents, or None.
-        """
+        """Trace the function into the calling kernel; return its results with lanes and tangents, or None."""
         given = dict(zip(self.names, items, strict=True))
         if self._when is not None and not self._when(given, writer):
             return writer.module.call(writer, self.function, items, {})

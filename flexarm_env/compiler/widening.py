@@ -27,8 +27,7 @@ class Widened(np.ndarray[Any, Any]):
 
 
 def widened(item: Any) -> Any:
-    """Return a kernel argument in which each array of float32, uint8 or bool, also within tuples, is a `Widened` view.
-    """
+    """Return a kernel argument with each array of float32, uint8 or bool, also within tuples, as a `Widened` view."""
     if type(item) is np.ndarray:
         return item.view(Widened) if item.dtype.char in READ and item.dtype.isnative and item.ndim > 0 else item
     if not isinstance(item, tuple):
