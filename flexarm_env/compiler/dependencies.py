@@ -47,7 +47,7 @@ class Description:
     Attributes:
         words: the description: one string for the program's kernel and one for each function that it refers to.
         guide: data with which `now` repeats the description: whether each function was compiled, and the global names
-        that the function reads. classes: named tuple classes that the program uses, by module and qualified name.
+            that the function reads. classes: named tuple classes that the program uses, by module and qualified name.
     """
 
     def __init__(self, reads: Reads | None, guide: Sequence[Any]) -> None:

@@ -145,7 +145,7 @@ class Team:
 
     Args:
         groups: number of groups of arms, the units of work. threads: largest number of threads, or None to let a `Pace`
-        choose the number.
+            choose the number.
     Attributes:
         most: largest number of threads.
     """

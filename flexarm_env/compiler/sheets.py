@@ -17,7 +17,7 @@ class Sheet:
 
     Attributes:
         array: the array, which owns its memory. address: address of the array's first number. told: dict of results for
-        the caller by name, including views of the array. others: further views of the array.
+            the caller by name, including views of the array. others: further views of the array.
     """
 
     __slots__ = ("_alone", "_views", "address", "array", "others", "told")
