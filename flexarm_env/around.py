@@ -30,7 +30,7 @@ class AroundController(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     Args:
         env: an environment of this package, with actions that are torques.
         controller: "pd" or another name of :func:`flexarm_env.control.make`; "pd@FILE" reads the gains from a file.
-        share: share of the torque limits that an action of 1 adds; None selects 0.7.
+        share: fraction of the torque limits that an action of 1 adds; None selects 0.7.
     Raises:
         ValueError: the controller is unknown, the share is not positive, or the environment is not supported.
     """
@@ -65,9 +65,10 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
 
     Args:
         env: a vector environment of this package. controller, share: as for :class:`AroundController`. inside: a
-            controller with its gains, which replaces `controller` and `share`.
+            controller with its gains and share, which replaces `controller` and `share`.
     Raises:
-        ValueError: as for :class:`AroundController`, or the controller can only restart in all environments together.
+        ValueError: the controller is unknown, the share is not positive, the environment is not supported, or the
+            controller can only restart in all environments together.
     """
 
     def __init__(
@@ -83,7 +84,8 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
         self._ended = np.zeros(env.num_envs, np.bool_)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environments, or those in options["reset_mask"], and begin the controller's episodes there."""
+        """Reset the environments, or those in options["reset_mask"], and begin the controller's episodes in them.
+        """
         seen, info = self.env.reset(seed=seed, options=options)
         mask = (options or {}).get("reset_mask")
         if mask is None or self._seen is None:
