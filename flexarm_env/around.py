@@ -65,9 +65,10 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
 
     Args:
         env: a vector environment of this package. controller, share: as for :class:`AroundController`. inside: a
-            controller with its gains, which replaces `controller` and `share`.
+            controller with its gains and share, which replaces `controller` and `share`.
     Raises:
-        ValueError: as for :class:`AroundController`, or the controller can only restart in all environments together.
+        ValueError: the controller is unknown, the share is not positive, the environment is not supported, or the
+            controller can only restart in all environments together.
     """
 
     def __init__(
