@@ -10,14 +10,14 @@ import numpy as np
 from ..validation import Array
 
 STEP = 1e-3
-"""Step, as a fraction of a coordinate's characteristic size (1 rad, the arm's length)."""
+"""Step of the differences, as a fraction of a coordinate's characteristic size (1 rad, or the arm's length)."""
 
 WEIGHTS = (1, 3 / 4), (2, -3 / 20), (3, 1 / 60)
 """Weights of the central difference: pairs of the number of steps to both sides and the weight."""
 
 
 def derivative(f: Callable[[float], Array], step: float) -> Array:
-    """Return df/dt at t = 0 from values at up to three steps to both sides."""
+    """Return the derivative df/dt at t = 0, from values of f at -3 to 3 steps."""
     total: Array = np.zeros(())
     for i, weight in WEIGHTS:
         total = total + weight * (f(i * step) - f(-i * step))
@@ -25,6 +25,6 @@ def derivative(f: Callable[[float], Array], step: float) -> Array:
 
 
 def step_along(d: Array, weight: Array) -> float:
-    """Return the step along an increment d (n,) of coordinates whose reciprocal sizes are `weight`; 1.0 if d is 0."""
+    """Return the step of differences along an increment d (n,); weight: 1 / size of each coordinate; 1.0 if d is 0."""
     size = float(np.abs(d * weight).max(initial=0.0))
     return STEP / size if size > 0.0 else 1.0

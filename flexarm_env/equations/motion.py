@@ -3,9 +3,9 @@
     r(q, v, a, lambda, u) = M(q) a + h(q, v) + Phi_q^T lambda - B u = 0,   Phi(q) = 0
 
 Derivatives are tangents of the residual in dual lanes (`physics.equations`), along directions of the tangent space. The
-directions of a rotation are increments d in the section's own axes. Rotations do not add up: A exp(d^) turns at w + d'
-+ w x d. The changes of rates and accelerations due to increments d with time derivatives d', d'' are therefore
-(`Frame`)
+directions of a rotation are increments d in the section's own axes. Rotations do not add up: a section with the axes A
+exp(d^) has the angular velocity w + d' + w x d, to first order of d. Increments d with time derivatives d', d''
+therefore change rates and accelerations by (`Frame`)
 
     dv = d' + V d,        da = d'' + U d' + W d
 """
@@ -55,8 +55,8 @@ class Equations:
     def __init__(self, simulation: Simulation, stepping: bool = False, driven: bool = False) -> None:
         """Set up the equations of a simulation.
 
-        stepping: with the solver's inertia, which may contain a correction of its period. driven: prescribed
-        coordinates are rows that can move.
+        stepping: True to use the solver's inertia, which may contain a correction of the integrator's period error.
+        driven: True if prescribed coordinates count as rows that can move.
         """
         system, scene = simulation.system, simulation.scene
         self.simulation, self.par, self.n_links = simulation, simulation.par, scene.arm.n_links
@@ -103,7 +103,7 @@ class Equations:
         self._no_gauges = np.zeros((0, self.n))
 
     def under(self, share: float) -> Equations:
-        """Return the equations with gravity multiplied by a factor."""
+        """Return the equations of the same arm with gravity multiplied by the factor `share`."""
         scene = self.simulation.scene
         if scene.gravity is None or share == 1.0:
             return self
@@ -115,9 +115,9 @@ class Equations:
     # --- residual and its derivatives ------------------------------------------------------------------------------
 
     def residual(self, point: Point, level: int = 0) -> Array:
-        """Return r (n,).
+        """Return the residual r (n,), in N and N m, at a point.
 
-        level: rows of multipliers contain the constraints (0), or their first or second time derivative (1, 2).
+        level: rows of multipliers contain the constraints (level 0) or their first (1) or second (2) time derivatives.
         """
         return self._evaluate(point, _none(self.n, len(point.u)), level)[0]
 
@@ -221,7 +221,7 @@ class Equations:
         return self.poses_along(q, v, none, none)[0]
 
     def points(self, q: Array) -> Array:
-        """Return points along the chain, root to tip, (points, 2 or 3), m."""
+        """Return the positions of points along the chain, from root to tip: (points, 2 or 3), m."""
         if self.spatial:
             arm, settings = self.simulation.scene.arm, self.simulation.settings
             return np.asarray(read(arm, settings, q[None], np.zeros((1, self.n)))["shapes"][0])
@@ -236,7 +236,7 @@ class Equations:
         return angles, rates
 
     def joint_slopes(self, q: Array) -> Array:
-        """Return the constant derivatives (n_links, f) of the joint angles with respect to the rows that can move."""
+        """Return the derivatives (n_links, f), which are constant, of the joint angles by the f rows that can move."""
         ways = self.unit(self.free)
         slopes = joint_angles(self.poses_along(q, np.zeros(self.n), ways, 0.0 * ways)[2])[0].T
         if self.base is not None:
@@ -251,7 +251,7 @@ class Equations:
         return angles
 
     def motor_slopes(self, q: Array) -> Array:
-        """Return the constant derivatives (n_links, f) of `motor_angles` with respect to the rows that can move."""
+        """Return the derivatives (n_links, f), which are constant, of `motor_angles` by the f rows that can move."""
         slope = self.joint_slopes(q)
         for k, row in self.motors.items():
             slope[k] = self.free == row
@@ -268,7 +268,7 @@ class Equations:
         return x, rate
 
     def changes(self, q: Array, dq: Array) -> Array:
-        """Return the changes (n, m) of independent coordinates due to changes dq (f, m) of rows that can move."""
+        """Return the changes (n, m) of the independent coordinates for changes dq (f, m) of the rows that can move."""
         result = dq[self.independent]
         if self.dependent.size:
             turns = self.joint_slopes(q) @ dq
@@ -398,13 +398,13 @@ def _joint_rows(simulation: Simulation) -> dict[int, int]:
 
 
 def motor_rows(simulation: Simulation) -> dict[int, int]:
-    """Return the row of each motor that drives an elastic gear."""
+    """Return the row of each motor that drives an elastic gear, by the index of its joint."""
     found = {k: simulation.system.coordinates.get(f"motor{k}") for k in range(simulation.scene.arm.n_links)}
     return {k: row for k, row in found.items() if row is not None}
 
 
 def at_rest_of(simulation: Simulation) -> tuple[Equations, Point]:
-    """Return a simulation's equations, and the equilibrium at its coordinates under its inputs."""
+    """Return a simulation's equations, and its coordinates as a point of rest under its inputs."""
     equations, w = Equations(simulation), simulation.work
     zero = np.zeros(equations.n)
     return equations, Point(w.q.copy(), zero, zero, w.u.copy(), w.psi.copy())

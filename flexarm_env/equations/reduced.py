@@ -29,7 +29,7 @@ class Point:
 class Frame:
     """Matrices V, U, W (n, n) of the changes dv = d' + V d and da = d'' + U d' + W d that increments d cause.
 
-    V and W come from rotations in body axes, and from an observer who turns with the arm in steady rotation.
+    V and W differ from zero for rotations in body axes, and for an observer who turns with the arm in steady rotation.
     """
 
     V: Array
@@ -37,12 +37,12 @@ class Frame:
     W: Array
 
     def among(self, rows: Rows) -> Frame:
-        """Return the matrices' entries in some rows and columns."""
+        """Return the `Frame` of some coordinates: the entries of V, U, W in the given rows and columns."""
         pick = np.ix_(rows, rows)
         return Frame(self.V[pick], self.U[pick], self.W[pick])
 
     def in_coordinates(self, change: Array, back: Array) -> Frame:
-        """Return the matrices in the coordinates `change` d; back: the inverse of `change`."""
+        """Return the `Frame` for the coordinates change @ d; back: inverse of the matrix `change`."""
         return Frame(change @ self.V @ back, change @ self.U @ back, change @ self.W @ back)
 
 
@@ -52,8 +52,8 @@ class Reduced:
 
     d (n,): changes of the independent coordinates. e (n,): changes of their rates.
 
-    The rows that can move follow from dq = lift d, dv = lift e + drift d, da = lift e' + bend_v dv + bend_q dq. frame:
-    `Frame` of the independent coordinates, from which e and e' follow from d and its time derivatives.
+    The changes of the rows that can move are dq = lift d, dv = lift e + drift d, da = lift e' + bend_v dv + bend_q dq.
+    frame: `Frame` of the independent coordinates, with which e and e' are computed from d and its time derivatives.
     """
 
     M: Array
@@ -67,13 +67,15 @@ class Reduced:
     frame: Frame
 
     def among(self, keep: Sequence[int]) -> tuple[Array, Array, Array]:
-        """Return M, C and K of M d'' + C d' + K d = B u for some coordinates while the other coordinates are fixed."""
+        """Return M, C and K of M d'' + C d' + K d = B u for the coordinates `keep`, while all other coordinates are
+        fixed."""
         pick, frame = np.ix_(keep, keep), self.frame
         C, K = self.C + self.M @ frame.U, self.K + self.C @ frame.V + self.M @ frame.W
         return self.M[pick], C[pick], K[pick]
 
     def accelerations(self, driven: Rows) -> tuple[Array, Array]:
-        """Return the derivatives of e' by (d, e, u), (n, 2 n + inputs), and prescribed accelerations (n, driven)."""
+        """Return derivatives of e': by (d, e, u), shape (n, 2 n + inputs), and by prescribed accelerations, (n,
+        driven)."""
         rest = np.setdiff1d(np.arange(len(self.M)), driven)
         right = np.hstack([-self.K, -self.C, self.B, -self.M[:, driven]])[rest]
         found = np.zeros((len(self.M), right.shape[1]))
@@ -98,7 +100,7 @@ def point_of(w: Work) -> Point:
 
 
 ROUND_OFF = 1e-14
-"""Relative error of the stiffness K: squared frequencies below this times |x|'|K||x| are those of rigid motions."""
+"""Relative error of the stiffness K. Squared frequencies below ROUND_OFF |x|'|K||x| are those of rigid motions."""
 
 
 def undamped(M: Array, K: Array) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Planar kinematics of goals in joint space, for many arms at once."""
+"""Planar kinematics for targets of the tip: joint angles, tip positions and minimum times of many arms at once."""
 
 import numpy as np
 
@@ -42,13 +42,13 @@ def rigid_times(inertia: Array, to_go: Array, limits: Array) -> Array:
 
 
 def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, angles: Array) -> Array:
-    """Return joint angles (N,), rad, of one arm of straight links with its tip at (x, y), m, from its root.
+    """Return joint angles (N,), rad, with which the tip of a straight-link arm is at (x, y), m, relative to its root.
 
-    The environments choose the same solution as this function. x, y are in inertial axes. lengths (N,), m. rates (N,),
-    rad/s: a joint's time is proportional to sqrt(|angle|) / rate. limits (2 N,), rad: low, high of each joint in turn.
-    angles (N,): present angles, rad. With two links the function returns the solution with the shorter time, with more
-    links the solution with the least sum of squares of the angles (`tasks.angles`). If the point is out of reach, the
-    arm points along the line to the point.
+    The environments choose the same solution as this function. x, y: target in inertial axes. lengths (N,): lengths of
+    the links, m. rates (N,): speed factors of the joints; a joint's time is proportional to sqrt(|angle|) / rate.
+    limits (2 N,), rad: lower and upper limit of each joint in turn. angles (N,): present angles, rad. With two links
+    the function returns the solution with the shorter time, with more links the solution with the least sum of squares
+    of the angles (`tasks.angles`). If the point is out of reach, the arm points along the line to the point.
     """
     goal: Array = angles.copy()
     if len(lengths) == 2:
@@ -66,7 +66,7 @@ def goal_angles(arm: Arm, angles: Array, target: Array, rates: Array) -> Array:
 
     Args:
         angles (n, N): present angles, rad. target (n, 2): in hub axes at these angles, m.
-        rates (n, N): a joint takes sqrt(|x|) / rate for an angle x. For two links only.
+        rates (n, N): speed factors, for two links only; a joint turns by x in a time proportional to sqrt(|x|) / rate.
     A target out of reach is approached along the line to the target. Joint limits are kept, and no elbow turns past pi.
     """
     low_high = [(-np.inf, np.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links]

@@ -7,9 +7,10 @@ from ..validation import Array
 
 
 def link_deflection(poses: Array) -> Array:
-    """Return each link's tip deflection, m: the component of tip - root normal to its root's tangent.
+    """Return each link's tip deflection (m): the component of the vector root to tip normal to the tangent at the root.
 
-    poses (..., n_links, 12), see `physics.layout`; result (..., n_links).
+    poses (..., n_links, 12): poses of links with the fields of `physics.layout.POSES`. The result has shape (...,
+    n_links).
     """
     dx, dy = poses[..., POSE.tip_x] - poses[..., POSE.x], poses[..., POSE.tip_y] - poses[..., POSE.y]
     angle = poses[..., POSE.angle]
@@ -17,9 +18,10 @@ def link_deflection(poses: Array) -> Array:
 
 
 def joint_angles(poses: Array) -> tuple[Array, Array]:
-    """Return joint angles (rad) and rates (rad/s): joint 0 from the x axis, joint k from the tip of link k - 1.
+    """Return joint angles (rad) and rates (rad/s), joint 0 relative to the x axis, joint k to the tip of link k - 1.
 
-    poses (..., n_links, 12), see `physics.layout`; results (..., n_links).
+    poses (..., n_links, 12): poses of links with the fields of `physics.layout.POSES`. Both results have shape (...,
+    n_links).
     """
     angles, rates = poses[..., POSE.angle].copy(), poses[..., POSE.rate].copy()
     angles[..., 1:] -= poses[..., :-1, POSE.tip_angle]

@@ -34,10 +34,10 @@ class Ribbons(NamedTuple):
 
 
 def ribbons(arm: Arm, settings: Settings, q: Array, pieces: int = 6) -> Ribbons:
-    """Return the links as ribbons from states q (n, rows).
+    """Return the links' `Ribbons` at n instants, from the arm's coordinates q (n, rows).
 
     Between two sections the line is a cubic that is tangent to both sections' x axes. The width direction turns evenly
-    about one axis. pieces: number of pieces between two sections.
+    about one axis. pieces: number of straight pieces by which the line between two sections is drawn.
     """
     lines, cuts = [], [0]
     for link, motion in zip(arm.links, links(arm, settings, q, np.zeros_like(q)), strict=True):
@@ -52,7 +52,7 @@ def ribbons(arm: Arm, settings: Settings, q: Array, pieces: int = 6) -> Ribbons:
 
 
 def ribbons_of(run: Any, pieces: int = 6) -> Ribbons:
-    """Return the ribbons of a `SpatialTrajectory`; a planar motion is read from its planar scene."""
+    """Return the `Ribbons` of a `SpatialTrajectory`; for a planar motion they are read from its planar scene."""
     flat = in_plane(run.scene)
     if flat is None:
         return ribbons(run.scene.arm, run.settings, run.q, pieces)
@@ -70,7 +70,7 @@ def ribbons_of(run: Any, pieces: int = 6) -> Ribbons:
 
 
 def sides(arm: Arm) -> Array:
-    """Return width and thickness (N, 2), m, of the links from the stiffnesses at mid-length; 0 for rigid links."""
+    """Return width and thickness (N, 2), m, of the links, from their stiffnesses at mid-length; 0 for rigid links."""
     return np.array([_sides(link) for link in arm.links])
 
 
@@ -112,7 +112,7 @@ def cuts_of(points: Array, hinges: Array) -> tuple[int, ...]:
 
 
 def thinned(cuts: Sequence[int], most: int) -> tuple[NDArray[np.intp], tuple[int, ...]]:
-    """Return the indices of the points to keep, at most `most` per link, and the cuts among these points."""
+    """Return the indices of at most `most` points per link that are kept, and the `cuts` of the kept points."""
     kept = [np.unique(np.linspace(a, b, min(most, b - a + 1)).round().astype(int)) for a, b in pairwise(cuts)]
     places = np.unique(np.concatenate(kept))
     return places, tuple(int(np.searchsorted(places, c)) for c in cuts)

@@ -14,7 +14,7 @@ from ..tasks.space_angles import JOINT, follow_point, seek_point
 from ..validation import Array
 
 MOST_FOLLOWED, LOST = 500, 1e-3
-"""Number of instants at which a path is followed; distance at which it counts as lost, divided by the arm's length."""
+"""Largest number of path points that are followed; distance, divided by the arm's length, of a lost path."""
 
 
 def tip_at(arm: Arm, angles: Array) -> Array:
@@ -23,18 +23,19 @@ def tip_at(arm: Arm, angles: Array) -> Array:
 
 
 def jacobian(arm: Arm, angles: Array) -> Array:
-    """Return the position Jacobian (..., 3, N), m/rad, of the rigid tip: columns e_k x (tip - p_k).
+    """Return the position Jacobian (..., 3, N), m/rad, of the rigid arm's tip, with the columns e_k x (tip - p_k).
 
-    angles (..., N): joint angles, rad.
+    angles (..., N): joint angles, rad. e_k: axis of joint k; p_k: its position, m; inertial axes.
     """
     places, axes, _, tip = frames(arm, angles)
     return np.swapaxes(np.cross(axes, tip[..., None, :] - places), -1, -2)
 
 
 def approach(arm: Arm, angles: Array, points: Array) -> Array:
-    """Solve the inverse kinematics by damped least squares: joint angles (..., N), rad, with the tip nearest to points.
+    """Return joint angles (..., N), rad, that bring the rigid tip nearest to points, by damped least squares.
 
-    angles: initial guess. points (..., 3): m, inertial axes. Joint limits are enforced by clipping.
+    angles: initial guess of the joint angles, rad. points (..., 3): target positions, m, inertial axes. Joint limits
+    are enforced by clipping.
     """
     limits = np.array([(-np.inf, np.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links])
     for _ in range(60):
@@ -60,7 +61,7 @@ def _damped_step(J: Array, off: Array, damping: Array) -> Array:
 
 
 def chain_of(arm: Arm) -> Array:
-    """Pack each joint's mount, axis and span for compiled kernels (`tasks.space_angles.JOINT`), one after the other."""
+    """Return the packed mount, axis and span of all joints for kernels, one `tasks.space_angles.JOINT` per joint."""
     rows = [
         JOINT.pack({}, mount=mount_of(arm, k).ravel(), axis=axis_of(arm, k), span=link.span)
         for k, link in enumerate(arm.links)
@@ -110,7 +111,7 @@ INVERSE = seek_point, follow_point
 def lost_at(
     arm: Arm, start: Array, points: Array, seek: Callable[..., None], follow: Callable[..., None]
 ) -> int | None:
-    """Return the index of the first point of a path (n, 3), m, that the rigid tip cannot follow; None if it can.
+    """Return the index of the first point of a path (n, 3), m, that the rigid tip cannot reach; None if there is none.
 
     The joints move from angles `start` (N,), rad, within their limits, like the goal posture of a moving target. seek,
     follow: the functions of `INVERSE`, uncompiled.
@@ -129,7 +130,7 @@ def lost_at(
 
 
 def angles_at(arm: Arm, point: Array, gravity: Sequence[float] | None = None) -> Array | None:
-    """Return joint angles (N,), rad, within limits, with the rigid arm's tip at point (3,), m; None if no angles do.
+    """Return joint angles (N,), rad, within limits, with the rigid tip at point (3,), m; None if no solution is found.
 
     The tip is within 1e-9 of the arm's length. The search has many initial postures and returns the solution with the
     least sum of squares. gravity (3,): m/s^2, inertial axes. Solutions that the torque limits can hold against gravity
@@ -192,7 +193,7 @@ def holding(
 ) -> tuple[Array, Array]:
     """Compute gravity torques (n, N), N m, and joint inertia (n, N, N), kg m^2, of the rigid arm with its rotors.
 
-    gravity (3,): m/s^2. angles (n, N): joint angles, rad. parts: the arm's `lumps`, if known.
+    gravity (3,): m/s^2. angles (n, N): joint angles, rad. parts: result of `lumps(arm)`, or None to compute it.
     """
     places, axes, links, _ = frames(arm, angles)
     torques, inertia = np.zeros(angles.shape), np.zeros((*angles.shape, arm.n_links))

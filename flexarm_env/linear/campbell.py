@@ -13,7 +13,7 @@ from ..validation import Array
 from .vibration import modes
 
 ROUND = 1e-3
-"""Largest difference of a whirl from 1 or -1 for which its motion counts as a circle."""
+"""Largest difference of a mode's `whirl` from 1 or -1 at which its points count as moving on circles."""
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ the next equilibrium, and Newton's iteration corrects the prediction. If the res
 prediction, the load step is halved, so that the path stays on its branch. A perfectly symmetric unstable equilibrium,
 such as a straight column above its critical load, is followed along the unstable branch. If the path ends, or if joints
 can turn, implicit steps reduce the potential energy: each step minimizes the potential plus s/2 |q - q_before|^2, in
-the norm of the mass matrix, by Newton's method. s decreases after successful steps, so that the last steps are pure
-Newton steps. The steps end in a stable equilibrium, unless the arm starts in an unstable one.
+the norm of the mass matrix, by Newton's method. The factor s decreases after successful steps, so that the last steps
+are pure Newton steps. The steps end in a stable equilibrium, unless the arm starts in an unstable one.
 """
 
 import warnings
@@ -31,7 +31,7 @@ AT_REST = 1e-6
 """Acceleration (rad/s^2, or lengths of the arm / s^2) below which an arm counts as at rest."""
 
 _LARGEST_MOVE = 0.3
-"""Largest move in one Newton iteration and in the first load step, rad or arm lengths."""
+"""Largest change of a coordinate (rad or arm lengths) in one Newton iteration and in the first load step."""
 
 _ASTRAY, _AIM = 0.3, 0.15
 """Largest and desired distance of an equilibrium from its prediction, as shares of the step.
@@ -49,7 +49,7 @@ Round-off, such as cos(pi/2) = 6e-17, must not select the side.
 """
 
 _TURNS = 16
-"""An arm that is wound up by more than this number of turns counts as an arm without equilibrium."""
+"""Largest number of turns by which loads may wind an arm up; an arm that turns further has no equilibrium."""
 
 _MOST = 400
 """Largest number of Newton iterations in a search."""
@@ -165,7 +165,7 @@ def warn_unstable(stability: Stability, refuse: bool) -> None:
 
 
 def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
-    """Return the scene with constant motions, without time-dependent loads, and with `changes` to its fields."""
+    """Return the scene with motions held at t = 0, without time-dependent loads, and with `changes` to its fields."""
 
     def kept(load: Load) -> bool:
         steady = all(len(f.pieces) == 1 and not f.pieces[0, 2:6].any() for f in load.functions)
@@ -185,12 +185,12 @@ def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
 
 
 def find_rest(equations: Equations, start: Point, held: Sequence[int], spin: float = 0.0) -> tuple[Point, float]:
-    """Return the equilibrium near a start, and the share of the loads that the path to the equilibrium reached.
+    """Return the equilibrium near a start, and the fraction of the loads up to which continuation succeeded.
 
     With a spin (rad/s), the equilibrium is a steady rotation about the origin.
 
-    start: the unloaded arm at its initial angles; its u contains the loads. held: joints that stay at their angles; the
-    point's u contains the torques that hold them.
+    start: the unloaded arm at its initial angles; its field u contains the loads. held: indices of joints that stay at
+    their angles; the field u of the returned point contains the torques that hold these joints.
     """
     search = _Search(equations, start, held, spin)
     point, followed = start, 0.0

@@ -22,7 +22,7 @@ from ..validation import Array
 from .state_space import LinearModel
 
 AT_ONCE = 3
-"""Number of columns that are computed side by side."""
+"""Number of columns of the matrices that one pass over the lanes computes."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,8 @@ def compiled(system: System) -> bool:
 class Linearizer:
     """Computes linear models of n arms of one kind.
 
-    The arguments are a system, its settings (with dt) and the period (None: continuous)."""
+    The constructor takes an assembled system, its settings (with dt), the number n of arms, the number of links, and
+    the period in s (None for continuous models)."""
 
     def __init__(self, system: System, settings: Settings, n: int, links: int, discrete: float | None) -> None:
         assert settings.dt is not None
@@ -97,7 +98,7 @@ class Linearizer:
         self._made = entry(linearized.linearize, self._placed, 0, 0)
 
     def __call__(self, q: Array, v: Array, u: Array, par: Array) -> LinearModels:
-        """Return the models at coordinates and rates (n, rows), torques (n, N) and parameters (n, 4)."""
+        """Return the models at coordinates q, rates v (n, rows), torques u (n, N) and parameters par (n, 4)."""
         d, n = self._rows, self.n
         d.given.reshape(n, -1)[:] = np.concatenate([q, v, u, par], axis=1)
         self._made(self._placed.address, 0, -(-n // len(d.lane)))

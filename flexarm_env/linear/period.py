@@ -1,7 +1,7 @@
 """Derivative of the solver's steps in a period, with tangents in dual lanes.
 
 The steps are differentiated exactly as computed, including multipliers and the period correction. Rotations are
-included, too: they depend on the Newton iterates in second order of the rotation in a step.
+included as well; their dependence on the Newton iterates is of second order of the rotation in a step.
 """
 
 from typing import Any
@@ -20,7 +20,7 @@ from ..simulation import Simulation
 from ..validation import Array
 
 SHARP = 1e-12
-"""Newton tolerance if the period is corrected; the correction differs by less if it begins an iteration earlier."""
+"""Newton tolerance for models with a period correction, so that it hardly matters at which iteration it begins."""
 
 
 def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
@@ -48,8 +48,8 @@ def period_tangents(
 ) -> tuple[Array, Array]:
     """Return the tangents of q and v of some rows after a period of dt (s): two arrays (rows, columns).
 
-    starts: tangents of q, v, a of these rows at the start, (rows, columns) each. inputs: indices of entries of u; each
-    of the last len(inputs) columns has a tangent of 1 in one of them. flat, w: the work array and its views; the
+    starts: tangents of q, v, a of these rows at the start, (rows, columns) each. inputs: indices of entries of u. Each
+    of the last len(inputs) columns is the derivative by one of these inputs. flat, w: the work array and its views; the
     function advances them to the end of the period.
     """
     steps, h = steps_of(simulation, dt)

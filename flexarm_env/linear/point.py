@@ -30,7 +30,8 @@ SHOWN = {
     "deflection_y_rate": "deflection_rate", "deflection_z_rate": "deflection_rate", "twist": "twist",
     "twist_rate": "twist_rate",
 }  # fmt: skip
-"""Outputs of a link in space, with "joint0" and "joint0_rate" first, and their fields of `SPACE_POSES`."""
+"""Names of a link's outputs in space that follow "joint0" and "joint0_rate", and the fields of `SPACE_POSES` from which
+they are computed."""
 
 COMPLEX_STEP = 1e-100
 """Imaginary step for derivatives of outputs by poses; they are exact, because nothing is subtracted."""
@@ -46,7 +47,7 @@ def gauge_name(link: int, place: float, measures: str = "xy") -> str:
 
 
 class ArmAtPoint:
-    """Parts of the `LinearModel` of a simulation about its present state.
+    """Matrices, names and values from which the `LinearModel` of a simulation about its present state is made.
 
     Attributes:
         names: names of the coordinates. inputs, x, u, rate: see `LinearModel`. A, B: matrices of the continuous model.
@@ -54,7 +55,7 @@ class ArmAtPoint:
     """
 
     def __init__(self, simulation: Simulation, stepping: bool, motions: bool) -> None:
-        """Compute the continuous model. stepping, motions: see `Equations` (stepping, driven)."""
+        """Compute the continuous model; stepping, motions: arguments `stepping` and `driven` of `Equations`."""
         self._simulation = simulation
         self._equations = e = Equations(simulation, stepping, driven=motions)
         self._flat, self._w = at_start(simulation, e.model)
@@ -77,7 +78,7 @@ class ArmAtPoint:
         self.still = reduced.among([i for i in range(n) if i not in driven])
 
     def period(self, dt: float) -> tuple[Array, Array, Array]:
-        """Return A, B and the next state of the solver's steps over a period, s, without prescribed coordinates.
+        """Return A, B and the state after a period dt (s) of the solver's steps, without prescribed coordinates.
 
         Call this method only once, because it advances the solver.
         """

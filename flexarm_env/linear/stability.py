@@ -1,7 +1,8 @@
 """Stability of an arm near a point of its motion, from the eigenvalues of its linearized equations.
 
-At rest, loads, gravity and held joints have a potential. An equilibrium is stable if the stiffness of the coordinates
-that can move has no negative eigenvalue (Lagrange and Dirichlet). A mode with mu < 0 grows as exp(sqrt(-mu) t).
+At rest, the forces of loads, gravity and held joints have a potential. An equilibrium is stable if the stiffness of the
+coordinates that can move has no negative eigenvalue (Lagrange and Dirichlet). A mode with mu < 0 grows as exp(sqrt(-mu)
+t).
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from ..validation import Array
 Complex = NDArray[np.complex128]
 
 GROWS = 1e-6
-"""An eigenvalue counts as growing if its real part exceeds this times its magnitude (round-off is 1e-9)."""
+"""An eigenvalue counts as growing if its real part exceeds GROWS times its magnitude (round-off is 1e-9)."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Stability:
 
     @property
     def stable(self) -> bool:
-        """Whether no motion grows; the arm may still drift in a neutral direction."""
+        """True if no small motion grows; the arm may still drift in a neutral direction."""
         return self.negative == 0
 
     @property
@@ -54,7 +55,7 @@ def at_rest(equations: Equations, point: Point, held: Sequence[int] = ()) -> Sta
 
 
 def stability(M: Array, K: Array) -> Stability:
-    """Return the stability, computed from the symmetric parts of inertia and stiffness."""
+    """Return the `Stability`, computed from the symmetric parts of the inertia M and the stiffness K."""
     if not M.size:
         return Stability(np.inf, 0, 0)
     squares, _ = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
@@ -68,15 +69,15 @@ def moving(equations: Equations, held: Sequence[int]) -> list[int]:
 
 
 def growing(eigenvalues: Complex) -> int:
-    """Return the number of growing eigenvalues; each complex pair, given by one member, counts once."""
+    """Return the number of growing eigenvalues; a conjugate pair, of which one member is given, counts once."""
     return int((eigenvalues.real > GROWS * np.abs(eigenvalues)).sum())
 
 
 def eigenpairs(M: Array, C: Array, K: Array) -> tuple[Complex, Complex]:
-    """Return the eigenvalues with non-negative imaginary part, one of each rigid pair, and their vectors.
+    """Return eigenvalues and eigenvectors of M x'' + C x' + K x = 0, one of each conjugate or rigid pair.
 
-    The eigenvalues are computed in the basis of the undamped modes. In this basis the inertia is 1 and the symmetric
-    part of the stiffness is diagonal.
+    The returned member of a conjugate pair has a positive imaginary part. All eigenvalues are computed in the basis of
+    the undamped modes. In this basis the inertia is 1 and the symmetric part of the stiffness is diagonal.
     """
     squares, basis = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
     symmetric = np.abs(K - K.T).max() < 1e-8 * np.abs(K).max()

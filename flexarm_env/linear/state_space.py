@@ -158,7 +158,7 @@ def simulation_of(
 
 
 def without_friction(simulation: Simulation) -> Simulation:
-    """Return the simulation, or a view without Coulomb friction, which has no derivative."""
+    """Return the simulation, or a view of it without Coulomb friction, because friction has no derivative."""
     model = smooth(simulation.model)
     if model is simulation.model:
         return simulation
@@ -168,7 +168,7 @@ def without_friction(simulation: Simulation) -> Simulation:
 
 
 def held(A: Array, B: Array, dt: float) -> tuple[Array, Array]:
-    """Discretize a continuous model over one period dt with constant inputs."""
+    """Return the matrices A and B of a continuous model, discretized over a period dt (s) with constant inputs."""
     from scipy.linalg import expm
 
     n, m = B.shape

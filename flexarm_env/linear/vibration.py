@@ -103,7 +103,8 @@ def modes(
 
 
 Found = tuple[Equations, Point, Stability | None]
-"""An arm's equations, the point of its motion, and for a Scene the stability of its rest with all joints held."""
+"""An arm's equations, a point of the arm's motion, and for a Scene the stability of its equilibrium with all joints
+held."""
 
 
 def _point_in_space(

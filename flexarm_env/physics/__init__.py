@@ -10,4 +10,4 @@ from .space import equations as _space
 
 __all__: list[str] = []
 FORMULATIONS = (_elastica, _exact, _floating, _joined, _jointed, _space, _space_adjoint)
-"""Modules of the formulations; importing a module registers its kernels (`protocol.register`)."""
+"""Modules of the formulations; the import of a module registers its formulation's kernels (`protocol.register`)."""

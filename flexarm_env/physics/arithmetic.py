@@ -1,4 +1,4 @@
-"""Functions on lanes for physics and tasks. A batch and a single arm get the same bits from them."""
+"""Functions on lanes for physics and tasks. A batch of arms and a single arm get the same bits from these functions."""
 
 import math
 
@@ -7,7 +7,7 @@ from ..compiler import Lanes, absolute, kernel, select_lt, square_root
 
 @kernel
 def scaled_by_share(shares, k, value):
-    """Return value * shares[k] if shares is an array; value itself if shares is None or a tag (a tuple)."""
+    """Return value * shares[k] if shares is an array, or value if shares is None or a compile-time tag (a tuple)."""
     if shares is None or isinstance(shares, tuple):
         return value
     return value * shares[k]
@@ -35,7 +35,7 @@ def clip(x, bound):
 
 @kernel
 def decay(x):
-    """Return exp(-x) for x >= 0, within 1e-11; x above 60 counts as 60, practically 0.
+    """Return exp(-x) for x >= 0 with an error of 1e-11; x above 60 is replaced by 60.
 
     exp(-x) = exp(-x / 1024)^1024: a Taylor polynomial of order 7, then ten squarings.
     """
@@ -61,7 +61,7 @@ _EIGHTH = math.sqrt(2.0) - 1.0  # tan(pi/8)
 
 @kernel
 def arctangent(y, x):
-    """Return the angle (rad) of the point (x, y) in (-pi, pi], within 1e-15; 0 at the origin."""
+    """Return the angle (rad, in (-pi, pi]) of the vector (x, y) from the x axis, to 1e-15; 0 for the zero vector."""
     a, b = absolute(y), absolute(x)
     # first octant: t = tan(angle) in [0, 1]; 1e-300 avoids 0/0
     low, high = select_lt(a, b, a, b), select_lt(a, b, b, a)

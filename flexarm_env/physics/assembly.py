@@ -1,4 +1,4 @@
-"""Assemble the System of a scene and its settings (by the formulation's `build`) and the Drive (functions of time)."""
+"""Assemble a scene's System, with its formulation's `build`, and its Drive (loads and motions over time)."""
 
 import dataclasses
 from typing import Any
@@ -109,7 +109,7 @@ _NOT_MECHANICS: dict[type, tuple[str, ...]] = {
     Payload: ("radius",),
     Elbow: ("radius",),
 }
-"""Fields that enter no equation of motion. For a section in the plane, these are the properties of motion out of the
+"""Fields of an arm that enter no equation of motion; for a section in the plane, its properties for motion out of the
 plane."""
 
 
@@ -197,8 +197,8 @@ def _rates(scene: Scene, settings: Settings) -> Array:
 def physical(model: Any) -> Any:
     """Return the model with the arm's physical inertia and without Coulomb friction, which has no derivative.
 
-    The elastica's correction of the integrator's period error (5.3) changes the elastica's inertia; equations of
-    continuous time need the inertia without this correction.
+    The elastica's inertia contains a correction of the integrator's period error (5.3). Equations in continuous time
+    need the inertia without this correction.
     """
     if isinstance(model, Jointed):
         return smooth(model)._replace(arm=physical(model.arm))
@@ -234,7 +234,7 @@ def scheme_of(settings: Settings, tolerance: float) -> Scheme:
 
 
 def room_for_points(settings: Settings, n_links: int) -> int:
-    """Return an upper bound of the number of points that any formulation draws along n_links links."""
+    """Return an upper bound of the number of points at which an arm of n_links links is drawn, in any formulation."""
     a_segment = 32 if settings.modes is not None else 8 * (settings.elements or 1)
     return n_links * (2 + max(512, (settings.segments or 1) * a_segment))
 
@@ -273,7 +273,7 @@ def drive(scene: Scene, system: System) -> Drive:
     terms: list[tuple[int, int]] = []
 
     def add(entry: int, function: TimeFunction | None) -> None:
-        """Add a term: the function is added to this entry of u; None adds nothing."""
+        """Add a function of time to the sum that entry `entry` of the inputs u receives; None adds nothing."""
         if function is not None:
             terms.append((entry, len(functions)))
             functions.append(function)

@@ -56,7 +56,7 @@ from __future__ import annotations
 from ..compiler import Family, kernel, returns_none
 
 CONTRIBUTIONS = Family("part")
-"""The registered kernels of each contribution, by the class of its record."""
+"""The registered kernels of all contributions, by the class of the contribution's record."""
 
 register = CONTRIBUTIONS.register
 
@@ -97,4 +97,4 @@ def _no_power(lane, part, model, par, q, v, x, total):
 CONTRIBUTIONS.defaults.update(
     dict.fromkeys(CONTRIBUTIONS.names, returns_none), energy=_no_energy, damping_power=_no_power
 )
-"""A contribution without any terms."""
+"""Kernels of a contribution that adds no terms: the defaults for functions that a contribution does not register."""

@@ -33,7 +33,7 @@ from .protocol import (
 )
 
 WITH_SLOPES = SINGLE if WIDEST is SINGLE else dual(WIDEST)
-"""Lane tag of one arm with as many directions as there are lanes; without compiler it has values but no directions."""
+"""Lane tag of one arm with one direction of change in each lane; without compiler it has values but no directions."""
 
 
 class Directions(NamedTuple):
@@ -56,8 +56,8 @@ def residual_slopes(lane, model, par, state, u, psi, directions, level, room, r,
     """Compute the residual of eq. [64] of one arm and its derivatives along directions; return a status code.
 
     # in        state: q, v, a (n,); u: inputs (N m, N); psi: prescribed motions, a `MOTION` each; par: parameters
-    #           directions: `Directions`; level: 0, rows of multipliers of r are the constraints Phi; 1, 2: their first
-    #           or second time derivative
+    #           directions: `Directions`; level: rows of multipliers of r are the constraints Phi (0) or their first (1)
+    #           or second (2) time derivatives
     # scratch   room: `slopes_room` numbers
     # out       r (n,): M(q) a + h(q, v) + Phi_q^T lambda - B u (N, N m); slopes (m, n): dr along each direction
 
@@ -150,7 +150,7 @@ def _add_direction(lane, model, directions, j, i, w):
 
 @kernel
 def read_gauges(model, q, rows, out):
-    """Compute strain gauge readings (1/m) of m configurations: out (m, G) from q (m, n); one lane.
+    """Compute the strain gauge readings out (m, G), 1/m, of m configurations q (m, n), in one lane.
 
     rows (G, ...): one row per gauge, from `gauges.curvature_rows`.
     """

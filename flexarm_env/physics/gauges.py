@@ -25,12 +25,12 @@ from .space.layout import GAUGE
 
 Array = NDArray[np.float64]
 Spot = tuple[int, float] | tuple[int, float, str]
-"""Place of a gauge: link, and position from 0 at the link's root to 1 at its tip; then the quantity, one of
-`sensors.MEASURES` (plane: "xy")."""
+"""Place of a strain gauge: link index, position from 0 (link's root) to 1 (link's tip), and in space the measured
+quantity, one of `sensors.MEASURES`; the quantity in the plane is "xy"."""
 
 
 def curvatures(scene: Scene, settings: Settings, names: Sequence[str], places: Sequence[Spot], q: Array) -> Array:
-    """Return curvatures (n, G), 1/m, at G spots for n configurations q (n, rows), less the stress-free curvatures."""
+    """Return curvatures (n, G), 1/m, relative to the stress-free link, at G spots for n configurations q (n, rows)."""
     # `curvature_rows` reads only q0 and names, so that a stand-in spares the assembly of a System
     like: Any = SimpleNamespace(q0=q[0], names=names)
     rows = curvature_rows(scene, settings, like, places)
@@ -47,7 +47,7 @@ def curvatures(scene: Scene, settings: Settings, names: Sequence[str], places: S
 def over(rows: Array, sizes: Array, space: bool) -> Array:
     """Divide gauge rows (from `curvature_rows`) by `sizes` (G,), 1/m, so that readings are relative to these sizes.
 
-    space: rows hold `GAUGE` records, of which the entries from `near` on scale.
+    space: True if rows are `GAUGE` records, in which only the entries from `near` on are divided.
     """
     if not space:
         return np.asarray(rows / sizes[:, None])

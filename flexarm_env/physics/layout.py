@@ -17,17 +17,17 @@ POSES = Layout(
     Field("tip_vy", (), "m/s", "velocity of the tip along y"),
     Field("tip_rate", (), "rad/s", "rate of the angle at the tip"),
 )  # fmt: skip
-"""Pose and velocity of a link in the plane, as `protocol.link_poses` writes them."""
+"""`POSES`: pose and velocity of a link in the plane, as `protocol.link_poses` writes them."""
 
 POSE = POSES.places
-"""Offsets of the fields of POSES; POSE.end: numbers per link."""
+"""Offsets of the fields of POSES; POSE.end is the number of entries per link."""
 
 BASE_POSE = Layout(
     "BasePose", "",
     Field("angle", (), "rad", "attitude of a floating base from the inertial x axis, 0 at the start"),
     Field("rate", (), "rad/s", "rate of the attitude"),
 ).places  # fmt: skip
-"""Pose of a floating base, stored after the links' poses."""
+"""`BASE_POSE`: attitude and rate of a floating base, stored after the links' poses."""
 
 ROOT, ROOT_RATES = slice(POSE.x, POSE.vx), slice(POSE.vx, POSE.tip_x)
 TIP, TIP_RATES = slice(POSE.tip_x, POSE.tip_vx), slice(POSE.tip_vx, POSE.end)
@@ -47,7 +47,7 @@ SPACE_POSES = Layout(
     Field("turn", (3,), "rad", "rotation vector of the tip's section axes"),
     Field("spin", (3,), "rad/s", "angular velocity of the tip's section, its own axes"),
 )  # fmt: skip
-"""Pose and velocity of a link in space, as `protocol.task_poses` writes them."""
+"""`SPACE_POSES`: pose and velocity of a link in space, as `protocol.task_poses` writes them."""
 
 SPACE_POSE = SPACE_POSES.places
 
@@ -57,7 +57,7 @@ LOAD = Layout(
     Field("y", (), "N", "force along inertial y; as input displacement: position y, m"),
     Field("torque", (), "N m", "torque; as input displacement: angle of the section, rad"),
 )  # fmt: skip
-"""Entries of a point load in the inputs u, after the joint torques, and in the input displacements y."""
+"""`LOAD`: entries of a point load in the inputs u and in the input displacements y, after those of the joints."""
 OF_LOAD = LOAD.places
 
 MOTION = Layout(
@@ -66,7 +66,7 @@ MOTION = Layout(
     Field("rate", (), "1/s", "its first time derivative"),
     Field("second", (), "1/s^2", "its second time derivative"),
 )  # fmt: skip
-"""Entries of a prescribed motion in psi."""
+"""`MOTION`: entries of a prescribed motion in psi: value, rate and second rate."""
 OF_MOTION = MOTION.places
 
 LEVER = Layout(
@@ -76,7 +76,7 @@ LEVER = Layout(
     Field("inertia", (), "kg m^2", "inertia about the middle"),
     Field("far", (), "kg", "mass at the far point, that of an elbow"),
 )  # fmt: skip
-"""A rigid end of a link. If links have rigid ends, each link has two of these records, root and tip."""
+"""`LEVER`: a rigid end of a link. If links have rigid ends, each link has two such records, for root and tip."""
 
 ROTOR = Layout(
     "Rotor", "",
@@ -85,7 +85,7 @@ ROTOR = Layout(
           "matrix; 0 where the three rows before the joint's own do not belong to that section"),
     Field("factor", (), "N m s", "set before `factor`, which adds factor (w x e) to the joint's column"),
 ).places  # fmt: skip
-"""Entries of a joint with a rotor in the matrix array S of an arm in space."""
+"""`ROTOR`: entries of a joint with a rotor in the matrix array S of an arm in space."""
 
 BOOKS = Layout(
     "Books", "",

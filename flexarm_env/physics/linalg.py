@@ -23,7 +23,7 @@ def product(a: ArrayLike, b: ArrayLike) -> NDArray[Any]:
 
 
 def solve(a: ArrayLike, b: ArrayLike) -> NDArray[Any]:
-    """Return x of a x = b, a (n, n), b (n,) or (n, p), by Gauss-Jordan elimination with row exchanges.
+    """Return the solution x of a x = b by Gauss-Jordan elimination with row exchanges; a (n, n), b (n,) or (n, p).
 
     The result has the same bits on every processor. Raises LinAlgError if a column has no pivot.
     """
@@ -58,8 +58,8 @@ def band_lu(lane, A: Lanes, pivot, n, below, above):
 
     Entry (i, j) lies at A[i * width + j - i + below], width = 2 below + above + 1; the extra `below` columns take the
     fill-in of row exchanges. U replaces the upper part of A; the factors of L replace the eliminated entries. pivot[i]
-    (a float64): the row exchanged with row i. A zero pivot leaves inf or NaN. lane: tag of one arm, with or without
-    tangents (derivatives along directions). Only values, not tangents, select the rows.
+    (a float64): the row exchanged with row i. A zero pivot causes inf or NaN entries. lane: tag of one arm, with or
+    without tangents (derivatives along directions). Only values, not tangents, select the rows.
     """
     width = 2 * below + above + 1
     for k in range(n):
@@ -92,7 +92,7 @@ def band_lu(lane, A: Lanes, pivot, n, below, above):
 
 @kernel
 def band_lu_solve(lane, A: Lanes, pivot, x: Lanes, n, below, above):
-    """Solve A x = b in place, x (n,): in, b; out, A^-1 b, with the factors A and row exchanges `pivot` of `band_lu`.
+    """Solve A x = b in place: x (n,) holds b, then the solution; A, pivot: factors and row exchanges from `band_lu`.
 
     below, above: half widths of the band; row i of A begins at A[i * width], width = 2 below + above + 1, with its
     diagonal entry at + below.

@@ -48,12 +48,12 @@ def shear(e, length, own):
 
 
 bending: Any = None
-"""Law of the bending moment M (N m): l M / EI as a function of e = l kappa. None: M = EI kappa, integrated before."""
+"""Law of the bending moment M (N m): l M / EI as a function of e = l kappa. None stands for M = EI kappa."""
 
 
 @kernel
 def viscoelastic(force, rate, tau):
-    """Return force + tau * rate: a stress resultant over its stiffness, with Kelvin-Voigt damping.
+    """Return force + tau * rate: a stress resultant with Kelvin-Voigt damping, divided by its stiffness.
 
     force: `Answer.force`, in the unit of the strain e; rate: of e, per s; tau: tau_d (s), or None without damping.
     """

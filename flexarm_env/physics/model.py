@@ -23,7 +23,7 @@ from .protocol import NewtonPolicy
 
 OK, NEWTON_FAILED, DIVERGED, OUT_OF_RANGE, NOT_FINITE, TIMED_OUT = range(6)
 STATUS = ("ok", "newton_failed", "diverged", "out_of_range", "not_finite", "timed_out")
-"""Status codes of an arm, and one word per code in the same order."""
+"""Status codes of an arm (int), and STATUS, the name of each code in the same order."""
 
 MESSAGE = (
     "finished",
@@ -46,19 +46,19 @@ space a factor on the payload's tensor), factor on EI, tau_d (s); in space also 
 follow if a `Jointed` model has `own`."""
 OWN = ("payload_mass", "payload_inertia", "EI_factor", "tau_d")
 OWN_IN_SPACE = (*OWN, "EI_y_factor", "GJ_factor")
-"""Names of the entries of `par`, in the plane and in space."""
+"""Names of the entries of `par`: OWN in the plane, OWN_IN_SPACE in space."""
 STIFFNESSES = {"EI": STIFFNESS_FACTOR, "EI_y": EI_Y_FACTOR, "GJ": GJ_FACTOR}
-"""Entry of `par` that scales a stiffness of all sections; the last two exist in space only."""
+"""Index in `par` of the factor on each stiffness of all sections; EI_y and GJ have factors in space only."""
 
 
 def damped(arm: Arm) -> tuple[int, ...] | NDArray[np.float64] | None:
-    """Return a Model's field `damped`: None without tau_d, (0,) if all links have equal tau_d, or each link's share."""
+    """Return a Model's field `damped`: None without damping, (0,) for equal tau_d in all links, else their shares."""
     largest, shares = arm.damping
     return None if largest == 0.0 else (0,) if shares is None else np.array(shares)
 
 
 def complete(model: Any) -> Any:
-    """Return the model with the terms of all entries of `par` compiled in, also those that are 0 in this model.
+    """Return the model in the form that compiles the terms of all parameters in `par`, even of parameters that are 0.
 
     A batch or a derivative may then set payload mass, payload inertia and tau_d, although the arm itself has none.
     """
@@ -104,8 +104,8 @@ def scheme(
 ) -> Scheme:
     """Return the `Scheme` for a spectral radius rho_inf at infinite frequency, or of Newmark's method.
 
-    Coefficients: Arnold & Bruels 2007. newmark: (beta, gamma) of eq. [66], which replaces rho_inf. modified: one Newton
-    matrix per step.
+    The coefficients are those of Arnold & Bruels 2007. newmark: (beta, gamma) of eq. [66], which replaces rho_inf.
+    modified: True for a modified Newton iteration, with one matrix per step.
     """
     if newmark is not None:
         alpha_m = alpha_f = 0.0
@@ -125,8 +125,8 @@ class Drive(NamedTuple):
 
     pieces      float64 (n_pieces * 8,): t0, c0..c3, A, w, p; value = sum c_k s^k + A sin(w s + p), s = t - t0 (s)
     first       int64 (n_functions + 1,): piece at which function f begins
-    entries     int64 (n_terms,): entry of u that a term is added to; terms of one entry follow each other; an entry
-                without a term is set from outside (an action)
+    entries     int64 (n_terms,): entry of u to which a term is added; terms of one entry are adjacent; the caller sets
+                entries without a term (actions)
     terms       int64 (n_terms,): function of each term
     known       int64 (n_motions,): row of the prescribed coordinate, or -1 - j where multiplier j prescribes it
     motions     int64 (n_motions,): function of each prescribed coordinate
@@ -143,7 +143,7 @@ class Drive(NamedTuple):
 class Mesh(NamedTuple):
     """Elastic coordinates of every body in a chain of floating frames, and the terms that their kernels contain.
 
-    Tags: (0,) includes a term, None compiles it out.
+    A field that is the tag (0,) includes a term, a field that is None omits the term.
     """
 
     n: int | tuple[int, ...]  # elastic coordinates of a body; a tuple of n zeros: kernels are unrolled for n
@@ -162,7 +162,7 @@ class Mesh(NamedTuple):
 class FloatingFrame(NamedTuple):
     """Bodies of a `FloatingChain`, each with its own frame and joined by multipliers (3.4); one arm at a time.
 
-    n to newton: see `protocol`. data, gravity, loads: as in `FloatingChain`.
+    The fields from n to newton are explained in `protocol`; data, gravity and loads are those of `FloatingChain`.
     table  int64 (bodies, 5), one row per body: `physics.floating.layout.ROW`
     """
 
@@ -190,8 +190,8 @@ class FloatingFrame(NamedTuple):
 class FloatingChain(NamedTuple):
     """N links with the same number of bodies each, with floating frames, without multipliers (theory, section 3).
 
-    Rows: x, y of the root and the angle of its section, the elastic coordinates of each body from root to tip, and the
-    angle of each elbow relative to the tip section before. n to newton: see `protocol`.
+    Rows: x, y of the root and the angle of the root section, the elastic coordinates of each body from root to tip, and
+    the angle of each elbow relative to the tip section before. The fields from n to newton are explained in `protocol`.
 
     data      float64: one `physics.floating.layout.BODY` per body
     gravity   float64 (2,) m/s^2 along inertial x, y, or None
@@ -224,16 +224,16 @@ class FloatingChain(NamedTuple):
 class ExactBeam(NamedTuple):
     """N links with the same number of geometrically exact elements each (5.1). Neighboring elements share a vertex.
 
-    n to newton: see `protocol`. The terms of a field that is None are compiled out.
+    The fields from n to newton are explained in `protocol`. A field that is None omits its terms from the kernels.
 
     order     tuple of p zeros: polynomial order, a compile-time constant
     varying   (0,) where sections vary along links, otherwise None
     sections  float64: for each link `physics.exact.layout.SECTION`, or for each element `VARYING`
-    rest      float64 (order,) for each element: its (right - left, interior ...) in psi without stress, rad, or None
+    rest      float64 (order,) for each element: stress-free (right - left, interior ...) of psi, rad, or None
     rigid     float64: `physics.exact.layout.LEVERS` where links have rigid ends, otherwise None
     elbows    float64: for each link but the first `physics.exact.layout.ELBOW`
-    hub_inertia  kg m^2, turns with the root's section
-    damped    None without tau_d, (0,) if all links have the same, or each link's share (`damped`)
+    hub_inertia  kg m^2, of the hub, which rotates with the root section
+    damped    None without damping, (0,) if all links have the same tau_d, or each link's share (`damped`)
     gravity   float64 (2,) m/s^2, or None
     loads     int64: for each point load `physics.exact.layout.ROWS_OF_LOAD`, or None
     jointed   (0,) in a `Jointed` arm, otherwise None
@@ -267,14 +267,15 @@ class Elastica(NamedTuple):
     """Chain of N links without stretch and shear (5.2), k nodes each: m = N k tangent angles from root to tip. SI.
 
     Rows: angles of the nodes (the first row of each link is the joint's angle, relative to the link before). If the
-    root can move, x, y follow: of the root if it is prescribed, of the center of mass in free flight. n to newton: see
-    `protocol`. Sizes are numbers, or tuples of as many zeros where the kernel is compiled for that size. One array
-    holds all constants, because each array passed to a kernel costs time to compile and to call:
+    root can move, x, y follow: of the root if it is prescribed, of the center of mass in free flight. The fields from n
+    to newton are explained in `protocol`. Sizes are numbers, or tuples of as many zeros where the kernel is compiled
+    for that size. One array holds all constants, because each array passed to a kernel costs time to compile and to
+    call:
 
     data       float64: `physics.elastica.layout.DATA`
     loads      float64: for each point load `physics.elastica.layout.LOAD`, or None
     eccentric  float64: `physics.elastica.layout.ECCENTRIC` where the payload's center is not at the tip, else None
-    rest       float64 (N k,): stress-free angles of the nodes against their link's root, rad; None: straight links
+    rest       float64 (N k,): stress-free angles (rad) of nodes relative to their link's root; None for straight links
     bends      float64: `physics.elastica.layout.BENDS` where the law of M is not EI kappa, otherwise None
     """
 
@@ -306,10 +307,10 @@ class Floating(NamedTuple):
 
     row      row of the base's attitude (rad), from the inertial x axis, 0 at the start
     inertia  kg m^2, of the base
-    mass     kg, of base and arm without the payload
+    mass     kg: base and arm together, without the payload
     angles   int64: rows of angles from the inertial x axis, the attitude among them
     vectors  int64: pairs of rows of x and y in inertial axes, which turn with the arm
-    places   int64: pairs of rows that are positions (m)
+    places   int64: pairs of rows of x and y of positions (m)
     room     one zero per row of the system: size of a stack array
     """
 
@@ -326,7 +327,7 @@ class Gears(NamedTuple):
     """Rotors, elastic gears and viscous friction of an arm's joints; the `Jointed` Model holds their laws. SI units.
 
     play   (0,) where a gear has backlash, otherwise None
-    spin   in space, where there are rotors: 1 / gear ratio of each joint; otherwise None
+    spin   1 / gear ratio of each joint of an arm in space with rotors; otherwise None
     rotors int64: with `spin`, offset in S of each joint's `physics.layout.ROTOR`
     """
 
@@ -338,13 +339,13 @@ class Gears(NamedTuple):
 class Jointed(NamedTuple):
     """An arm of any formulation without multipliers (`arm`) with contributions, such as gears in its joints. SI.
 
-    Rows: those of the arm, then the angle of each motor behind an elastic gear (over its ratio, relative to the link
-    before), then the attitude of a floating base. n to newton: see `protocol`.
+    Rows: those of the arm, then the angle of each motor with an elastic gear (divided by the gear ratio, relative to
+    the link before), then the attitude of a floating base. The fields from n to newton are explained in `protocol`.
 
-    arm    the Model of the arm with ideal joints; bound: its largest tip deflection over length
+    arm    the Model of the arm with ideal joints; bound: largest tip deflection of a link, divided by its length
     table  int64: `physics.joints.layout.PLACE` of each joint that is not ideal; data  float64: `LAW` of each
     own    if each arm has its own laws, in `par` and not in `data`: one zero per entry of `par` before the laws
-    hub    (0,) where the laws have a hub inertia at the first of the joints, otherwise None
+    hub    (0,) if the laws add an inertia at the first joint, otherwise None
     contributions  records of the contributions (`physics.contributions`), such as `Gears` and `Floating`
     points     one zero per input of the arm, if a contribution acts on a point of the arm; otherwise None
     derived    (0,) where the compiler derives `vjp_residual` of the whole, otherwise None
@@ -374,7 +375,7 @@ def has_play(model: Any) -> bool:
 
 
 Honours = dict[type, tuple[str, ...]]
-"""Type of a formulation's `HONOURS`: for each description class the fields that the formulation takes into account."""
+"""Type of a formulation's `HONOURS`: for each class of an arm's description, the fields that the formulation models."""
 
 BEAM: Honours = {
     Arm: ("links", "hub_inertia", "elbows", "payload", "tau_d", "joints", "base"),
@@ -395,7 +396,8 @@ C to estimate the error of neglecting stretch and shear.)"""
 
 
 def fixed_rows(scene: Scene, coordinates: Mapping[str, int]) -> NDArray[np.int64]:
-    """Return a Model's `fixed` rows: rigid joints, and the place of a pinned root whose motion is not prescribed."""
+    """Return a Model's `fixed` rows: angles of rigid joints, and the position of a pinned root without prescribed
+    motion."""
     fixed = [coordinates[f"joint{k}"] for k in scene.rigid_joints]
     if scene.root == "pinned":
         fixed += [coordinates[name] for name in ("root_x", "root_y") if scene.motion_of(name) is None]
@@ -409,8 +411,8 @@ class System:
     par (4,), in space (6,): see PAYLOAD_MASS. q0, v0 (n,): state at t = 0 (m, rad; m/s, rad/s). coordinates: row of
     "joint0" ..., "root_x", "root_y"; a negative entry -1 - j: prescribed by multiplier j. names (n,): names of the
     rows. vectors (k, 2): rows of x and y of vectors in inertial axes that turn with the arm; absolute (k,): rows of
-    angles from the inertial x axis; no other row changes when the whole arm turns. notes: error estimates that a
-    formulation reports about itself, as fractions of the arm's length.
+    angles from the inertial x axis; all other rows stay the same if the whole arm rotates. notes: error estimates that
+    a formulation reports about itself, as fractions of the arm's length.
     """
 
     model: Any

@@ -23,7 +23,7 @@ O = OBSTACLE.places
 HALF_SPACE, SPHERE, BOX, CYLINDER = range(4)
 
 ENDLESS = 1e300
-"""Half size along z of a shape of the plane, m."""
+"""Half size (m) along z that a planar shape gets, so that the shape is unlimited in z."""
 _TINY = 1e-150
 """Smallest length (m) by which a vector is divided. A shorter vector gets the direction of the first axis."""
 
@@ -89,7 +89,8 @@ def _of_corner(a, b, c):
 def distance_and_normal(table, s, x, y, z):
     """Return the signed distance (m), negative inside, of (x, y, z) from shape s, and the unit vector of its gradient.
 
-    Point in m, inertial axes; table: one `OBSTACLE` per shape. The gradient is in inertial axes.
+    x, y, z: the point's coordinates (m, inertial axes); table: one `OBSTACLE` per shape. The unit vector is in inertial
+    axes.
     """
     o = O.end * s
     kind, p, A, h = table[o + O.kind], o + O.place, o + O.axes, o + O.sizes
@@ -121,6 +122,6 @@ def distance_and_normal(table, s, x, y, z):
 def distance(table, s, x, y, z):
     """Return the signed distance (m), negative inside, of the point (x, y, z) from shape s of a table.
 
-    Point in m, inertial axes; its components may be lanes. table: one `OBSTACLE` per shape.
+    x, y, z: the point's coordinates (m, inertial axes), which may be lanes; table: one `OBSTACLE` per shape.
     """
     return distance_and_normal(table, s, x, y, z)[0]

@@ -3,7 +3,7 @@
     (S + B K B^T)^-1 b = x - W C B^T x,   x = S^-1 b,   W = S^-1 B,   C = (1 + K B^T W)^-1 K
 
 B has one column for each component of the force. All arrays are in the matrix array S; arguments B, W, C, A are offsets
-in S. axes: as many zeros as the force has components; room: as many zeros as the Model has rows, which B and W have.
+in S. axes: one zero for each component of the force. room: one zero for each row of the Model, and so of B and W.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from . import protocol
 
 @kernel
 def column(lane, at, room, S: Lanes, i):
-    """Return column i of B or W, a view of n rows of S; at: offset of its first column."""
+    """Return column i of B or W, a view of n entries of S; at: offset of the matrix's first column."""
     n = size(room)
     return S[at + i * n : at + (i + 1) * n]
 
 
 @kernel
 def product(lane, n, x: Lanes, y: Lanes):
-    """Return x . y of n rows."""
+    """Return the scalar product of the vectors x and y, which have n rows."""
     total = 0.0
     for k in range(n):
         total = total + x[k] * y[k]
@@ -66,9 +66,10 @@ def store_solutions(lane, model, axes, room, S: Lanes, B, W):
 
 @kernel
 def divide(lane, axes, S: Lanes, A, C):
-    """Compute C <- A^-1 C by Gauss-Jordan elimination, both by rows; A is overwritten.
+    """Compute C <- A^-1 C by Gauss-Jordan elimination; both matrices are stored row by row, and A is overwritten.
 
-    No pivoting: A = 1 + K B^T W has eigenvalues of at least 1 where S is positive definite and K is symmetric.
+    Rows are not exchanged, because A = 1 + K B^T W has eigenvalues of at least 1 where S is positive definite and K is
+    symmetric.
     """
     n = len(axes)
     for i in range(n):
@@ -86,7 +87,7 @@ def divide(lane, axes, S: Lanes, A, C):
 
 @kernel
 def subtract(lane, axes, room, S: Lanes, along, target, C, transposed, x: Lanes):
-    """Compute x <- x - target C (along^T x), or with C^T (transposed True); along, target: offsets of B and W."""
+    """Compute x <- x - target C (along^T x), with C^T if transposed; along, target: offsets of the matrices B and W."""
     n, rows = len(axes), size(room)
     parts = stack(lane, axes)
     for j in range(n):

@@ -28,21 +28,23 @@ from ..settings import Settings
 from .elastica.chain import chain
 
 MOST = 1e14
-"""Largest sigma: eps sigma is then a hundredth of the torques. Measurements: docs/results/stability.md."""
+"""Largest stiffness ratio sigma, at which rounding leaves forces of a hundredth of the torques. Measurements:
+docs/results/stability.md."""
 
 SHARE = 100.0
-"""Largest forces, over the torques, that Newton's iteration may leave if its error equals the tolerance, which is rare.
-If the forces would be larger (not in metal arms), the tolerance is `LEFT` over sigma."""
+"""Largest forces, divided by the torques, that Newton's iteration may leave if its error equals the tolerance, which is
+rare. If the forces would be larger (not in metal arms), the tolerance is `LEFT` divided by sigma."""
 
 TURNED = 10.0
-"""rad: angle up to which an elastica may turn. The angles of an elastica are absolute and lose digits as they grow."""
+"""Largest angle (rad) by which an elastica may turn. The angles of an elastica are absolute and lose digits as they
+grow."""
 
 LEFT, FINEST = 1e-2, 1e-13
-"""Forces that remain under the smaller tolerance, over the torques, and the smallest tolerance. Increments still reach
-the smallest tolerance after a dozen turns of a joint."""
+"""LEFT: forces that remain under the smaller tolerance, divided by the torques. FINEST: the smallest tolerance.
+Increments still reach the smallest tolerance after a dozen turns of a joint."""
 
 STILL = 1e-12
-"""rad: an arm that turns by less in a scene counts as standing still."""
+"""Smallest rotation (rad) in a scene's time; an arm that turns by a smaller angle counts as standing still."""
 
 ALIKE: Mapping[str, float] = {}
 """Factors of 1 on all stiffnesses: the unmodified arm."""
@@ -52,7 +54,7 @@ FASTEST = 2000
 
 
 class Stiffness(NamedTuple):
-    """One stiffness of an arm: key path, value, unit, and `torque`: the same as a torque S (N m), with damping."""
+    """One stiffness of an arm: key path, value, unit, and `torque`, the stiffness as a torque S (N m) with damping."""
 
     path: str
     value: float
@@ -73,7 +75,7 @@ def _sections(link: Link, space: bool) -> dict[str, float]:
 def stiffnesses(
     arm: Arm, settings: Settings, factors: Mapping[str, float] = ALIKE, damping: float = 1.0, space: bool = False
 ) -> list[Stiffness]:
-    """Return every stiffness that enters the forces of the formulation, as a `Stiffness`.
+    """Return a `Stiffness` for every stiffness that enters the forces of the settings' formulation.
 
     factors: factors on EI, in space also on EI_y and GJ; damping: factor on tau_d; space: whether the scene is in
     space.
@@ -110,7 +112,7 @@ def stiffnesses(
 
 
 def largest(drawn: Mapping[str, tuple[float, float]]) -> dict[str, float]:
-    """Return the largest factors on EI, EI_y and GJ from ranges (low, high) by name, `drawn` (`batch.Starts`).
+    """Return the largest factors on EI, EI_y and GJ; drawn: ranges (low, high) of factors by name (`batch.Starts`).
 
     The factor on EI also multiplies EI_y.
     """
@@ -152,7 +154,8 @@ def ratio(
 
 
 def refusal(most: float, unit: str, settings: Settings, torque: float) -> str:
-    """Return the text of an error: the largest value `most` (in `unit`) that is allowed under the settings, and why."""
+    """Return an error message that names the largest value `most` (in `unit`) allowed under the settings, and the
+    reason."""
     way = "modes" if settings.modes is not None else settings.formulation
     return (
         f"must be at most {f'{most:.3g} {unit}'.strip()} under {way} with dt = {settings.dt:.3g} s and an arm that "
@@ -205,7 +208,8 @@ def check_parameters(
 
 
 def of_torques(arm: Arm, settings: Settings, factors: Mapping[str, float] = ALIKE, damping: float = 1.0) -> float:
-    """Return the Newton tolerance of an arm under its full torques and factors up to `factors`; raises as `ratio`."""
+    """Return the Newton tolerance of an arm under its full torques, with `factors` on its stiffnesses; raises as
+    `ratio`."""
     torques, h = arm.torque_limits or (math.inf,), settings.dt
     assert h is not None
     # angle that the torque turns each joint in a step, tau h^2 / I of the straight arm beyond it
@@ -214,7 +218,7 @@ def of_torques(arm: Arm, settings: Settings, factors: Mapping[str, float] = ALIK
 
 
 def of_scene(scene: Scene, settings: Settings) -> float:
-    """Return the Newton tolerance of a scene, whose torque T is `moving`; raises ValueError as `ratio`."""
+    """Return the Newton tolerance of a scene, with the torque T of `moving(scene)`; raises ValueError as `ratio`."""
     return tolerance(settings.tolerance, ratio(scene.arm, settings, moving(scene), space=scene.spatial))
 
 

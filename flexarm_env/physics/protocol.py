@@ -96,7 +96,7 @@ from ..compiler import Family, Lanes, inlined, kernel, returns_none, size, vjp_o
 
 
 class State(NamedTuple):
-    """Configuration with rates and accelerations, (n,) lanes each."""
+    """Coordinates q, rates v and accelerations a of an arm, (n,) lanes each."""
 
     q: Lanes  # coordinates (m, rad); rows of multipliers: constraint forces (N, N m)
     v: Lanes  # velocities (m/s, rad/s)
@@ -104,7 +104,7 @@ class State(NamedTuple):
 
 
 class NewtonPolicy(NamedTuple):
-    """Rules by which the integrator solves the steps of a Model, a record of data; the defaults suit any Model.
+    """Rules by which the integrator solves the time steps of a Model. The defaults suit any Model.
 
     A tag is (0,) or None. With None the code that the field controls is not compiled.
     """
@@ -174,9 +174,9 @@ MASS_ALONE = Weights(1.0, 0.0, 0.0)
 
 @kernel
 def added(lane, q: Lanes, share, d: Lanes, more: Lanes | None, k):
-    """Return row k of q + share d + more: coordinate k (m or rad) after an increment, without rotations.
+    """Return row k of q + share d + more, coordinate k (m or rad) after an increment; k is no row of a rotation.
 
-    q, d, more: arrays of n rows; share: number; more None: left out.
+    q, d, more: arrays of n rows; share: factor on d; more is None for zero.
     """
     x = q[k] + d[k] * share
     if more is None:
@@ -300,7 +300,7 @@ def _product(lane, model, par, state, u, weights, x, y: Lanes, S):
 
 
 FORMULATIONS = Family("model")
-"""The registered kernels of each formulation, by the class of its Model."""
+"""The registered kernels of all formulations, by the class of the formulation's Model."""
 
 register = FORMULATIONS.register
 

@@ -23,7 +23,7 @@ from .layout import READ
 
 @kernel
 def energy(lane, part, model, par, q, v, sums):
-    """Return sums, (kinetic, strain, gravitational; J), with the energy k d^(n + 1) / (n + 1) stored in contacts."""
+    """Return sums (kinetic, strain, gravitational, J) plus the energy k d^(n + 1) / (n + 1) stored in contacts."""
     kinetic, strain, gravity = sums
     y = stack(lane, model.points)
     protocol.input_displacements(lane, model.arm, par, q, y)
@@ -39,7 +39,7 @@ def energy(lane, part, model, par, q, v, sums):
 
 @kernel
 def damping_power(lane, part, model, par, q, v, x, total):
-    """Return total (W) plus the power at rates x that contacts dissipate at rates v, by damping and friction."""
+    """Return total (W) plus the power, at virtual rates x, of the contacts' damping and friction forces at rates v."""
     y = stack(lane, model.points)
     protocol.input_displacements(lane, model.arm, par, q, y)
     least = 1e300
@@ -67,7 +67,7 @@ def damping_power(lane, part, model, par, q, v, x, total):
 # --- readings ------------------------------------------------------------------------------------------
 _FAR = 1e-3
 """A point whose gap in the last Newton iterate exceeds this share of `Watch.reach` does not touch at the end of the
-step. `Watch.reach` is the most that a point moves per weighted increment of 1."""
+step. `Watch.reach` bounds a point's displacement per weighted increment of 1."""
 
 
 @kernel

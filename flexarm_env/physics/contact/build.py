@@ -27,17 +27,18 @@ Array = NDArray[np.float64]
 
 
 def links_of(scene: Scene) -> list[int]:
-    """Return the links at whose tips points may touch, in order."""
+    """Return the indices, in increasing order, of the links whose tips may touch obstacles."""
     return sorted({k for contact in scene.contacts for k in contact.links(scene.arm)})
 
 
 def loads_of(scene: Scene) -> list[PointLoad]:
-    """Return a point load of no force for each point that may touch, as memory for the forces of obstacles."""
+    """Return one point load of zero force for each point that may touch; its inputs receive the obstacles' forces."""
     return [PointLoad(k, "tip", constant(0.0)) for k in links_of(scene)]
 
 
 def obstacle_rows(scene: Scene) -> dict[str, TimeFunction]:
-    """Return the rows that the Model has for moving obstacles: name and displacement (m) of each, in order."""
+    """Return the Model's rows for moving obstacles, in order: each row's name and its displacement (m) as a function of
+    time."""
     return {
         f"obstacle{i}_{'xyz'[axis]}": function
         for i, contact in enumerate(scene.contacts)
@@ -88,11 +89,11 @@ STEPS = 8.0
 
 
 RELEASE = 20.0
-"""Largest speed, in `Contact.speed`, with which an obstacle may throw out an arm that begins inside it."""
+"""Largest speed, as a multiple of `Contact.speed`, with which an obstacle may eject an arm that begins inside it."""
 
 
 def duration(contact: Contact, mass: float) -> float:
-    """Return how long a mass (kg) that hits the obstacle at `contact.speed` touches it without damping, s.
+    """Return the duration (s) of the undamped impact of a mass (kg) that hits the obstacle at `contact.speed`.
 
     T = c d / v with the largest penetration d = ((n + 1) m v^2 / (2 k))^(1 / (n + 1)) and c = 2 int_0^1 (1 - x^(n +
     1))^(-1/2) dx: pi for n = 1, 2.94 for n = 1.5 (Hertz).
@@ -104,7 +105,7 @@ def duration(contact: Contact, mass: float) -> float:
 
 
 def largest_stiffness(contact: Contact, mass: float, dt: float) -> float:
-    """Return the stiffness (N/m^n) at which `duration` is `STEPS` steps of dt (s)."""
+    """Return the stiffness (N/m^n) with which an impact (`duration`) lasts `STEPS` time steps of dt (s)."""
     return float(contact.stiffness * (duration(contact, mass) / (STEPS * dt)) ** (contact.exponent + 1.0))
 
 
@@ -112,8 +113,8 @@ def effective_masses(system: System, dt: float) -> Array:
     """Return the least effective mass (kg) of each point that may touch, over all directions, in a step of dt (s).
 
     The mass is 1 / (c_m b^T S^-1 b) with the generalized force b of 1 N on the point and the Newton matrix S = c_m M +
-    c_v C + K of the arm at its start. A step moves the effective mass at once. Links bend away from a sudden force,
-    so the mass is less than with rigid links, and a shorter step gives a smaller mass.
+    c_v C + K of the arm at its start. The effective mass is the inertia that a point shows in one step. Links bend away
+    from a sudden force, so the mass is less than with rigid links, and a shorter step gives a smaller mass.
     """
     model = system.model
     part = _touching_part(system)
@@ -151,7 +152,7 @@ def largest_speed(contact: Contact, end: float) -> float:
 
 
 def start_depths(system: System) -> Array:
-    """Return the penetration (m) of each point in each obstacle at the start, 0 where they do not touch."""
+    """Return the penetration (m) of each point into each obstacle at the start; 0 without contact."""
     model, part = system.model, _touching_part(system)
     n, y = size(model.arm.n), np.zeros(size(model.n_inputs))
     uncompiled(protocol.input_displacements)(SINGLE, model.arm, system.par, system.q0[:n].copy(), y)

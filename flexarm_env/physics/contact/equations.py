@@ -93,7 +93,7 @@ def inertia_forces(lane, part, model, par, a: Lanes, r: Lanes):
 # --- the block of the matrix ---------------------------------------------------------------------------
 @kernel
 def assemble(lane, part, model, par, state, u: Lanes, weights, r, S: Lanes):
-    """Store B and K of the points that touch, with weights.with_matrix; `point_forces` has stored their gaps.
+    """With weights.with_matrix store B and K of each point that touches; `point_forces` has stored the gaps.
 
     Rows of moving obstacles in r receive the forces that move the obstacles.
     """
@@ -178,7 +178,7 @@ def fix_coordinate(lane, part, model, S: Lanes, k):
 
 @kernel
 def before_factor(lane, part, model, S: Lanes):
-    """Set W and C to 0: `solve` leaves out the blocks until `after_factor` has run."""
+    """Set W and C of all points to 0, so that `solve` omits the points' blocks until `after_factor` has run."""
     axes, n = len(part.axes), size(part.room)
     for p in range(len(part.points)):
         at = here_of(part, p)
@@ -193,7 +193,7 @@ def before_factor(lane, part, model, S: Lanes):
 def after_factor(lane, part, model, S: Lanes):
     """Compute W = S^-1 B and C = (1 + K B^T W)^-1 K of each touching point.
 
-    When a point is reached, solves with S include the blocks of the points before it.
+    For each point, the solution with S already includes the blocks of the points before it.
     """
     for p in range(len(part.points)):
         at = here_of(part, p)
@@ -223,7 +223,7 @@ def _store_inverse(lane, part, p, S: Lanes):
 
 @kernel
 def before_solve(lane, part, model, S: Lanes, x, transposed):
-    """Compute x <- x - B C^T W^T x before a solution of S^T x = b (transposed True), of the last point first."""
+    """If transposed, compute x <- x - B C^T W^T x before S^T x = b is solved, from the last point to the first."""
     if transposed:
         for i in range(len(part.points)):
             p = len(part.points) - 1 - i
@@ -246,7 +246,7 @@ def after_solve(lane, part, model, S: Lanes, x, transposed):
 def correct_increment(lane, part, model, S: Lanes, x: Lanes, fresh):
     """Correct x = S^-1 r by the friction of each touching point in turn (`friction.solve_friction`).
 
-    fresh: S has new factors; V = S^-1 B and D = B^T V are computed first.
+    fresh: True if S has new factors; V = S^-1 B and D = B^T V are then computed first.
     """
     axes, n = len(part.axes), size(part.room)
     for p in range(len(part.points)):

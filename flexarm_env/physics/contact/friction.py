@@ -16,13 +16,13 @@ from ...compiler import Lanes, kernel, select_lt, square_root, stack
 from ..space.rotations import Matrix, Vector, cross, dot, load_vector
 
 _BISECTIONS = 52
-"""Halvings of the logarithm of the bracket of s."""
+"""Number of bisections of the interval of log(s) that contains the solution."""
 _NINE = (0,) * 9
 
 
 @kernel
 def component(part, force, moment, i):
-    """Return component i of a generalized force on a point, in the order of the point's entries in the inputs."""
+    """Return component i of the generalized force (force, moment) on a point, in the order of the arm's inputs."""
     axes = len(part.space)
     if i < axes:
         return force[0] if i == 0 else (force[1] if i == 1 else force[2])
@@ -46,7 +46,7 @@ def unit_vector(i):
 
 @kernel
 def column_of_slip(part, p, n, i):
-    """Return column i of A, a `Vector`: sliding velocity for a unit rate of component i of the point's motion."""
+    """Return column i of A, a `Vector`: the sliding velocity when component i of the point's motion has rate 1."""
     axes, radius = len(part.space), part.radii[p]
     if i < axes:
         normal = n[0] if i == 0 else (n[1] if i == 1 else n[2])
@@ -68,7 +68,7 @@ def _velocity(u0, u1, u2, i1, i2, i3, stiffness):
 
 @kernel
 def solve_friction(lane, part, p, at, S: Lanes, change: Lanes):
-    """Solve for the friction of point p; change: in, B^T x; out, the change of the generalized force on the point.
+    """Solve for the friction of point p; change holds B^T x, then the change of the generalized force on the point.
 
     # in        at: offsets in S of the point's `HERE`: D, bound, creep, normal, slip, rate
     """

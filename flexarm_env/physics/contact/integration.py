@@ -31,7 +31,7 @@ def least_contraction(lane, contact, S: Lanes, first, increment, theta):
 
 @kernel
 def apply_contact_friction(lane, model, S, x, fresh):
-    """Correct x = S^-1 r of a Newton iteration by the friction of contacts (`friction.apply`); fresh: S is new."""
+    """Correct a Newton iteration's solution x = S^-1 r by the friction of contacts; fresh: True for new factors S."""
     if model.newton.contact is not None:
         for part in model.contributions:
             contributions.correct_increment(lane, part, model, S, x, fresh)
@@ -41,7 +41,7 @@ def apply_contact_friction(lane, model, S, x, fresh):
 def record_contacts(lane, model, par, q, v, S, h):
     """Store the `READING` of each point at the state q, v in S; add the forces times h (s) to its impulses.
 
-    Called after each step of h. With h = 0 it stores the readings of a state at which no step ends.
+    The integrator calls the function after each step h. With h = 0 it stores the readings of a state between steps.
     """
     if model.newton.contact is not None:
         for part in model.contributions:
@@ -50,7 +50,7 @@ def record_contacts(lane, model, par, q, v, S, h):
 
 @kernel
 def reset_impulses(lane, model, S: Lanes):
-    """Set impulses and peak forces of all points to 0, at the start of a control period and of its repetition."""
+    """Set impulses and peak forces of all points to 0, as at the start of a control period."""
     if model.newton.contact is not None:
         for p in range(len(model.newton.contact.points)):
             at = reading_at(model, p)
@@ -61,5 +61,5 @@ def reset_impulses(lane, model, S: Lanes):
 
 @kernel
 def reading_at(model, p):
-    """Return the offset in S of the `READING` of point p; the model has contacts."""
+    """Return the offset in S of the `READING` of point p in a model with contacts."""
     return model.newton.contact.at + p * model.newton.contact.stride

@@ -13,7 +13,7 @@ _here = kernel(HERE.offsets)
 
 @kernel
 def here_of(part, p):
-    """Return the offsets in S of point p's `HERE`."""
+    """Return the offsets in S of the fields of point p's `HERE` (gap, forces and matrix entries of the point)."""
     axes, n = len(part.axes), size(part.room)
     first = _here(0, axes, n)
     return _here(part.at + p * first.end, axes, n)
@@ -21,13 +21,13 @@ def here_of(part, p):
 
 @kernel
 def obstacle_count(part):
-    """Return the number of obstacles."""
+    """Return the number of obstacles in the contribution `part`."""
     return part.meets.shape[0] // len(part.points)
 
 
 @kernel
 def place_of(lane, part, y: Lanes, p):
-    """Return the place of point p, a `Vector` (m), from the arm's input displacements y."""
+    """Return the position of point p, a `Vector` (m, inertial axes), from the arm's input displacements y."""
     k = part.input + p * len(part.entries)
     if len(part.space) == 2:
         return Vector(y[k], y[k + 1], 0.0 * y[k])
@@ -52,7 +52,8 @@ def motion_of(lane, part, poses: Lanes, p):
 def less_obstacle(lane, part, o, rows: Lanes, vector):
     """Return `vector` less the displacement or velocity of obstacle o, whose components are entries of `rows`.
 
-    rows: q for a place (m), v for a velocity (m/s). Fixed obstacles (part.moving None) have no rows.
+    rows: q if `vector` is a position (m), v if `vector` is a velocity (m/s). If no obstacle moves (part.moving is
+    None), `vector` is returned.
     """
     if part.moving is None:
         return vector
@@ -75,7 +76,7 @@ def meeting(lane, part, p, o, q: Lanes, v: Lanes, place, velocity, spin):
 
 @kernel
 def gap_at(lane, part, q: Lanes, y: Lanes, p):
-    """Return the distance (m) of point p from the nearest of its obstacles; y: the arm's input displacements."""
+    """Return the distance (m) of point p from the nearest obstacle that it may touch; y: input displacements."""
     least = 1e300
     place = place_of(lane, part, y, p)
     for o in range(obstacle_count(part)):
@@ -93,7 +94,7 @@ def touches(gap):
 
 @kernel
 def any_touches(lane, part, S: Lanes):
-    """Return whether a point touches in any lane, by the gaps in S."""
+    """Return whether any point touches an obstacle in any lane, according to the gaps stored in S."""
     least = 1e300
     for p in range(len(part.points)):
         gap = S[here_of(part, p).gap]

@@ -17,7 +17,8 @@ from .layout import LAWS
 
 
 class Meeting(NamedTuple):
-    """A point and an obstacle: geometry, rates, and the forces on the arm. In lanes that do not touch, forces are 0."""
+    """Contact of a point with an obstacle: geometry, rates, and forces on the arm, which are 0 in lanes without
+    contact."""
 
     gap: Any  # m, signed distance of the sphere's surface, negative where it penetrates
     normal: Any  # `Vector` out of the obstacle

@@ -29,7 +29,7 @@ READING = Layout(
     Field("friction", (), "N s", "time integral of the friction force's magnitude since `reset_impulses`"),
     Field("peak", (), "N", "largest normal force at the end of a step since `reset_impulses`"),
 )  # fmt: skip
-"""Readings of a point, stored at the end of each step."""
+"""`READING`: readings of a point, stored at the end of each step."""
 READ = READING.places
 
 HERE = Layout(
@@ -50,8 +50,8 @@ HERE = Layout(
     Field("V", ("axes", "n"), "", "columns of S^-1 B, S with the blocks of all points"),
     Field("D", ("axes", "axes"), "m/N", "B^T V"),
 )  # fmt: skip
-"""Entries of a point in the matrix array S. axes: number of components of the force on the point; n: number of rows of
-the Model."""
+"""`HERE`: entries of a point in the matrix array S. axes: number of components of the force on the point; n: number of
+rows of the Model."""
 
 
 class Touching(NamedTuple):
@@ -66,8 +66,8 @@ class Touching(NamedTuple):
     room      one zero per row of the Model
     poses     one zero per number that `protocol.task_poses` writes for the arm
     links     int64 (points,): the points are the tips of these links
-    radii     float64 (points,): of the sphere about each point, m
-    meets     float64 (points, obstacles), flat: 1 where the point may touch the obstacle, otherwise 0
+    radii     float64 (points,): radius of the sphere about each point, m
+    meets     float64 (points * obstacles,): 1 where the point may touch the obstacle, otherwise 0
     shapes    float64: one `physics.obstacles.OBSTACLE` per obstacle; laws: one `LAW` per obstacle
     moving    int64 (obstacles * 3,): row of each obstacle's displacement along x, y, z, or -1; None: no obstacle moves
     masses    float64 (points,): effective mass of the point in a step, kg (`build.effective_masses`)

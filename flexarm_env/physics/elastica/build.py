@@ -1,6 +1,6 @@
 """Assembly of a chain of elasticas: scene and settings -> Model, names and rows; theory (5.2) and (5.3).
 
-N links with n nodes each: Nn tangent angles, then x, y of the root or of the center of mass.
+The coordinates of N links with n nodes each are Nn tangent angles, then x, y of the root or of the center of mass.
 """
 
 from typing import Any
@@ -24,17 +24,18 @@ from flexarm_env.settings import Settings
 Array = NDArray[np.float64]
 
 HONOURS = {**BEAM, Section: (*BEAM[Section], *BENDING)}
-"""Fields of an arm's dataclasses that this formulation models; `assembly` rejects an arm that sets other fields."""
+"""Fields of an arm's dataclasses that the elastica models; `assembly` rejects an arm that sets other fields."""
 
 UNROLLED = 12
 """Largest number of nodes of a chain whose kernels are compiled for its sizes."""
 
 HEAVIER = 1.0 / 60.0
-"""Added fraction of a mode's inertia, divided by (omega h)^4: the 1/60 of h^4 / 60 in theory (5.3), see
-`phase_correction`."""
+"""Coefficient 1/60 of the added inertia: a mode's inertia grows by the fraction (omega h)^4 / 60 (theory, 5.3;
+`phase_correction`)."""
 
 NO_PART = 1e-9
-"""Largest fraction of the rigid link's inertia that rounding may leave in its correction."""
+"""Largest error of the correction C in a rigid rotation, as a fraction of the link's inertia; beyond it C is computed
+from differences of angles."""
 
 
 def bends(parts: Chain) -> Array:
@@ -69,7 +70,8 @@ def phase_correction(
 
         C = D^T ((a + b / a) (k^-1 + a F)^-1 - b / a k) D,   a = 2 kappa h^2, b = h^4 / 60
 
-    payload: its mass, kg; arm (Nn,): weights of `payload_arm`, m; rest: stress-free angles (Nn,), rad, or None.
+    payload: the payload's mass, kg. arm (Nn,): weights of `payload_arm`, m. rest: stress-free angles (Nn,), rad, or
+    None.
     """
     n, C = parts.n, np.zeros_like(parts.R)
     lengthening, share = 2.0 * settings.period_error * h * h, HEAVIER * h**4
@@ -109,7 +111,7 @@ def _end(chain_: Chain, load: PointLoad) -> dict[str, Array]:
 
 
 def tag(n: int, compiled_in: bool) -> int | tuple[int, ...]:
-    """Return n as a Model's size field: a tuple of n zeros, a compile-time constant, or the number itself."""
+    """Return n in the form of a Model's size field: a tuple of n zeros (a compile-time constant), or the number n."""
     return (0,) * n if compiled_in else n
 
 
@@ -118,8 +120,8 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
 
     A small chain driven by its inputs alone (an environment's arm) gets a kernel compiled for its sizes and features,
     such as payload and damping. All other chains share one kernel with every feature, where fixed coordinates represent
-    a pinned root. Notes: "stretch_and_shear", the estimated error of neglecting them (`slenderness.py`). ``points``:
-    intervals a link into which the centerline (for drawing) is divided.
+    a pinned root. The notes of the System contain "stretch_and_shear", the estimated error of neglecting stretch and
+    shear (`slenderness.py`). ``points``: number of intervals into which the drawn centerline of a link is divided.
     """
     assert settings.nodes is not None
     arm, n = scene.arm, settings.nodes
@@ -192,7 +194,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
 
 
 def payload_arm(parts: Chain, payload: Payload) -> NDArray[Any]:
-    """Return weights w (Nn,), m: payload's center of mass - root = sum_j w_j e_j; complex for a center off the tip."""
+    """Return weights w (Nn,), m, of the vector root to payload = sum_j w_j e_j; complex for a center off the tip."""
     if not payload.eccentric:
         return parts.w
     to = parts.w.astype(np.complex128)

@@ -32,11 +32,11 @@ from ..linalg import product, solve
 Array = NDArray[np.float64]
 
 MOST_IN_PIECE = 12
-"""Largest number of nodes on a smooth piece of a link; runs with 24 on one polynomial gained energy and diverged."""
+"""Largest number of nodes on a smooth piece of a link; runs with 24 nodes on one piece gained energy and diverged."""
 
 
 def nodes(n: int, tip: bool) -> Array:
-    """Return n nodes on [-1, 1], the first at -1: Lobatto nodes (the last at +1) if ``tip``, otherwise Radau nodes."""
+    """Return n nodes on [-1, 1] with one at -1: Lobatto nodes (one also at +1) if ``tip`` is True, else Radau nodes."""
     # Lobatto: roots of P'_{n-1} between the ends; Radau: roots of P_{n-1} + P_n
     basis = np.zeros(n + 1)
     if tip:
@@ -76,7 +76,7 @@ gauss = lru_cache(64)(legendre.leggauss)
 
 @dataclass(frozen=True)
 class Line:
-    """Interpolation of one link with n nodes: continuous, and a polynomial between any two jumps or kinks. SI units.
+    """Interpolation of a link's angle by n nodes: continuous, and a polynomial between two jumps or kinks; SI units.
 
     `pieces` holds for each smooth piece its two ends s on the link (m), the number of its first node and the basis of
     its functions. Neighboring pieces share a node.
@@ -88,7 +88,7 @@ class Line:
 
     @classmethod
     def of(cls, link: Link, n: int, tip: bool) -> Line:
-        """Distribute n nodes over a link; ``tip``: with a node at its tip. Node intervals are its cells (`meshing`).
+        """Distribute n nodes along a link, with a node at its tip if ``tip``; node intervals are its cells (`meshing`).
 
         Raises:
             ValueError: n is too few for the link's jumps, or gives a smooth piece more than `MOST_IN_PIECE` nodes.
@@ -125,7 +125,7 @@ class Line:
         return table
 
     def lagrange(self, s: Array) -> Array:
-        """Return the Lagrange polynomials l_l(s), (len(s), n): weights of the nodes' angles in phi(s); s in m."""
+        """Return Lagrange polynomials l_l(s), (len(s), n): weights of the nodes' angles in the angle phi(s); s: m."""
         return self._table(s, lambda x, of, length: product(legendre.legvander(x, len(of.own) - 1), of.own))
 
     def slope(self, s: Array) -> Array:
@@ -169,7 +169,7 @@ class Line:
         return 0.5 * self.length * (x + 1.0), 0.5 * self.length * weights
 
     def matrix(self, table: Array, what: str) -> Array:
-        """Return int X table^T table ds (n, n), X the section's property `what` ("m", "J", "EI" ...).
+        """Return the matrix int X table^T table ds (n, n); X: section property named by `what` ("m", "J", "EI" ...).
 
         table: (points, n), functions at the points of `quadrature`.
         """
@@ -179,7 +179,7 @@ class Line:
         return product(table.T * (weights * getattr(self.link.along(s), what)), table)
 
     def total(self, table: Array, what: str) -> Array:
-        """Return int X table ds (n,), X the section's property `what`; table: functions at the quadrature's points."""
+        """Return int X table ds (n,); X: section property `what`; table: functions at the quadrature points."""
         s, weights = self.quadrature()
         if self.link.uniform is not None:
             return np.asarray(getattr(self.link.uniform, what) * product(weights, table))
@@ -187,7 +187,7 @@ class Line:
 
     @property
     def rest(self) -> Array:
-        """Stress-free angles of the nodes, of least strain energy, less the root's angle, (n,), rad."""
+        """Angles of the nodes (n,), rad, relative to the root, at which the link's strain energy is least."""
         # K phi = int EI kappa_0 l' ds with phi = 0 at the first node
         s, weights = self.quadrature()
         slope = self.slope(s)
@@ -198,18 +198,19 @@ class Line:
 
     @property
     def tip_weights(self) -> Array:
-        """Weights w of the tangents from the root joint to the tip joint (n,), m; S_l(L) without rigid ends."""
+        """Weights (n,), m, of the unit tangents in the vector root joint to tip joint; S_l(L) without rigid ends."""
         return np.asarray(self.position(np.array([self.length + self.link.tip_offset]))[0])
 
     @property
     def tip_angle(self) -> Array:
-        """Weights l_l(L) of the nodes' angles in the angle of the link's tip, (n,)."""
+        """Weights l_l(L), (n,), of the nodes' angles in the section angle at the link's tip."""
         return np.asarray(self.lagrange(np.array([self.length]))[0])
 
 
 @dataclass(frozen=True)
 class Chain:
-    """Constant matrices of a chain of N links with n nodes each, without payload; SI, nodes numbered from the root."""
+    """Constant matrices of a chain of N links with n nodes each, without payload; SI units, nodes counted from the
+    root."""
 
     lines: tuple[Line, ...]
     P: Array  # (Nn, Nn) kg m^2: masses, kinetic energy 1/2 sum P_ij e_i'.e_j'
@@ -226,20 +227,20 @@ class Chain:
 
     @property
     def rest(self) -> Array | None:
-        """Stress-free angles of the nodes less their link's root angle, (Nn,), rad; None if all links are straight."""
+        """Stress-free angles of all nodes (Nn,), rad, relative to their link's root; None if all links are straight."""
         if not any(line.link.curved for line in self.lines):
             return None
         return np.concatenate([line.rest for line in self.lines])
 
     def arms_to(self, link: int, s: Array) -> Array:
-        """Return weights (len(s), Nn), m: the point at s (m) on a link is r_root + sum_j weight_j e_j."""
+        """Return weights (len(s), Nn), m, with which a link's point at s (m) is r_root + sum_j weight_j e_j."""
         n, weights = self.n, np.zeros((len(s), self.w.size))
         weights[:, : link * n] = self.w[: link * n]
         weights[:, link * n : (link + 1) * n] = self.lines[link].position(s)
         return weights
 
     def angle_at(self, link: int, s: float) -> Array:
-        """Return weights (Nn,) of the nodes' angles in the section angle at s (m) on a link, a rigid end included."""
+        """Return weights (Nn,) of the nodes' angles in a link's section angle at s (m); s may lie on a rigid end."""
         n, weights = self.n, np.zeros(self.w.size)
         line = self.lines[link]
         weights[link * n : (link + 1) * n] = line.lagrange(np.clip(np.array([s]), 0.0, line.length))[0]

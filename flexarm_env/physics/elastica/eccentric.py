@@ -93,7 +93,7 @@ def root_position(lane, model, q: Lanes, x, y):
 def subtract_root_lever(lane, model, r: Lanes, fx: Lanes, fy: Lanes):
     """Subtract from the sums A_i (fx, fy; N m) the part of conj(beta_i) F due to the imaginary part of beta.
 
-    F: the root's force, last two rows of r (N, inertial axes). beta_i (m): weight of node i's unit tangent in the
+    F: force on the root, the last two rows of r (N, inertial axes). beta_i (m): weight of node i's unit tangent in the
     root's position, x - sum_i beta_i e_i (complex); the caller subtracts its real part. Do nothing without an eccentric
     payload.
     """
@@ -120,7 +120,7 @@ def _bending_law(lane, model, g, x):
 
 @kernel
 def add_nonlinear_moments(lane, model, factor, q, r: Lanes):
-    """Add to r (N m), by the nodes' angles, the bending moments of a nonlinear law M(kappa) beyond EI kappa.
+    """Add to r (N m), in the rows of nodes' angles, the moments of a nonlinear law M(kappa) in excess of EI kappa.
 
     factor: the arm's own factor on EI; q: coordinates. The moments of EI kappa are in r already. Do nothing for a
     linear law.
@@ -140,7 +140,7 @@ def add_nonlinear_moments(lane, model, factor, q, r: Lanes):
 
 @kernel
 def add_nonlinear_stiffness(lane, model, factor, q, S: Lanes):
-    """Add to S (row-major, nodes' angles) the stiffness of a nonlinear law M(kappa) beyond EI; no-op for a linear law.
+    """Add to S (row-major, nodes' angles) the stiffness of a nonlinear law M(kappa) in excess of EI (none if linear).
 
     factor: product of the arm's own factor on EI and the weight of the stiffness in the matrix; q: coordinates. Theory,
     section 5, "Eccentric payload".
@@ -162,9 +162,9 @@ def add_nonlinear_stiffness(lane, model, factor, q, S: Lanes):
 
 @kernel
 def nonlinear_strain_energy(lane, model, x):
-    """Return the strain energy (J) of a nonlinear law of M beyond 1/2 int EI kappa^2 ds, for an EI factor of 1.
+    """Return the strain energy (J) of a nonlinear law M(kappa) in excess of 1/2 int EI kappa^2 ds, with EI factor 1.
 
-    x: the nodes' angles less their stress-free values, rad. 0 for a linear law.
+    x: the nodes' angles less their stress-free values, rad. The result is 0 for a linear law.
     """
     total = 0.0
     if model.bends is not None:
@@ -189,10 +189,10 @@ def add_offset_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
     # state     on: `Nodes` with the unit tangents e_j in (c, s) and the weighted derivative of e_j'' in (ex, ey)
     # out       S[i, j] += Re p_ij d + Im p_ij d', where d and d' are the parts of that derivative across and along e_i
 
-    p_ij (kg m^2) is a complex coefficient of masses less the real one that `equations._tangent` has used. The complex
-    one is conj(w_i) w_j m_p plus, if the root moves, the terms of beta. w_j (m): complex weight of e_j in the payload's
-    position from the root; -beta_j (m): complex weight of e_j in the root's position. Do nothing without an eccentric
-    payload. See theory, section 5, "Eccentric payload".
+    p_ij (kg m^2) is the complex coefficient of masses minus the real coefficient that is in S already. The complex
+    coefficient is conj(w_i) w_j m_p plus, if the root moves, the terms of beta. w_j (m): complex weight of e_j in the
+    payload's position from the root; -beta_j (m): complex weight of e_j in the root's position. Do nothing without an
+    eccentric payload. See theory, section 5, "Eccentric payload".
     """
     if model.eccentric is not None:
         D, m, rows = model.data, _nodes(model), size(model.n)

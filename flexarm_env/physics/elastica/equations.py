@@ -34,7 +34,7 @@ from .output import centerline, damping_power, energy, input_displacements, link
 
 @kernel
 def assemble(lane, model, par, state, u, weights, r, S):
-    """Write the residual r, eq. [64], and with weights.with_matrix the matrix S (dense, row-major, model.n rows).
+    """Write the residual r [64] and, with weights.with_matrix, the Newton matrix S (dense, row-major, model.n rows).
 
     r = M a + h(q, v) - B u: moments (N m) in rows of angles, forces (N, inertial axes) in the root's two rows, if it
     moves. S = weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq. par: payload mass (kg) and inertia
@@ -347,7 +347,7 @@ def _to_relative(lane, model, S: Lanes):
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Add x (N m/rad) to the diagonal entry k of the dense matrix S, or fix coordinate k (x None).
+    """Add the stiffness x (N m/rad) to diagonal entry k of the dense matrix S; if x is None, fix coordinate k.
 
     With x None, row and column k become those of the identity matrix.
     """
@@ -367,7 +367,7 @@ def add_stiffness(lane, model, S: Lanes, k, x):
 def factor(lane, model, S: Lanes):
     """Factor the dense matrix S = L U in place, row-major, model.n rows, with 1 / U_kk on the diagonal; L_kk = 1.
 
-    No pivoting: the weighted mass matrix in S, which is positive definite, outweighs the rest.
+    Rows are not exchanged, because the weighted mass matrix in S is positive definite and outweighs the other terms.
     """
     rows = size(model.n)
     for k in range(rows):
@@ -384,7 +384,7 @@ def factor(lane, model, S: Lanes):
 @unrolled
 @kernel
 def solve(lane, model, S: Lanes, x: Lanes):
-    """Solve S y = x in place, x <- y (model.n entries), with the factors L U of `factor`."""
+    """Solve S y = x in place: the model.n entries of x are replaced by y; S holds the factors L U of `factor`."""
     rows = size(model.n)
     # L y = x, then U x = y with inverse diagonal
     for i in range(1, rows):

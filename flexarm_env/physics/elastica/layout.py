@@ -11,7 +11,7 @@ from ...layout import Field, Layout
 from ..materials import BENDING
 
 POINT = Layout("Point", "", Field("x", (), "m", "inertial axes"), Field("y", (), "m", "inertial axes"))
-"""Rows of the root's position, or in free flight of the center of mass, behind the rows of the angles."""
+"""Last two rows, behind the angles: position of the root, or in free flight of the center of mass."""
 X, Y, _ = POINT.places
 
 DATA = Layout(
@@ -29,7 +29,7 @@ DATA = Layout(
     Field("C", ("links", "nodes", "nodes"), "kg m^2", "M - M* of theory (5.3), the correction of the period"),
     Field("points", ("points", "links * nodes"), "m", "weights of each drawn point: sum weight_j e_j = point - root"),
 )  # fmt: skip
-"""Constants of the chain, `Elastica.data`. A link's matrices refer to its own nodes."""
+"""`DATA`: constants of the chain, in `Elastica.data`. The matrices of a link refer to the nodes of that link."""
 LOAD = Layout(
     "Load", "links, nodes",
     Field("arm", ("links * nodes",), "m", "sum arm_j e_j = point of the load - root"),
@@ -41,7 +41,7 @@ ECCENTRIC = Layout(
     Field("across", ("nodes",), "m", "weights of n_j in that vector"),
     Field("beta", ("nodes",), "m", "imaginary part of beta: root = last rows - sum (beta_j of DATA) e_j + beta_j n_j"),
 )  # fmt: skip
-"""Constants of a payload with its center of mass off the tip; nodes: of all links."""
+"""`ECCENTRIC`: constants of a payload whose center of mass is off the tip; nodes are those of all links."""
 OWN = len(BENDING)
 BENDS = Layout(
     "Bends", "points, nodes",
@@ -49,7 +49,7 @@ BENDS = Layout(
     Field("slope", ("points", "nodes"), "1/m", "sum slope_j phi_j = kappa"),
     Field("own", ("points", OWN), "", "further constants of the law of M (`materials.BENDING`)"),
 )  # fmt: skip
-"""Constants of a law of M other than EI kappa, at the quadrature points of all links; nodes: of all links."""
+"""`BENDS`: constants of a nonlinear law M(kappa) at all quadrature points; nodes are those of all links."""
 _data_at = kernel(DATA.offsets)
 eccentric_at = kernel(ECCENTRIC.offsets)
 bends_at = kernel(BENDS.offsets)
@@ -70,7 +70,7 @@ class Nodes(NamedTuple):
 
 @kernel
 def constants(model):
-    """Return the offset in model.data of each field of DATA; `points`, whose number is not needed, is the last one."""
+    """Return the offset in model.data of each field of DATA; `points`, the last field, may have any length."""
     return _data_at(0, size(model.links), size(model.nodes), 0)
 
 

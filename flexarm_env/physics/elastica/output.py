@@ -98,9 +98,9 @@ def _bending(lane, model, shares, x: Lanes, y: Lanes):
 
 @kernel
 def damping_power(lane, model, par: Lanes, q, v, x):
-    """Return x^T C v, W: power at rates x of the Kelvin-Voigt moments at rates v, C = tau_d K; 0 without damping.
+    """Return x^T C v (W), C = tau_d K: power of the Kelvin-Voigt damping moments C v at virtual rates x.
 
-    x, v: rates of the coordinates, rad/s. q is not used: K is constant in the nodes' angles.
+    x, v: rates of the coordinates, rad/s. The result is 0 without damping. q is not used, because K is constant.
     """
     if model.damping is None:
         return 0.0
@@ -112,7 +112,7 @@ def damping_power(lane, model, par: Lanes, q, v, x):
 
 @kernel
 def energy(lane, model, par: Lanes, q, v):
-    """Return (kinetic, strain, gravitational) energy, J; gravitational 0 with the center of mass at the origin.
+    """Return (kinetic, strain, gravitational) energy, J; gravitational energy is 0 for a center of mass at the origin.
 
     par: the arm's payload mass (kg), payload inertia (kg m^2) and EI factor; q, v: coordinates and their rates.
     See theory, (5.2).

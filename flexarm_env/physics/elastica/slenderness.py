@@ -29,12 +29,12 @@ from flexarm_env.time_functions import TimeFunction
 Array = NDArray[np.float64]
 
 MODES = 3
-"""Number of the lowest modes that the estimate includes."""
+"""Number of modes, those with the lowest frequencies, that the error estimate includes."""
 SUDDEN = 2.0
-"""Factor on a static deflection: a load applied at once deflects twice as far as one applied slowly."""
+"""Factor on a static deflection: a load that is applied at once deflects an arm twice as far as a slow load."""
 
 FEWEST, MOST, A_PERIOD = 2000, 100_000, 20
-"""Fewest and most samples of a scene's duration, and samples of a period of the highest mode."""
+"""Smallest and largest number of time samples in a scene, and samples in a period of the highest mode."""
 
 
 class Notes(Mapping[str, float]):
@@ -47,7 +47,7 @@ class Notes(Mapping[str, float]):
 
     @property
     def softer(self) -> float:
-        """Factor on EI of a companion run: 1 / (1 + epsilon), where epsilon is the largest among the lowest modes.
+        """Factor on EI of a companion run: 1 / (1 + epsilon) with the largest epsilon of the lowest modes.
 
         The distance to the companion run estimates the error for motions of any size, unlike the linear estimate.
         """
@@ -119,7 +119,7 @@ def along_the_arm(scene: Scene, rate: float) -> float:
     """Estimate the stretch of the arm as a fraction of its length L, from root motion, rotation and weight.
 
     The model is a spring of stiffness EA / L. Half of the links' mass, the elbows and the payload are at its tip. rate:
-    largest angular velocity, rad/s. For an arm that swings as a pendulum the model has three times the weight.
+    largest angular velocity, rad/s. For an arm that swings as a pendulum the model uses three times the weight.
     """
     arm, end = scene.arm, scene.duration
     length = arm.total_length
@@ -311,7 +311,7 @@ def _acceleration(f: TimeFunction, t: Array) -> Array:
 
 
 def coordinates(arm: Arm, n: int) -> Array:
-    """Return T (Nn, Nn), nodes' angles = T coordinates: the first node of link k > 0 adds the tip before its joint."""
+    """Return the matrix T (Nn, Nn) that maps coordinates (joint and node angles) to the tangent angles of all nodes."""
     T = np.eye(arm.n_links * n)
     for k in range(1, arm.n_links):
         T[k * n, k * n - 1] = 1.0

@@ -27,7 +27,7 @@ from .tables import functions, tables
 Array = NDArray[np.float64]
 
 HONOURS = {**BEAM, Section: (*BEAM[Section], *NORMAL_AND_SHEAR, *BENDING)}
-"""Fields of an arm's dataclasses that this formulation models; `assembly` rejects an arm that sets other fields."""
+"""Fields of an arm's dataclasses that the exact beam models; `assembly` rejects an arm that sets other fields."""
 
 LEAST_ROTARY = 1e-8
 """Lower bound of a section's rotary inertia J, as a fraction of m l^2 with the element's length l. With J = 0 the mass
@@ -35,7 +35,8 @@ matrix would be singular."""
 
 
 def sections(arm: Arm, elements: int, order: int) -> Array:
-    """Pack the constants of all elements: one `SECTION` per link, or one `VARYING` per element if a section varies."""
+    """Return the packed constants of all elements: one `SECTION` per link, or one `VARYING` per element if sections
+    vary."""
     if varies(arm):
         return np.concatenate([_varying(part, order) for link in arm.links for part in link.cut(elements, "elements")])
     rows = []
@@ -82,7 +83,7 @@ def _bent(arm: Arm) -> bool:
 
 
 def rest(arm: Arm, elements: int, order: int) -> list[Array]:
-    """Return each link's stress-free values (right - left, interior ...) of psi, (elements, order), rad.
+    """Return each link's stress-free values (right - left, interior ...) of the angle psi: (elements, order), rad.
 
     The values of psi minimize 1/2 int EI (psi' - kappa_0)^2 ds with the link's curvature kappa_0 (1/m).
     """
@@ -125,11 +126,11 @@ def rigid_ends(scene: Scene) -> Array:
 
 
 def curved(scene: Scene, elements: int, order: int) -> Array:
-    """Return the coordinates q (m, rad) of a chain with curved links at the scene's initial angles, without stress.
+    """Return the stress-free coordinates q (m, rad) of a chain with curved links at the scene's initial joint angles.
 
-    Strains are evaluated at the Gauss points. At the Gauss points stretch and shear vanish for d = l (cos psi, sin
-    psi), which gives the positions from the root outward, as in `element.propagate_positions`. Positions are complex, x
-    + i y.
+    At the Gauss points stretch and shear vanish if d, the position's derivative times l, is l (cos psi, sin psi).
+    Positions follow from d, from the root outward, as in `element.propagate_positions`. The code writes positions as
+    complex numbers x + i y.
     """
     arm, t = scene.arm, tables(order)
     at = CHAIN.offsets(0, arm.n_links, elements, order)
@@ -159,7 +160,7 @@ def curved(scene: Scene, elements: int, order: int) -> Array:
 def straight(scene: Scene, elements: int, order: int) -> Array:
     """Return the coordinates q (m, rad) of the chain without stress at the scene's initial angles.
 
-    Interior coordinates of straight links are 0; curved links: see `curved`.
+    Interior coordinates of straight links are 0. For curved links the result is that of `curved`.
     """
     arm = scene.arm
     if _bent(arm):
@@ -190,7 +191,7 @@ def straight(scene: Scene, elements: int, order: int) -> Array:
 def rows(arm: Arm, elements: int, order: int) -> tuple[tuple[str, ...], dict[str, int]]:
     """Return the names of all rows, and the rows of joint angles and root position by name.
 
-    link2.x3: x of vertex 3 of link 2; link2.x3.1: interior coordinate 1 of its element 3.
+    The name link2.x3 is x of vertex 3 of link 2, and link2.x3.1 is interior coordinate 1 of that link's element 3.
     """
     names = ["root_x", "root_y", "joint0"]
     for k in range(arm.n_links):
@@ -203,7 +204,8 @@ def rows(arm: Arm, elements: int, order: int) -> tuple[tuple[str, ...], dict[str
 
 
 def load_rows(load: PointLoad, arm: Arm, elements: int, order: int) -> list[int]:
-    """Return `ROWS_OF_LOAD` of a point load: rows of x, y, psi of its vertex and of the hinge angle (-1: none)."""
+    """Return a point load's `ROWS_OF_LOAD`: rows of its vertex's x, y, psi and of the hinge angle (-1 if there is
+    none)."""
     at, at_tip = CHAIN.offsets(0, arm.n_links, elements, order), load.end == "tip"
     first = at.elements + AXES * order * elements * (load.link + at_tip)
     hinge = -1 if at_tip or load.link == 0 else at.hinges + load.link - 1
@@ -211,7 +213,7 @@ def load_rows(load: PointLoad, arm: Arm, elements: int, order: int) -> list[int]
 
 
 def build(scene: Scene, settings: Settings) -> System:
-    """Assemble the scene's chain with ``settings.elements`` elements of polynomial order ``settings.order`` a link.
+    """Build the scene's `System`; each link has ``settings.elements`` elements of polynomial order ``settings.order``.
 
     Raises:
         InvalidValue: `period_correction` with links of different tau_d, rigid ends or an eccentric payload.

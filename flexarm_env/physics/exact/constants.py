@@ -23,7 +23,7 @@ def _own(section: Any, p: int) -> list[list[Any]]:
 
 
 def materials(section: Any, p: int) -> list[tuple[Any, Any, list[Any]]]:
-    """Return a tuple per Gauss point: k1 = EA/2l, k2 = C/2l (N/m) and the further constants of the laws of N and Q."""
+    """Return for each Gauss point k1 = EA/2l, k2 = C/2l (N/m) and a list of other constants of the laws of N and Q."""
     own = [row[: len(NORMAL_AND_SHEAR)] for row in _own(section, p)]
     if hasattr(section, "k1"):
         return [(section.k1, section.k2, row) for row in own]
@@ -32,7 +32,7 @@ def materials(section: Any, p: int) -> list[tuple[Any, Any, list[Any]]]:
 
 
 def bending_at(section: Any, p: int) -> list[tuple[Any, list[Any]]]:
-    """Return a tuple per Gauss point: kb = EI/2l (N m) and the further constants of the law of M."""
+    """Return for each Gauss point kb = EI/2l (N m) and a list of further constants of the bending law M(kappa)."""
     own = [row[len(NORMAL_AND_SHEAR) :] for row in _own(section, p)]
     if hasattr(section, "kb"):
         return [(section.kb, row) for row in own]
@@ -59,7 +59,7 @@ def dot(row: list[Any], values: list[Any]) -> Any:
 
 
 def moments_of(section: Any, t: Tables, bent: list[Any]) -> list[Any]:
-    """Return the generalized bending moments K b (N m), conjugate to (right - left, interior ...) of psi; b: bent."""
+    """Return bending moments K b (N m), conjugate to b = bent = (psi_right - psi_left, interior psi ...), rad."""
     # one section: K is diagonal, kb norm_i
     if hasattr(section, "kb"):
         return [x * (section.kb * float(norm)) for x, norm in zip(bent, t.norm, strict=True)]
@@ -69,21 +69,22 @@ def moments_of(section: Any, t: Tables, bent: list[Any]) -> list[Any]:
 
 
 def unbent(section: Any, bent: list[Any]) -> list[Any]:
-    """Return (right - left, interior ...) of psi, `bent`, less its value without stress (rad)."""
+    """Return bent = (psi_right - psi_left, interior psi ...), rad, minus the stress-free value of bent."""
     rest = getattr(section, "rest", None)
     return bent if rest is None else [x - rest[k] for k, x in enumerate(bent)]
 
 
 def inertia_row(section: Any, p: int, axis: int, n: int) -> list[Any]:
-    """Return row n of an axis's mass matrix (X, Y: kg; T: kg m^2) for sections that vary."""
+    """Return row n of the element's mass matrix for one axis (X or Y: kg; T: kg m^2); sections vary."""
     at = VARYING.offsets(0, p)
     return _row(section, at.rotary if axis == T else at.mass, n, p + 1)
 
 
 def bending_entries(section: Any, t: Tables, share: Any) -> Any:
-    """Return a function of two nodes: their entry of the bending stiffness in psi (N m) times share, or None for 0.
+    """Return a function (node, node) -> their entry in the bending stiffness (N m) times share; None stands for 0.
 
-    Nodes 0, 1: left and right vertex, whose slopes are opposite; 2 ...: interior. share: weight of K and C.
+    Nodes 0 and 1 are the left and right vertex, whose shape functions have opposite slopes; nodes from 2 on are
+    interior. share: factor on the stiffness, with the weights of K and C.
     """
     p = len(t.weights)
     if hasattr(section, "kb"):
@@ -107,7 +108,7 @@ def bending_entries(section: Any, t: Tables, share: Any) -> Any:
 
 
 def inertia_entries(section: Any, t: Tables, weight: Any) -> Any:
-    """Return a function of two nodes and an axis: their entry of the mass matrix times weight, or None for 0."""
+    """Return a function (node, node, axis) -> their entry in the mass matrix times weight; None stands for 0."""
     if hasattr(section, "ml"):
         cml, cjl = section.ml * weight, section.jl * weight
 

@@ -39,7 +39,7 @@ RATE, ACCELERATION, FORCE, VERTEX = (AXES * k for k in range(1, 5))
 
 
 class Point(NamedTuple):
-    """State of a Gauss point, as `forces` computes it and `tangent` uses it."""
+    """State and section forces at a Gauss point, computed by `forces` and used by `tangent`."""
 
     c: Any  # cos psi
     s: Any  # sin psi
@@ -103,7 +103,7 @@ def _momenta(sums: Sums, t: Tables, section: Any, nodes: list[Any], axis: int) -
 def momentum(lane, order, a, left, section, r: Lanes):
     """Write the left vertex's and the interior rows of r = M a of an element: forces (inertial axes), moment on psi.
 
-    left: (a_x, a_y, a_psi) and the present rows of r at the left vertex. Returns these six numbers at the right."""
+    left: acceleration (x, y, psi) and rows of r so far of the left vertex. Returns these six for the right vertex."""
     p, sums = len(order), Sums()
     t = tables(p)
     ends, rest = [], []
@@ -134,7 +134,7 @@ def _nonlinear_part(section: Any, t: Tables, bends: list[Any], part: Any) -> lis
 
 @traced
 def section_directions(lane, order, q, psi, circle):
-    """Write (sine, cosine) of psi at each Gauss point of the element to circle; psi: angle at its left end, rad."""
+    """Write (sine, cosine) of the section angle at each Gauss point to circle; psi: angle at the left end, rad."""
     p, sums = len(order), Sums()
     t = tables(p)
     nodes = _axis(lane, q, p, T, psi)
@@ -339,7 +339,7 @@ def backward(lane, order, S: Lanes, x: Lanes, left, right):
 def energy_sums(lane, order, q, v, psi, spin, left, section):
     """Return an element's kinetic and strain energy (J) and first moments of mass int m x, int m y (kg m, inertial).
 
-    psi, spin: angle and rate at the left. left: its (x, y, vx, vy) if q and v do not hold them, else None."""
+    psi, spin: left vertex's angle and rate. left: its (x, y, vx, vy) if q and v do not hold them, else None."""
     p, sums = len(order), Sums()
     t = tables(p)
     x, y, vx, vy = (None,) * 4 if left is None else left
@@ -426,8 +426,8 @@ def rotate_by_small_angle(lane, order, x, w):
 def propagate_positions(lane, order, start: Lanes, q: Lanes, psi, new_psi, x, y):
     """Write the interior and right positions in q (m) from the left (x, y), the angles in q and `start`'s strains.
 
-    At each Gauss point d of `start` rotates by the change of psi. psi, new_psi: left angle in start and in q, rad.
-    Returns the right position (x, y)."""
+    At Gauss points the tangent vectors of `start` rotate by the change of psi. psi, new_psi: left angle (rad) in start
+    and in q. Returns the right position (x, y)."""
     p, sums = len(order), Sums()
     t = tables(p)
     old, new = ([z[_at(n, p) + T] for n in range(1, p + 1)] for z in (start, q))

@@ -150,7 +150,7 @@ def _vertex_behind_hinge(lane, model, state: State, k, left):
 
 @kernel
 def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
-    """Write r = M a + f(q, v) - B u, eq. [64], and, with weights.with_matrix, the matrix S condensed to vertices.
+    """Write the residual r = M a + f(q, v) - B u [64]; with weights.with_matrix also S, condensed to vertices.
 
     Rows of r: forces (N, inertial axes) on x, y; moments (N m) on psi and delta. S = weights.mass M + weights.damping C
     + weights.stiffness K in the fields `interior`, `condensed` of FACTORS. state: q, v, a; u: joint torques, then point
@@ -266,9 +266,9 @@ def _eliminate(lane, S, o, tail):
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Add the stiffness x (N m/rad) to the angle of joint row k: of the hub in S now, of an elbow in `factor`.
+    """Add x (N m/rad) to the stiffness of the joint angle in row k, the hub's or an elbow's; x = None fixes row k.
 
-    None: flag row k, of the root or of a hinge, so that `factor` and `solve` keep it fixed."""
+    The hub's stiffness enters S here, an elbow's in `factor`. `factor` and `solve` keep fixed rows unchanged."""
     factors, hinge = factors_of(model), factors_of(model).hinges + OF_HINGE.end * (k - rows_of(model).hinges)
     if x is None:
         S[factors.pinned + k if k < AXES else hinge + OF_HINGE.pinned] = 1.0
@@ -307,7 +307,7 @@ def _eliminate_hinge_angle(lane, model, S: Lanes, h, tail):
 
 @kernel
 def factor(lane, model, S):
-    """Factor S = L D L^T in place from tip to root; S as `assemble` leaves it, rows fixed by `add_stiffness`."""
+    """Factor the Newton matrix S (of `assemble`) = L D L^T in place, from tip to root, with fixed rows left out."""
     factors, own = factors_of(model), element_factors_at(0, len(model.order))
     zero, one = 0.0, 1.0
     # from tip to root: payload, tip lever; then each link's elements, root lever, hinge, tip lever of the link before

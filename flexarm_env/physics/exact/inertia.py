@@ -9,11 +9,12 @@ from .layout import AXES, T, elbow_of, next_section, rows_of, section_of
 
 @kernel
 def inertia_forces(lane, model, par: Lanes, turn, a: Lanes, r: Lanes):
-    """Rotate the vectors in a by `turn`, then compute r <- M a with the constant mass matrix M (unless r is None).
+    """Rotate the accelerations a by `turn`, then compute the inertia forces r <- M a (unless r is None).
 
-    turn: None, or (start, q, share): each node's vector turns by `share` times its section's rotation from coordinates
-    start to q. a: accelerations by the rows of CHAIN (m/s^2, inertial axes; rad/s^2). r: forces (N) and moments (N m)
-    in the same rows. The model has no rigid ends, because models with rigid ends have no period correction.
+    M: constant mass matrix. turn: None, or (start, q, share): each node's vector is rotated by `share` times the
+    rotation of the node's section from coordinates start to q. a: accelerations in the rows of CHAIN (m/s^2, inertial
+    axes; rad/s^2). r: forces (N) and moments (N m) in the same rows. The model has no rigid ends, because models with
+    rigid ends have no period correction.
     """
     if turn is not None:
         rotate_vectors(lane, model, turn[0], turn[1], turn[2], a)
@@ -62,8 +63,8 @@ def _multiply_mass(lane, model, par: Lanes, a: Lanes, r: Lanes):
 def rotate_vectors(lane, model, start: Lanes, q: Lanes, share, x: Lanes):
     """Rotate each node's vector (x, y; inertial axes) in x by `share` times its section's rotation from start to q.
 
-    start, q: coordinates (psi in rad, small differences). Interior amplitudes turn by the mean of both vertices.
-    See theory, (6.2).
+    start, q: coordinates whose angles psi (rad) differ little. Interior amplitudes are rotated by the mean angle of
+    both vertices. See theory, (6.2).
     """
     order, p, rows = model.order, len(model.order), rows_of(model)
     i = rows.elements

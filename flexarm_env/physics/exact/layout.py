@@ -29,7 +29,7 @@ ELEMENT = Layout(
     Field("interior", ("order - 1", AXES), "", "amplitudes of the interior functions in x, y (m) and psi (rad)"),
     Field("right", (AXES,), "", "x (m), y (m), psi (rad) of the right vertex, the next element's left one"),
 )  # fmt: skip
-"""Coordinates of one element."""
+"""`ELEMENT`: order of the coordinates of one element in q, v, a and r."""
 
 CHAIN = Layout(
     "Chain", "links, elements, order",
@@ -37,7 +37,7 @@ CHAIN = Layout(
     Field("tip", (AXES,), "", "x (m), y (m), psi (rad) of the last vertex"),
     Field("hinges", ("links - 1",), "rad", "delta: angle of a link's root section less psi of the tip before it"),
 )  # fmt: skip
-"""Rows of q, v, a and r, from root to tip."""
+"""`CHAIN`: rows of the coordinates in q, v, a and r, from root to tip."""
 
 # constants: EA, C, EI over 2 l, because d and kappa are derivatives by xi in [-1, 1]; m, J times l / 2
 
@@ -52,7 +52,7 @@ SECTION = Layout(
     Field("jl", (), "kg m^2", "J l / 2, J the rotary inertia per length"),
     Field("own", (OWN,), "", "further constants of the material laws (`materials.NORMAL_AND_SHEAR`, `BENDING`)"),
 )  # fmt: skip
-"""Constants of each element of a link with one section."""
+"""`SECTION`: constants of each element of a link with one section."""
 VARYING = Layout(
     "Varying", "order",
     Field("length", (), "m", "l of this element"),
@@ -64,7 +64,7 @@ VARYING = Layout(
     Field("bending", ("order",), "N m", "EI / 2l at the Gauss points, for a nonlinear law of M"),
     Field("own", ("order", OWN), "", "further constants of the material laws at the Gauss points"),
 )  # fmt: skip
-"""Constants of one element in an arm whose sections vary, which replace `SECTION`."""
+"""`VARYING`: constants of one element in an arm whose sections vary; they replace `SECTION`."""
 
 ELBOW = Layout(
     "Elbow", "",
@@ -77,7 +77,7 @@ LEVERS = Layout(
     Field("levers", ("links", 2, LEVER.length), "", "a `LEVER` for each link's root and tip"),
     Field("loads", ("loads",), "m", "lever of each point load, from its vertex along psi"),
 )  # fmt: skip
-"""Rigid ends of the links."""
+"""`LEVERS`: constants of the links' rigid ends."""
 
 ROWS_OF_LOAD = Layout(
     "RowsOfLoad", "",
@@ -86,12 +86,12 @@ ROWS_OF_LOAD = Layout(
     Field("psi", (), "", "row of its angle psi"),
     Field("hinge", (), "", "row of the hinge angle delta, if the load acts behind a hinge; -1: none"),
 ).places  # fmt: skip
-"""Rows of CHAIN that a point load acts on."""
+"""`ROWS_OF_LOAD`: the rows of CHAIN on which a point load acts."""
 
 # S: blocks by x, y (inertial axes) and psi; symmetric ones hold six numbers
 
 SYMMETRIC = Layout("Symmetric", "", *(Field(name, (), "", "") for name in ("xx", "xy", "xt", "yy", "yt", "tt")))
-"""A symmetric 3x3 matrix of (x, y, psi), t for psi; factored L D L^T: 1 / D on the diagonal, L beside it."""
+"""A symmetric 3x3 matrix on (x, y, psi), with t for psi. After factoring, L D L^T: 1 / D on the diagonal, and L."""
 XX, XY, XT, YY, YT, TT, SIX = SYMMETRIC.places
 
 CONDENSED = Layout(
@@ -102,7 +102,7 @@ CONDENSED = Layout(
     Field("lr_t", (AXES,), "", "row psi of that block"),
     Field("rr", (SIX,), "", "block of the right vertex; factored: L D L^T with all elements behind it"),
 )  # fmt: skip
-"""Matrix of an element condensed to its two vertices."""
+"""`CONDENSED`: an element's Newton matrix after its interior coordinates are condensed to its two vertices."""
 LL, LR_X, LR_Y, LR_T, RR, _ = CONDENSED.places
 
 CIRCLE = Layout("Circle", "", Field("sine", (), "", "of psi"), Field("cosine", (), "", "of psi"))
@@ -133,7 +133,7 @@ FACTORS = Layout(
     Field("hinges", ("links - 1", HINGE.length), "", "a `HINGE` each"),
     Field("elements", ("links", "elements", ELEMENT_FACTORS.length), "", "an `ELEMENT_FACTORS` each"),
 )  # fmt: skip
-"""S: the Newton matrix, which `factor` replaces by its factors."""
+"""`FACTORS`: layout of S, the Newton matrix, which `factor` replaces by its factors."""
 
 OF_HINGE = HINGE.places
 LEVER_FACTORS = Layout(
@@ -165,13 +165,13 @@ def lever_at(k, end):
 
 @kernel
 def rows_of(model):
-    """Return the row at which each field of CHAIN (elements, tip, hinges) begins."""
+    """Return the first row of each field of CHAIN: elements, tip vertex, hinges."""
     return _chain_at(0, model.links, model.elements, len(model.order))
 
 
 @kernel
 def vertex_of(model, k):
-    """Return the row of x of the vertex where link k begins, or of the last vertex for k = links."""
+    """Return the row of coordinate x of link k's first vertex, or of the arm's last vertex for k = links."""
     return rows_of(model).elements + AXES * len(model.order) * model.elements * k
 
 
@@ -242,9 +242,9 @@ def section_of(lane, model, par: Lanes, k):
 
 @kernel
 def next_section(model, section):
-    """Return the constants of a link's next element: the same `Section`, or the `Varying` after the element's own.
+    """Return the constants of a link's next element: the same `Section`, or the next `Varying` in the model's array.
 
-    section: the current element's section.
+    section: constants of the current element, a `Section` or a `Varying`.
     """
     if model.varying is None:
         return section
@@ -270,7 +270,7 @@ def elbow_of(model, k):
 
 
 class Vertex(NamedTuple):
-    """State of a vertex between two elements; components x, y (inertial axes) and psi in each field."""
+    """State of a vertex between two elements; each field has components x, y (inertial axes) and psi."""
 
     place: tuple[Any, Any, Any]  # m, m, rad
     rate: tuple[Any, Any, Any]  # m/s, m/s, rad/s; read by a damped model alone

@@ -35,9 +35,9 @@ from .tables import interior
 def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
     """Write the displacement conjugate to each input to y: joint angles (rad), then x, y, angle of each load point.
 
-    Positions in m, inertial axes. Joint 0: psi of the root; other joints: hinge angles delta. A load at the end of a
-    lever moves with the lever. A load behind a hinge turns with psi + delta. par and since are not used, because angles
-    in the plane add up.
+    Positions in m, inertial axes. The angle of joint 0 is psi of the root vertex; other joint angles are the hinge
+    angles delta. A load at the end of a lever moves with the lever. The angle at a load behind a hinge is psi + delta.
+    par and since are not used, because angles in the plane add up.
     """
     rows, links = rows_of(model), model.links
     y[0] = q[T]
@@ -59,7 +59,7 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
 
 @kernel
 def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
-    """Return (kinetic, strain, gravitational) energy of the chain, J; gravity's is measured from the origin.
+    """Return (kinetic, strain, gravitational) energy of the chain, J; gravitational energy is 0 at the origin.
 
     q: coordinates (m, rad); v: their rates. Strain energy as in theory (5.1).
     """
@@ -147,14 +147,14 @@ def link_poses(lane, model, par, q: Lanes, v: Lanes, out, tasks=None):
 
 
 STATIONS = np.zeros((4, 4, 2))
-"""STATIONS[p, j, k]: interior function k at station j of p equal steps along an element of order p."""
+"""STATIONS[p, j, k]: value of interior function k at station j of an element of order p, which has p equal steps."""
 for _order in range(2, 4):
     STATIONS[_order, :_order, : _order - 1] = interior(_order, np.arange(_order) * 2.0 / _order - 1.0).T
 
 
 @kernel
 def centerline(model, q, points):
-    """Write positions along the chain (m, inertial axes) at p equal steps of each element to points; return how many.
+    """Write positions along the chain (m, inertial axes) to points, p per element; return the number of positions.
 
     The kernel has one lane. p: polynomial order; q: coordinates. Writing stops when `points` (n, 2) is full. The first
     point of a link is its joint, the last one the arm's tip.
@@ -210,8 +210,8 @@ def restore_strains(lane, model, start: Lanes, q: Lanes):
 def correct_positions(lane, model, par, w, active, slopes, predicted):
     """Replace the predicted positions in w.q (m): compute them from the strains at the step's start, w.q0.
 
-    w.v, w.a, w.b follow by `slopes` (`NewmarkSlopes`). predicted: a tag after a prediction; None after a Newton
-    increment, for which this is a no-op. active is not used.
+    w.v, w.a and w.b change by `slopes` (`NewmarkSlopes`) times the change of position. predicted: a tag after a
+    prediction. With None, after a Newton increment, nothing is changed. active is not used.
 
     # scratch   w.r
     """

@@ -24,7 +24,7 @@ ROOT_END, TIP_END = range(2)
 
 @kernel
 def lever_vector(lane, model, k, end, angle):
-    """Return the lever of an end of link k, near to far point, m, inertial axes; angle: psi of the beam there, rad.
+    """Return the lever vector (m, inertial axes) of link k's rigid end, from near to far point; angle: the beam's psi.
 
     end: ROOT_END (joint to beam start) or TIP_END (beam end to next joint). The near point is closer to the arm's root.
     """
@@ -119,9 +119,10 @@ def _lever_acceleration(lever, rate, second, ax, ay, share):
 def beam_start(lane, model, state: State, k, tip, i):
     """Return the `Vertex` where the beam of link k begins, behind levers and hinge, from the vertex `tip` at row i.
 
-    For k = 0 `tip` is the joint at the chain's root. The new vertex has no force. The vertex's moment is the hub's
-    inertia torque less the hub torque (k = 0), or the elbow's inertia torque behind the hinge. `beam_start_rows` later
-    transmits the beam's force back. state: q, v, a of the arm. See theory, section 5, "Rigid ends".
+    For k = 0 `tip` is the joint at the chain's root. The force field of the new vertex is 0. The new vertex's moment is
+    the hub's inertia torque less the hub torque (k = 0), or the elbow's inertia torque behind the hinge.
+    `beam_start_rows` later transmits the beam's force back. state: q, v, a of the arm. See theory, section 5, "Rigid
+    ends".
     """
     (x, y, psi), (vx, vy, turning), (ax, ay, alpha), (_, _, moment) = tip.place, tip.rate, tip.acceleration, tip.force
     # omega is for centripetal terms, `turning` for strain rates, which a damped model alone reads
@@ -173,10 +174,10 @@ def _through(lane, model, k, end, lever, motion, force, moment, far, weights, S)
 def beam_start_rows(lane, model, state: State, u: Lanes, k, tip, i, r: Lanes, weights, S):
     """Write the residual rows of the vertex before link k (row i) and of its hinge, with rigid ends (theory, 5).
 
-    In: r[i : i + 3], force (N, inertial axes) and moment (N m) on the start of the beam of link k. Out: the same rows
-    for the vertex `tip`, which is the near point of the tip lever before the hinge (k = 0: of the root lever), and the
-    hinge's row, moment less joint torque u[k]. state: q, v, a. With weights.with_matrix the levers' factors are written
-    to S.
+    On entry r[i : i + 3] is the force (N, inertial axes) and moment (N m) on the start of link k's beam. On return
+    these rows refer to the vertex `tip`, the near point of the tip lever before the hinge (k = 0: of the root lever).
+    The hinge's row is the moment less the joint torque u[k]. state: q, v, a of the arm. With weights.with_matrix the
+    levers' factors are written to S.
     """
     _, _, psi = tip.place
     (ax, ay, alpha), (gx, gy, moment) = tip.acceleration, tip.force
@@ -207,10 +208,10 @@ def beam_start_rows(lane, model, state: State, u: Lanes, k, tip, i, r: Lanes, we
 
 @kernel
 def last_vertex_force(lane, model, par: Lanes, state: State, tip, i, weights, S):
-    """Return force (N, inertial axes) and moment (N m) on the last vertex, row i.
+    """Return the force (N, inertial axes) and moment (N m) on the arm's last vertex, which is at row i.
 
-    Beam (`tip`), the payload's mass and the tip lever that carries the payload contribute to force and moment. The
-    caller adds the payload's rotary inertia.
+    The beam (force in `tip`), the payload's mass and the tip lever that carries the payload contribute. The caller adds
+    the moment of the payload's rotary inertia.
     """
     (fx, fy, moment), (ax, ay, alpha) = tip.force, tip.acceleration
     omega, mass, k = state.v[i + T], par[PAYLOAD_MASS], model.links - 1
@@ -231,10 +232,10 @@ def last_vertex_force(lane, model, par: Lanes, state: State, tip, i, weights, S)
 def condense_to_near_point(lane, model, S, k, end, tail):
     """Return the symmetric 3x3 matrix on (x, y, psi) of a lever's near point, given the far point's matrix `tail`.
 
-    Order (xx, xy, xt, yy, yt, tt), t for psi. The lever is at the `end` of link k; its `LEVER_FACTORS` are in S. With n
-    = (-e_y, e_x) the far point moves by dx + n dpsi, a map T, and the lever's middle by dx + n/2 dpsi: T^T (tail + far
-    mass) T + the lever's own mass + `turn` on psi. Without levers `tail` is returned. See theory, section 5, "Rigid
-    ends".
+    Matrices are tuples (xx, xy, xt, yy, yt, tt), t for psi. The lever is at the `end` of link k; its `LEVER_FACTORS`
+    are in S. With n = (-e_y, e_x) the far point moves by dx + n dpsi, a map T, and the lever's middle by dx + n/2 dpsi:
+    T^T (tail + far mass) T + the lever's own mass + `turn` on psi. Without levers `tail` is returned. See theory,
+    section 5, "Rigid ends".
     """
     if model.rigid is None:
         return tail
@@ -293,9 +294,9 @@ def about_root(lane, model, S, k, x: Lanes, i, tx, ty, taken, tt):
     """Transfer the elimination's result from the start of link k's beam to the joint before it; return (taken, tt).
 
     In `solve`, rows i, i + 1 of x hold the original right side of rows x, y; (tx, ty) is their right side after
-    elimination. The difference is a force at the far point of the root lever. The force's moment about the joint is
-    added to `taken`, the sum subtracted from psi's row so far, and subtracted from `tt`, the remaining right side of
-    psi's row. S: factors. Without levers (taken, tt) is returned unchanged.
+    elimination. The difference is a force at the far point of the root lever. The moment of this force about the joint
+    is added to `taken` and subtracted from `tt`. taken: amount that elimination has subtracted from the row of psi. tt:
+    remaining right side of that row. S: factors. Without levers (taken, tt) is returned unchanged.
     """
     if model.rigid is None:
         return taken, tt
@@ -305,7 +306,7 @@ def about_root(lane, model, S, k, x: Lanes, i, tx, ty, taken, tt):
 
 @kernel
 def about_tip(lane, model, S, k, x: Lanes, i, tx, ty, tt):
-    """Return the remaining right side tt of psi's row i + 2, less the moment of the force that elimination subtracted.
+    """Return tt, the remaining right side of psi (row i + 2), less the moment of the force that elimination subtracted.
 
     In `solve`, rows i, i + 1 of x hold the original right side of rows x, y; (tx, ty) is their right side after
     elimination. The difference is a force at the far point of link k's tip lever. S: factors. Without levers tt is
@@ -353,8 +354,8 @@ def beam_start_motion(lane, model, q, v, k):
 def next_vertex_motion(lane, model, q, v, i):
     """Return (x, y, vx, vy) of the vertex at row i, where an element begins; None without rigid ends.
 
-    Units m, m/s, inertial axes. The result replaces that of `beam_start_motion` for all elements of a link but the
-    first. Without rigid ends q and v hold the vertex's motion.
+    Units are m and m/s, in inertial axes. The function serves all elements of a link but the first, whose start is
+    `beam_start_motion`. Without rigid ends q and v hold the vertex's motion.
     """
     if model.rigid is None:
         return None

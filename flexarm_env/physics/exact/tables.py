@@ -16,9 +16,10 @@ from ..linalg import product
 
 @dataclass(frozen=True)
 class Tables:
-    """Functions of an element of order p on [-1, 1] at its p Gauss points: left and right linear, and interior.
+    """Shape functions of an element of order p at its p Gauss points on [-1, 1]: two linear ones, and interior ones.
 
-    Twice a derivative on [-1, 1] is l times the derivative along the element, whatever its length l.
+    Slopes are stored as twice the derivative on [-1, 1], which equals l times the derivative along an element of length
+    l.
     """
 
     weights: np.ndarray  # (p,), of the Gauss points, sum 2
@@ -51,14 +52,14 @@ def interior(order: int, x: np.ndarray) -> np.ndarray:
 
 
 def functions(order: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return values (order + 1, len(x)) and slopes (order, len(x)) of all functions at x in [-1, 1], as in `Tables`."""
+    """Return values (order + 1, len(x)) and slopes (order, len(x)) of all shape functions at points x of [-1, 1]."""
     slopes = [np.ones(np.size(x)), *_scaled(order, lambda f, scale: legendre.legval(x, f) / scale)]
     return np.vstack([0.5 * (1.0 - x), 0.5 * (1.0 + x), interior(order, x)]), np.array(slopes)
 
 
 @cache
 def tables(order: int) -> Tables:
-    """Compute the `Tables` of a polynomial order from 1 to 3 (or more)."""
+    """Return the `Tables` (shape functions at Gauss points) for a polynomial order of 1 or more."""
     # p Gauss points for the strains (reduced), p + 1 for the mass
     points, weights = legendre.leggauss(order)
     value, slopes = functions(order, points)
@@ -78,13 +79,14 @@ def _tidy(values: np.ndarray) -> np.ndarray:
 
 
 class Sums:
-    """Emit sums of traced values with constant coefficients; reuse an earlier sum for each multiple of the sum."""
+    """Emit sums of traced values with constant coefficients; a multiple of an earlier sum reuses that sum."""
 
     def __init__(self) -> None:
         self.known: dict[Any, Any] = {}
 
     def __call__(self, coefficients: Any, values: Any, factor: float = 1.0, unit: Any = None) -> Any:
-        """Return factor * unit * sum of coefficient * value; 0.0 if all coefficients vanish. unit: a scalar symbol."""
+        """Return factor * unit * (sum of coefficient * value), or 0.0 if all coefficients vanish; unit: a traced
+        number."""
         terms = [(float(c), v) for c, v in zip(coefficients, values, strict=True) if abs(c) > 1e-14]
         if not terms:
             return 0.0
@@ -108,13 +110,13 @@ def _near_one(ratio: float) -> float:
 
 
 def times(value: Any, factor: float) -> Any:
-    """Return value * factor without a product where the factor is 1 or -1."""
+    """Return value * factor, without emitting a multiplication if the factor is 1 or -1."""
     factor = _near_one(factor)
     return value if factor == 1.0 else -value if factor == -1.0 else value * factor
 
 
 def slopes(sums: Sums, t: Tables, nodes: list[Any]) -> tuple[Any, list[Any]]:
-    """Return right less left value of a coordinate, and l times its derivative along the element at the Gauss points.
+    """Return a coordinate's right minus left value, and l times its derivative along the element at Gauss points.
 
     nodes: left, right, interior values of the coordinate; t: the element's tables.
     """

@@ -15,11 +15,11 @@ from ...parameters import Link, Section
 Array = NDArray[np.float64]
 
 BENDING = np.array([1, 2, 4, 5])
-"""Entries of the element's coordinates in bending: v1, phi1, v2, phi2."""
+"""Indices of the bending coordinates v1, phi1, v2, phi2 among an element's six coordinates."""
 
 _GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(4)
 QUADRATURE = (0.5 * (1.0 + _GAUSS_X), 0.5 * _GAUSS_W)
-"""Points xi in (0, 1) and weights. Four points integrate every product of shape functions exactly."""
+"""Gauss points xi in (0, 1) and their weights. Four points integrate every product of shape functions exactly."""
 
 
 FINER = np.polynomial.legendre.leggauss(8)
@@ -30,9 +30,9 @@ FINER = np.polynomial.legendre.leggauss(8)
 class Element:
     """A piece of a link as one finite element.
 
-    link: the piece. start: distance of the piece's start from the body's root, m. number: index in an even mesh,
-    otherwise None. Where sections vary, the shape functions are those of the mean section; stiffness and mass are
-    integrals.
+    link: the piece as a link of its own. start: distance of the piece's start from the body's root, m. number: index of
+    the element in a mesh of equal elements, otherwise None. Where sections vary, the shape functions are those of the
+    mean section; stiffness and mass are integrals.
     """
 
     link: Link
@@ -69,11 +69,11 @@ class Element:
         return [(a / self.length, b, Section(*map(float, c))) for a, b, c in zip(s, shares, values, strict=True)]
 
     def at(self, xi: float) -> float:
-        """Return x (m from the body's root) of the point xi in (0, 1)."""
+        """Return the distance x (m) from the body's root to the element's point xi in (0, 1)."""
         return self.start + xi * self.length if self.number is None else (self.number + xi) * self.length
 
     def shapes(self, xi: float) -> Array:
-        """Return the element's `shape_functions` at xi, (3, 6)."""
+        """Return the element's shape functions of u, v and phi at xi, shape (3, 6) (`shape_functions`)."""
         return shape_functions(xi, self.length, self.mu)
 
     def stiffness(self) -> Array:
@@ -111,7 +111,7 @@ class Element:
 def mesh(link: Link, n: int, option: str) -> list[Element]:
     """Cut a link, or a piece of a link, into n elements from root to tip; elements end where sections jump.
 
-    option: name of the setting that gave n, for the message of a ValueError.
+    option: name of the setting that determines n, such as "segments", for the message of a ValueError.
     """
     if link.uniform is not None:
         l = link.length / n
@@ -129,8 +129,8 @@ def shear_factor(section: Section, length: float) -> float:
 def shape_functions(xi: float, length: float, mu: float) -> Array:
     """Return the shape functions of u, v (m, along and across the element's axis) and phi (rad) at xi = x/l: (3, 6).
 
-    Columns: u1, v1, phi1, u2, v2, phi2. length l: m; mu: 1 / (1 + 12 EI / (C l^2)), 1 without shear. The paper's eq.
-    [41].
+    The columns belong to u1, v1, phi1, u2, v2, phi2. length: l (m). mu: shear factor 1 / (1 + 12 EI / (C l^2)), 1
+    without shear. The functions are the paper's eq. [41].
     """
     eta, half = 1.0 - xi, 0.5 * length
     return np.array(
@@ -163,7 +163,7 @@ def linear_stiffness(section: Section, length: float) -> Array:
 
 
 def geometric_matrix(section: Section, length: float) -> Array:
-    """Return G of the geometric stiffness P G, eq. [45], on (v1, phi1, v2, phi2), (4, 4), 1/m: w'Gw = int v'^2 dx."""
+    """Return G (4, 4), 1/m, of the geometric stiffness P G [45]: w'Gw = int v'^2 dx, w = (v1, phi1, v2, phi2)."""
     mu, l = shear_factor(section, length), length
     a, b = 60 + 12 * mu**2, 6 * mu**2 * l
     c, d = (5 + 3 * mu**2) * l**2, (-5 + 3 * mu**2) * l**2

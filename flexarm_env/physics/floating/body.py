@@ -1,13 +1,13 @@
 """Kernels of one floating-frame body: motion of its tip, inertia forces [57]-[63], elastic and damping forces.
 
-A body's frame has origin R and angle theta. The body's tip lies at t(q) in the frame's axes, and the body's root
-section is turned by rho'q against the frame. Gravity enters as an acceleration of the frame, so positions R are not
-needed. The sweep from root to tip therefore passes only a section's angle, its rates and its acceleration. The sweep
-from tip to root passes a force and a moment (theory, section 3).
+A body's frame has origin R and angle theta. In frame axes the body's tip has the position t(q). The body's root section
+is rotated by the angle rho'q relative to the frame. Gravity enters as an acceleration of the frame, so positions R are
+not needed. The sweep from root to tip therefore passes only a section's angle, its rates and its acceleration. The
+sweep from tip to root passes a force and a moment (theory, section 3).
 
 Arguments that recur: `model` is the `Mesh`, common to all bodies. `D` is one body's block of constants (`layout.BODY`).
-q, v, a begin at the body's n elastic coordinates. E = [[0, -1], [1, 0]] turns a vector by a right angle. In a frame
-that spins at w the derivative of a vector y is y' + w E y.
+q, v, a begin at the body's n elastic coordinates. E = [[0, -1], [1, 0]] rotates a vector by 90 deg. In a frame that
+spins at w the derivative of a vector y is y' + w E y.
 """
 
 from ...compiler import Lanes, kernel, sincos, size, unrolled
@@ -18,13 +18,14 @@ from .layout import KNOWN, NOW, PASSED, body_at, factors_at, span_at, strain_at,
 
 @kernel
 def constants(model):
-    """Return the index of each field of `layout.BODY` in a body's block of constants."""
+    """Return a named tuple with the index of each field of `layout.BODY` in a body's block of constants."""
     return body_at(0, size(model.n), len(model.window), len(model.elements), 0)
 
 
 @kernel
 def damping_time(lane, model, D, par: Lanes):
-    """Return the body's damping time tau_d, s: the arm's tau_d in par, times the body's share in D if links differ."""
+    """Return the body's damping time (s): the arm's tau_d in par, times the body's share of it if links differ in
+    tau_d."""
     tau = par[TAU_D]
     if model.damped is not None and len(model.damped) > 1:
         tau = tau * D[constants(model).damped]
@@ -33,7 +34,7 @@ def damping_time(lane, model, D, par: Lanes):
 
 @kernel
 def dot(lane, model, D, at, x: Lanes):
-    """Return sum_j D[at + j] x_j over the body's n elastic coordinates; x: coordinates, rates or accelerations."""
+    """Return sum_j D[at + j] x_j, summed over the body's n elastic coordinates (or their rates or accelerations) x."""
     total = x[0] * D[at]
     for j in range(1, size(model.n)):
         total = total + x[j] * D[at + j]
@@ -55,7 +56,7 @@ def along(lane, model, D, at, x):
 
 @kernel
 def product(lane, model, D, at, x: Lanes, y):
-    """Return x' A y, where A is the n x n matrix stored by rows at D[at:]."""
+    """Return x' A y, where the n x n matrix A is stored row by row in D from index `at` on."""
     n = size(model.n)
     total = x[0] * dot(lane, model, D, at, y)
     for i in range(1, n):
@@ -65,7 +66,7 @@ def product(lane, model, D, at, x: Lanes, y):
 
 @kernel
 def in_window(lane, model, D, at, x: Lanes, first):
-    """Return sum_j D[at + j] x[first + j] over an element's window: its elastic coordinates from `first` on."""
+    """Return sum_j D[at + j] x[first + j], summed over the elastic coordinates of one element (its window)."""
     total = x[first] * D[at]
     for j in range(1, len(model.window)):
         total = total + x[first + j] * D[at + j]
@@ -76,8 +77,8 @@ def in_window(lane, model, D, at, x: Lanes, first):
 def tip(lane, model, D, x):
     """Return (u, v, phi)'x at the body's tip: displacement (m) along and across the frame's axis, section angle (rad).
 
-    Only the linear part is included, without the foreshortening of bodies reduced to modes. x: coordinates, their rates
-    or accelerations.
+    Foreshortening of bodies reduced to modes is not included. x: the body's elastic coordinates (or their rates or
+    accelerations).
     """
     own = constants(model)
     return along(lane, model, D, own.tip_u, x), dot(lane, model, D, own.tip_v, x), dot(lane, model, D, own.tip_phi, x)
@@ -85,7 +86,8 @@ def tip(lane, model, D, x):
 
 @kernel
 def turn_of_root(lane, model, D, x):
-    """Return rho'x, the angle (rad) of the root section against the body's frame; 0 for frames clamped to the root."""
+    """Return the angle rho'x (rad) of the root section relative to the body's frame; 0 if the frame is clamped to the
+    root."""
     if model.chord is None:
         return 0.0
     return dot(lane, model, D, constants(model).root, x)
@@ -98,8 +100,8 @@ def propagate_to_tip(lane, model, D, q, v, a, pose, S):
 
         theta = angle - rho'q,   r''_tip = R'' + A (t'' + 2 w E t' + alpha E t - w^2 t)       (theory, eq. 3.1)
 
-    A: rotation by the frame's angle theta; E turns by 90 deg; w, alpha: rates of theta; t: tip in frame axes; R:
-    origin.
+    A: rotation by the frame's angle theta; E: rotation by 90 deg; w, alpha: theta', theta''; t: tip's position in frame
+    axes; R: position of the frame's origin.
 
     # state    q, v, a: elastic coordinates, rates, accelerations
     # in, out  pose (5,), `PASSED`: at the root section, then at the tip section; inertial axes
@@ -190,9 +192,9 @@ def forces(
 
         M_b = f_theta + (E t)'g + M,  r = f_q + K q + (dt/dq)'g + phi_t M - rho M_b,  G_b = f_R + G   (theory, eq. 3.2)
 
-    f: inertia forces with gravity, eqs. [61]-[63] (theory, eq. 2.4); K q: elastic forces [44], [45] with damping; t,
-    phi_t'q: place and angle of the tip in frame axes; rho'q: angle of the root section against the frame; E turns by 90
-    deg; G, M: force and moment required at the tip, g = G in frame axes.
+    f: inertia forces with gravity, eqs. [61]-[63] (theory, eq. 2.4). K q: elastic forces [44], [45] with damping. t,
+    phi_t'q: position and angle of the tip in frame axes. rho'q: angle of the root section relative to the frame. E:
+    rotation by 90 deg. G, M: force and moment required at the tip; g: the force G in frame axes.
 
     # model    D; par: the arm's parameters (factor on bending stiffness, tau_d)
     # state    q, v, a: elastic coordinates, rates, accelerations; S: `NOW`, written by `propagate_to_tip`

@@ -43,14 +43,15 @@ WRITTEN_OUT = 8
 """Largest number of elastic coordinates of a body whose kernels are unrolled, with constant indices."""
 
 MARGIN_LOST = 0.5
-"""A run ends as out of range when a reduced body has lost this fraction of its inertia margin (`inertia_margins`)."""
+"""A run ends as out of range when bending has consumed this fraction of a reduced body's inertia margin
+(`inertia_margins`)."""
 
 
 def carried(arm: Arm, link: int, rest: float = 0.0) -> tuple[float, float]:
-    """Return the mass (kg) and inertia (kg m^2) that a link carries at a point `rest` m before its tip.
+    """Return the mass (kg) and inertia (kg m^2) of all parts beyond a point that is `rest` (m) before a link's tip.
 
-    All parts beyond the point count as straight and rigid: the rest of the link, its rigid end, elbows, later links,
-    the payload. The inertia is about the point.
+    The parts are the rest of the link, its rigid end, elbows, later links and the payload. They count as straight and
+    rigid. The inertia is about the point.
     """
     own, mass, inertia, distance = arm.links[link], 0.0, 0.0, rest + arm.links[link].tip_offset
     # m and I = int m (s - s_0)^2 + J of the link's own rest behind the point
@@ -115,9 +116,9 @@ def _cut(link: Link, settings: Settings) -> list[Link]:
 
 
 def bodies_of(arm: Arm, settings: Settings) -> list[Body]:
-    """Return the bodies of all links from root to tip, the same number for each link, with hub and elbows lumped.
+    """Return the bodies of all links from root to tip, the same number for each link; hub and elbows are lumped.
 
-    The payload is not lumped, because it is one of the arm's own parameters.
+    The payload is not lumped, because its mass is a parameter that may differ between the arms of a batch.
     """
     bodies: list[Body] = []
     frame, segments = settings.frame or "root", settings.segments or 1
@@ -162,7 +163,7 @@ def _limits(scene: Scene, bodies: list[Body], reduced: bool) -> list[float]:
 
 
 def build(scene: Scene, settings: Settings) -> System:
-    """Assemble a scene in the floating-frame formulation: with multipliers where the settings require multipliers."""
+    """Build the `System` of a scene with floating frames, and with Lagrange multipliers if `settings.multipliers`."""
     return _joined(scene, settings) if settings.multipliers else _chain(scene, settings)
 
 

@@ -64,10 +64,10 @@ def _joint_at(k):
 
 @kernel
 def frame_at(lane, model, state: State, i, pose):
-    """Write angle, rates and acceleration less gravity of the frame with rows i, i + 1, i + ANGLE into pose, `PASSED`.
+    """Write the motion of the frame in rows i, i + 1, i + ANGLE of state into pose (5,), the `PASSED` of its origin.
 
-    The three rows of `state` (q, v, a of the arm) are x, y (inertial axes) and angle. pose (5,): rad, rad/s, rad/s^2,
-    then m/s^2 along inertial axes.
+    The three rows of `state` (q, v, a of the arm) are x, y (inertial axes) and angle. pose: angle (rad), its rate and
+    acceleration, then the origin's acceleration less gravity (m/s^2, inertial axes).
     """
     q, v, a = state
     store_vector(lane, pose, PASSED.angle, (q[i + ANGLE], v[i + ANGLE], a[i + ANGLE]))
@@ -77,9 +77,10 @@ def frame_at(lane, model, state: State, i, pose):
 
 @kernel
 def subtract_loads(lane, model, link, end, u: Lanes, force: Lanes):
-    """Subtract the point loads at an end (0 root, 1 tip) of a link from force (3,): N, N, N m in inertial axes.
+    """Subtract the point loads at an end (0 root, 1 tip) of a link from the force and moment in `force` (3,).
 
-    u: inputs; after the joint torques of all links come x, y and torque of each load (`LOAD`).
+    force: components along inertial axes (N), then the moment (N m). u: inputs, which are the joint torques of all
+    links, then x, y and torque of each load (`LOAD`).
     """
     if model.loads is not None:
         for f in range(model.loads.shape[0] // LOADED.end):
@@ -190,9 +191,9 @@ def _with_own(lane, model, S: Lanes, at, x, y):
 
 @kernel
 def diagonal(lane, tail, zero, mass, inertia):
-    """Write diag(mass, mass, inertia) into tail (9,): a rigid body's force and moment by acceleration and angle.
+    """Write the matrix diag(mass, mass, inertia) of a rigid body (rows: force, moment) into tail (9,), row by row.
 
-    inertia is already multiplied by cm; zero: 0.0 in every lane.
+    inertia: already multiplied by the weight cm of accelerations in the Newton matrix. zero: 0.0 in every lane.
     """
     store_vector(lane, tail, cell(0, 0), (mass, zero, zero))
     store_vector(lane, tail, cell(1, 0), (zero, mass, zero))
@@ -203,10 +204,10 @@ def diagonal(lane, tail, zero, mass, inertia):
 def factor(lane, model, S: Lanes):
     """Factor S in place: eliminate the bodies and elbows from tip to root, then factor the root's 3 x 3 matrix.
 
-    `tail` (9,), by rows, inertial axes: change of force and moment by the weighted acceleration (x, y) and the angle of
-    a section, of all bodies beyond the section. Pivots are stored inverted. At a free elbow the angle of the section
-    beyond is eliminated. The moment there is the joint's torque, so the elbow transmits no change of moment. A fixed
-    elbow transmits the whole change. See theory, (3.3).
+    `tail` (9,) is a 3 x 3 matrix, row by row, in inertial axes: the change of force and moment at a section by the
+    section's weighted acceleration (x, y) and angle, for all bodies beyond the section. Pivots are stored inverted. At
+    a free elbow the angle of the section beyond is eliminated. The moment there is the joint's torque, so the elbow
+    transmits no change of moment. A fixed elbow transmits the whole change. See theory, (3.3).
     """
     stride, first = _stride(model), _bodies_at(model)
     tail, (inertia, mass) = stack(lane, NINE), load_pair(lane, S, ROOT.tail)
@@ -273,9 +274,9 @@ def factor(lane, model, S: Lanes):
 def solve(lane, model, S: Lanes, x: Lanes):
     """Replace x by S^-1 x with the factors of `factor`: right sides in, increments out, for all rows of the arm.
 
-    The order is forward from tip to root, then the root's 3 x 3 system, then back from root to tip. flow (3,), inertial
-    axes: on the way to the root, force and moment that the reduced right sides beyond a section cause; on the way back,
-    weighted acceleration and angle of a section. See theory, (3.3).
+    The order is forward from tip to root, then the root's 3 x 3 system, then back from root to tip. flow (3,) is in
+    inertial axes. On the way to the root, flow is the force and moment at a section that the reduced right sides of the
+    bodies beyond it cause. On the way back, flow is the section's weighted acceleration and angle. See theory, (3.3).
     """
     mesh, stride, first = model.mesh, _stride(model), _bodies_at(model)
     flow, levers, zero = stack(lane, THREE), _levers_at(model), 0.0

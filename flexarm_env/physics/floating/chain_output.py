@@ -59,7 +59,8 @@ def place(lane, model, D, q, v, pose: Lanes, frame: Lanes):
 
         r_tip = R + A t(q),   r'_tip = R' + A (t' + w E t),   angle = theta + phi_t'q                 (theory, eq. 3.1)
 
-    R: origin, A: rotation by the frame's angle theta, w: its rate; t: tip in frame axes; E turns by 90 deg.
+    R: position of the frame's origin, A: rotation by the frame's angle theta, w: theta'; t: tip's position in frame
+    axes; E: rotation by 90 deg.
 
     # state    q, v: the body's elastic coordinates and rates
     # in, out  pose (6,), inertial axes
@@ -121,7 +122,7 @@ def _to_pose(lane, model, link, end, pose: Lanes, out: Lanes):
 def link_poses(lane, model, par, q, v, out, tasks=None):
     """Write x, y (m), angle (rad) and their rates of each link's root, then of its tip; inertial axes.
 
-    out: a `layout.POSES` per link. q, v: rows of the system.
+    out: one `layout.POSES` record for each link. q, v: coordinates and rates of the arm.
     """
     _visit(lane, model, q, v, _to_pose, out)
 
@@ -211,9 +212,9 @@ def _payload_drag(lane, model, D, par: Lanes, q, v, x):
 
 @kernel
 def damping_power(lane, model, par, q: Lanes, v: Lanes, x: Lanes):
-    """Return x'C(q) v, W: damping of the elastic coordinates and of the payload; for x = v the dissipated power.
+    """Return x'C(q) v, the power (W) of the damping forces at virtual rates x; for x = v the dissipated power.
 
-    q, v, x: rows of the system; rigid motion is not damped.
+    The elastic coordinates and the payload are damped; rigid motion is not. q, v: coordinates and rates of the arm.
     """
     total, mesh, last = 0.0, model.mesh, model.links * model.segments - 1
     for b in range(last + 1):
@@ -281,9 +282,10 @@ def _energies(lane, model, D, par: Lanes, q: Lanes, v, frame):
 
 @kernel
 def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
-    """Return the (kinetic, strain, gravitational) energy of the arm, J; gravity's is 0 at the inertial origin.
+    """Return the arm's (kinetic, strain, gravitational) energy, J; gravitational energy is 0 at the inertial origin.
 
-    q, v: rows of the system; par: payload mass and inertia, factor on bending stiffness. See theory, (2.3).
+    q, v: coordinates and rates of the arm; par: payload mass and inertia, factor on bending stiffness. See theory,
+    (2.3).
     """
     pose, frame, ends = stack(lane, SIX), stack(lane, SIX), stack(lane, (0, 0, 0))
     zero = 0.0
@@ -401,7 +403,7 @@ def _draw(mesh, D, q, x0, y0, frame, line):
 
 @kernel
 def centerline(model, q, points):
-    """Write positions (m, inertial axes) along the chain into points (n_points, 2) and return their number; one lane.
+    """Write positions (m, inertial axes) along one arm into points (n_points, 2) and return the number of positions.
 
     The points are the root, then the drawing stations of all bodies from root to tip, until `points` is full. The last
     point of a link with rigid ends is its joint at the tip.

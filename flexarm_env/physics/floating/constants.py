@@ -1,9 +1,9 @@
 """Constants of a link, or of a piece of a link, as a floating-frame body with elastic coordinates q, eqs. [20]-[27].
 
 Frame "root" is clamped to the body's first node. The node's (u, v, phi) vanish, so the frame's angle is the root
-section's angle. Frame "chord" goes through both ends of the body. All inertia enters through constants (theory, eq.
-2.1) that this module computes once and that kernels read. A body reduced to modes has, in addition, the constants of
-its foreshortening (`reduction`).
+section's angle. The x axis of frame "chord" passes through both ends of the body. All inertia enters through constants
+(theory, eq. 2.1) that this module computes once and that kernels read. A body reduced to modes has, in addition, the
+constants of its foreshortening (`reduction`).
 """
 
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class Body:
-    """Constants of one body with n elastic coordinates q, in its own frame, SI.
+    """Constants of one body with n elastic coordinates q, in the axes of the body's frame and SI units.
 
     With s_bar(q) = S0 + S_bar q - e1 q'D0 q / 2 and I(q) = I0 + 2 c_u'q + q'G q its kinetic energy is
     1/2 m_t |R'|^2 + R''A (w S~ s_bar + s_bar') + 1/2 w^2 I + w (c + B q)'q' + 1/2 q''M_ff q'  (theory, eq. 2.3).
@@ -84,8 +84,8 @@ class Body:
 def free_coordinates(elements: int, frame: str) -> NDArray[np.int64]:
     """Return the indices of a body's elastic coordinates among (u, v, phi) of its elements + 1 nodes.
 
-    frame="root", clamped to the first node: all coordinates but that node's. frame="chord", through both ends: all
-    coordinates but u, v of the first node and v of the last.
+    A frame "root" is clamped to the first node, and that node has no elastic coordinates. A frame "chord" passes
+    through both ends, and u, v of the first node and v of the last node are no elastic coordinates.
     """
     last = 3 * elements + 3
     return np.arange(3, last) if frame == "root" else np.r_[2 : last - 2, last - 1]
@@ -94,7 +94,7 @@ def free_coordinates(elements: int, frame: str) -> NDArray[np.int64]:
 def finite_element_body(link: Link, elements: int, coupling: str, frame: str = "root") -> Body:
     """Return the `Body` of a link, or of a piece of a link, in finite elements, with n = 3 elements coordinates.
 
-    coupling: form of the coupling of stretch and bending, one of COUPLINGS. frame: "root" or "chord".
+    coupling: how stretch and bending are coupled, one of COUPLINGS. frame: "root" or "chord".
     """
     parts = mesh(link, elements, "elements")
     n_all = 3 * (elements + 1)

@@ -18,7 +18,7 @@ ROW = Layout(
 START, SIZE, LINK, MULTIPLIERS, MOTION, _ = ROW.places
 
 ANGLE, ELASTIC = 2, 3
-"""Offsets in a frame's rows: x and y of its origin, its angle, then the body's elastic coordinates."""
+"""Offsets of angle and elastic coordinates in a body's rows, which begin with x and y of the frame's origin."""
 
 # in S: n and the weighted derivative w of a lever's far point by theta, and its geometric term (inertial axes)
 LEVER_FACTORS = Layout(
@@ -29,8 +29,7 @@ LEVER_FACTORS = Layout(
     *(Field(name, (), "", "weighted change of the far point's acceleration by the angle") for name in ("wx", "wy")),
     Field("turn", (), "", "weighted derivative of the near point's moment by the angle, forces constant"),
 )  # fmt: skip
-"""Factors of each rigid end (at a link's root and tip) and of the payload's lever, stored in S after the bodies'
-factors."""
+"""Terms of the Newton matrix for each rigid end and for the payload's lever, stored in S after the bodies' factors."""
 
 # in `data`: EA/l, g and H of one finite element (1.2), on the coordinates of its window
 SPAN = Layout(
@@ -153,7 +152,7 @@ FACTORS = Layout(
 
 @kernel
 def cell(i, j):
-    """Return the index of entry (i, j) in a 3 x 3 matrix stored by rows; rows and columns: x, y, angle."""
+    """Return the index of entry (i, j) in a 3 x 3 matrix stored row by row; rows and columns are x, y and angle."""
     return 3 * i + j
 
 

@@ -1,12 +1,13 @@
 """A body's Newton matrix, cm dr/da + cc dr/dv + ck dr/dq, and its elimination from a chain (theory, section 3).
 
-Rows and columns of a body's matrix, n + 3: the n elastic coordinates, then x and y (rows: force at the root; columns:
-acceleration of the origin, frame axes), then the angle (row: moment at the root; column: the frame's angle).
+A body's matrix has n + 3 rows and columns. The first n belong to the elastic coordinates. The next two rows are the
+force at the root, and their columns the acceleration of the frame's origin (frame axes). The last row is the moment at
+the root, and its column the frame's angle.
 
 A change of the coordinates before a body acts on the body through three numbers: the change of the acceleration at its
-root (two components) and of its angle. The change of acceleration is weighted: cm, cc, ck times the changes by
-accelerations, rates, coordinates. `tail` (9,) is the 3 x 3 matrix of force and moment by these three numbers, stored by
-rows. `tail` represents all bodies beyond a section.
+root (two components) and of its angle. The change of acceleration is weighted: it is the sum of cm, cc, ck times the
+changes by accelerations, rates, coordinates. `tail` (9,) is the 3 x 3 matrix, stored row by row, of the change of force
+and moment by these three numbers. `tail` represents all bodies beyond a section.
 """
 
 from ...compiler import Lanes, kernel, size, unrolled
@@ -21,9 +22,9 @@ from .layout import KNOWN, NOW, cell, factors_at, span_at, strain_at, vectors_at
 def tangent(lane, model, D, par: Lanes, carried, cm, cc, ck, v, a: Lanes, known, vectors: Lanes, strains, S: Lanes):
     """Compute the body's matrix cm dr/da + cc dr/dv + ck dr/dq, eqs. [72]-[78], derivative of `body.forces`.
 
-    Rows and columns: q, x and y of the origin's acceleration (frame axes), angle. Forces at the tip count as constant
-    here; `add_outboard` adds the effect of their change. E turns by 90 deg; t: tip, relative to the origin; w, alpha:
-    rates of the angle; s_bar: first moment.
+    The columns are derivatives by the elastic coordinates q, by the acceleration of the frame's origin (x, y, frame
+    axes) and by the frame's angle. Forces at the tip count as constant here; `add_outboard` adds the effect of their
+    change. E: rotation by 90 deg; t: position of the tip relative to the origin.
 
     # model    D; par: the arm's parameters; cm, cc, ck: `Weights`
     # state    v, a; S: `NOW`; known, vectors, strains: written by `body.forces`; carried (2,): kg, kg m^2 at the tip
@@ -195,8 +196,9 @@ def _drag_tangent(lane, model, D, carried: Lanes, cc, ck, v: Lanes, vectors: Lan
 def add_outboard(lane, model, D, S: Lanes, tail: Lanes):
     """Add the matrix of all bodies beyond the tip to the body's matrix: arm' tail swept. See theory, (3.3).
 
-    arm: displacement and rotation of the tip section by each coordinate. swept: its weighted acceleration (cm, cc, ck
-    times the derivatives by accelerations, rates, coordinates) and its rotation by each coordinate. Frame axes.
+    arm: derivatives of the tip section's displacement and rotation by each coordinate. swept: derivatives of the tip
+    section's weighted acceleration (cm, cc, ck times the derivatives by accelerations, rates, coordinates) and of its
+    rotation. Both are in frame axes.
 
     # in       tail (9,): change of force (N) and moment (N m) at the tip section by its weighted acceleration and its
     #          angle, inertial axes; overwritten by the same in the frame's axes
@@ -240,9 +242,9 @@ def add_outboard(lane, model, D, S: Lanes, tail: Lanes):
 def condense(lane, model, D, S: Lanes, tail: Lanes):
     """Eliminate a body's elastic coordinates and return the remaining matrix as `tail` of the body before.
 
-    The remaining matrix: force and moment at the body's root by the acceleration (weighted by cm, cc, ck, as in
-    `add_outboard`) and the angle of its root section. Factors L, U stay in S with inverted pivots. No pivoting is
-    needed, because the positive definite cm M outweighs the other terms.
+    The remaining matrix is the change of force and moment at the body's root by the acceleration (weighted by cm, cc,
+    ck, as in `add_outboard`) and the angle of the root section. The factors L and U, with inverted pivots, stay in S.
+    No pivoting is needed, because the positive definite cm M outweighs the other terms.
 
     # in, out  tail (9,): change of force and moment by acceleration and angle (inertial axes), in: at the tip section
     #          of the body, of all beyond; out: at its root section, the Schur complement of the elastic rows
@@ -315,12 +317,12 @@ def _turn_matrix(lane, tail: Lanes, c, s):
 @unrolled
 @kernel
 def reduce(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
-    """Forward substitution for one body, tip to root: x <- L^-1 x in the rows of its elastic coordinates.
+    """Substitute forward in one body: x <- L^-1 x in the rows of the body's elastic coordinates.
 
     # in       S: factors of `condense`
-    # in, out  x (n,): right side, then the reduced one
-    # in, out  flow (3,): force and moment (inertial axes) that the reduced rows beyond cause, in: at the tip section;
-    #          out: at the root section, to be subtracted from the right side there
+    # in, out  x (n,): right side, then the reduced right side
+    # in, out  flow (3,): force and moment (inertial axes) that the reduced right sides of the bodies beyond cause;
+    #          in: at the tip section; out: at the root section, to be subtracted from the right side there
 
     See theory, (3.3).
     """
@@ -354,7 +356,7 @@ def reduce(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
 @unrolled
 @kernel
 def restore(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
-    """Back substitution for one body, root to tip: x <- the body's elastic coordinates. See theory, (3.3).
+    """Substitute back in one body: x <- increments of the body's elastic coordinates. See theory, (3.3).
 
     # in       S: factors of `condense`, `FACTORS.swept`
     # in, out  x (n,): reduced right side, then the solution

@@ -6,8 +6,8 @@ prescribed, Phi also requires that the tip section has the next frame's angle. O
 joint at its tip, body 1, ...; the matrix is banded. The kernels of `body` compute each body. For a body, the
 multipliers of the joint at the tip are a force at the tip like any other force.
 
-S holds the band, the pivots of its factors, and one body's `FACTORS` as scratch. One arm at a time: pivoting exchanges
-rows.
+S holds the band, the pivots of its factors, and one body's `FACTORS` as scratch. The kernels solve for one arm at a
+time, because pivoting exchanges rows.
 """
 
 from ...compiler import Lanes, kernel, size, stack
@@ -28,7 +28,7 @@ NUMBERS, MOVES = (0,) * KNOWN.end, (0,) * NOW.end
 
 @kernel
 def band_width(half):
-    """Return the entries per row of a band matrix with `half` diagonals on each side, and fill-in of pivoting."""
+    """Return the entries per row that store a band matrix with `half` diagonals on each side, fill-in included."""
     return 3 * half + 1
 
 
@@ -39,9 +39,9 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
     Rows of r: force (inertial axes) and moment of each body's frame, its elastic coordinates; rows of multipliers are 0
     here (`constraint_residual` writes them). Entry (i, j) of the matrix is S[i band_width + j - i + half].
 
-    `held` (3,): force and moment lambda of the joint between two bodies, with an elbow's torque. Force and moment act
-    at the tip of the body before the joint and, with opposite sign, at the root of the body after the joint. Without
-    weights.with_matrix S is not changed.
+    The local array `held` (3,) is the force and moment lambda of the joint between two bodies, with an elbow's torque.
+    Force and moment act at the tip of the body before the joint and, with opposite sign, at the root of the body after
+    the joint. Without weights.with_matrix S is not changed.
     """
     q, v, a = state
     cm, cc, ck, with_matrix = weights.mass, weights.damping, weights.stiffness, weights.with_matrix
@@ -175,9 +175,9 @@ def constraint_residual(lane, model, psi: Lanes, state: State, level, scale, r: 
 
         Phi = (R_b + A t_b - R_{b+1},  angle of the tip section + psi - theta_{b+1})                   (theory, eq. 3.4)
 
-    R, theta: origin (inertial axes) and angle of a frame, of body b and the next; A: rotation by theta_b; t_b: tip in
-    frame axes. level: 0 for Phi (m, rad), 1 and 2 for its derivatives. psi: prescribed motions with rates and
-    accelerations (`MOTION`); a rigid joint has its constant angle instead; hinges lack the row of the angle.
+    R, theta: origin (inertial axes) and angle of the frame of body b and of the next body; A: rotation by theta_b; t_b:
+    tip in frame axes. level: 0 for Phi (m, rad), 1 and 2 for its time derivatives. psi: angles, rates and accelerations
+    of prescribed joints (`MOTION`). A rigid joint has a constant angle instead. A free elbow has no row for the angle.
     """
     q, v, a = state
     table, n = model.table, size(model.mesh.n)
@@ -210,7 +210,7 @@ def constraint_residual(lane, model, psi: Lanes, state: State, level, scale, r: 
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Add x (N m/rad) to the diagonal entry k of the band, or fix row and column k (x None)."""
+    """Add the stiffness x (N m/rad) to diagonal entry k of the band matrix; if x is None, fix row and column k."""
     half, zero = model.half, 0.0
     width = band_width(half)
     if x is not None:
@@ -231,7 +231,7 @@ def factor(lane, model, S: Lanes):
 
 @kernel
 def solve(lane, model, S: Lanes, x):
-    """Replace x by S^-1 x with the band's factors from `factor`; x: right sides in, increments and multipliers out."""
+    """Replace the right side x by the solution S^-1 x (increments and multipliers), with the factors of `factor`."""
     n = model.n
     band_lu_solve(lane, S, S[n * band_width(model.half) :], x, n, model.half, model.half)
 
@@ -240,8 +240,9 @@ def solve(lane, model, S: Lanes, x):
 def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
     """Write the displacements conjugate to the inputs into y: joint angles, then x, y, angle at each point load.
 
-    Hub: angle of the first frame. Elbow k: angle of link k's first frame less the angle of the tip section before, rad.
-    Positions (m) in inertial axes, section angles in rad. since: not read, because angles in the plane add up.
+    The hub's joint angle is the angle of the first frame. The angle of elbow k is the angle of link k's first frame
+    less the angle of the tip section before the elbow (rad). Positions (m) are along inertial axes. since: not read,
+    because angles in the plane add up.
     """
     segments = model.segments
     y[0] = q[ANGLE]

@@ -2,8 +2,8 @@
 substructuring).
 
 The deformed shape is s = (x - p'H(x)p / 2, v(x)'p). Sections turn by phi(x)'p, and p'H(x)p = int_0^x v'^2 - (v' -
-phi)^2 dx (theory, eq. 4.1). The line along the sections' normals keeps its length, as the exact beam's axis does. The
-modes are those of the clamped link, with the mass and inertia that the link carries lumped at its tip.
+phi)^2 dx (theory, eq. 4.1). The line that follows the sections' normals keeps its length, like the axis of an exact
+beam. The modes are those of the clamped link, with the mass and inertia that the link carries lumped at its tip.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from .constants import Body
 Array = NDArray[np.float64]
 
 MESH = 32
-"""Elements of the mesh from which modes are computed. The fourth frequency is then within 1e-5 of the exact value."""
+"""Number of elements of the mesh on which modes are computed; the fourth frequency has an error below 1e-5."""
 
 
 def _bending_matrices(link: Link) -> tuple[Array, Array]:
@@ -51,8 +51,8 @@ def _lowest(stiffness: Array, mass: Array, n: int) -> tuple[Array, Array]:
 def clamped_modes(link: Link, n: int, tip_mass: float, tip_inertia: float) -> tuple[Array, Array]:
     """Return the lowest n bending modes of a clamped link with a mass (kg) and an inertia (kg m^2) at its tip.
 
-    Returns frequencies (n,) in rad/s and nodal shapes (2 (MESH + 1), n): v, phi of each node, mass-normalized; the
-    tip's deflection is positive.
+    Returns frequencies (n,) in rad/s and mass-normalized nodal shapes (2 (MESH + 1), n). The rows of the shapes are v
+    and phi of each node. Each shape has a positive deflection of the tip.
     """
     stiffness, mass = _bending_matrices(link)
     mass[-2, -2] += tip_mass
@@ -67,8 +67,8 @@ def pinned_modes(link: Link, n: int) -> tuple[Array, Array]:
     """Return two static shapes and the lowest n - 2 bending modes of a link between pins.
 
     In the static shapes the root section, or the tip section, is turned by 1 rad. Returns the stiffness matrix (n, n)
-    of the shapes, and the nodal shapes (2 (MESH + 1), n): v, phi of each node. Modes turn the root section in the
-    positive sense.
+    of the shapes, and the nodal shapes (2 (MESH + 1), n), whose rows are v and phi of each node. Each mode rotates the
+    root section in the positive sense.
     """
     from scipy.linalg import solve
 
@@ -91,10 +91,10 @@ def modal_body(
 ) -> Body:
     """Return the `Body` of a link, or of a piece of a link (whole=False), reduced to n shapes.
 
-    frame="root": clamped modes with tip_mass (kg) and tip_inertia (kg m^2) at the tip. Tip mass and inertia shape the
-    modes but are no part of the body's inertia. frame="chord": a whole link has the same modes, relative to the line
-    through both ends. A piece, which its neighbors bend by moments at both ends, has `pinned_modes`; if n is 1, it has
-    the clamped mode.
+    frame="root": clamped modes with tip_mass (kg) and tip_inertia (kg m^2) at the tip. The tip mass and the tip inertia
+    affect the modes but are not part of the body's inertia. frame="chord": a whole link has the same modes, relative to
+    the line through both ends. A piece of a link has `pinned_modes`, because neighboring pieces bend it by moments at
+    both ends; with n = 1 the piece has the clamped mode.
 
     The result is cached and shared: copy it before a change.
     """
@@ -177,12 +177,12 @@ def _beyond(link: Link, x: float) -> tuple[float, float]:
 def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, held: bool) -> list[float]:
     """Return each body's margin of inertia (kg m^2): how far a straight link's mass matrix is from indefinite.
 
-    The margin is mu of theory, section 4: the body's effective inertia for a torque on its angle, when all other parts
-    are free to move: the link's other bodies, their modes and, if it is free, the root. The margin is the reciprocal of
-    the angle's diagonal entry in the inverse mass matrix.
+    The margin is mu of theory, section 4: the body's effective inertia for a torque on the body's angle. All other
+    parts are free to move: the link's other bodies, all modes and, unless held, the root. The margin is the reciprocal
+    of the angle's diagonal entry in the inverse mass matrix.
 
-    bodies: rigidly joined, root to tip. payload: at the tip of the last. root_moves: the root's y is free. held: the
-    root's angle is prescribed.
+    bodies: rigidly joined bodies of one link, from root to tip. payload: body at the tip of the last body. root_moves:
+    whether the root moves freely across the link. held: whether the root's angle is prescribed.
     """
     size = 2 + sum(body.n for body in bodies)  # the root's y and angle, the modes of all
     mass, angles = np.zeros((size, size)), []

@@ -1,9 +1,10 @@
 """Rigid levers in a chain of floating frames: rigid ends of links, and the offset from the tip to the payload's center.
 
-A rigid end lies between a joint and the link's first or last body. The lever e = (ex, ey), inertial axes, leads from
-its near point (towards the arm's root) to its far point. The lever turns with the section to which the lever is fixed
-(angle, w, alpha). The far point's acceleration is a + alpha n - w^2 e with n = E e. A force f at the far point acts at
-the near point with the moment n.f. The lever's own mass lies at e/2, an elbow's mass at the far point.
+A rigid end lies between a joint and the link's first or last body. The lever e = (ex, ey), along inertial axes, leads
+from its near point (the end nearer to the arm's root) to its far point. The lever turns with the section to which the
+lever is fixed (angle, w, alpha). The far point's acceleration is a + alpha n - w^2 e, where a is the near point's
+acceleration and n = E e is e rotated by 90 deg. A force f at the far point acts at the near point with the moment n.f.
+The lever's own mass lies at e/2, an elbow's mass at the far point.
 """
 
 from typing import Any, NamedTuple
@@ -16,11 +17,11 @@ from .layout import LEVER_FACTORS, PASSED, cell
 OF_LEVER, OF_FACTORS = LEVER.places, LEVER_FACTORS.places
 ROOT_END, TIP_END = range(2)
 ACROSS, SWEPT = OF_FACTORS.nx, OF_FACTORS.wx
-"""Indices in `LEVER_FACTORS` of n, the far point's derivative by the angle, and of its acceleration's (weighted)."""
+"""Indices in `LEVER_FACTORS` of the derivatives by the angle of the far point's position and weighted acceleration."""
 
 
 class Lever(NamedTuple):
-    """A rigid lever of an arm, at a given end of a link or to the payload."""
+    """A rigid lever: the rigid end of a link, or the lever from the arm's tip to the payload's center."""
 
     number: int  # index of its `LEVER_FACTORS` in S
     along: float  # m, from the near point to the far one, along the section's tangent
@@ -69,10 +70,10 @@ def _lever_at(lane, along, across, angle):
 
 @kernel
 def propagate_outward(lane, lever, pose, S, first):
-    """Propagate a section's acceleration from a lever's near to its far point: a + alpha n - w^2 e.
+    """Replace the near point's acceleration a in pose by the far point's acceleration a + alpha n - w^2 e of a lever.
 
-    e: lever, n: e turned by 90 deg; w, alpha: angular velocity and acceleration of the section. Do nothing without a
-    lever (None).
+    e: lever; n: lever rotated by 90 deg; w, alpha: angular velocity and acceleration of the section. Nothing is done if
+    `lever` is None.
 
     # in, out  pose (5,), `PASSED`: angle and rates stay, the acceleration is replaced; inertial axes
     # out      S: ex, ey, rates and near acceleration of the lever's `LEVER_FACTORS`; first: index of lever 0's
@@ -167,9 +168,9 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
 def with_moment(lane, lever, S, first, arm, flow: Lanes):
     """Transmit a force f and a moment, `flow` (3,), from a lever's far to its near point: moment += n.f.
 
-    n: derivative of the far point by the section's angle; inertial axes; no-op without a lever (None). arm: ACROSS
-    selects n. SWEPT is for solutions with the transposed matrix, where n and the acceleration's change are exchanged.
-    first: index in S of lever 0's `LEVER_FACTORS`.
+    n: derivative of the far point's position by the section's angle, inertial axes. Nothing is done if `lever` is None.
+    arm: ACROSS selects n. SWEPT is for the transposed matrix, in which n and the derivative of the far point's
+    acceleration are exchanged. first: index in S of lever 0's `LEVER_FACTORS`.
     """
     if lever is not None:
         x, y = load_pair(lane, S, _factors_at(first, lever) + arm)
@@ -180,10 +181,10 @@ def with_moment(lane, lever, S, first, arm, flow: Lanes):
 def far_point_change(lane, lever, S, first, arm, flow: Lanes):
     """Propagate a weighted change of acceleration and angle, `flow` (3,), from a lever's near to its far point.
 
-        (x, y) += angle times the change of the far point's acceleration by the angle
+        (x, y) += angle times the derivative of the far point's weighted acceleration by the angle
 
-    Vectors are in inertial axes. arm: SWEPT for that change; ACROSS (n) for solutions with the transposed matrix.
-    first: index in S of lever 0's `LEVER_FACTORS`; no-op without a lever (None).
+    Vectors are in inertial axes. arm: SWEPT selects that derivative; ACROSS (n) is for solutions with the transposed
+    matrix. first: index in S of lever 0's `LEVER_FACTORS`; no-op without a lever (None).
     """
     if lever is not None:
         x, y = load_pair(lane, S, _factors_at(first, lever) + arm)

@@ -23,13 +23,13 @@ TOLERANCE = 0.05
 
 @kernel
 def refuse_step(lane, model, drive, par, w: Work, active, h):
-    """Flag lanes whose solved step of h (s) violates the energy balance dE = W - D; return whether a lane is flagged.
+    """Flag lanes whose solved step violates the energy balance dE = W - D; return whether any lane is flagged.
 
-    W, D: work and dissipation of mean forces (J). On linear vibrations the trapezoidal rule keeps the balance exactly
-    for any h. A violation is therefore an error of inertia forces that turn with the nodes: in a step through a whip
-    Newton's iteration may have converged to a solution far from the motion. The check needs a model whose motion the
-    steps resolve (the elastica), no loads or motions in time (drive None), and a coordinate that changes by TURN.
-    active: lanes that Newton has not solved (> 1/2), which are not flagged here.
+    h: step (s); W, D: work and dissipation of mean forces (J). On linear vibrations the trapezoidal rule keeps the
+    balance exactly for any h. A violation is therefore an error of inertia forces that rotate with the nodes. While the
+    arm whips round, Newton's iteration may have converged to a solution far from the motion. The check needs a model
+    whose motion the steps resolve (the elastica), no loads or motions in time (drive None), and a coordinate that
+    changes by TURN. active: lanes that Newton has not solved (> 1/2), which are not flagged here.
 
     # state     w.q0, w.v0 at the start of the step; w.q, w.v, w.u at its end
     # out       w.flag <- NEWTON_FAILED.   # scratch  w.r, w.y, w.y0

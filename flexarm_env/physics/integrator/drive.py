@@ -10,7 +10,7 @@ from ...time_functions import AMPLITUDE, C0, C1, C2, C3, OMEGA, PHASE, PIECE, T0
 from ..layout import OF_MOTION
 
 cubic, wave = kernel(time_functions.cubic), kernel(time_functions.wave)
-"""Value and derivatives of a piece, compiled from the source of `TimeFunction`."""
+"""Kernels for the value and derivatives of a piece's cubic and wave, compiled from the source of `TimeFunction`."""
 
 
 @kernel
@@ -67,7 +67,7 @@ def set_inputs(lane, drive, u: Lanes, t, side):
 
 @kernel
 def set_motions(lane, drive, psi: Lanes, t, side):
-    """Write value, rate and second rate of each prescribed coordinate at time t (s) to psi: a `MOTION` each (m, rad).
+    """Write value, rate and second rate of each prescribed coordinate at time t (s) to psi, one `MOTION` each.
 
     drive: `Drive`; psi: (n_motions * 3,) lanes; side: time (s) slightly before or after t, which selects the piece of a
     function that jumps at t.

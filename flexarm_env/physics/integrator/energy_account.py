@@ -27,7 +27,7 @@ def start_energy_account(lane, model, drive, par, w):
 
 @kernel
 def account_for_step(lane, model, drive, par, w: Work, h):
-    """Add work and dissipation of a step of h (s) to w.books (J): mean force times displacement, as Newmark does.
+    """Add a step's work and dissipation (J) to w.books, with h (s) the step: mean force times displacement.
 
     The dissipation is the power of damping at the step's mean strain rates. Rates at the ends of the step differ from
     the mean by second order of h. In very stiff strains this difference is larger than the rates themselves. The

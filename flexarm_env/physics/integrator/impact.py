@@ -15,13 +15,14 @@ def change_payload(lane, model, resting, par, new, live: Lanes, w: Work, h, book
     """Set the payload's mass (kg) and inertia (kg m^2) to `new` (2 rows) in lanes with live > 1/2; velocities jump.
 
     resting: a tag if the gripped object is at rest, otherwise None. An object at rest takes on the arm's motion
-    instantly. q and the momentum stay, M+ v+ + Phi_q^T Lambda = M- v-, because torques, springs, dampers and friction
-    are finite and have no impulse. M-, M+: mass matrix with the old and the new payload; Lambda: impulses of the
-    constraints Phi = 0. With resting None, or when an object is released, the object moves with the tip and v stays.
-    Damping ends a part e of the jump dv within less than a step. As after a jump of a motion (see `start`), the part e
-    that damping ends at once is removed: e = (1 - s)^3 (1 + 3 s) dv with s = (M+ + h/2 C)^-1 M+.
+    instantly. The coordinates q and the momentum do not change, M+ v+ + Phi_q^T Lambda = M- v-, because torques,
+    springs, dampers and friction are finite and have no impulse. M-, M+: mass matrix with the old and the new payload;
+    Lambda: impulses of the constraints Phi = 0. With resting None, or when an object is released, the object moves with
+    the tip and v stays. Damping ends a part e of the jump dv within less than a step. As after a jump of a motion (see
+    `start`), the part e that damping ends at once is removed: e = (1 - s)^3 (1 + 3 s) dv with s = (M+ + h/2 C)^-1 M+.
 
-    Accelerations jump with the change of the residual from r- to r+, b by the same amount:
+    The accelerations a and the auxiliary accelerations b jump by the same da, due to the change of the residual from r-
+    to r+:
 
         (M+ + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -(r+ - r-),    solved three times with one factorization.
 

@@ -40,8 +40,8 @@ from .period import correct_period
 from .work import Work, apply_increment, remove_known_rows, solve_unknown_rows, state_of, take_multipliers
 
 LINEAR = 1e-3
-"""Smallest contraction assumed for models that reuse factors. At first the largest errors fall quadratically, so the
-measured contraction underestimates the contraction of the linearly convergent part."""
+"""Smallest contraction that is assumed for models that reuse factors. At first the largest errors fall quadratically,
+so the measured contraction underestimates the contraction of the linearly convergent part."""
 
 
 class NewmarkSlopes(NamedTuple):
@@ -75,7 +75,7 @@ def _first_contraction(lane, first_error, increment):
 
 @kernel
 def follow_displacement(lane, w: Work, k, d, slopes):
-    """Update v, a and b of row k for a change d of its q (m or rad): v += d dv/dq, and the same for a and b.
+    """Update v, a and b in row k for a change d of coordinate k (m or rad): v += d dv/dq, and the same for a and b.
 
     slopes: `NewmarkSlopes`, dv/dq (1/s), da/dq and db/dq (1/s^2) of the step's end.
     """
@@ -86,7 +86,7 @@ def follow_displacement(lane, w: Work, k, d, slopes):
 
 @kernel
 def move_prediction(lane, model, w: Work, q: Lanes, slopes):
-    """Move the predicted coordinates w.q to q (n rows); w.v, w.a, w.b follow by `slopes` (`NewmarkSlopes`).
+    """Replace the predicted coordinates w.q by q (n rows) and change w.v, w.a, w.b by `slopes` (`NewmarkSlopes`).
 
     In models with rotations only positions may change (m), so that rows can be subtracted. w.shift records the change.
     """
@@ -187,7 +187,7 @@ def _apply_newton_increment(lane, model, par, w: Work, active, slopes, tolerance
 
 @inlined
 def newton(lane, model, drive, par, w: Work, slopes, scheme, plain):
-    """Solve a step's equations for q+, v+, a+, b+ and lambda, eqs. [69]-[82]; return 1 in lanes that failed, else 0.
+    """Solve a step's equations [69]-[82] for q+, v+, a+, b+ and lambda; return 1 in lanes that failed, 0 in others.
 
     Convergence: theta / (1 - theta) |d| < tolerance, with the weighted increment |d| and the contraction theta (theory,
     section 6). Lanes that have converged, or have failed before (w.flag), keep their bits while the other lanes

@@ -22,9 +22,9 @@ from ..protocol import inertia_forces, solve
 from .work import Work, remove_known_rows
 
 NEAR, FAR = 0.01, 0.03
-"""Largest weighted Newton increment at which to correct, and largest weighted correction (rad, lengths over the arm's
-length). A larger correction would belong to motion that the step does not resolve, such as vibrations after a jump of
-the root's velocity. The larger correction would add energy."""
+"""NEAR: largest weighted Newton increment at which the period is corrected. FAR: largest weighted correction (rad, or
+displacement divided by the arm's length). A larger correction would belong to motion that the step does not resolve,
+such as vibrations after a jump of the root's velocity. The larger correction would add energy."""
 
 
 @kernel

@@ -19,8 +19,8 @@ from .work import (
 )
 
 SMALL = 1e-3
-"""Damping forces are evaluated at the velocity times this factor, and the result is divided by it. Forces quadratic in
-the velocity are then negligible."""
+"""Damping forces are evaluated at the velocity times SMALL, and the result is divided by SMALL. Forces quadratic in the
+velocity are then negligible."""
 
 
 @kernel

@@ -3,9 +3,9 @@
     (1 - alpha_m) b+ + alpha_m b = (1 - alpha_f) a+ + alpha_f a          auxiliary acceleration b (Arnold & Bruels 2007)
     q+ = q + h v + h^2 ((1/2 - beta) b + beta b+),   v+ = v + h ((1 - gamma) b + gamma b+)
 
-With alpha_m = alpha_f = 0 (or rho = 1 and b = a at the start) this is the paper's Newmark method. A step is a pure
-function of its start. In lanes, an arm that has converged keeps its bits while other arms iterate. A batch and a single
-arm therefore give the same bits.
+With alpha_m = alpha_f = 0 (or rho = 1 and b = a at the start) this is the paper's Newmark method. The end of a step
+depends only on the state and inputs at its start. In lanes, an arm that has converged keeps its bits while other arms
+iterate. A batch and a single arm therefore give the same bits.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from .work import Work, copy_rows, reset_shift, set_prescribed, solve_unknown_ro
 def newmark_predict(lane, model, w: Work, h, scheme):
     """Predict q, v, a and b at the end of a step of h (s), eqs. [66]-[68]: the start of the Newton iteration.
 
-    The acceleration is predicted as a+ = s a with s = `NewtonPolicy.acceleration_share` (1: constant, 0: zero). b:
-    auxiliary acceleration, (1 - alpha_m) b+ + alpha_m b = (1 - alpha_f) a+ + alpha_f a.
+    The acceleration is predicted as a+ = s a with s = `NewtonPolicy.acceleration_share`; s = 1 predicts a constant
+    acceleration, s = 0 zero. b: auxiliary acceleration, (1 - alpha_m) b+ + alpha_m b = (1 - alpha_f) a+ + alpha_f a.
 
     # model     model, scheme (`Scheme`)
     # state     w.q, w.v, w.a, w.b: in, start of the step; out, prediction at its end
@@ -180,12 +180,12 @@ def _restore_step_start(lane, model, w):
 
 @noinline
 def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, books):
-    """Integrate n_steps steps of h (s) from time t within a smooth stretch; return the time reached, s.
+    """Integrate n_steps steps of h (s) from time t (s), between two kinks; return the time reached, s.
 
     A single arm retries a step whose Newton iteration fails: from another start, then in halves; it stops at the last
     good state, with w.flag set. A step that is rejected for its energy (`balance`) is halved at once. In lanes a failed
     arm is flagged while the other arms continue, and the intended end time is returned. The caller repeats the failed
-    arm alone from the start of the stretch.
+    arm alone from time t.
 
     # model     model, drive (None: no loads or motions in time), par: the arm's own parameters, scheme: `Scheme`
     # state     flat: the work array, `Work`; n_motions: number of prescribed coordinates

@@ -27,7 +27,7 @@ from .transitions import copy_state, copy_values, solve_cotangents, solve_tangen
 from .work import accumulated_increment, copy_rows, remove_known_rows, reset_shift, state_of
 
 LEFT, LEAST = 1e-8, 1e-14
-"""Allowed error of derivatives, as a share of the first solution: LEFT times the steps' tolerance, at least LEAST."""
+"""Allowed error of derivatives, divided by their first solution: LEFT times the Newton tolerance, at least LEAST."""
 
 
 @kernel
@@ -58,7 +58,7 @@ def _have_converged(lane, scheme, first, before, left):
 
 @kernel
 def factor_step_end(lane, model, par, w, slopes):
-    """Factor the matrix at the end of a step into w.S and store which joints stick; w.r is scratch."""
+    """Compute and factor the Newton matrix at the end of a step in w.S; store which joints stick; w.r is scratch."""
     # the matrix of Newton's last iteration belongs to an earlier iterate
     weights = _step_weights(slopes)
     assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
@@ -69,13 +69,12 @@ def factor_step_end(lane, model, par, w, slopes):
 
 @kernel
 def step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
-    """Compute the tangents of q, v, a, b at the end of a step in x, in place of the tangents at its start.
+    """Replace the tangents of q, v, a, b in x at a step's start by the tangents at the step's end.
 
     # in        w: the arm at the step's end, w.S from `factor_step_end`; w.q0, w.v0, w.a0, w.b0: its start
     # out       x.q, x.v, x.a, x.b; x.r, x.S: scratch
 
-    passes: 1 where S is the residual's derivative; more where S is approximate and the remaining error is solved for
-    again.
+    passes: number of solutions with S; 1 if S is the residual's exact derivative, more if S is approximate.
     """
     if model.newton.rotations is None:
         _step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes)
@@ -159,11 +158,10 @@ def _step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
 
 @kernel
 def vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, passes):
-    """Transform the cotangents of q, v, a, b in bar from a step's end to its start; add those of u and parameters.
+    """Transform the cotangents of q, v, a, b in bar from a step's end to its start; add cotangents of u and parameters.
 
-    w: the arm at the step's end, w.r and w.S from `tangents.factor_step_end`; slopes: `NewmarkSlopes` of the step.
-    passes: 1 if S is the residual's exact derivative; more if S is approximate, so that the remaining error is solved
-    for again.
+    w: work array at the step's end, with w.r and w.S from `factor_step_end`; slopes: `NewmarkSlopes` of the step.
+    passes: number of solutions with S; 1 if S is the residual's exact derivative, more if S is approximate.
     """
     weights, half = _step_weights(slopes), slopes.v / slopes.a
     if model.newton.rotations is None:

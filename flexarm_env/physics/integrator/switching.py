@@ -1,4 +1,4 @@
-"""Jump of the accelerations when only inputs jump, such as a controller's torques, constant over a period or a step."""
+"""Jump of the accelerations when only inputs jump, such as a controller's torques, which are constant over a period."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from .work import Work, remove_known_rows, state_of, take_multipliers, unpack
 
 @kernel
 def light_joint_weights(h):
-    """Return the `Weights` of M + h/2 C + h^2/4 K, by which accelerations of light joints jump; h: a step, s."""
+    """Return the `Weights` of the matrix M + h/2 C + h^2/4 K for jumps of accelerations of light joints; h: step, s."""
     return Weights(1.0, 0.5 * h, 0.25 * h * h)
 
 
 @kernel
 def jump_accelerations(lane, model, par, flat, n_motions, h, first, kept=None):
-    """Let a and b jump with the inputs from w.u0 to w.u at constant q, v: M da + Phi_q^T dlambda = B (u - u0).
+    """Add the jump da to a and b when inputs jump from w.u0 to w.u: M da + Phi_q^T dlambda = B (u - u0); q, v stay.
 
     Unlike `restart`, `jump_accelerations` keeps the filtered accelerations of the integrator. If stretch, shear and
     rotary modes are too fast for the step, accelerations solved afresh from round-off in the strains are large, and

@@ -55,7 +55,7 @@ from .work import remove_known_rows, state_of
 # --- both rules --------------------------------------------------------------------------------------
 @kernel
 def copy_values(lane, wide, rows, values, both):
-    """Copy the values of `rows` rows to dual lanes `both`, whose tangents stay as they are."""
+    """Copy the values of `rows` rows from `values` to the dual lanes `both`, whose tangents do not change."""
     many = len(wide) // len(lane)
     for k in range(rows):
         store(both, k * many, load(lane, values, k))
@@ -63,7 +63,7 @@ def copy_values(lane, wide, rows, values, both):
 
 @kernel
 def copy_state(lane, wide, model, w, x):
-    """Copy the values of q, v and a from w to the dual work array x; tangents stay."""
+    """Copy the values of q, v and a from w to the dual work array x, whose tangents do not change."""
     n = size(model.n)
     copy_values(lane, wide, n, w.q, x.q)
     copy_values(lane, wide, n, w.v, x.v)
@@ -72,10 +72,10 @@ def copy_state(lane, wide, model, w, x):
 
 @kernel
 def solve_tangents(lane, wide, model, parx, w, x, weights, ahead, free):
-    """Solve for the unknown's tangents: tangents of x.r <- -S^-1 (tangents of x.r), w.S: factors; known rows are 0.
+    """Solve for the unknown's tangents, with factors w.S: tangents of x.r <- -S^-1 (tangents of x.r); known rows are 0.
 
-    weights, ahead: the rate that friction acts on (`friction.apply_friction`), of the tangents of x.v and x.a.
-    free: scratch, n dual rows.
+    weights, ahead: define the rate on which friction acts (`friction.apply_friction`), here for the tangents of x.v and
+    x.a. free: scratch, n dual rows.
     """
     n, many = size(model.n), len(wide) // len(lane)
     step = n * len(lane)
@@ -98,7 +98,7 @@ def solve_tangents(lane, wide, model, parx, w, x, weights, ahead, free):
 
 @kernel
 def solve_cotangents(lane, model, w, bar):
-    """Solve for the equation's cotangents: bar.r <- -S^-T bar.r, w.S: factors; known rows are 0 before and after."""
+    """Solve for the equation's cotangents, with factors w.S: bar.r <- -S^-T bar.r; fixed and prescribed rows are 0."""
     for k in range(size(model.n)):
         store(bar.r, k, -load(lane, bar.r, k))
     remove_known_rows(lane, model, None, bar.r, w.S, False)
@@ -109,7 +109,7 @@ def solve_cotangents(lane, model, w, bar):
 # --- jump of accelerations ---------------------------------------------------------------------------
 @kernel
 def before_jump(lane, wide, model, parx, w, x, first):
-    """Prepare the tangents of a jump, before it: x.q0 <- r(q, v, a, u0) in dual lanes, 0 in lanes that start afresh.
+    """Compute the residual before a jump in dual lanes: x.q0 <- r(q, v, a, u0), or 0 in lanes that start afresh.
 
     # in        w: the arm before the jump;  x.u0: inputs before the jump;  first: dual lanes > 1/2 start afresh
     # out       x.q0;  x.a, x.b <- 0 in lanes whose accelerations are solved for
@@ -131,7 +131,7 @@ def before_jump(lane, wide, model, parx, w, x, first):
 
 @kernel
 def jump_tangents(lane, wide, model, parx, w, x, h, first):
-    """Compute the tangents of a and b after a jump of accelerations from those before it (`before_jump`) in x.
+    """Compute in x the tangents of a and b after a jump of accelerations, from the tangents before the jump.
 
     # in        w: the arm after the jump, w.S its factors and, by `store_directions`, the branches of friction
     #           h: a step, s;  first: lanes > 1/2 start afresh
@@ -178,7 +178,7 @@ def _light_equation(lane, wide, model, parx, w, x, h, first):
 
 @kernel
 def vjp_jump(lane, model, par, par_bar, w, bar, h, first):
-    """Transform the cotangents in bar from after a jump of accelerations to before it; add those of u, u0, parameters.
+    """Transform the cotangents in bar from the end to the start of a jump of accelerations; add those of u and u0.
 
     # in        w: the arm after the jump, w.S its factors;  w.a0, w.u0: accelerations and inputs before it;
     #           h: a step, s;  first: lanes > 1/2 start afresh

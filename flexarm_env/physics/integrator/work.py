@@ -40,7 +40,7 @@ WORK = Layout(
     Field("books", (BOOKS.length, "lanes"), "J", "energy account, one `BOOKS` per lane"),
     Field("counts", (COUNTS.length,), "", "one `COUNTS` for all lanes together"),
 )  # fmt: skip
-"""Work array of one arm, or of a group of arms in lanes."""
+"""`WORK`: layout of the work array of one arm, or of a group of arms in lanes."""
 
 Work = Any
 """Type of a work record `w`: a named tuple of one-dimensional views, one per field of WORK."""
@@ -74,7 +74,7 @@ def unpack(lane, model, flat, n_motions):
 
 @kernel
 def state_of(w):
-    """Return `State`(q, v, a) of the work record w: its own arrays, not copies."""
+    """Return the `State` (q, v, a) of the work record w; its arrays are views, not copies."""
     return State(w.q, w.v, w.a)
 
 
@@ -89,7 +89,7 @@ def copy_rows(lane, count, source: Lanes, target: Lanes):
 def accumulated_increment(lane, w: Work):
     """Return (d, start), n rows each, of a model with rotations: the step's coordinates are q = start (+) d.
 
-    d: sum of the step's Newton increments, of rotations in body axes (rad); start: the predicted q.
+    d: sum of the step's Newton increments, in which rotations are in body axes (rad). start: the predicted coordinates.
     """
     n = w.q.shape[0]
     return w.shift[:n], w.shift[n:]
@@ -97,7 +97,7 @@ def accumulated_increment(lane, w: Work):
 
 @kernel
 def reset_shift(lane, model, w):
-    """Start accumulating increments at the current q, in models with rotations: start <- q, d <- 0."""
+    """Restart the sum of increments d of a model with rotations at the current coordinates: start <- q, d <- 0."""
     if model.newton.rotations is not None:
         total, start = accumulated_increment(lane, w)
         copy_rows(lane, size(model.n), w.q, start)
@@ -128,7 +128,7 @@ def apply_increment(lane, model, w, d: Lanes):
 
 @kernel
 def remove_known_rows(lane, model, drive, r: Lanes, S, matrix):
-    """Remove fixed and prescribed coordinates from the linear system S x = r: r_k <- 0 in their rows k.
+    """Remove fixed and prescribed coordinates k from the linear system S x = r by setting r_k to 0.
 
     matrix: True also replaces row and column k of S by those of the identity matrix; False: S holds factors. drive: the
     scene's `Drive`, or None if nothing is prescribed.
@@ -165,8 +165,8 @@ def solve_unknown_rows(lane, model, drive, w, matrix):
 def store_reactions(lane, known, algebraic, r: Lanes, multipliers: Lanes, reaction: Lanes):
     """Store the generalized forces (N, N m) that enforce the prescribed motions, one per motion, in `reaction`.
 
-    For a coordinate row k >= 0 this is row k of the residual r. For known[i] = -1 - j the reaction is multiplier j,
-    read from `multipliers` (an array of n rows) at row algebraic[j].
+    If known[i] = k >= 0, the reaction of motion i is row k of the residual r. If known[i] = -1 - j, the reaction is
+    multiplier j, in row algebraic[j] of `multipliers` (n rows).
     """
     for i in range(known.shape[0]):
         k = known[i]
@@ -178,10 +178,10 @@ def store_reactions(lane, known, algebraic, r: Lanes, multipliers: Lanes, reacti
 
 @kernel
 def set_prescribed(lane, known, psi: Lanes, q: Lanes, v: Lanes, a: Lanes, b: Lanes):
-    """Set q, v, a and b of the prescribed coordinates to the motions' position, velocity and (a and b) acceleration.
+    """Set q and v of prescribed coordinates to the motions' values and rates, and a and b to their second rates.
 
-    known: rows, negative where a multiplier prescribes (nothing is set); psi: one `MOTION` per entry of known: value,
-    rate, second rate (m, rad).
+    known: rows of prescribed coordinates; a negative entry, for a motion prescribed by a multiplier, is skipped. psi:
+    one `MOTION` per entry of known: value, rate, second rate (m, rad).
     """
     for i in range(known.shape[0]):
         k = known[i]
@@ -198,8 +198,8 @@ def set_prescribed(lane, known, psi: Lanes, q: Lanes, v: Lanes, a: Lanes, b: Lan
 def move_multipliers(lane, algebraic, target: Lanes, values: Lanes, clear):
     """Copy the rows of multipliers from `values` to `target`, or set them to 0 (clear True).
 
-    algebraic: rows of multipliers, or None (nothing to do). Multipliers are stored in q, but solves for accelerations
-    or velocity jumps return them in the array of the solution.
+    algebraic: rows of multipliers, or None (nothing to do). Multipliers are stored in q. Solutions for accelerations or
+    velocity jumps, however, contain the multipliers in the array of the solution.
     """
     if algebraic is not None:
         for i in range(algebraic.shape[0]):
@@ -213,7 +213,8 @@ def take_multipliers(lane, algebraic, w: Work, active, c_m):
     """Update the multipliers in w.q: lambda <- lambda - c_m r, eq. (3.5), and set their rows of w.r to 0.
 
     algebraic: rows of multipliers, or None (nothing to do). active: lanes in which to update (> 1/2), or None for all.
-    c_m = da+/dq+ of the step, 1 for accelerations, undoes the scaling of the multipliers' columns in the matrix.
+    c_m: da+/dq+ of the step, or 1 in solutions for accelerations; the factor undoes the scaling of the multipliers'
+    columns in the matrix.
     """
     if algebraic is not None:
         for i in range(algebraic.shape[0]):

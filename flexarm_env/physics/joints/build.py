@@ -25,11 +25,11 @@ from flexarm_env.time_functions import constant
 def with_joints(
     scene: Scene, settings: Settings, system: System, places: Sequence[tuple[int, int]] | None = None
 ) -> System:
-    """Return the System with the arm's contributions: gears, floating base, forces at points, contacts.
+    """Return the System with the arm's contributions added: gears, floating base, forces at points, contacts.
 
     Without contributions `system` itself is returned.
 
-    places: pairs of rows that are positions (`places_of`), for an arm on a floating base; otherwise None.
+    places: for an arm on a floating base the pairs of rows that are positions (`places_of`); otherwise None.
 
     Raises:
         ValueError: frames joined by multipliers, or a motor without inertia that no motion prescribes.
@@ -124,13 +124,13 @@ BASE = "base"
 
 
 def points_of(arm: Arm) -> list[AtPoint]:
-    """Return the kinds of contributions at points that the arm has."""
+    """Return the kinds of point forces (`AtPoint`), such as a spring, that the arm has."""
     defaults = {field.name: field.default for field in dataclasses.fields(arm)}
     return [kind for kind in KINDS if any(getattr(arm, name) != defaults[name] for name in kind.fields)]
 
 
 def with_points(scene: Scene) -> Scene:
-    """Return the scene with a point load of no force for each contribution at a point and each point that may touch.
+    """Return the scene with one point load of zero force added for each point force and each point that may touch.
 
     The added loads follow the scene's own loads.
     """
@@ -140,7 +140,7 @@ def with_points(scene: Scene) -> Scene:
 
 
 def with_contributions(honours: Honours) -> Honours:
-    """Return a formulation's `HONOURS` with the arm's fields that describe contributions at points."""
+    """Return a formulation's `HONOURS` with the arm's fields that describe point forces added."""
     return {**honours, Arm: (*honours[Arm], *(name for kind in KINDS for name in kind.fields))}
 
 
@@ -185,7 +185,7 @@ def _floating(scene: Scene, system: System, row: int, places: Sequence[tuple[int
 
 
 NOTHING = 1e-12
-"""Share of the hub inertia in the model if each arm has its own hub inertia: not 0, so that the term is compiled."""
+"""Fraction of the hub inertia in a model whose arms have their own; it is not 0, so that the term is compiled."""
 
 
 def with_own_laws(system: System, hub: float) -> System:

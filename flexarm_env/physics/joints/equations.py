@@ -1,6 +1,6 @@
 """Equations of an arm with contributions (`physics.model.Jointed`).
 
-Each function calls the arm's function, then that of each contribution in order.
+Each function calls the function of the arm's formulation, then the function of each contribution in order.
 
 Contributions add terms to residual, energy and damping, and act before and after the factorization and the solution of
 the arm's matrix (`physics.contributions`): gears, rotors and hub (`gears`), a floating base (`floating`), forces on
@@ -18,7 +18,7 @@ from . import floating, gears  # noqa: F401  (they register their kernels)
 from .friction import store_columns
 
 _LAST_FIRST = (7, 6, 5, 4, 3, 2, 1, 0)
-"""Indices of contributions from last to first: before a solution, the last contribution is eliminated first."""
+"""Indices of up to eight contributions, from last to first, in which order they are eliminated before a solution."""
 
 
 @kernel
@@ -57,8 +57,8 @@ def assemble(lane, model, par, state: State, u: Lanes, weights, r: Lanes, S: Lan
 def add_stiffness(lane, model, S, k, x):
     """Add x (N m/rad) to the diagonal of row k of S, before `factor`, or fix row k (x None).
 
-    With a number x, row k is a joint's angle, a row of the arm. With x None, row and column k become those of the
-    identity, in the arm's matrix or in the contribution's entries.
+    If x is a number, row k must be a joint's angle, a row of the arm. If x is None, row and column k become those of
+    the identity matrix, in the arm's matrix or in a contribution's entries.
     """
     # rows behind the arm's belong to contributions alone
     if k < size(model.arm.n):
@@ -85,7 +85,7 @@ def factor(lane, model, S: Lanes):
 
 @kernel
 def solve(lane, model, S, x):
-    """Solve S x = b in place, x (n rows): in, b; out, S^-1 b; S: factors of arm and contributions."""
+    """Solve S x = b in place: x (n rows) holds b, then S^-1 b; S: factors of arm and contributions."""
     for k in _LAST_FIRST:
         if k < len(model.contributions):
             # eliminated last, so first: own rows of x are condensed onto the rows before them
@@ -97,7 +97,7 @@ def solve(lane, model, S, x):
 
 @kernel
 def solve_transposed(lane, model, S, x):
-    """Solve S^T x = b in place, x (n rows): in, b; out, S^-T b, with the factors in S."""
+    """Solve S^T x = b in place: x (n rows) holds b, then S^-T b; S: factors of arm and contributions."""
     for k in _LAST_FIRST:
         if k < len(model.contributions):
             contributions.before_solve(lane, model.contributions[k], model, S, x, True)
@@ -108,7 +108,7 @@ def solve_transposed(lane, model, S, x):
 
 @kernel
 def multiply(lane, model, S: Lanes, x: Lanes, y: Lanes):
-    """Add S x to y (n rows): the arm's matrix and the contributions' entries, S assembled and not factored."""
+    """Add S x to y (n rows), where S is the assembled matrix of arm and contributions before `factor`."""
     protocol.multiply(lane, model.arm, S, x, y)
     for part in model.contributions:
         contributions.multiply(lane, part, model, S, x, y)
@@ -118,8 +118,8 @@ def multiply(lane, model, S: Lanes, x: Lanes, y: Lanes):
 def retract(lane, model, q: Lanes, share, d, more):
     """Move the coordinates by an increment: q <- q (+) (share d + more).
 
-    The arm's formulation moves the arm's rows. In rows of contributions the increment is added. d, more: increments (n
-    rows; m, rad), more may be None (0); share: number.
+    The arm's formulation moves the arm's rows. In rows of contributions the increment is added. share: factor on d. d,
+    more: increments (n rows; m, rad); more is None for zero.
     """
     protocol.retract(lane, model.arm, q, share, d, more)
     for k in range(size(model.arm.n), size(model.n)):
@@ -138,8 +138,8 @@ def local_difference(lane, model, start: Lanes, q: Lanes, d: Lanes):
 def inertia_forces(lane, model, par, turn, a: Lanes, r: Lanes):
     """Rotate the vectors in a by `turn`, then compute r <- M a (N, N m) of arm and contributions, unless r is None.
 
-    turn: None, or (start, q, share): vectors turn by `share` times their section's rotation from coordinates start to
-    q.
+    turn: None, or (start, q, share): each vector is rotated by `share` times the rotation of its section from
+    coordinates start to q.
     """
     protocol.inertia_forces(lane, model.arm, par, turn, a, r)
     if r is not None:
@@ -149,9 +149,9 @@ def inertia_forces(lane, model, par, turn, a: Lanes, r: Lanes):
 
 @kernel
 def input_displacements(lane, model, par, q, y, since=None):
-    """Write the displacement conjugate to each input to y: the arm's, changed where inputs act on contributions.
+    """Write the displacement (rad or m) conjugate to each input to y, with contributions taken into account.
 
-    Units rad, m. since: None, or (start, y0) to integrate rotations from their value y0 at the coordinates `start`.
+    since: None, or (start, y0): rotations are then integrated from their values y0 at the coordinates `start`.
     """
     protocol.input_displacements(lane, model.arm, par, q, y, since)
     for part in model.contributions:
@@ -168,10 +168,11 @@ def _with_contributions(lane, model, par, q, v, x, total):
 
 @kernel
 def damping_power(lane, model, par, q, v, x, since=None):
-    """Return x^T C v (W), the power at rates x of the damping forces at rates v, of arm and contributions.
+    """Return x^T C v (W): power at virtual rates x of the damping forces of arm and contributions at rates v.
 
     since: None, or (start, v0, h) of a step of h (s) from coordinates `start` and rates v0 to q and v, with mean rates
-    x. Then return (dissipated mean power, excess of the damping forces' mean power over it, or None), W.
+    x. The function then returns, in W, the dissipated mean power and the excess of the damping forces' mean power over
+    the dissipated power (or None).
     """
     if since is None:
         power = protocol.damping_power(lane, model.arm, par, q, v, x)
@@ -200,8 +201,8 @@ def energy(lane, model, par, q: Lanes, v: Lanes):
 def set_joint_configuration(lane, model, live, angles, rates: Lanes | None, q: Lanes, v: Lanes):
     """Set q to straight links at the joint angles `angles` (rad), in lanes with live > 1/2.
 
-    Afterwards each contribution sets its own rows, such as motor angles, to match. rates: rates of all rows, relative
-    to the rotating links, from which v is computed; None: v stays. q, v: n rows.
+    Each contribution then sets its rows, such as motor angles, to match the joint angles. rates: rates of all rows,
+    relative to the rotating links, from which v is computed; None leaves v unchanged. q, v: n rows.
     """
     protocol.set_joint_configuration(lane, model.arm, live, angles, rates, q, v)
     for part in model.contributions:
@@ -213,8 +214,8 @@ def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
     """Add the cotangents that r_bar causes to par_bar, bar and u_bar; r_bar <- 0: reverse derivative of `residual`.
 
     A cotangent is the derivative of a scalar: r_bar by the residual, par_bar by the arm's parameters par, bar (a
-    `State`) by q, v, a, u_bar by the inputs u. S: scratch. model.derived: a tag if the compiler derives it, None if the
-    contributions' own functions are used.
+    `State`) by q, v, a, u_bar by the inputs u. S: scratch. model.derived: a tag if the compiler derives this function,
+    None if contributions register their own derivatives.
     """
     if model.derived is not None:
         protocol.vjp_source(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar)
@@ -227,9 +228,9 @@ def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
 
 @kernel
 def link_poses(lane, model, par, q, v, out, tasks=None):
-    """Write the arm's poses to out; for tasks (a tag, not None) also the contributions' poses, at the end of out.
+    """Write the arm's poses to out; if tasks is a tag, also write the contributions' poses, at the end of out.
 
-    Poses: `layout.POSES` per link, in space `layout.SPACE_POSES`. q, v: coordinates and their rates.
+    out: one `layout.POSES` for each link, in space one `layout.SPACE_POSES`. q, v: coordinates and their rates.
     """
     protocol.link_poses(lane, model.arm, par, q, v, out, tasks)
     if tasks is not None:
@@ -239,7 +240,7 @@ def link_poses(lane, model, par, q, v, out, tasks=None):
 
 @kernel
 def conserve_momentum(lane, model, par, before, h, q, v, u, r, S):
-    """Correct v and return (momentum, force that changes it), by the contribution that defines both or by the arm.
+    """Correct v to conserve momentum; return (momentum, force that changes it), from a floating base or from the arm.
 
     before: None, or the returned pair at the start of the step of h (s). With a pair, v is first changed so that the
     momentum changes by the impulse of the mean force. Returns None if a support holds the arm. u: inputs; scratch: r,

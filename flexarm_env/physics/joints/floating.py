@@ -1,8 +1,8 @@
 """A floating base that carries the arm: a contribution, with the conservation of momentum (theory, section 6).
 
 The base's center of mass is at the hub. The base's mass therefore acts at the arm's root, and only the hub's torque
-turns the base: J psi'' = -u. The row of psi is coupled with no other row. u does work on the angle between base and
-arm.
+turns the base: J psi'' = -u. The row of psi is coupled with no other row. The torque u does work on the angle between
+base and arm.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..model import PAYLOAD_MASS, Floating
 from ..protocol import RESIDUAL_ALONE, State
 
 _X, _Y, _TURN, _MOTIONS = range(4)
-"""Rigid motions of base and arm: 1 m/s along inertial x, along y, 1 rad/s about the origin."""
+"""Indices of the rigid motions of base and arm: 1 m/s along inertial x, 1 m/s along y, 1 rad/s about the origin."""
 
 _REST, _MOVING, _TURNED, _PUSHED, _CASES = range(5)
 """Residuals projected on the rigid motions: at rest (v = a = 0); with a = v; with a = rates of a turn at 1 rad/s.
@@ -30,9 +30,9 @@ _SUMS = (0,) * (_CASES * _MOTIONS)
 
 @kernel
 def assemble(lane, part, model, par, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
-    """Write the base's row of r, J psi'' + u_0 (N m), and, with weights.with_matrix, its diagonal entry of S.
+    """Write J psi'' + u_0 (N m) into the base's row of r and, with weights.with_matrix, the row's diagonal entry of S.
 
-    J: inertia of the base (kg m^2); psi: its attitude; u_0: torque at the hub, which acts on the arm. Entry:
+    J: inertia of the base (kg m^2); psi: its attitude; u_0: the hub's torque on the arm. The diagonal entry is
     weights.mass J.
     """
     r[part.row] = state.a[part.row] * part.inertia + u[0]
@@ -51,19 +51,19 @@ def after_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
 
 @kernel
 def inertia_forces(lane, part, model, par, a: Lanes, r: Lanes):
-    """Write the base's row of r, J psi'' (N m), from its row of a: inertia J (kg m^2) times angular acceleration."""
+    """Write J psi'' (N m), the base's inertia (kg m^2) times its angular acceleration, into the base's row of r."""
     r[part.row] = a[part.row] * part.inertia
 
 
 @kernel
 def input_displacements(lane, part, model, q: Lanes, y: Lanes):
-    """Subtract the base's attitude (rad) from y_0: the hub's torque works on the angle between base and arm."""
+    """Subtract the base's attitude (rad) from y_0, because the hub's torque works on the angle between base and arm."""
     y[0] -= q[part.row]
 
 
 @kernel
 def energy(lane, part, model, par, q, v: Lanes, sums):
-    """Return sums, (kinetic, strain, gravitational; J), with the base's kinetic energy of rotation added."""
+    """Return sums (kinetic, strain, gravitational energy, J) plus the base's kinetic energy of rotation."""
     kinetic, strain, gravity = sums
     rate = v[part.row]
     return kinetic + rate * rate * (part.inertia * 0.5), strain, gravity
@@ -79,10 +79,10 @@ def poses(lane, part, model, q: Lanes, v: Lanes, out: Lanes):
 
 @kernel
 def vjp_residual(lane, part, model, par, state, bar, u_bar: Lanes, r_bar: Lanes):
-    """Add to bar.a and u_bar the cotangents that the base's row of r_bar causes; that row of r_bar <- 0.
+    """Add to bar.a and u_bar the cotangents that the base's row of r_bar causes; set this row of r_bar to 0.
 
-    r_bar: derivative of a scalar by the residual, whose row is J psi'' + u_0. bar: cotangents of q, v, a; u_bar:
-    cotangents of the inputs.
+    r_bar: derivative of a scalar by the residual, in which the base's row is J psi'' + u_0. bar: cotangents of q, v, a;
+    u_bar: cotangents of the inputs.
     """
     add_to(lane, bar.a, part.row, r_bar[part.row] * part.inertia)
     u_bar[0] += r_bar[part.row]
@@ -91,13 +91,13 @@ def vjp_residual(lane, part, model, par, state, bar, u_bar: Lanes, r_bar: Lanes)
 
 @kernel
 def multiply(lane, part, model, S: Lanes, x: Lanes, y: Lanes):
-    """Add S x to y in the base's row: its diagonal entry of S times its row of x."""
+    """Add the product S x in the base's row to y: the row's diagonal entry of S times the row of x."""
     y[part.row] += S[size(model.n_factor) - 1] * x[part.row]
 
 
 @kernel
 def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, r, S):
-    """Return (momentum, force), each x, y and moment about the origin; with `before` first correct v to conserve it.
+    """Return (momentum, force), each with x, y and moment about the origin; if `before` is given, first correct v.
 
     momentum: t^T M v (N s, N m s) with the rates t of rigid motions; force: external (N, N m), inertial axes. before:
     the returned pair at the start of the step of h (s), or None. With trapezoidal steps the angular momentum has a

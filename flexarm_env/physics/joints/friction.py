@@ -1,9 +1,9 @@
-"""Coulomb friction as a set-valued law, eq. (6.6): a correction of a linear solution, so that the law holds.
+"""Coulomb friction as a set-valued law, eq. (6.6), by a correction of the linear system's solution.
 
-At rest |T| <= T_C; otherwise T = T_C against the rate. The residual that is solved does not contain T. The corrected
-solution x + W T, with the columns W of S^-1, is linear in the torques T of all joints. So is each joint's resulting
-rate. For each joint either the torque is known (T = +-T_C) or the rate (0). The law is not regularized, so friction
-does not limit the step.
+The friction torque T of a joint at rest satisfies |T| <= T_C; otherwise T has the magnitude T_C and opposes the rate.
+The residual of the linear system does not contain T. The corrected solution x + W T, with the columns W of S^-1, is
+linear in the torques T of all joints, and so is each joint's rate. For each joint either the torque is known (T =
++-T_C) or the rate (0). The law is not regularized, so friction does not limit the step.
 
 The law applies to the rate w = v + ahead a, half a step ahead. A joint that friction stops is then at rest two steps
 later. With v alone, trapezoidal steps would leave the joint an acceleration that alternates for ever.
@@ -23,12 +23,13 @@ from ..protocol import RESIDUAL_ALONE, State
 from .layout import GEAR, LAWS, PLACE, PLACES
 
 _SLIDES, _TURNS = 0.99, 1e-12
-"""A joint slides if the other forces exceed this share of T_C and its rate exceeds _TURNS, rad/s, the round-off. The
-share is less than 1 because of the solver's error."""
+"""A joint slides if the other forces exceed the share _SLIDES of T_C and its rate exceeds _TURNS (rad/s, round-off).
+The share is less than 1 because of the solver's error."""
 
 
 class Law(NamedTuple):
-    """The numbers of `layout.LAW` without the hub: common to all arms, or lanes with each arm's own numbers."""
+    """Constants of one joint's law, as in `layout.LAW`: numbers common to all arms, or lanes with each arm's own
+    numbers."""
 
     stiffness: Any  # N m/rad, of the gear
     damping: Any  # N m s/rad, of the gear
@@ -40,7 +41,7 @@ class Law(NamedTuple):
 
 @kernel
 def count(model):
-    """Return the number of joints in the model's table, those that are not ideal."""
+    """Return the number of joints in the model's table, which lists the joints that are not ideal."""
     return model.table.shape[0] // PLACES
 
 
@@ -80,7 +81,7 @@ def gear_at(model, i):
 
 @kernel
 def column_at(model, i):
-    """Return the offset in S of joint i's column W_i of S^-1, n numbers (with friction only)."""
+    """Return the offset in S of the column W_i (n numbers) of S^-1 for joint i, in models with friction."""
     return gear_at(model, count(model)) + size(model.n) * i
 
 
@@ -92,7 +93,7 @@ def _row_at(model, i):
 
 @kernel
 def array_slice(lane, S: Lanes, at, n):
-    """Return a view of n numbers (lanes each) of S from offset `at`."""
+    """Return a view of n entries of S from offset `at` on."""
     return S[at : at + n]
 
 
@@ -107,7 +108,7 @@ def direction(lane, rate):
 def store_columns(lane, model, S):
     """Store in S the columns W_i = S^-1 e_i of the rows that friction acts on; 0 where the angle is prescribed.
 
-    S: in, factors of the matrix.
+    S: the factors of the Newton matrix on entry.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
@@ -121,15 +122,15 @@ def store_columns(lane, model, S):
 
 @kernel
 def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
-    """Store in S the friction torques of the present state and which joints slide; r <- residual with friction (N m).
+    """Store in S the friction torques of the present state and which joints slide; r <- residual (N m) with friction.
 
     The torque of a sliding joint is T_C against its rate. The margin _SLIDES makes this independent of small changes of
     the other forces in its row. The torque of a sticking joint balances the other forces, up to the Coulomb friction
     torque T_C.
 
     # in        state, u: q, v, a and inputs
-    # out       r (n,); `GEAR` fields before: the torque (N m), slides: 1 or 0, free: 1 if the joint does not slide and
-    #           friction balances the other forces of its row, within T_C, otherwise 0
+    # out       r (n,); fields of `GEAR`: before (friction torque, N m), slides (1 or 0), free: 1 if the joint does
+    #           not slide and friction within T_C balances the other forces of the joint's row, otherwise 0
 
     See theory, (6.6).
     """
@@ -172,10 +173,10 @@ def release_reversed_joints(lane, model, v: Lanes, S: Lanes):
 
 @kernel
 def account_for_friction(lane, model, par, state, u, r, S, start, books):
-    """Add the energy (J) that friction dissipates in a step from coordinates `start` to books: mean torque by angle.
+    """Add the energy (J) that friction dissipates in a step to books: mean friction torque times change of angle.
 
-    The mean is between the torques stored at the step's start and the torques of the present state. The latter are
-    stored in S for the next step. Scratch: r.
+    start: coordinates at the step's start. The mean is between the torques stored at the step's start and the torques
+    of the present state. The torques of the present state are stored in S for the next step. Scratch: r.
     """
     if model.newton.friction is not None:
         _account_for_half(lane, model, state, S, start, books)
@@ -196,7 +197,7 @@ def _account_for_half(lane, model, state: State, S: Lanes, start: Lanes, books: 
 
 @kernel
 def apply_friction(lane, model, par, state, weights, ahead, S: Lanes, x):
-    """Correct x = S^-1 r by Coulomb friction torques T, x <- x + W T, so that the law holds for the new rates, (6.6).
+    """Add Coulomb friction torques T to x = S^-1 r, x <- x + W T, so that the law (6.6) holds for the new rates.
 
     W: columns of S^-1 of the rows that friction acts on. The state changes by a -= weights.mass x, v -= weights.damping
     x; friction acts on the rate v + ahead a (ahead in s). With damping 0, where v stays, joints that slid at the last
@@ -222,7 +223,7 @@ def apply_friction(lane, model, par, state, weights, ahead, S: Lanes, x):
 
 @kernel
 def find_gaps(lane, model, state: State, weights, ahead, S: Lanes, x: Lanes):
-    """Compute each joint's gap w/c - x_i: the change of its increment x_i that makes its rate w vanish.
+    """Compute each joint's gap w/c - x_i: the change of the increment x_i with which the joint's rate w vanishes.
 
     w = v + ahead a before the increment, c = weights.damping + ahead weights.mass.
     """
@@ -265,9 +266,9 @@ def _choose_branch(lane, model, par, weights, i, S: Lanes):
 def solve_torques(lane, model, S: Lanes, transposed):
     """Solve for friction torques T (N m): sum_j W_ij T_j = gap_i where joint i sticks, T_i = bound_i where it slides.
 
-    `GEAR` fields: gap (`find_gaps`: change of the increment x_i that leaves joint i at rest) and bound (N m), in;
-    torque: T, out. W_ij: entry of S^-1 in the friction rows of joints i and j. transposed: True uses W^T, for
-    cotangents, where all bounds are 0. The elimination is Gaussian, without pivoting. See theory, (6.6).
+    The `GEAR` fields gap (`find_gaps`: change of the increment x_i that leaves joint i at rest) and bound (N m) are
+    read; the field torque receives T. W_ij: entry of S^-1 in the friction rows of joints i and j. transposed: True uses
+    W^T, for cotangents, where all bounds are 0. The elimination is Gaussian, without pivoting. See theory, (6.6).
     """
     joints, one, zero = count(model), 1.0, 0.0
     for i in range(joints):
@@ -297,9 +298,9 @@ def solve_torques(lane, model, S: Lanes, transposed):
 
 @kernel
 def add_torques(lane, model, S: Lanes, x: Lanes):
-    """Add the friction torques T (N m) to the solution, x <- x + W T; sticking joints get their exact value.
+    """Add the friction torques T (N m) to the solution, x <- x + W T; sticking joints get exactly the rate 0.
 
-    W: columns of S^-1. The exact value is the increment gap + x_i that brings the joint to rest. See theory, (6.6).
+    W: columns of S^-1. A sticking joint gets the increment gap + x_i, which brings it to rest. See theory, (6.6).
     """
     n = size(model.n)
     # gap + x_i = w/c, before x changes
@@ -320,8 +321,8 @@ def add_torques(lane, model, S: Lanes, x: Lanes):
 def hold_sticking_joints(lane, model, S: Lanes, x: Lanes):
     """Hold the joints that stuck in the last `apply_friction` at rest: x <- x + W T, their rows of x become 0.
 
-    x: in, a solution S^-1 y without friction, (n,). W: columns of S^-1; T: torques. S: factors of the matrix, and the
-    `GEAR` records.
+    x (n,): on entry a solution S^-1 y without friction. W: columns of S^-1; T: friction torques. S: factors of the
+    Newton matrix, and the `GEAR` records.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):

@@ -1,4 +1,4 @@
-"""Derivatives of Coulomb friction, eq. (6.6), for the branch of the values: no joint starts or stops sliding.
+"""Derivatives of Coulomb friction, eq. (6.6), for small changes with which no joint starts or stops sliding.
 
 `transitions` and `runtime.sensitivity` call these functions after the friction of the values (`joints.friction`), which
 has left its torques and branches in the matrix array S.
@@ -36,7 +36,7 @@ def store_branch(lane, model, par, state, weights, ahead, r, S: Lanes):
 
 @kernel
 def store_directions(lane, model, S: Lanes):
-    """Store the directions of the sliding torques `bound` in `slides` (+-1; 0 of joints that stick); bound <- 0."""
+    """Store the signs (+-1) of the sliding torques `bound` in `slides` (0 for sticking joints), then clear `bound`."""
     if model.newton.friction is not None:
         for i in range(count(model)):
             g, zero = gear_at(model, i), 0.0
@@ -61,7 +61,7 @@ def _coulomb_at(model, i):
 
 @kernel
 def change_friction_tangents(lane, wide, model, parx, j, S: Lanes):
-    """Set `bound` in S to tangent j of the sliding torques: that of T_C, in the direction `slides` of each joint."""
+    """Set `bound` in S to tangent j of each sliding torque: the tangent of T_C times the direction `slides`."""
     if model.newton.friction is not None:
         for i in range(count(model)):
             g = gear_at(model, i)
@@ -70,10 +70,10 @@ def change_friction_tangents(lane, wide, model, parx, j, S: Lanes):
 
 @kernel
 def friction_residual_tangents(lane, wide, model, parx, S: Lanes, r, first):
-    """Apply `store_friction` to the tangents of r (n dual rows), with the branches of the values in S.
+    """Apply the linearized `store_friction` to the tangents of r (n dual rows), with the sticking joints stored in S.
 
     A joint that sticks with a torque within T_C has residual 0 for any other forces. In other joints friction is +-T_C.
-    Lanes with `first` > 1/2 have no residual before the jump and are skipped.
+    Lanes with `first` > 1/2 are skipped, because no step precedes their jump.
     """
     if model.newton.friction is not None:
         many = len(wide) // len(lane)

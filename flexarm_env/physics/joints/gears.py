@@ -37,9 +37,9 @@ def _friction_row(lane, model, i, own, state: State, total):
 
 @kernel
 def gear_torque(lane, play, stiffness, half, wound):
-    """Return (torque N m, slope N m/rad) of a gear spring wound by `wound` rad.
+    """Return the torque (N m) of a gear spring at a wind-up of `wound` rad, and its derivative (N m/rad).
 
-    stiffness: N m/rad; half: half of the backlash, rad, which the spring turns without torque; play None: no backlash.
+    stiffness: N m/rad. half: half of the backlash, rad, within which the torque is 0. play: None without backlash.
     """
     if play is None:
         return wound * stiffness, stiffness
@@ -97,10 +97,11 @@ def _at_joint(lane, model, i, one, state: State, weights, r: Lanes, S: Lanes):
 
 @kernel
 def prepare(lane, part, model, par, state: State, weights, S: Lanes):
-    """Store the rotors' angular momenta (N m s, along joint axes, in space) in S for the arm's assembly.
+    """Store the rotors' angular momenta (N m s, along joint axes) of an arm in space in S, for the arm's assembly.
 
-    Momentum: J r psi' of rotor inertia J, gear ratio r and motor angle psi (over r). With weights.with_matrix also
-    `GEAR.sway`, its derivative by the rate times weights.damping. Do nothing if part.spin is None.
+    The momentum is J r psi', with rotor inertia J, gear ratio r and the motor angle r psi. With weights.with_matrix
+    also store `GEAR.sway`, the momentum's derivative by the rate psi' times weights.damping. Do nothing if part.spin is
+    None.
     """
     if part.spin is None:
         return
@@ -138,7 +139,7 @@ def assemble(lane, part, model, par, state: State, u, weights, r: Lanes, S: Lane
 
 @kernel
 def fix_coordinate(lane, part, model, S: Lanes, k):
-    """Flag row k as fixed or prescribed in the `GEAR` records of S: a motor row as `pinned`, a joint row as `held`."""
+    """Mark row k as fixed or prescribed in S: by `GEAR.pinned` if k is a motor's row, by `GEAR.held` for a joint."""
     for i in range(count(model)):
         g = gear_at(model, i)
         if model.table[PLACES * i + PLACE.motor] == k:
@@ -151,7 +152,7 @@ def fix_coordinate(lane, part, model, S: Lanes, k):
 def before_factor(lane, part, model, S: Lanes):
     """Eliminate the motors' rows: add their Schur complement slope - slope^2 / pivot to the joints' diagonal in S.
 
-    pivot: diagonal entry of the motor's row; -slope: its coupling with the joint's row (`GEAR`). See theory, (6.5).
+    pivot: diagonal entry of the motor's row; -slope: entry that couples motor and joint (`GEAR`). See theory, (6.5).
     """
     for i in range(count(model)):
         g, row = gear_at(model, i), model.table[PLACES * i + PLACE.row]
@@ -181,7 +182,7 @@ def _gyroscopic_column(lane, part, model, S: Lanes, i):
 
 @kernel
 def before_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
-    """Eliminate motors from x: joint rows += slope / pivot * motor rows (`GEAR` in S), in space with rotors' columns.
+    """Eliminate the motors' rows from x: joint row += slope / pivot * motor row (`GEAR`), in space also rotor terms.
 
     transposed: False for S x = b; True for S^T x = b, where `after_solve` treats the gyroscopic columns, as rows.
     """
@@ -201,7 +202,7 @@ def before_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
 
 @kernel
 def after_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
-    """Compute the motors' rows of x from the joints': (x_m + slope x_q) / pivot; a pinned motor keeps its value.
+    """Compute motor rows of x from joint rows: (x_motor + slope x_joint) / pivot; a pinned motor keeps its value.
 
     slope, pivot: `GEAR` in S. transposed: True for S^T x = b, where gyroscopic columns (in space) act as rows.
     """
@@ -219,7 +220,7 @@ def after_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
 
 @kernel
 def inertia_forces(lane, part, model, par, a: Lanes, r: Lanes):
-    """Add the inertia torques of rotors and hub at accelerations a to r (N m); rows of motors are written."""
+    """Add the inertia torques (N m) of rotors and hub at accelerations a to r; rows of motors are overwritten."""
     for i in range(count(model)):
         row, motor = model.table[PLACES * i + PLACE.row], model.table[PLACES * i + PLACE.motor]
         rotor = joint_law(lane, model, par, i).rotor
@@ -242,7 +243,7 @@ def input_displacements(lane, part, model, q: Lanes, y: Lanes):
 
 @inlined
 def damping_power(lane, part, model, par, q, v: Lanes, x: Lanes, total):
-    """Return `total` plus x^T C v (W) of gears and viscous friction: power at rates x of damping torques at rates v."""
+    """Return total plus x^T C v (W): power at virtual rates x of gear damping and viscous friction at rates v."""
     for i in range(count(model)):
         at, one = PLACES * i, joint_law(lane, model, par, i)
         row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
@@ -267,7 +268,7 @@ def _gear_deflection(play, half, wound):
 
 @kernel
 def energy(lane, part, model, par, q: Lanes, v: Lanes, sums):
-    """Return sums, (kinetic, strain, gravitational; J), with rotors, gear springs and additional hub inertia added.
+    """Return sums (kinetic, strain, gravitational energy, J) plus the energies of rotors, gear springs and hub inertia.
 
     See theory, (6.5).
     """
@@ -291,7 +292,7 @@ def energy(lane, part, model, par, q: Lanes, v: Lanes, sums):
 def set_joint_configuration(lane, part, model, live, rates: Lanes | None, q: Lanes, v: Lanes):
     """Set the motor angles in q to the joint angles, in lanes with live > 1/2, so that gears have no torque.
 
-    rates: rates of all rows; the motors' rates are copied to v. None: v stays.
+    rates: rates of all rows, of which the motors' rates are copied to v; None leaves v unchanged.
     """
     for i in range(count(model)):
         row, motor = model.table[PLACES * i + PLACE.row], model.table[PLACES * i + PLACE.motor]
@@ -305,8 +306,8 @@ def set_joint_configuration(lane, part, model, live, rates: Lanes | None, q: Lan
 def vjp_residual(lane, part, model, par, state: State, bar, u_bar: Lanes, r_bar: Lanes):
     """Add to bar and u_bar the cotangents that r_bar causes through the joints' rows of r; motor rows of r_bar <- 0.
 
-    Eq. (6.5). r_bar: derivative of a scalar by the residual; bar (a `State`): derivatives by q, v, a; u_bar: derivative
-    by the inputs.
+    r_bar: derivative of a scalar by the residual of eq. (6.5); bar (a `State`): the scalar's derivatives by q, v, a;
+    u_bar: its derivative by the inputs.
     """
     if model.hub is not None:
         row = model.table[PLACE.row]
@@ -332,7 +333,7 @@ def vjp_residual(lane, part, model, par, state: State, bar, u_bar: Lanes, r_bar:
 
 @kernel
 def multiply(lane, part, model, S: Lanes, x: Lanes, y: Lanes):
-    """Add S x of motors, gears and rotors to y (n rows), S assembled and not factored. See theory, (6.5)."""
+    """Add the part of S x due to motors, gears and rotors to y (n rows); S is not factored yet. See theory, (6.5)."""
     for i in range(count(model)):
         at, g = PLACES * i, gear_at(model, i)
         row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]

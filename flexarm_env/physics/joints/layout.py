@@ -43,5 +43,5 @@ GEAR = Layout(
     Field("slides", (), "", "1: the joint slides at that instant; for derivatives its direction, +1 or -1"),
     Field("free", (), "", "1: `before` balances the other forces of its row at that instant (not sliding)"),
 ).places  # fmt: skip
-"""One record per joint, stored in S after the arm's own numbers. With friction, a column of S^-1 per joint (n numbers)
-and a row of the torques' linear system per joint (`count` + 1 numbers) follow."""
+"""`GEAR`: one record per joint, stored in S after the arm's own entries. With friction, a column of S^-1 per joint (n
+numbers) and a row of the torques' linear system per joint (`count` + 1 numbers) follow."""

@@ -2,7 +2,7 @@
 
 The point is a point load of the arm (`AtPoint.place`). Every formulation therefore computes the displacement y of the
 point, the generalized forces B f of a force f on the point, and the change of B with q. A stiffness k of the point adds
-the block B k B^T to the matrix, which is applied to solutions (`physics.point_block`).
+the block B k B^T to the Newton matrix; the block enters as a correction of solutions (`physics.point_block`).
 
 A contribution registers `BLOCK`, its `point_forces` and `energy`, and an `assemble` that calls `store_block`.
 """
@@ -34,10 +34,10 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True)
 class AtPoint:
-    """A kind of contribution at a point. An arm has it if one of the fields is not at its default.
+    """A kind of point force, such as a spring. An arm has the point force if one of `fields` is not at its default.
 
-    fields: names of fields of `Arm`. place: function that returns the point's (link, end) of an arm. make: function
-    that returns the record.
+    fields: names of fields of `Arm`. place: function that returns the point's (link, end) for an arm. make: function
+    that returns the contribution's record.
     """
 
     fields: tuple[str, ...]
@@ -46,7 +46,7 @@ class AtPoint:
 
 
 KINDS: list[AtPoint] = []
-"""Kinds of contributions at points. A module that defines a kind appends it."""
+"""Registered kinds of point forces. A module that defines a kind appends it to this list."""
 
 
 def numbers_in_matrix(rows: int, axes: int) -> int:
@@ -56,7 +56,7 @@ def numbers_in_matrix(rows: int, axes: int) -> int:
 
 @kernel
 def point_displacement(lane, point, model, par, q, y):
-    """Write the input displacements of the arm alone to y; the point's (m, inertial axes) begin at `point.input`.
+    """Write the arm's input displacements to y; the point's displacement (m, inertial axes) begins at `point.input`.
 
     point: the `Point`; q: coordinates; y: as many entries as the arm has inputs.
     """
@@ -83,10 +83,10 @@ def _stiffness_at(point):
 
 @kernel
 def store_block(lane, point, model, par, state, u: Lanes, stiffness, S: Lanes):
-    """Store B and k of the block B k B^T; the `assemble` of a contribution with a matrix calls it.
+    """Store B and k of the block B k B^T; a contribution calls this function in `assemble` if a matrix is needed.
 
-    stiffness: k (N/m) times the weight of dr/dq in the matrix. Column i of B: the generalized forces of a force of 1 N
-    on the point along axis i, which is how much that force lowers the arm's residual. See theory, (6.7).
+    stiffness: k (N/m) times the weight of dr/dq in the matrix. Column i of B holds the generalized forces of a force of
+    1 N on the point along axis i: the amounts by which this force lowers the arm's residual. See theory, (6.7).
     """
     store_columns(lane, model, par, state, u, point.input, point.axes, point.room, S, point.at)
     S[_stiffness_at(point)] = 0.0 + stiffness
@@ -94,7 +94,7 @@ def store_block(lane, point, model, par, state, u: Lanes, stiffness, S: Lanes):
 
 @kernel
 def fix_coordinate(lane, part, model, S, k):
-    """Set row k of B to 0: a fixed or prescribed coordinate does not move the point."""
+    """Set row k of B to 0, because a fixed or prescribed coordinate does not move the point."""
     for i in range(len(part.point.axes)):
         column(lane, part.point.at, part.point.room, S, i)[k] = 0.0
 

@@ -1,7 +1,7 @@
 """Reverse derivatives of beams in space: the transposed linear system, and the product with the matrix (`matrix`).
 
-Vectors on one side of the matrix are forces (inertial axes) and moments (section axes). Vectors on the other side are
-position increments (inertial axes) and rotation increments (body axes).
+The matrix maps position increments (inertial axes) and rotation increments (body axes) to forces (inertial axes) and
+moments (section axes).
 """
 
 from ...compiler import kernel, load, splat, store
@@ -25,9 +25,10 @@ from .rotations import Vector, add_vector, cross, dot, load_vector
 
 @kernel
 def multiply(lane, model, S, x, y):
-    """Add S x to y, with S as `assemble` leaves it, inner modes condensed (`protocol.multiply`; theory, 9).
+    """Add the product of the assembled Newton matrix in S with x to y (`protocol.multiply`; theory, 9).
 
-    x: position increments (inertial), rotation increments (body axes), joint angles; y: forces, moments, joint torques.
+    x: position increments (m, inertial axes), rotation increments (rad, body axes), joint angles (rad); y: forces (N),
+    moments and joint torques (N m). Inner modes in S have been condensed by `assemble`.
     """
     # from the base outward: (a, b), motion of each link's root (inertial, body axes); then each element's block times
     # it
@@ -102,7 +103,8 @@ def _add_both(lane, y, i, a, b):
 
 @kernel
 def solve_transposed(lane, model, S, x):
-    """Replace x by S^-T x with the factors in S: `elimination.solve` block by block, in reverse order."""
+    """Replace x by the solution S^-T x of the transposed system, with the factors that `elimination.factor` stored in
+    S."""
     for back_k in range(model.links):
         _up(lane, model, S, model.links - 1 - back_k, x)
     solve_base(lane, S, x, True)

@@ -37,7 +37,7 @@ HONOURS: Honours = {
     Payload: ("mass", "inertia", "offset"),
     **{kind: BEAM[kind] for kind in (Joint, Motor)},
 }
-"""Parameters that chains in space take into account, by class (`model.Honours`)."""
+"""Parameters that chains in space take into account, listed by the class that has them (`model.Honours`)."""
 
 # e_x, along the link, in section axes
 X = np.array([1.0, 0.0, 0.0])
@@ -69,22 +69,22 @@ def packed(one: Body, there: bool = False) -> Array:
 
 
 def count_elements(link: Link, settings: Settings) -> int:
-    """Return the number of elements of a link in space, or of segments with floating frames; 0 for a rigid link."""
+    """Return the number of a link's elements, or of its segments if it has floating frames; 0 for a rigid link."""
     return 0 if link.rigid else (settings.elements or 1) * (settings.segments or 1)
 
 
 def tip_lever(link: Link) -> Array:
-    """Return the lever (m, section axes) from a link's last section to the next joint: rigid end or rigid link."""
+    """Return the lever (m, section axes) along the link's rigid end, or a rigid link's length, up to the next joint."""
     return X * (link.length if link.rigid else link.tip_offset)
 
 
 def tip_end(link: Link) -> Body:
-    """Return a link's rigid end as a `Body` fixed to the link's last section; its mass is at the end's middle."""
+    """Return a link's rigid end as a `Body` on the link's last section; its mass is at the middle of the rigid end."""
     return Body(link.tip_mass, 0.5 * tip_lever(link), bodies.tensor(link.tip_inertia))
 
 
 def near_body(arm: Arm, k: int) -> Body:
-    """Return the `Body` fixed to the last section of link k - 1: its rigid end and the elbow with its left inertia."""
+    """Return the `Body` on the last section of link k - 1: its rigid end and the elbow's part fixed to that link."""
     before, elbow = arm.links[k - 1], arm.elbow(k)
     return combined_body([tip_end(before), Body(elbow.mass, tip_lever(before), bodies.tensor(elbow.inertia_left))])
 
@@ -102,7 +102,7 @@ def far_body(arm: Arm, k: int) -> Body:
 
 
 def mount_of(arm: Arm, k: int) -> Array:
-    """Return the mount of joint k: root axes of link k at angle 0, as columns in the axes of the section before."""
+    """Return the rotation matrix of joint k at angle 0: root axes of link k to axes of the section before the joint."""
     mount = arm.hub_mount if k == 0 else arm.elbow(k).mount
     return np.eye(3) if mount is None else np.array(mount)
 
@@ -181,7 +181,8 @@ def _elements(link: Link, n: int, damping: float) -> list[Array]:
 
 
 def chords_of(link: Link, ends: Array) -> Array:
-    """Return (elements, 3): each stress-free chord over length, less that of a circular arc, in axes of the middle."""
+    """Return how much each element's stress-free chord differs from a circular arc's chord: (elements, 3), chord /
+    length."""
     found = np.zeros((len(ends) - 1, 3))
     if link.curved:
         angles = curves.angle(link.curvature, ends)
@@ -198,20 +199,20 @@ def turns_of(link: Link, ends: Array) -> Array:
 
 
 def polynomials(settings: Settings) -> int:
-    """Return the number of polynomials per strain of the elastica: one less than its nodes."""
+    """Return the number of polynomials for each strain of a link of the elastica: `settings.nodes` - 1."""
     assert settings.nodes is not None
     return settings.nodes - 1
 
 
 def count_rows(link: Link | RigidLink, settings: Settings) -> int:
-    """Return the number of rows of a link behind its joint's row."""
+    """Return the number of a link's coordinates, without the angle of the joint at its root."""
     if settings.formulation == "elastica":
         return 0 if link.rigid else 3 * polynomials(settings)
     return AXES * max(1, count_elements(link, settings))
 
 
 def names_of(arm: Arm, settings: Settings) -> tuple[str, ...]:
-    """Return the names of all rows: of the base, of each joint, of vertices or strains, and of inner modes.
+    """Return the names of all coordinates: of the base, of each joint, of vertices or strains, and of inner modes.
 
     Vertices are numbered E = 1, 2, ... along each link.
     """
@@ -228,7 +229,7 @@ def names_of(arm: Arm, settings: Settings) -> tuple[str, ...]:
 
 
 def inner_modes(settings: Settings) -> int:
-    """Return the number of inner modes of a segment about each axis: `modes` less the two static shapes."""
+    """Return the number of inner modes of a segment about each axis: `settings.modes` minus the two static shapes."""
     return (settings.modes or 2) - 2
 
 
@@ -342,10 +343,10 @@ def check_scene(scene: Scene, settings: Settings) -> None:
 def system(
     scene: Scene, settings: Settings, kind: Any, beams: float, rooms: list[int], notes: dict[str, float], **own: Any
 ) -> System:
-    """Assemble the `System` of a scene: Model of class `kind`, parameters, start, names of rows.
+    """Assemble the `System` of a scene: Model, parameters, initial state, names of coordinates.
 
-    beams: mass (kg) of the flexible links. rooms: entries of S for each link and, last, behind all links. notes: error
-    estimates of the formulation. own: fields of the Model that depend on the kind of links.
+    kind: the class. beams: mass (kg) of flexible links. rooms: numbers of entries of S for each link and behind all
+    links. notes: error estimates. own: fields of the Model that depend on the kind of links.
     """
     arm, loads, names = scene.arm, _loads(scene), names_of(scene.arm, settings)
     row, first, places, weight = AXES, B.end + H.end * arm.n_links, [], np.ones(len(names))
@@ -411,12 +412,12 @@ the solution, and larger increments would leave the range in which the tangent i
 
 TANGENT_ERROR = 1e-2
 """Largest relative error of Newton's matrix. The error measured up to 35 rad/s in steps of 2.5 ms is a third of this
-value. The first increment of an exact beam leaves only its square. A floating frame's matrix neglects this fraction of
-the inertia, and in short steps only inertia matters."""
+value. For exact beams the first Newton increment reduces the error to its square. A floating frame's matrix neglects
+this fraction of the inertia, and in short steps only inertia matters."""
 
 
 def build(scene: Scene, settings: Settings) -> System:
-    """Build the `System` of a scene for exact beams or floating frames: `elements` (or segments) with two vertices."""
+    """Build the `System` of a scene for exact beams or floating frames: each link has elements with two vertices."""
     floating = settings.formulation == "floating_frame"
     if floating:
         segments.refuse(settings)

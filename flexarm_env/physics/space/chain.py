@@ -1,7 +1,7 @@
 """Chains of links in space: their Model, the kinematics from the base outward, and wrenches of bodies and loads.
 
 Wrenches have the residual's sign: inertia forces positive, applied loads negative; force (N) along inertial axes,
-moment (N m) in the axes of the section it acts on. Accelerations are taken less gravity (equivalence principle).
+moment (N m) in the axes of the section it acts on. Gravity is subtracted from accelerations (equivalence principle).
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ from .strained_layout import noted_at
 
 
 class Chain(NamedTuple):
-    """Model of N links in space, each rigid, or of elements with two vertices, or with its strains as coordinates.
+    """Model of N links in space; a link is rigid, or has elements with two vertices, or has strains as coordinates.
 
     places    int64: a `PLACE` for each link, and one more behind the last
     joints    float64: a `JOINT` for each link, at its root
     end       float64 `BODY`: the last link's rigid end; payload: `BODY` of the payload; both on the last section
-    mounts    int64 (links,): 1 where the joint's `mount` rotates; None: no joint's does
-    levers    int64 (links,): 1 where the joint has `before` or `beyond`; None: no joint has
+    mounts    int64 (links,): 1 where the joint's `mount` is no identity matrix; None: all mounts are identity matrices
+    levers    int64 (links,): 1 where the joint has a lever (`before`, `beyond`); None: no joint has a lever
     gravity   float64 (3,): m/s^2, inertial axes; or None
     loads     float64: a `LOAD` per point load; its inputs are a force (N) and a moment (N m), inertial axes; or None
     damped    (0,) with Kelvin-Voigt damping, otherwise None
@@ -54,7 +54,7 @@ class Chain(NamedTuple):
     frames    float64: a `FRAME` for each element if elements are segments with floating frames, otherwise None
     inner     (0,) * n for segments with n inner modes, whose rows follow all others; otherwise None
     uneven    (0,) where a section or a curvature varies along an element, otherwise None
-    strains   float64: a `STRAINED` for each link (zeros for rigid ones); None, as are the next: links have elements
+    strains   float64: a `STRAINED` for each link (zeros for rigid links); None (like the next fields) with elements
     polynomials, points  tuples of zeros, one for each polynomial of a strain and each Gauss point along a link
     scratch   tuple of zeros, three for each point: size of stack arrays
     curved    (0,) where a link is curved without stress, otherwise None
@@ -101,7 +101,7 @@ class SpatialElastica(Chain):
 
 
 class Vertex(NamedTuple):
-    """A section's kinematic state: `Place`, and accelerations."""
+    """A section's kinematic state: its `Place` (position, rotation, rates) and its accelerations."""
 
     place: Place
     a: Any  # m/s^2: acceleration less gravity, inertial axes
@@ -114,7 +114,7 @@ class Hinge(NamedTuple):
     """Kinematics of a joint.
 
     turn   rotation matrix E: axes of the link's root to axes of the section before
-    lever  m: from the section before to the link's first section, axes of the section before; None: no joint has one
+    lever  m: from the section before to the link's first section, axes of the section before; None without levers
     root   `Vertex` of the link's first section
     """
 
@@ -137,7 +137,7 @@ def nine_of(lane, array, k):
 
 @kernel
 def uneven_of(lane, model, i):
-    """Return (chord, a_y, a_z) of element i without unit (see `bow_of`); None if all elements are even (constant)."""
+    """Return (chord, a_y, a_z) of element i (see `bow_of`); None if section and curvature of elements are constant."""
     if model.uneven is None:
         return None
     o = E.end * i
@@ -169,8 +169,8 @@ def section_at(lane, model, par: Lanes, i):
 def place_at(lane, q, v, i):
     """Return the `Place` of the vertex in rows i ... i + 5: position (m, inertial axes), rotation vector (rad).
 
-    v: rates of these rows: velocity (m/s, inertial axes), angular velocity (rad/s, section axes). Pass q for v if rates
-    do not matter.
+    q: coordinates. v: rates, in the same rows velocity (m/s, inertial axes) and angular velocity (rad/s, section axes).
+    Pass q for v if the rates of the `Place` are not read.
     """
     return Place(
         load_vector(lane, q, i),
@@ -182,7 +182,7 @@ def place_at(lane, q, v, i):
 
 @kernel
 def vertex_at(lane, model, state, i):
-    """Return the `Vertex` of rows i ... i + 5 of state (q, v, a): `Place`, accelerations less gravity; `own` = 0."""
+    """Return the `Vertex` in rows i ... i + 5 of state (q, v, a), with gravity subtracted from its acceleration."""
     q, v, a = state
     found = load_vector(lane, a, i)
     if model.gravity is not None:
@@ -193,7 +193,7 @@ def vertex_at(lane, model, state, i):
 
 @kernel
 def has_mount(model, k):
-    """Return whether the axes of joint k are rotated at angle 0; None, known at compile time, if no joint's are."""
+    """Return whether joint k rotates its link's axes at angle 0; None (at compile time) if no joint in the arm does."""
     if model.mounts is None:
         return None
     return model.mounts[k] != 0
@@ -201,7 +201,7 @@ def has_mount(model, k):
 
 @kernel
 def has_lever(model, k):
-    """Return whether joint k is off the origins of its two sections; None (at compile time) if no joint has a lever."""
+    """Return whether a lever joins joint k to a section beside it; None (at compile time) if no joint has a lever."""
     if model.levers is None:
         return None
     return model.levers[k] != 0
@@ -213,9 +213,9 @@ def joint_placement(lane, model, q: Lanes, v: Lanes, k, tip):
 
         E = mount exp(theta axis),  r_L = r + A (t + E o),  A_L = A E,  w_L = E^T w + axis theta'
 
-    theta: joint angle; t, o: `JOINT.before`, `beyond`; r, A, w: fields of `tip`. Returns E (root axes to section
-    before), t + E o (m, axes of the section before; None if no joint has a lever), the `Place` of the link's first
-    section (r_L, A_L, w_L), and axis theta' (rad/s, root axes).
+    theta: joint angle (rad); t, o: levers `JOINT.before` and `beyond` (m); r, A, w: position, rotation and spin in
+    `tip`. Returns E (root axes to section before), t + E o (m, axes of the section before; None if no joint has a
+    lever), the `Place` of the link's first section (r_L, A_L, w_L), and axis theta' (rad/s, root axes).
     """
     o, row = J.end * k, joint_row(model, k)
     axis, held = three_of(lane, model.joints, o + J.axis), tip.p
@@ -307,7 +307,7 @@ def add_lumped_mass(lane, mass, I, at, weights, S: Lanes, o):
 
 @kernel
 def mass_of(lane, array, o, mass):
-    """Return the argument `mass` (kg), or, if it is None, the mass of the `BODY` at offset o of `array`."""
+    """Return the argument `mass` (kg); if `mass` is None, return the mass of the `BODY` at offset o of `array`."""
     if mass is None:
         return array[o + P.mass]
     return mass
@@ -315,7 +315,7 @@ def mass_of(lane, array, o, mass):
 
 @kernel
 def inertia_of(lane, array, o, share):
-    """Return the inertia tensor (kg m^2, section axes) of the `BODY` at o of `array`, times `share` unless None."""
+    """Return the inertia tensor (kg m^2, section axes) of the `BODY` at o of `array`, times share; None counts as 1."""
     I = nine_of(lane, array, o + P.inertia)
     if share is None:
         return I
@@ -328,9 +328,9 @@ def add_rigid_body(lane, array, o, mass, share, at, weights, S: Lanes, to):
 
         force = m (a + A (alpha x c + w x (w x c))),   moment = I alpha + w x I w + c x A^T force
 
-    array, o: where the `BODY` is; m, I: `mass_of`, `inertia_of` with mass, share; c: its center of mass, section axes.
-    at: `Vertex` (a, A, w, alpha). Force inertial, moment in section axes. Without weights.with_matrix S stays
-    unchanged. See theory, section 9.
+    array, o: array and offset of the `BODY`; m, I: its mass and inertia (`mass_of`, `inertia_of`); c: its center of
+    mass, section axes; at: `Vertex` of the section (a, A, w, alpha). Force in inertial axes, moment in section axes.
+    Without weights.with_matrix S stays unchanged. See theory, section 9.
     """
     zero = 0.0
     force, moment = Vector(zero, zero, zero), Vector(zero, zero, zero)
@@ -427,7 +427,7 @@ def transmit_wrench(lane, model, r, S, k, of):
 
 @kernel
 def fill_zeros(lane, S: Lanes, o, n):
-    """Store n zeros in S (or any array) from entry o on."""
+    """Store zeros in the n entries of the array S from index o on."""
     zero = 0.0
     for i in range(n):
         S[o + i] = zero
@@ -437,7 +437,8 @@ def fill_zeros(lane, S: Lanes, o, n):
 def body_sums(lane, model, array, o, mass, share, at):
     """Return ((kinetic, strain = 0, gravitational) energy in J, momentum in kg m/s, inertial axes) of a rigid `BODY`.
 
-    array, o: where the `BODY` is; at: `Place` of the body's section; mass, share: `mass_of`, `inertia_of`.
+    array, o: array and offset of the `BODY`; at: `Place` of the body's section; mass, share: arguments of `mass_of` and
+    `inertia_of`.
     """
     c, I, A = three_of(lane, array, o + P.centre), inertia_of(lane, array, o, share), matrix(at.p)
     # center of mass and its velocity, inertial axes

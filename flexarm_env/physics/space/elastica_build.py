@@ -27,15 +27,15 @@ from .strained_layout import NOTED, STRAINED
 Array = NDArray[np.float64]
 
 LEAST_POLAR = 1e-8
-"""Lower bound of a section's rotary inertia about its axis, over m l^2 of the link: torsion needs some inertia."""
+"""Lower bound of a link's rotary inertia about its axis, divided by the link's m l^2; torsion needs some inertia."""
 
 
 class Grid(NamedTuple):
-    """Quadrature of a link of length 1 with n polynomials per strain and n + 2 points.
+    """Quadrature along a link of length 1 with n polynomials per strain and n + 2 Gauss points.
 
-    ends   (points + 2,): 0, the Gauss points, 1: ends of the intervals
+    ends   (points + 2,): ends of the intervals, which are 0, the Gauss points, and 1
     ways   (points + 1, points): position of each point, and of the end, is ways times the tangents at the points
-    sums, slants  (points + 1, polynomials): s and d of each interval by each polynomial
+    sums, slants  (points + 1, polynomials): integral s and first moment d of each polynomial over each interval
     """
 
     at: Array  # Gauss points, and their weights
@@ -49,7 +49,7 @@ class Grid(NamedTuple):
 
 @lru_cache(32)
 def grid(n: int) -> Grid:
-    """Return the `Grid` of n polynomials; cached."""
+    """Return the `Grid` (quadrature along a link) for n polynomials per strain; the result is cached."""
     legendre, points = np.polynomial.legendre, n + 2
     x, w = legendre.leggauss(points)
     # ways w_pq: int_0^(x_p) of the Lagrange polynomial of point q, so that r_p = L sum_q w_pq t_q
@@ -149,7 +149,7 @@ def _correction(packed: dict[str, Array], settings: Settings) -> Array:
 
 
 def physical(model: SpatialElastica) -> SpatialElastica:
-    """Return the model with the links' physical inertia, without the steps' correction, for everything but steps."""
+    """Return the model with the links' physical inertia, without the correction of inertia that time steps use."""
     assert model.strains is not None
     strains, n = model.strains.copy(), len(model.polynomials)
     STRAINED.unpack(strains.reshape(model.links, -1), polynomials=n, points=n + 2)["correction"][:] = 0.0
@@ -161,22 +161,23 @@ NEWTON = NewtonPolicy(acceleration_share=1.0, resolved=(0,), reuse=((0,) * 1, (0
 residuals. After that, each iteration computes a new matrix."""
 
 ALIKE = 1.01
-"""Largest ratio of bending stiffnesses that count as equal."""
+"""Largest ratio of the two bending stiffnesses of a section at which they count as equal."""
 
 ALONG = 4.0
-"""Quotient of two ratios of shear to bending deflection. For a link that swings about a pin under its own inertia the
-ratio is 12 EI / (C L^2). For a clamped link under a force at its tip it is 3 EI / (C L^2)."""
+"""Ratio of shear to bending deflection of a swinging link, divided by that of a clamped link. For a link that swings
+about a pin under its own inertia the ratio is 12 EI / (C L^2). For a clamped link under a force at its tip the ratio is
+3 EI / (C L^2)."""
 
 BENT = 0.3
-"""Deflection, as a fraction of its length, assumed for a link before anything is known."""
+"""Assumed deflection of a link before a run, as a fraction of the link's length."""
 
 
 class Notes(dict[str, float]):
     """Estimate "stretch_and_shear": the error, as a fraction of the arm's length, of leaving out stretch and shear.
 
-    The estimate is for the force that bends a link by `BENT`, or for a larger force that is known to act. The estimate
-    includes the stretch of links that rotate with prescribed joints, with all mass at the tip, because a longer link is
-    also softer.
+    The estimate assumes the force that deflects a link by `BENT` times its length, or a larger force if the scene
+    applies one. The estimate includes the stretch of links that rotate with prescribed joints, with all mass at the
+    tip, because a longer link is also softer.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -194,7 +195,7 @@ class Notes(dict[str, float]):
 
     @property
     def softer(self) -> float:
-        """Factor on EI that makes links as soft as stretch and shear make the most affected link, under any load.
+        """Factor on EI with which bending alone is as soft as the most affected link with stretch and shear.
 
         For slender links the error estimate is the distance to a run with this factor (`accuracy.followed`).
         """

@@ -50,7 +50,7 @@ from .rotations import (
 )
 
 BOW = 1.0 / 24.0
-"""1 - chord/arc of a circular arc, divided by the square of the arc's angle (rad)."""
+"""Relative shortening of a circular arc, 1 - chord/arc, divided by the square of the arc's angle (rad)."""
 
 
 class Section(NamedTuple):
@@ -59,7 +59,7 @@ class Section(NamedTuple):
     length   m: reference length l
     stretch  N: EA, and shear stiffness C* along y and z with the residual bending flexibility
     bend     N m^2: GJ, EI_y, EI about x, y, z
-    rest     rad: psi without stress
+    rest     rad: rotation vector psi from the left to the right end without stress
     """
 
     length: Any
@@ -82,7 +82,7 @@ class Place(NamedTuple):
 class Middle(NamedTuple):
     """Kinematics and stress resultants at an element's middle that its forces and tangent need (axes of the middle).
 
-    psi  rad: relative rotation vector of the ends     R  axes of the middle to inertial axes
+    psi  rad: relative rotation vector of the ends     R  rotation matrix: axes of the middle to inertial axes
     g    tan(|psi|/4) psi/|psi|                        m  N m: moment conjugate to psi, with the helix term's part
     """
 
@@ -104,7 +104,7 @@ class Middle(NamedTuple):
 
 @kernel
 def scale(a, d):
-    """Multiply the vectors a and d entry by entry."""
+    """Return the vector of the products a_i d_i of two vectors."""
     return Vector(a[0] * d[0], a[1] * d[1], a[2] * d[2])
 
 
@@ -147,9 +147,9 @@ def middle(section, left, right):
 def element_damping(section, before, after, share):
     """Return the damping power of an element over a step, divided by tau_d, and its unresolved part, W/s.
 
-    before, after: (left, right) `Place`s at the step's start and end; share: 1 / step (1/s). The first value is D times
-    the square of the mean strain rates, difference of strains / step. The second is the power of that mean damping
-    force at the difference of the mean of both ends' strain rates and the mean strain rates.
+    before, after: (left, right) `Place`s at the step's start and end; share: 1 / step (1/s). The first value is the
+    stiffness times the squared change of strain / step. The second is the power of the same force at the mean of the
+    strain rates before and after, less the first.
     """
     (stretch_0, bend_0), _, (stretch_rate_0, bend_rate_0) = middle(section, before[0], before[1])
     (stretch_1, bend_1), _, (stretch_rate_1, bend_rate_1) = middle(section, after[0], after[1])
@@ -164,11 +164,11 @@ def element_damping(section, before, after, share):
 
 @kernel
 def bow_of(uneven, psi):
-    """Return psi x (psi x e_x)/24 + uneven part: chord / l less (e_x + Gamma), without unit, axes of the middle.
+    """Return chord / l - (e_x + Gamma) = psi x (psi x e_x)/24 + the part of uneven elements; axes of the middle.
 
-    psi: rotation vector from left to right end, rad. uneven: (chord, a_y, a_z) without unit, or None where section and
-    curvature are constant. chord: stress-free chord / l less that of an arc; a_y, a_z: center of flexibility for
-    bending about y, z, from the middle, over l.
+    psi: rotation vector from left to right end, rad. uneven: (chord, a_y, a_z), or None where section and curvature are
+    constant. chord: stress-free chord / l minus that of a circular arc; a_y, a_z: distance from the middle to the
+    center of flexibility for bending about y, z, divided by l.
     """
     arc = BOW * cross(psi, cross_with_ex(psi))
     if uneven is None:
@@ -194,8 +194,8 @@ def arc_of(uneven, psi):
 def mean(g, a, b):
     """Return (a + b + g x (b - a))/2: the spin of an element's middle, axes of the middle, from its ends' spins a, b.
 
-    a, b: rad/s, each in its section's axes; g = tan(|psi|/4) psi/|psi| of the ends' relative rotation vector psi. Also
-    written P a + Q b, with P, Q = 1/2 -+ g^/2.
+    a, b: spins of the left and right end, rad/s, each in its section's axes; g = tan(|psi|/4) psi/|psi| of the ends'
+    relative rotation vector psi. The result equals P a + Q b, with P, Q = 1/2 -+ g^/2.
     """
     return 0.5 * (a + b + cross(g, b - a))
 
@@ -225,7 +225,7 @@ def _put(lane, S: Lanes, o, i, j, A):
 
 @kernel
 def fill(lane, S, o, xx, xt, tx, tt):
-    """Store a 6 x 6 matrix at offset o of S from its 3 x 3 blocks (row, column); x: positions, t: rotations."""
+    """Store a 6 x 6 matrix at offset o of S from its 3 x 3 blocks; xt has position rows and rotation columns."""
     _put(lane, S, o, 0, 0, xx)
     _put(lane, S, o, 0, 1, xt)
     _put(lane, S, o, 1, 0, tx)
@@ -237,8 +237,8 @@ def tangent(lane, section, at, weights, S, o):
     """Store the derivative of `forces` by positions and rates in the `FACTOR` at offset o of S (theory, 9).
 
     section: `Section`; at: `Middle`; weights: `Weights` of dr/dq (stiffness) and dr/dv (damping). Rows: forces along
-    inertial axes, moments in section axes; columns: positions (inertial), rotations in body axes. Also stores dn by the
-    ends (by_place, by_left, by_right). Left out: changes of moments of third order in psi, which Newton does not need.
+    inertial axes, moments in section axes; columns: positions (inertial), rotations in body axes. Also stores the
+    derivatives of n by the ends (by_place, by_left, by_right). Changes of moments of third order in psi are neglected.
     """
     R, g, T, e, psi, l = at.R, at.g, at.T, at.e, at.psi, section.length
     Tt, rate, c = T.T, weights.stiffness, weights.stiffness
@@ -335,7 +335,7 @@ def _second(a, m):
 
 
 class Tangent(NamedTuple):
-    """The tangent t = A e_x of a vertex: A (section to inertial axes), spin w (rad/s), t'' (1/s^2), in section axes."""
+    """Tangent t = A e_x of a vertex: A (section to inertial axes); spin w (rad/s) and t'' (1/s^2) in section axes."""
 
     A: Any
     w: Any
@@ -429,7 +429,7 @@ def _add_turn(lane, S: Lanes, o, f):
 
 @kernel
 def add_block(lane, S: Lanes, o, i, j, A):
-    """Add A to block (i, j), i, j = 0, 1, of the 6 x 6 matrix at offset o of S: rows 3 i, columns 3 j."""
+    """Add the 3 x 3 matrix A to the 6 x 6 matrix at offset o of S, from row 3 i and column 3 j on (i, j: 0 or 1)."""
     for a in range(3):
         for b in range(3):
             S[o + 18 * i + 6 * a + 3 * j + b] += A[a][b]
@@ -437,9 +437,9 @@ def add_block(lane, S: Lanes, o, i, j, A):
 
 @kernel
 def middle_of(length, left, right):
-    """Return position r_m and velocity of an element's middle mass between two `Place`s (m, m/s; inertial axes).
+    """Return position r_m (m) and velocity (m/s) of the mass at an element's middle, along inertial axes.
 
-    r_m = (r_l + r_r)/2 + l/8 (t_l - t_r), with the tangents t = A e_x and t' = A (w x e_x).
+    r_m = (r_l + r_r)/2 + l/8 (t_l - t_r), with the ends' tangents t = A e_x and t' = A (w x e_x).
     """
     A, B, arm = matrix(left.p), matrix(right.p), length * 0.125
     bent = A.T[0] - B.T[0]

@@ -48,8 +48,8 @@ def factor(lane, model, S):
 def solve(lane, model, S, x):
     """Replace x by S^-1 x with the factors that `factor` has left in S (`protocol.solve`).
 
-    x: forces (inertial axes) and moments (section axes), then increments of positions (inertial) and rotations (body
-    axes).
+    On entry x holds forces (inertial axes) and moments (section axes). On return x holds increments of positions
+    (inertial axes) and of rotations (body axes).
     """
     for back_k in range(model.links):
         k = model.links - 1 - back_k

@@ -33,11 +33,11 @@ from .rotations import (
 
 
 class Frame(NamedTuple):
-    """A segment's floating frame, and the coefficients of its increments by those of the ends.
+    """A segment's floating frame, and the derivatives of the frame's rotation by the ends' motion.
 
     A      rotation matrix: frame axes to inertial axes
     left, right  `Turn` of the sections
-    k      p_x / p_y: roll of the frame by its rotation about y
+    k      p_x / p_y: derivative of the frame's roll by its rotation about y
     """
 
     A: Any
@@ -68,13 +68,13 @@ class Rates(NamedTuple):
 
 
 _HALF_TURN = tuple(2.0**k * math.factorial(k) ** 2 / math.factorial(2 * k + 1) for k in range(16))
-"""Series of acos(w) / sqrt(1 - w^2) in 1 - w: half an angle over its sine; error 1e-14 at a right angle."""
+"""Series in 1 - w of a / sin(a), where w = cos(a) and a is half a rotation angle; error 1e-14 at a right angle."""
 _BERNOULLI = (
     1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798, 174611 / 330, 854513 / 138,
     236364091 / 2730,
 )  # fmt: skip
 _CURVED = tuple(_BERNOULLI[k] / math.factorial(2 * k + 2) for k in range(12))
-"""Series of c of T^-1 (`rotations.Turn`) in |phi|^2, with the same accuracy."""
+"""Series in |phi|^2 of the coefficient c of T^-1 (`rotations.Turn`), with an error of 1e-14 at a right angle."""
 
 
 @kernel
@@ -140,7 +140,7 @@ def frame_of(left, right):
 
 @kernel
 def rates_of(frame, left, right):
-    """Return the `Rates` of a segment's frame, from the rates in two `Place`s.
+    """Return the `Rates` of a segment's frame, from the rates of the segment's ends (`Place`s left, right).
 
     w_y = -d_z / l, w_z = d_y / l, w_x = g_l . w_l + g_r . w_r + k w_y. d: velocity of the right end relative to the
     left (frame axes); l: length of the chord; g: `Turn.g`; k: `Frame.k`; w_l, w_r: the sections' rates, section axes.
@@ -189,7 +189,8 @@ def cross_with_ex(phi):
 
 @kernel
 def ex_cross(f):
-    """Return e_x x f = (0, -f_z, f_y): moment conjugate to phi of a transverse force; `cross_with_ex` transposed."""
+    """Return e_x x f = (0, -f_z, f_y), the moment conjugate to phi of a transverse force f (transpose of
+    `cross_with_ex`)."""
     return Vector(f[0] * 0.0, -f[2], f[1])
 
 
@@ -197,9 +198,9 @@ def ex_cross(f):
 def frame_second_rates(frame, rates, left, right):
     """Return the angular acceleration of a segment's frame (rad/s^2, frame axes), from its `Rates` and two `Vertex`es.
 
-    y and z components are the rates of w_y = -d_z / l and w_z = d_y / l, whose axes rotate; d: velocity of the right
-    end relative to the left. The x component follows from the condition that p, the sum of both sections' y axes, keeps
-    p_z = 0 in frame axes. See theory, (9.3).
+    The y and z components are the rates of w_y = -d_z / l and w_z = d_y / l in the rotating frame; d: velocity of the
+    right end relative to the left. The x component follows from the condition that p, the sum of both sections' y axes,
+    keeps p_z = 0 in frame axes. See theory, (9.3).
     """
     spin, share = rates.spin, frame.over
     # y and z, from the chord's second rate

@@ -30,10 +30,10 @@ from .rotations import (
 )
 
 MOST, HEAVY = 0.5, 40.0
-"""Bounds of the forces in a segment's tangent: force over EI / l^2 (the buckling force is pi^2 EI / l^2) and moment
-over EI / l. The bounds apply if inertia in steps is more than `HEAVY` times as stiff as bending. When Newton's
-iteration begins, strains have errors of second order in a step's rotation. Multiplied by EA or the stiffer EI, the
-resulting forces would spoil the tangent. Real forces are small compared with such inertia."""
+"""MOST bounds the forces in a segment's tangent: force divided by EI / l^2 (the buckling force is pi^2 EI / l^2) and
+moment divided by EI / l. The bound applies if the inertia term of the Newton matrix exceeds `HEAVY` times the bending
+stiffness. When Newton's iteration begins, strains have errors of second order in a step's rotation. Multiplied by EA or
+the stiffer EI, the resulting forces would spoil the tangent. Real forces are small compared with such inertia."""
 
 
 class Stiff(NamedTuple):
@@ -243,7 +243,7 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
     See theory, (9.3). Forces along inertial axes (N), moments in section axes (N m).
 
     # model    section: `Section` of segment i (index over all links); par: factors on stiffnesses, tau_d
-    # state    left, right: `Vertex`; state: q, v, a with the rows of inner modes
+    # state    left, right: `Vertex` of the segment's ends; state: q, v, a of the arm (rows of inner modes are read)
     # out      r (n,): rows of inner modes, N m;  S, with weights.with_matrix: the `FACTOR` at offset f
     """
     # w, alpha of the frame; phi', phi'' of both ends against it (frame axes)
@@ -376,7 +376,7 @@ def frame_sums(lane, model, par: Lanes, q, v, left, right, i):
 
 @kernel
 def frame_damping(lane, model, par, state, left, right, other_l, other_r, i):
-    """Return the power over tau_d (W/s) of segment i's damping forces at a first set of rates for a second set.
+    """Return the power / tau_d (W/s) of segment i's damping forces at first rates for a second set of (virtual) rates.
 
     left, right: `Place`s of the ends with the first rates; other_l, other_r: the same places with the second rates.
     Inner modes: state.v has the first, state.a the second rates. i: index over all links. See theory, (9.3).
@@ -418,8 +418,8 @@ def frame_damping_over(lane, model, par, before, after, share, i):
     """Return the damping power of segment i over a step, divided by tau_d, and its unresolved part, W/s.
 
     before, after: (q, v, left `Place`, right `Place`) at the step's start and end; share: 1 / step (1/s). The first
-    value uses mean strain rates, difference / step. The second is the excess power of the mean damping force, as in
-    `element.element_damping`. See theory, (9.3).
+    value uses mean strain rates: the change of strain divided by the step. The second value is the excess power of the
+    mean damping force, as in `element.element_damping`. See theory, (9.3).
     """
     at, row = frame_at(model, i), inner_row(model, i)
     (q0, v0, left_0, right_0), (q, v, left, right) = before, after

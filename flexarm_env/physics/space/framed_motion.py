@@ -29,11 +29,11 @@ def _both_rows(lane, model, table, A, B):
 
 @kernel
 def bent_rows(lane, model, par, a, b, near, far, at):
-    """Return (dm_l, dm_r), 3 x 3: changes of the moments on phi_l, phi_r for changes near, far of strained rotations.
+    """Return (dm_l, dm_r): derivatives (3 x 3) of the moments on phi_l, phi_r, from those of the strained rotations.
 
-    near, far: derivatives of both results of `framed._strained` by any three variables, 3 x 3; a, b: phi_l, phi_r
-    (rad); at: `frame_at`; frame axes. Applies the stiffness K, then the transpose of the derivative of
-    `framed._strained`: N m for derivatives by angles.
+    near, far: derivatives (3 x 3) by any three variables of the rotations at the left and right end that K multiplies;
+    a, b: rotations phi_l, phi_r of the ends (rad); at: `frame_at`; all in frame axes. The function multiplies near and
+    far by the stiffness K, then by the transposed derivative of those rotations by phi_l, phi_r.
     """
     d, factors = HELIX * (b - a), factors_of(lane, par)
     l, r = _both_rows(lane, model, at.bend, near, far)
@@ -47,8 +47,9 @@ def bent_rows(lane, model, par, a, b, near, far, at):
 class Late(NamedTuple):
     """Derivatives of damping forces by rotations at constant rates, in addition to the derivatives by rates.
 
-    left, right, frame N m: (moments on phi_l, on phi_r) by the rotation of left section, right section and frame e_l,
-    e_r, e_b N: force along the chord by these rotations, a row vector each
+    left, right, frame  N m: derivatives of (moment on phi_l, moment on phi_r) by the rotation of left section, right
+        section and frame
+    e_l, e_r, e_b  N: derivatives of the force along the chord by the rotation of left section, right section and frame
     """
 
     left: Any
@@ -64,8 +65,8 @@ def late_of(lane, model, par, frame, rates, spins, stiff, late, at):
     """Return the `Late` of a segment: damping forces by rotations at constant rates.
 
     d phi' = (phi' / 2) x (dth + dbeta) - w x dth - X dbeta, X dbeta = w_x (0, dbeta_z, -dbeta_y) with the frame's spin
-    w_x; strain rates follow by `framed._strained_rate`. spins: angular velocities of both sections (rad/s, section
-    axes); late: tau_d times a weight (s), see `framed_tangent.tangent`; stiff: `Stiff`. See theory, (9.3).
+    w_x; the strain rates follow from phi and phi'. spins: angular velocities of both sections (rad/s, section axes);
+    late: tau_d times a weight (s), see `framed_tangent.tangent`; stiff: `Stiff`. See theory, (9.3).
     """
     x, y, spin = 0.25 * late * rates.left, 0.25 * late * rates.right, late * rates.spin
     # d phi' by the rotations of the left section, the right section, and the frame
@@ -116,9 +117,9 @@ def late_pull(frame, late):
 def swung(w, own, cd):
     """Return the part of d(t'')/d(rotation) of a section that its rates cause, times cd: rows y and z, section axes.
 
-    t'': second rate of the section's tangent; w: the section's angular velocity; own: rate of the joint before (rad/s);
-    cd: weight of dr/dv (1/s). Rows are `Vector`s over the rotation's components. The rows are the rate terms of
-    `element._by_turn`.
+    t'': second time derivative of the section's tangent; w: the section's angular velocity (rad/s, section axes); own:
+    rate of the joint at the section (rad/s); cd: weight of dr/dv in the Newton matrix (1/s). Each row is a `Vector`
+    with one entry for each component of the rotation.
     """
     x, zero = (w[0] - own[0]) * cd, w[0] * 0.0
     return Vector((w[1] + own[1]) * cd, x, zero), Vector((w[2] + own[2]) * cd, zero, x)
@@ -126,9 +127,10 @@ def swung(w, own, cd):
 
 @kernel
 def with_swung(rows, h, turned):
-    """Return the rows y, z of an end's force by a section's rotation, plus h_y, h_z times the rows of `swung` (turned).
+    """Return `rows`, to which h_y and h_z times the rows `turned` (result of `swung`) are added.
 
-    rows: pair of `Vector`s, frame axes; h: first moments of the mass that moves with the section's tangent (kg m).
+    rows: derivatives of the y and z components of an end's force by a section's rotation, two `Vector`s, frame axes; h:
+    first moments of the mass that moves with the section's tangent (kg m).
     """
     return rows[0] + h[1] * turned[0], rows[1] + h[2] * turned[1]
 
@@ -137,6 +139,7 @@ def with_swung(rows, h, turned):
 def plus_lifted(A, h, turned):
     """Return A with the moments that the rows of `swung` (turned) cause: row y - h_y turned_z, row z + h_z turned_y.
 
-    A: moment on a section by a section's rotation, 3 x 3 (N m); h: int m h h about x, y, z (kg m^2, `FRAME.lateral`).
+    A: derivative of the moment on a section by a section's rotation, 3 x 3 (N m); h: second moments of the mass about
+    x, y, z (kg m^2, `FRAME.lateral`).
     """
     return Matrix(A[0], A[1] - h[1] * turned[1], A[2] + h[2] * turned[0])

@@ -40,7 +40,7 @@ def _column(A, j):
 
 
 class Column(NamedTuple):
-    """Derivatives by three coordinates: increments of an end's position (m, frame axes) or rotation (rad, its axes)."""
+    """Derivatives by three increments: of an end's position (m, frame axes) or of its rotation (rad, section axes)."""
 
     d: Any  # 1, -1 or 0: right end's position relative to the left one's
     x_l: Any  # 1 or 0: left end's position
@@ -53,7 +53,7 @@ class Column(NamedTuple):
 
 
 class Bent(NamedTuple):
-    """Inertia of the deflected segment, whose mass is n off the chord, in frame axes."""
+    """Moments of the mass of a deflected segment, whose mass has the deflection n from the chord; frame axes."""
 
     near: Any  # kg m: int m (1 - x/l) n
     far: Any  # kg m: int m x/l n
@@ -186,7 +186,7 @@ def _mirrored(A):
 
 
 class Turned(NamedTuple):
-    """Derivatives (3 x 3, N m) of moments by rotations of sections (l, r) and frame (b), rows first."""
+    """Derivatives (3 x 3, N m) of moments by rotations; lr: left section's moment by the right section; b: frame."""
 
     ll: Any
     lr: Any

@@ -1,8 +1,8 @@
 """Strain gauges in space: weights of the rotations of the elements beside a gauge's station.
 
 Bending moments and torque are interpolated linearly between the middles of an exact beam's elements, which is exact for
-loads at vertices; the reading is the moment at the station over the stiffness there. A segment with a floating frame
-has its own shape functions.
+loads at vertices; the reading is the moment at the station divided by the stiffness there. A segment with a floating
+frame has its own shape functions.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .segments import ENDS, frames, turned_over
 Array = NDArray[np.float64]
 
 AXIS = {"xy": (2, 1.0), "xz": (1, -1.0), "torsion": (0, 1.0)}
-"""Component of the rotation vector (0, 1, 2: x, y, z) and sign of each measure."""
+"""For each measure: component of the rotation vector (0, 1, 2: x, y, z) and sign with which a gauge reads it."""
 
 
 def gauges(scene: Scene, settings: Settings, spots: Sequence[Any]) -> Array:
@@ -51,7 +51,7 @@ def gauges(scene: Scene, settings: Settings, spots: Sequence[Any]) -> Array:
 def strained_rows(scene: Scene, settings: Settings, system: Any, spots: Sequence[Any]) -> Array:
     """Return (G, n) rows whose products with q are the gauges' readings, for links with strains.
 
-    spots: as in `gauges`. 1/m: the strain at the station relative to the link without stress.
+    spots: as in `gauges`. A reading (1/m) is the strain at the station relative to the stress-free link.
     """
     n, names, found = polynomials(settings), list(system.names), np.zeros((len(spots), len(system.q0)))
     for row, (k, place, *more) in zip(found, spots, strict=True):

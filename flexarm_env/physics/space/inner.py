@@ -15,12 +15,12 @@ from .layout import F, count_of, inner_of
 from .rotations import Vector, dot, load_vector
 
 HELIX = 1.0 / 24.0
-"""Rotation (rad) of the sections of a helix against its chord, over twist times bending (rad^2)."""
+"""Rotation (rad) of the sections of a helix against its chord, divided by twist times bending angle (rad^2)."""
 
 
 @kernel
 def constant(lane, model, table, i):
-    """Return entry i of a table of a `FRAME`: a `Vector` for the axes x, y, z; table: offset in model.frames."""
+    """Return entry i of the table of a `FRAME` at offset `table` of model.frames: a `Vector` for the axes x, y, z."""
     return three_of(lane, model.frames, table + 3 * i)
 
 
@@ -28,7 +28,8 @@ def constant(lane, model, table, i):
 def product(lane, model, table, a, b):
     """Return (ll a + lr b, lr a + rr b): a symmetric table (ll, lr, rr) of a `FRAME` times vectors a, b of both ends.
 
-    Each of ll, lr, rr is a diagonal matrix for x, y, z; table: offset in model.frames.
+    ll, lr, rr: diagonal matrices (entries for x, y, z) for the ends left-left, left-right, right-right; table: offset
+    of the table in model.frames.
     """
     ll, lr, rr = constant(lane, model, table, 0), constant(lane, model, table, 1), constant(lane, model, table, 2)
     return scale(a, ll) + scale(b, lr), scale(a, lr) + scale(b, rr)
@@ -36,7 +37,7 @@ def product(lane, model, table, a, b):
 
 @kernel
 def ends_by(lane, model, table, others, x, row, l, r):
-    """Return l, r, vectors of the left and right end, plus the table times the inner amplitudes x.
+    """Return the vectors l, r of the left and right end, to which the table times the inner amplitudes x is added.
 
     table: offset in model.frames of a table that has, for each inner mode, `others` columns (the first two: left and
     right end), then those of the inner modes; row: first row of the segment's inner modes in x.
@@ -50,7 +51,7 @@ def ends_by(lane, model, table, others, x, row, l, r):
 
 @kernel
 def inner_by(lane, model, table, others, i, a, b, x, row):
-    """Return row i of a table times (a, b, x): the sum for inner mode i over both ends and the inner amplitudes.
+    """Return the product of row i of a table with (a, b, x): both ends' vectors and the inner modes' amplitudes.
 
     a, b: vectors of the left and right end; table: offset in model.frames of a table that has `others` columns (the
     first two: left and right end) before those of the inner modes; row: first row of the segment's inner modes in x.
@@ -73,7 +74,7 @@ def elements_before(model, k):
 
 @kernel
 def factors(lane, n, S: Lanes, o):
-    """Replace the n x n matrix at offset o of S by its L (unit diagonal) and U, with reciprocal pivots.
+    """Factor the n x n matrix at offset o of S in place: L has a unit diagonal, U reciprocal pivots.
 
     No rows are exchanged, because the mass dominates the diagonal.
     """
@@ -90,7 +91,7 @@ def factors(lane, n, S: Lanes, o):
 
 @kernel
 def solution(lane, n, S: Lanes, o, x: Lanes, i, stride):
-    """Solve A y = x in place for n entries of x, i + `stride` k, by the `factors` at offset o of S."""
+    """Solve A y = x in place for the n entries x[i + stride k], k < n, with the factors of A at offset o of S."""
     # L y = x
     for k in range(1, n):
         total = x[i + stride * k]
@@ -110,8 +111,8 @@ def solution(lane, n, S: Lanes, o, x: Lanes, i, stride):
 def condense(lane, model, S: Lanes, f, inner):
     """Factor the `INNER` of a segment and condense its inner modes out of the `FACTOR` at offset f of S.
 
-    Blocks LL, LR, RL, RR <- block - ends^T over, with over <- matrix^-1 over. inner: offsets of the `INNER`
-    (`inner_at`).
+    The field `over` becomes matrix^-1 over, and each block LL, LR, RL, RR becomes block - ends^T over. inner: offsets
+    of the fields `matrix`, `ends`, `over` of the segment's `INNER` (`inner_at`).
     """
     n, o = 3 * inner_of(model), inner.matrix
     factors(lane, n, S, o)
@@ -129,7 +130,7 @@ def condense(lane, model, S: Lanes, f, inner):
 
 @kernel
 def transposed_solution(lane, n, S: Lanes, o, x: Lanes, i):
-    """Solve A^T y = x in place for n entries of x from i on, by the `factors` at offset o of S."""
+    """Solve A^T y = x in place for n entries of x from index i on, with the factors of A at offset o of S."""
     # U^T y = x
     for k in range(n):
         total = x[i + k]
@@ -179,10 +180,10 @@ def _subtract_from_modes(lane, model, S: Lanes, table, x: Lanes, row, left, righ
 
 @kernel
 def down(lane, model, S, inner, x, row, right):
-    """Forward elimination of a segment's inner modes: x of their rows <- matrix^-1 x; subtract ends^T x from both ends.
+    """Eliminate a segment's inner modes from x: their rows <- matrix^-1 x, then subtract ends^T x from both ends' rows.
 
-    inner: `inner_at` of the segment; row, right: first rows of the inner modes and of the right end in x. The left
-    end's part is returned as (force, inertial; moment, section axes) to add.
+    inner: `inner_at` of the segment; row, right: first rows in x of the inner modes and of the right end. The left
+    end's share is not subtracted but returned: (force in inertial axes, moment in section axes), to be added.
     """
     solution(lane, 3 * inner_of(model), S, inner.matrix, x, row, 1)
     return _subtract_from_ends(lane, model, S, inner.ends, x, row, right)
@@ -190,23 +191,23 @@ def down(lane, model, S, inner, x, row, right):
 
 @kernel
 def up(lane, model, S, inner, x, row, left, right):
-    """Back substitution of a segment's inner modes: x of their rows <- x - over (motions of both ends).
+    """Compute a segment's inner amplitudes by back substitution: their rows of x <- x - over (motions of both ends).
 
-    inner: `inner_at` of the segment, whose `over` is read; row: first row of the modes in x. left, right: (position,
-    inertial axes; rotation, section axes) by which the ends move.
+    inner: `inner_at` of the segment (field `over` is read); row: first row of the inner modes in x; left, right: motion
+    of each end (position in inertial axes, rotation in section axes).
     """
     _subtract_from_modes(lane, model, S, inner.over, x, row, left, right)
 
 
 @kernel
 def up_transposed(lane, model, S, inner, x, row, right):
-    """Transpose of `up`: subtract over^T (x of the inner modes) from both ends; arguments and result as in `down`."""
+    """Apply the transpose of `up`: subtract over^T x (x: inner rows) from both ends' rows; arguments as in `down`."""
     return _subtract_from_ends(lane, model, S, inner.over, x, row, right)
 
 
 @kernel
 def down_transposed(lane, model, S, inner, x, row, left, right):
-    """Transpose of `down`: x of the inner modes <- matrix^-T (x - ends (left, right)); arguments as in `up`."""
+    """Apply the transpose of `down`: inner rows of x <- matrix^-T (x - ends (left, right)); arguments as in `up`."""
     _subtract_from_modes(lane, model, S, inner.ends, x, row, left, right)
     transposed_solution(lane, 3 * inner_of(model), S, inner.matrix, x, row)
 
@@ -225,9 +226,9 @@ def _entry(lane, n, S: Lanes, o, i, j):
 def multiplied(lane, model, S, inner, x: Lanes, y: Lanes, row, left, right):
     """Multiply the part of the matrix that `condense` has eliminated by x and the ends' motions; add the product to y.
 
-    inner: `inner_at` of the segment; x, y: amplitudes and forces, the inner modes' from `row` on; left, right:
-    (position, rotation) of the ends. Adds the inner rows of the product to y and returns the (force, moment) on the
-    left end and on the right end that the condensed blocks lack. See theory, (9.3).
+    inner: `inner_at` of the segment; x: amplitudes and y: forces, of inner modes from `row` on; left, right: motion
+    (position, rotation) of the ends. The inner rows of the product are added to y. Returns the (force, moment) on the
+    left end and on the right end that the condensed blocks do not contain. See theory, (9.3).
     """
     n, zero = 3 * inner_of(model), 0.0
     nothing = Vector(zero, zero, zero)

@@ -18,7 +18,7 @@ from ...layout import Field, Layout
 from ..layout import ROTOR
 
 AXES = 6
-"""Rows of a vertex: position x, y, z, then rotation x, y, z."""
+"""Number of coordinates of a vertex: position x, y, z, then rotation vector x, y, z."""
 
 ELEMENT = Layout(
     "Element", "",
@@ -116,7 +116,7 @@ INNER = Layout(
     Field("over", ("3 * inner", 12), "",
           "d(inner rows)/d(the ends' 6 + 6 coordinates); after `factor` matrix^-1 times it"),
 )  # fmt: skip
-"""One record for each segment, behind all `FACTOR`s of S."""
+"""`INNER`: one record for each segment; the records follow all `FACTOR`s in the matrix array S."""
 
 HINGE = Layout(
     "Hinge", "",
@@ -171,7 +171,7 @@ GAUGE = Layout(
     Field("far", (2,), "1/m", "weights for the next element; 0 if there is none"),
     Field("rest", (), "1/m", "reading without stress, subtracted"),
 )  # fmt: skip
-"""Ends' rotations (rad) are relative to the element's middle section, or to a segment's frame, in its axes."""
+"""A `GAUGE` reads ends' rotations (rad) relative to the element's middle section, or to the segment's frame."""
 
 G = GAUGE.places
 E, J, P, F, H, B = ELEMENT.places, JOINT.places, BODY.places, FACTOR.places, HINGE.places, BASE.places
@@ -233,7 +233,7 @@ def joint_row(model, k):
 
 @kernel
 def vertex_row(model, k, e):
-    """Return the first of the six rows of vertex e of link k: right end of its element e, or root of a rigid link."""
+    """Return the first of the six rows of vertex e of link k: right end of element e, or the root of a rigid link."""
     return joint_row(model, k) + 1 + AXES * e
 
 
@@ -265,7 +265,7 @@ def rows_before(model, k):
 def before(model, k):
     """Return the offset in S of the 6 x 6 diagonal block of the last section before joint k, of the base for k = 0.
 
-    k = model.links: block of the last section of the arm. S: array of the Newton matrix and its factors.
+    With k = model.links the function returns the block of the arm's last section. S: array of the Newton matrix.
     """
     if k == 0:
         return B.matrix

@@ -30,7 +30,7 @@ from .rotations import (
 
 @kernel
 def matrix_in(lane, S, o):
-    """Return the 3 x 3 matrix stored row by row (`store_matrix`) from entry o of S on."""
+    """Return the 3 x 3 `Matrix` whose nine entries are stored row by row in S from entry o on."""
     return Matrix(load_vector(lane, S, o), load_vector(lane, S, o + 3), load_vector(lane, S, o + 6))
 
 
@@ -47,7 +47,8 @@ def _joint_of(model, row):
 def add_stiffness(lane, model, S: Lanes, k, x):
     """Add x (N m/rad) to the stiffness of the joint angle in row k of q, which `factor` adds to that row's diagonal.
 
-    x None: mark row k, one of the base's six or a joint's, as fixed; `factor` and `solve` treat it as the identity's.
+    If x is None, row k (one of the base's six rows or a joint's row) is fixed: `factor` and `solve` then use the row of
+    the identity matrix.
     """
     if x is None:
         one = 1.0
@@ -88,7 +89,7 @@ def _solution(lane, A: Lanes, x):
 
 @traced
 def solve_six_transposed(lane, A: Lanes, x: Lanes):
-    """Solve A^T y = x in place for six entries of x, with the 6 x 6 factors of `_factors` in A."""
+    """Solve A^T y = x in place for six entries of x; the array A (36 entries) holds the LU factors of the matrix."""
     y = [x[k] for k in range(6)]
     # U^T, then L^T
     for k in range(6):
@@ -110,14 +111,14 @@ def _factor_six(lane, A):
 
 @traced
 def solve_six(lane, A, x: Lanes):
-    """Solve A y = x in place for six entries of x, with the 6 x 6 factors of `_factors` in A."""
+    """Solve A y = x in place for six entries of x; the array A (36 entries) holds the LU factors of the matrix."""
     for k, value in enumerate(_solution(lane, A, [x[k] for k in range(6)])):
         x[k] = value
 
 
 @traced
 def eliminate(lane, LL: Lanes, LR: Lanes, RL: Lanes, RR):
-    """Eliminate the right vertex of an element: RR <- its factors, RL <- RR^-1 RL, LL <- LL - LR RR^-1 RL.
+    """Eliminate an element's right vertex: factor RR in place, then RL <- RR^-1 RL, LL <- LL - LR RR^-1 RL.
 
     LL, LR, RL, RR: the element's four 6 x 6 blocks (rows and columns of the left, the right vertex), 36 lanes each.
     """
@@ -135,7 +136,7 @@ def eliminate(lane, LL: Lanes, LR: Lanes, RL: Lanes, RR):
 
 @kernel
 def part_of(lane, S: Lanes, o, n):
-    """Return the slice of n entries (lanes) of S from entry o on."""
+    """Return the n entries of the array S from entry o on, as a slice."""
     return S[o : o + n]
 
 
@@ -257,7 +258,7 @@ def eliminate_joint(lane, model, S: Lanes, k):
 
 @kernel
 def store_spin_lag(lane, model, par: Lanes, S, k, spin, weights):
-    """Store w tau/(1 + tau c_v) (rad) of the root of link k in its `HINGE`; store 0 if the matrix is no Newton matrix.
+    """Store w tau/(1 + tau c_v) (rad) of link k's root in its `HINGE`; the value is 0 outside Newton's iteration.
 
     spin w: rad/s, root axes; c_v = weights.damping (1/s); tau = tau_d (s). `joint_motion_of_root` reads the value.
     See theory, section 9.
@@ -269,7 +270,7 @@ def store_spin_lag(lane, model, par: Lanes, S, k, spin, weights):
 
 @kernel
 def joint_motion_of_root(lane, model, S, k, a):
-    """Return a + lag x a: motion of the root of link k per unit joint angle, root axes; a: the motion without damping.
+    """Return a + lag x a: rotation of link k's root per joint angle, root axes; a: the same rotation without damping.
 
     lag: `HINGE.lag`. The joint's angle turns the root's axes, and the rates in these axes change by w x a; w: spin of
     the root. Springs with dampers are 1 + tau_d c_v times as stiff as springs alone (c_v: weight of dr/dv). The change
@@ -283,7 +284,7 @@ def joint_motion_of_root(lane, model, S, k, a):
 
 @kernel
 def factor_base(lane, S: Lanes):
-    """Factor the base's 6 x 6 block in place, with fixed rows and columns replaced by those of the identity."""
+    """Factor the base's 6 x 6 block in place; fixed rows and columns are replaced by those of the identity matrix."""
     zero, one = 0.0, 1.0
     for i in range(6):
         if load_lane(lane, S, B.pinned + i, 0) != 0.0:
@@ -296,7 +297,7 @@ def factor_base(lane, S: Lanes):
 
 @kernel
 def solve_base(lane, S, x: Lanes, across):
-    """Solve for the motion of the base in x[0 : 6] (m along inertial axes; rad about base axes); fixed rows get 0.
+    """Solve for the base's motion in x[0 : 6] (m along inertial axes, rad about base axes); fixed coordinates get 0.
 
     across: True to solve the transposed system, False to solve the system itself.
     """
@@ -311,14 +312,14 @@ def solve_base(lane, S, x: Lanes, across):
 
 @kernel
 def block_times(lane, S, o, a, b):
-    """Return the 6 x 6 matrix at offset o of S times (a, b), as two vectors; a, b: its entries 0 to 2 and 3 to 5."""
+    """Return the product, as two vectors, of the 6 x 6 matrix at offset o of S with the vectors (a, b)."""
     upper = _block(lane, S, o, 0, 0) @ a + _block(lane, S, o, 0, 1) @ b
     return upper, _block(lane, S, o, 1, 0) @ a + _block(lane, S, o, 1, 1) @ b
 
 
 @kernel
 def transposed_times(lane, S, o, a, b):
-    """Return the transpose of the 6 x 6 matrix at o of S times (a, b), as two vectors; a, b: entries 0 to 2, 3 to 5."""
+    """Return the product, as two vectors, of the transposed 6 x 6 matrix at offset o of S with vectors (a, b)."""
     upper = _block(lane, S, o, 0, 0).T @ a + _block(lane, S, o, 1, 0).T @ b
     return upper, _block(lane, S, o, 0, 1).T @ a + _block(lane, S, o, 1, 1).T @ b
 

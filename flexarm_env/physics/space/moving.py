@@ -27,9 +27,9 @@ from .rotations import (
 def move_vertex(lane, q: Lanes, i, share, d, more):
     """Move the position (m, inertial axes) and rotation vector (rad) in rows i ... i + 5 of q by share d + more.
 
-    share: number; d, more: increments of q, whose rotations are in body axes; more may be None (0). The rotation
-    becomes exp(q^) exp((share d + more)^). If the increment is zero, as for arms that have converged, the rotation
-    vector keeps its bits.
+    share: factor on d. d, more: increments of q, whose rotations are in body axes (rad); more is None for zero. The
+    rotation becomes exp(q^) exp((share d + more)^). If the increment is zero, as for arms that have converged, the
+    rotation vector keeps its bits.
     """
     step, turn = share * load_vector(lane, d, i), share * load_vector(lane, d, i + 3)
     if more is not None:
@@ -50,9 +50,10 @@ def vertices_of(model, k):
 
 @kernel
 def retract(lane, model, q: Lanes, share, d, more):
-    """Move q by share d + more; rotations are composed with that increment in body axes, other rows are added.
+    """Apply the increment share d + more to q: rotations are composed in body axes, other coordinates are added.
 
-    share: number; d, more: increments of q; more may be None (0). See `move_vertex`, `protocol.retract`.
+    share: factor on d. d, more: increments of all coordinates; more is None for zero. See `move_vertex`,
+    `protocol.retract`.
     """
     # r, A of the base; theta of each joint; r, A of the vertices: exp(d) composed in section axes
     move_vertex(lane, q, 0, share, d, more)
@@ -67,21 +68,24 @@ def retract(lane, model, q: Lanes, share, d, more):
 
 @kernel
 def rotation_increment(lane, start, q, i):
-    """Return the increment (rad, body axes) from the rotation vector in rows i ... i + 2 of start to that of q."""
+    """Return the rotation increment (rad, body axes) from the coordinates start to q, of the rotation in rows i ... i +
+    2."""
     before, after = quaternion(load_vector(lane, start, i)), quaternion(load_vector(lane, q, i))
     return rotation_vector(shortest_rotation(compose(inverse_rotation(before), after)))
 
 
 @superword
 def store_increment(lane, start, q, d, i):
-    """Store in rows i ... i + 5 of d the increment from start to q: position (m, inertial), rotation (rad, body)."""
+    """Store a vertex's increment from start to q in rows i ... i + 5 of d: position (inertial axes), rotation (body
+    axes)."""
     store_vector(lane, d, i, load_vector(lane, q, i) - load_vector(lane, start, i))
     store_vector(lane, d, i + 3, rotation_increment(lane, start, q, i + 3))
 
 
 @kernel
 def local_difference(lane, model, start: Lanes, q: Lanes, d: Lanes):
-    """Store in d the increment that moves start to q, with rotations in body axes (`protocol.local_difference`)."""
+    """Store in d the increment from coordinates start to coordinates q, rotations in body axes
+    (`protocol.local_difference`)."""
     # d of the base, of joint angles (differences) and of vertices (rotations in section axes)
     store_increment(lane, start, q, d, 0)
     for k in range(model.links):
@@ -96,7 +100,7 @@ def local_difference(lane, model, start: Lanes, q: Lanes, d: Lanes):
 
 @kernel
 def tangent_map(lane, model, d, inverse, x):
-    """Replace x by T^T(d) x, or T^-T(d) x where `inverse` is True, in all rows of rotations; other rows stay.
+    """Multiply the rotation rows of x by T^T(d), or by T^-T(d) if `inverse` is True; other rows are unchanged.
 
     T: tangent map of rotations, exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e; d: increments of q, rad
     (`protocol.tangent_map`).
@@ -123,7 +127,7 @@ def note_inverse(lane, model, d, share: Lanes):
 
 @kernel
 def noted_inverse(lane, model, d, share: Lanes, x):
-    """Replace x by T^-T(d) x in all rows of rotations, with the coefficients that `note_inverse` stored in share.
+    """Multiply the rotation rows of x by T^-T(d), with the coefficients that `note_inverse` stored in share.
 
     T: tangent map of rotations, exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e; d: increments of q, rad.
     """

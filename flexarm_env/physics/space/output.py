@@ -38,7 +38,7 @@ def _middle_of(left, right):
 
 @kernel
 def restore_chords(lane, model, start, q):
-    """Recompute the positions of vertices in q, outward, so that segments keep the chords they have in start.
+    """Recompute the positions of vertices in q from root to tip, so that segments keep their chords of `start`.
 
     Do nothing unless segments have floating frames. Rotations of q stay; each chord has the components of the chord in
     `start`, in the axes of the segment's middle section.
@@ -143,7 +143,7 @@ def _sums_along(lane, model, par, k, q, v, root, total):
 def damping_power(lane, model, par, q, v, x, since=None):
     """Return x^T C(q) v in W, the power of the material's damping forces C v (N, N m) at the virtual rates x.
 
-    since = (start, v0, h), a step of h (s) from `start`, v0 to q, v: the pair of `_mean_damping_power` is returned.
+    since = (start, v0, h): for a step h (s) from start, v0 to q, v return its mean power and unresolved part.
     """
     if since is not None:
         return _mean_damping_power(lane, model, par, since[0], since[1], q, v, since[2])
@@ -207,7 +207,7 @@ def _mean_damping_power(lane, model, par, start, v0, end, v, h):
 
 @kernel
 def last_section(lane, model, q, v, k, root):
-    """Return the `Place` of link k's last section, from the `Place` root of its first; pass q for v without rates."""
+    """Return the `Place` of link k's last section; root: `Place` of its first section; pass q for v without rates."""
     if count_of(model, k) == 0:
         return root
     if model.strains is not None:
@@ -252,7 +252,7 @@ def _bent_ends(model, left, right):
 
 @kernel
 def strain_gauge(lane, model, q, row):
-    """Return a gauge's reading, 1/m, at q: weighted rotations of two elements' ends, less its rest; row: `GAUGE`."""
+    """Return a strain gauge's reading (1/m): weighted rotations of two elements' ends, less the stress-free reading."""
     k, e, axis = int(row[G.link]), int(row[G.element]), int(row[G.axis])
     total = -row[G.rest]
     left = _section_of(lane, model, q, k, False) if e == 0 else place_at(lane, q, q, vertex_row(model, k, e - 1))
@@ -297,7 +297,7 @@ def _tip_lever(model, k):
 
 @kernel
 def put_pose(lane, model, k, q: Lanes, v: Lanes, root, tip, out: Lanes):
-    """Store the `SPACE_POSE` of link k in `out`, from the `Place`s of its root and of its last section."""
+    """Store the `SPACE_POSE` of link k in `out`; root, tip: `Place`s of the link's first and last section."""
     o, row, frame = SP.end * k, joint_row(model, k), matrix(root.p)
     A, lever = matrix(tip.p), Vector(_tip_lever(model, k), 0.0, 0.0)
     # r + A t, v + A (w x t): from the last section along the rigid end (inertial axes)
@@ -324,7 +324,7 @@ def put_pose(lane, model, k, q: Lanes, v: Lanes, root, tip, out: Lanes):
 
 @kernel
 def link_poses(lane, model, par, q, v, out, tasks=None):
-    """Store the `SPACE_POSE` of each link in out if tasks is a tag; None: no-op (`space.reading` reads q and v)."""
+    """Store the `SPACE_POSE` of each link in out; do nothing if tasks is None (`space.reading` then reads q and v)."""
     if tasks is not None:
         tip = place_at(lane, q, v, 0)
         for k in range(model.links):
@@ -354,7 +354,7 @@ def _put_unbent(lane, live, rates: Lanes | None, q: Lanes, v: Lanes, first, end)
 def set_joint_configuration(lane, model, live, angles: Lanes, rates: Lanes | None, q: Lanes, v: Lanes):
     """Set q to straight links at joint angles (links,), rad, and v by `rates`, in lanes where `live` > 1/2.
 
-    rates: as v, joint rates and rates of vertices relative to their rotating link, link axes; None: v stays.
+    rates: joint rates and vertices' rates relative to their rotating link (link axes), rows as in v; None keeps v.
     """
     tip, element = place_at(lane, q, v, 0), 0
     for k in range(model.links):
@@ -386,7 +386,7 @@ def set_joint_configuration(lane, model, live, angles: Lanes, rates: Lanes | Non
 
 
 STATIONS = 4
-"""Number of points drawn along an element, or a rigid link."""
+"""Number of points at which an element, or a rigid link, is drawn."""
 
 
 @kernel
@@ -413,7 +413,7 @@ def _cubic(left, right, s):
 
 @kernel
 def centerline(model, q, points):
-    """Store positions (m, inertial axes) in points (P, 3): base, roots, points, tips of links. Return their number."""
+    """Store positions of the centerline (m, inertial axes) in points (P, 3), from base to tip; return their number."""
     # a planar arm's centerline is drawn by the planar formulation
     if points.shape[1] < 3:
         return 0

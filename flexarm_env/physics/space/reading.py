@@ -19,12 +19,12 @@ from .strained_layout import STRAINED
 Array = NDArray[np.float64]
 
 TURN = 0.2
-"""Weight of an error of 1 rad of the tip's axes, over the arm's length. If bending displaces a tip by a fraction of the
-length, its axes rotate by two to five times that fraction, in rad."""
+"""Weight (m/rad, divided by the arm's length) of an error in the orientation of the tip. If bending displaces a tip by
+a fraction of the length, its axes rotate by two to five times that fraction, in rad."""
 
 
 class Frame(NamedTuple):
-    """A section at n instants, in inertial axes."""
+    """Position, axes and rates of a section at n instants, in inertial axes."""
 
     r: Array  # m (n, 3): position
     A: Array  # (n, 3, 3): rotation matrix, section axes to inertial axes
@@ -38,7 +38,7 @@ class Frame(NamedTuple):
 
 
 class LinkMotion(NamedTuple):
-    """A link at n instants: root at the joint, sections of the flexible part, tip at the next joint."""
+    """Motion of a link at n instants: root (at the joint), sections of the flexible part, tip (at the next joint)."""
 
     root: Frame
     sections: list[Frame]
@@ -131,7 +131,7 @@ def read(arm: Arm, settings: Settings, q: Array, v: Array) -> dict[str, Any]:
 
 
 def tips(arm: Arm, settings: Settings, q: Array) -> Array:
-    """Return (n, 4, 3): the tip's position and its three axes, each `TURN` of the arm's length long, in m."""
+    """Return (n, 4, 3), m: the tip's position, and the tip's three axes as vectors of `TURN` times the arm's length."""
     *_, last = links(arm, settings, q, np.zeros_like(q))
     axes = TURN * arm.total_length * np.swapaxes(last.tip.A, 1, 2)
     return np.concatenate([last.tip.r[:, None], axes], axis=1)
@@ -166,6 +166,6 @@ def frames(arm: Arm, angles: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def straight(arm: Arm, angles: Array) -> Array:
-    """Return positions (m) of joints and tip of the rigid arm, root at 0, (..., N + 1, 3), at angles (..., N)."""
+    """Return positions (..., N + 1, 3), m, of joints and tip of the rigid arm at joint angles (..., N), rad."""
     places, _, _, tip = frames(arm, angles)
     return np.concatenate([places, tip[..., None, :]], axis=-2)

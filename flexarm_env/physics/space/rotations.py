@@ -22,7 +22,7 @@ _ARCTANGENT = tuple((-1.0) ** k / (2 * k + 1) for k in range(11, -1, -1))
 
 
 class Vector(NamedTuple):
-    """A vector in space, x, y, z in some axes: `a + b`, `a - b`, `s * a`, `-a`. A tuple may be the other operand."""
+    """A vector with components x, y, z in some axes. It has `a + b`, `a - b`, `s * a`, `-a`; b may be a tuple."""
 
     x: Any
     y: Any
@@ -33,7 +33,7 @@ class Vector(NamedTuple):
         return Vector(self[0] + b[0], self[1] + b[1], self[2] + b[2])
 
     def __radd__(self, a: Any) -> Any:
-        """Return a + self, with a tuple a."""
+        """Return the sum a + self, where a is a tuple of three numbers."""
         return Vector(a[0] + self[0], a[1] + self[1], a[2] + self[2])
 
     def __sub__(self, b: Any) -> Any:
@@ -41,7 +41,7 @@ class Vector(NamedTuple):
         return Vector(self[0] - b[0], self[1] - b[1], self[2] - b[2])
 
     def __rsub__(self, a: Any) -> Any:
-        """Return a - self, with a tuple a."""
+        """Return the difference a - self, where a is a tuple of three numbers."""
         return Vector(a[0] - self[0], a[1] - self[1], a[2] - self[2])
 
     def __mul__(self, s: Any) -> Any:
@@ -158,7 +158,7 @@ def _row(a, B):
 
 @kernel
 def skew(a):
-    """Return the skew matrix a^ of a vector: a^ b = a x b."""
+    """Return the skew-symmetric matrix a^ of a vector a, for which a^ b = a x b."""
     zero = a[0] * 0.0
     return Matrix(Vector(zero, -a[2], a[1]), Vector(a[2], zero, -a[0]), Vector(-a[1], a[0], zero))
 
@@ -209,7 +209,7 @@ def polynomial(series, z):
 def quaternion(psi):
     """Return the quaternion (w, x, y, z) of the rotation by the rotation vector psi (rad).
 
-    Error 1e-16 for |psi| <= pi, 1e-12 up to 2 pi.
+    The error is 1e-16 for |psi| <= pi and 1e-12 for |psi| <= 2 pi.
     """
     # sin(a/4)/(a/4) and cos(a/4) of the angle a = |psi|, from their series in (a/4)^2
     z = dot(psi, psi) * 0.0625
@@ -244,7 +244,7 @@ class Turn(NamedTuple):
     """Functions of a rotation by an angle a = |psi| of at most pi.
 
     psi   rotation vector, rad
-    half  quaternion of psi / 2
+    half  quaternion of the rotation by psi / 2
     g     tan(a/4) psi / a
     T     T^-1(psi) = 1 + psi^/2 + c psi^ psi^,  c = (1 - a/2 cot(a/2)) / a^2; T: (exp(psi^))^T d exp(psi^) = (T dpsi)^
     """
@@ -312,7 +312,7 @@ def _half_sine(d):
 
 @kernel
 def inverse_share(d):
-    """Return c = (1 - a/2 cot(a/2)) / a^2 of T^-1(d) = 1 + d^/2 + c d^ d^, for an angle a = |d| of at most 2 pi.
+    """Return the coefficient c = (1 - a/2 cot(a/2)) / a^2 in T^-1(d) = 1 + d^/2 + c d^ d^; a = |d| is at most 2 pi.
 
     d: rotation vector, rad; T: tangent map of rotations, exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e.
     """

@@ -29,8 +29,8 @@ ENDS = [2, 5]
 """Indices of the end rotations among the six coordinates of a planar element."""
 
 LEAST_ROTARY = 1e-8
-"""Lower bound of rotary inertia over m l^2, of a segment about its axis and of an exact element about any axis. The
-bound is needed because rotations of ends are coordinates of their own."""
+"""Lower bound of rotary inertia divided by m l^2, for a segment about its axis and for an exact element about any axis.
+The bound is needed because rotations of ends are coordinates of their own."""
 
 
 def refuse(settings: Settings) -> None:
@@ -49,7 +49,7 @@ def refuse(settings: Settings) -> None:
 
 
 def turned_over(link: Link) -> Link:
-    """Return the link with the bending properties of the x-z plane in place of the x-y plane, straight."""
+    """Return a straight link whose bending properties in the x-y plane are those of `link` in the x-z plane."""
 
     def over(one: Section) -> Section:
         across: dict[str, Any] = {"EI": one.EI_y, "C": one.C_y, "J": one.J_y}
@@ -66,7 +66,7 @@ def turned_over(link: Link) -> Link:
 
 
 def torsion(link: Link, a: float, b: float) -> float:
-    """Return the torsional stiffness GJ (N m^2) of the piece from a to b (m): the harmonic mean along it."""
+    """Return the torsional stiffness GJ (N m^2) of the link's piece from a to b (m): the harmonic mean of GJ there."""
     x, w = np.polynomial.legendre.leggauss(8)
     return float(2.0 / (w @ (1.0 / link.across(0.5 * (a + b) + 0.5 * (b - a) * x)["GJ"])))
 
@@ -118,7 +118,7 @@ class _Plane:
 
 
 class Natural(NamedTuple):
-    """A segment or element without stress, in the plane of its curvature."""
+    """Stress-free shape of a segment or element, in the plane of its curvature."""
 
     near: float  # rad: rotation from the left section to the chord
     length: float  # m: chord
@@ -203,7 +203,7 @@ def _frame(link: Link, plane: Element, across: Element, start: float, modes: int
 
 @lru_cache(64)
 def frames(link: Link, n: int, modes: int | None) -> tuple[tuple[Array, Natural], ...]:
-    """Return the (`FRAME`, `Natural`) of each of n segments of a link; cached, because arms are used repeatedly."""
+    """Return the pair (`FRAME`, `Natural`) for each of a link's n segments; the result is cached."""
     if n == 0:
         return ()
     planes, across = mesh(link, n, "segments"), mesh(turned_over(link), n, "segments")

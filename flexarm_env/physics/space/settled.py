@@ -4,8 +4,8 @@ Steel strips rotate far in a step and hardly stretch. If positions moved along s
 d, an element would be stretched by d^2/2. Damping would add c_v tau_d times the resulting force. The next iteration
 would have to remove these forces first. Therefore Newton's increment is applied to rotations and to the elements'
 section forces n, which are right to first order. Positions follow from rotations and forces; rates and accelerations
-follow positions as in any step. With damping, a force is affine in the chord's components e in the axes of the
-element's middle:
+follow positions as in any step. With damping, the section force n of an element is affine in the chord's components e
+(axes of the element's middle):
 
     n / D = (1 + tau_d c_v) e + tau_d e x w + (terms without e),   w: angular velocity of the middle
 """
@@ -113,13 +113,13 @@ def _add_forces(lane, model, w: Work, active):
 
 @kernel
 def correct_positions(lane, model, par, w: Work, active, slopes, predicted):
-    """Move positions in w.q so that each exact element has its stored force (`protocol.correct_positions`).
+    """Correct positions in w.q so that each exact element has its stored section force (`protocol.correct_positions`).
 
-    active: lanes, above 1/2 where to correct. predicted None: the call follows the Newton increment w.r, and the forces
-    are those that it causes to first order. A tag: the call follows the prediction, and the forces are those at the
-    step's start. Velocities and accelerations follow by `slopes`, their changes per change of position. Segments with
-    floating frames keep the chords of the step's start, after the prediction alone. Scratch after the prediction: w.r.
-    See theory, section 9, "Increments".
+    active: lanes with values above 1/2 are corrected. predicted: None if the call follows the Newton increment w.r; the
+    forces are then those after the increment, to first order. With a tag the call follows the prediction, and the
+    forces are those at the step's start. slopes: changes of velocity and acceleration per change of position. Segments
+    with floating frames keep the chords of the step's start, after the prediction alone. After the prediction w.r is
+    scratch. See theory, section 9, "Increments".
     """
     if predicted is not None:
         copy_rows(lane, model.n, w.q, w.r)

@@ -1,10 +1,10 @@
 """A link in space whose coordinates are its strains: torsion and two curvatures, Legendre polynomials along it (theory,
 9).
 
-Between Gauss points (and from the last to the link's end) a section rotates by psi = s + s x d: s is the integral of
-the strain over the interval and d its first moment about the interval's middle, divided by the interval (Magnus' series
-to fourth order). s and d are linear in the coordinates. The rotation is Cayley's of x = tan(|psi|/2) psi/|psi|, whose
-rates are rational:
+The Gauss points divide the link into intervals. Over an interval the section rotates by the vector psi = s + s x d
+(Magnus' series to fourth order). The vector s is the integral of the strain over the interval. The vector d is the
+first moment of the strain about the interval's middle, divided by the interval's length. s and d are linear in the
+coordinates. The Cayley vector x = tan(|psi|/2) psi/|psi| of the rotation has rational rates:
 
     rel = 2 (x' - x x x') / (1 + x.x),   rel' = 2 (x'' - x x x'') / (1 + x.x) - 2 (x.x') rel / (1 + x.x)
 
@@ -42,7 +42,7 @@ from .strained_layout import noted_at, strained_at
 
 _TANGENT = (1.0, 1 / 12, 1 / 120, 17 / 20160, 31 / 362880, 691 / 79833600, 5461 / 6227020800, 929569 / 10461394944000)
 TANGENT = _TANGENT[::-1]
-"""Coefficients, highest power first, of f in tan(a/2) = a f(a^2) / 2; error 1e-9 at a = 1, 1e-6 at a = 1.5 (rad)."""
+"""Coefficients, highest power first, of the series f in tan(a/2) = a f(a^2) / 2; error 1e-9 for a = 1 rad."""
 _SLOPE = tuple(k * c for k, c in enumerate(_TANGENT))[1:]
 # f' and f'' by a^2
 SLOPE = _SLOPE[::-1]
@@ -52,11 +52,11 @@ CURVE = tuple(k * c for k, c in enumerate(_SLOPE))[:0:-1]
 class Bend(NamedTuple):
     """Rotation of one interval and its rates, in the axes of the interval's end where not stated otherwise.
 
-    x, psi  Cayley's vector tan(|psi|/2) psi/|psi|, and the rotation vector psi = s + s x d (rad)
-    s, d    rad: integral of the strain, and its first moment over the interval
-    f       f(psi.psi): x = psi f / 2
+    x, psi  Cayley vector x = tan(|psi|/2) psi/|psi|, and rotation vector psi = s + s x d (rad)
+    s, d    rad: integral of the strain, and first moment of the strain, over the interval
+    f       value at psi.psi of the series `TANGENT`, with which x = psi f / 2
     rel     rad/s: angular velocity that the interval adds; None where rates are not computed
-    second  rad/s^2: angular acceleration that it adds, rate of rel; None where accelerations are not computed
+    second  rad/s^2: angular acceleration that the interval adds; None where accelerations are not computed
     """
 
     x: Any
@@ -91,7 +91,7 @@ def _sum(lane, model, table, i, x, row):
 
 @kernel
 def slope_of_slope(z):
-    """Return f''(z), the second derivative of the series `TANGENT`."""
+    """Return f''(z), the second derivative of the series f (`TANGENT`), for a squared angle z (rad^2)."""
     return polynomial(CURVE, z)
 
 
@@ -99,7 +99,8 @@ def slope_of_slope(z):
 def bend_of(lane, model, at, i, row, q, v, a):
     """Return the `Bend` of interval i: rotation, and its rates where v and a are not None. See theory, (9.5).
 
-    at: `strained_at` of the link; q, v, a: coordinates, rates, accelerations, with the link's strains from `row` on.
+    at: offsets of the link's constants (`strained_at`); q, v, a: coordinates, rates, accelerations of the arm; row: row
+    of the link's first strain.
     """
     s, d = _sum(lane, model, at.sums, i, q, row), _sum(lane, model, at.slants, i, q, row)
     # s and d of kappa_0 add, which lies in the link's x-y plane: bending about z
@@ -135,21 +136,21 @@ def bend_of(lane, model, at, i, row, q, v, a):
 
 @kernel
 def turned_by(bend, p):
-    """Return the quaternion p followed by the interval's rotation in body axes: p (1, x) / sqrt(1 + x.x)."""
+    """Return the quaternion p (1, x) / sqrt(1 + x.x): rotation p, then the interval's rotation in body axes."""
     half = square_root(bend.share)
     return compose(p, (half, bend.x[0] * half, bend.x[1] * half, bend.x[2] * half))
 
 
 @kernel
 def tangent_at(p):
-    """Return the tangent: e_x rotated by the quaternion p."""
+    """Return the section's tangent, the unit vector e_x rotated by the quaternion p."""
     w, x, y, z = p
     return Vector(1.0 - (y * y + z * z) * 2.0, (x * y + w * z) * 2.0, (x * z - w * y) * 2.0)
 
 
 @kernel
 def identity_rotation(lane):
-    """Return the quaternion of no rotation, (1, 0, 0, 0), in all lanes."""
+    """Return the quaternion (1, 0, 0, 0) of the identity rotation in all lanes."""
     zero = 0.0
     return 1.0, zero, zero, zero
 
@@ -176,8 +177,8 @@ def last_place(lane, model, k, q, v, root):
 def sweep_outward(lane, model, k, state, root, S):
     """Return the `Vertex` of the last section of link k; store in S (`NOTED`) the values that `sweep_inward` needs.
 
-    state: q, v, a; root: `Vertex` of the link's first section. Stored are orientations, angular rates, accelerations,
-    inertia forces and moments of all points, in the axes of the link's root. See theory, (9.5).
+    state: q, v, a; root: `Vertex` of the link's first section. `NOTED` stores orientations, angular rates,
+    accelerations, inertia forces and moments of all Gauss points, in the axes of the link's root. See theory, (9.5).
     """
     n, at, to, row = size(model.points), strained_at(model, k), noted_at(model, k), strain_row(model, k)
     q, v, a = state
@@ -231,7 +232,8 @@ def sweep_outward(lane, model, k, state, root, S):
 
 @kernel
 def noted_tangent(lane, S: Lanes, to, i):
-    """Return the tangent e_x of point i (root axes), from the matrix that `sweep_outward` has stored in S."""
+    """Return the tangent at Gauss point i, root axes, from the rotation matrix that `sweep_outward` stored at `to` in
+    S."""
     o = to.turn + 9 * i
     return Vector(S[o], S[o + 3], S[o + 6])
 
@@ -259,10 +261,11 @@ def _own_force(lane, S, to, i, g):
 
 @kernel
 def elastic(lane, model, par: Lanes, k, state, r):
-    """Add elastic and damping forces of link k to its strains' rows of r, less the period correction of inertia.
+    """Add link k's elastic and damping forces, less the correction of inertia for time steps, to its rows of r.
 
-    r <- r + factors K (q + tau v) - correction a (N m). K, correction: `STRAINED.stiffness` and `correction`, sums over
-    polynomials; factors: the arm's own on GJ, EI_y, EI; tau = tau_d times the link's share (s). See theory, (9.4).
+    r <- r + factors K (q + tau v) - correction a (N m). K, correction: matrices `STRAINED.stiffness` and `correction`
+    of the link's polynomials; factors: the arm's factors on GJ, EI_y, EI; tau: tau_d times the link's share (s). See
+    theory, (9.4).
     """
     n, at, row = size(model.polynomials), strained_at(model, k), strain_row(model, k)
     factors, zero = factors_of(lane, par), 0.0
@@ -297,13 +300,13 @@ def _three(lane, model, table, i, j):
 
 @kernel
 def stiff_of(lane, model, par, k, i, j):
-    """Return the stiffness K_ij (N m) of polynomials i, j for torsion, bending about y, z, with the arm's factors."""
+    """Return stiffnesses K_ij (N m) of polynomials i, j: torsion, bending about y and z, with the arm's factors."""
     return scale(_three(lane, model, strained_at(model, k).stiffness, i, j), factors_of(lane, par))
 
 
 @kernel
 def correction_of(lane, model, k, i, j):
-    """Return the inertia (kg m^2) that steps leave out (theory 5.3) of polynomials i, j about x, y, z."""
+    """Return the inertia (kg m^2) for polynomials i, j about x, y, z that time steps subtract (theory, 5.3)."""
     return _three(lane, model, strained_at(model, k).correction, i, j)
 
 
@@ -348,7 +351,7 @@ def sweep_inward(lane, model, k, r, S):
 def strained_sums(lane, model, par, k, q, v, root):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of link k.
 
-    root: the `Place` of its first section. See theory, (9.5).
+    root: `Place` of the link's first section; q, v: coordinates and rates of the arm. See theory, (9.5).
     """
     n, at, row, A0 = size(model.points), strained_at(model, k), strain_row(model, k), matrix(root.p)
     zero = 0.0
@@ -381,7 +384,7 @@ def strained_sums(lane, model, par, k, q, v, root):
 
 @kernel
 def point_of(model, k, i, q, root):
-    """Return the position (m, inertial axes) of Gauss point i of link k; root: the link's first section; one lane."""
+    """Return the position (m, inertial axes) of Gauss point i of link k in one lane; root: the first section."""
     lane, n, at, row = (0,), len(model.points), strained_at(model, k), strain_row(model, k)
     p, r = identity_rotation(lane), Vector(0.0, 0.0, 0.0)
     for j in range(n):
@@ -405,7 +408,8 @@ def _stiff_sum(lane, model, par, k, x, y):
 def strained_damping(lane, model, par: Lanes, k, v, x):
     """Return x^T C v (W), the power of link k's damping forces C v (N m) at the strain rates x.
 
-    v, x: rates of all rows; C: stiffness of the strains times tau_d and the link's share of tau_d.
+    v, x: actual and virtual rates of all coordinates; C: stiffness of the strains times tau_d and the link's share of
+    tau_d.
     """
     tau = par[TAU_D] * model.strains[strained_at(model, k).damping]
     return _stiff_sum(lane, model, par, k, x, v) * tau
@@ -413,9 +417,9 @@ def strained_damping(lane, model, par: Lanes, k, v, x):
 
 @kernel
 def strained_update(lane, model, q: Lanes, share, d, more):
-    """Move q by share d + more; the base's rotation is composed in body axes, all other rows are added.
+    """Apply the increment share d + more to q: the base's rotation is composed in body axes, other rows are added.
 
-    share: number; d, more: increments of q; more may be None (0) (`protocol.retract`).
+    share: factor on d. d, more: increments of all coordinates; more is None for zero (`protocol.retract`).
     """
     move_vertex(lane, q, 0, share, d, more)
     for k in range(AXES, model.n):
@@ -424,7 +428,7 @@ def strained_update(lane, model, q: Lanes, share, d, more):
 
 @kernel
 def strained_difference(lane, model, start: Lanes, q: Lanes, d: Lanes):
-    """Store in d the increment that moves start to q; the base's rotation in body axes."""
+    """Store in d the increment from coordinates start to coordinates q; the base's rotation is in body axes."""
     store_increment(lane, start, q, d, 0)
     for k in range(AXES, model.n):
         d[k] = q[k] - start[k]

@@ -60,7 +60,7 @@ NOTED = Layout(
     Field("over", ("3 * polynomials", 6), "", "after `factor`: matrix^-1 by_root"),
     Field("last", ("3 * polynomials", 6), "", "d(position inertial, rotation of the last section, its axes)/d(strain)"),
 )  # fmt: skip
-"""One record behind each link's `FACTOR`, whose LL is the block on the root and RR that on the last section."""
+"""A `NOTED` record follows each link's `FACTOR`, whose LL is the block of the root, RR that of the last section."""
 
 _strained, _noted = kernel(STRAINED.offsets), kernel(NOTED.offsets)
 

@@ -1,7 +1,8 @@
 """The Newton matrix of a link whose coordinates are its strains, column by column (theory, 9); vectors in the root's
 axes.
 
-With a strain, sections rotate by theta and points move by R, exactly to round-off. A point's acceleration changes by
+A change of a strain rotates sections by theta and moves points by R; both vectors are exact to round-off. A point's
+acceleration changes by
 
     cm R + 2 cd w x R + ck (alpha x R + w x (w x R)),
 
@@ -261,9 +262,9 @@ def _by_turn(lane, model, weights, S: Lanes, f, at, to, axis, c):
 def strained_tangent(lane, model, par: Lanes, k, weights, S: Lanes, f):
     """Store the Newton matrix of link k's strains in its `NOTED`; add the block on its root to LL at offset f of S.
 
-    f: offset of the link's `FACTOR`, whose RR is the block on the last section and is assembled elsewhere. Needs the
-    values that `sweep_outward` and `sweep_inward` have stored. par: factors on stiffnesses, tau_d; weights: `Weights`.
-    See theory, (9.5).
+    f: offset of the link's `FACTOR`; its RR, the block of the last section, is not written here. `NOTED` must hold the
+    values that `sweep_outward` and `sweep_inward` store. par: factors on stiffnesses, tau_d; weights: `Weights`. See
+    theory, (9.5).
     """
     n, m, at, to = size(model.points), size(model.polynomials), strained_at(model, k), noted_at(model, k)
     zero, cm = 0.0, weights.mass
