@@ -70,7 +70,8 @@ def test_what_is_done_is_not_done_again(tmp_path: Path, monkeypatch: pytest.Monk
     capsys.readouterr()
     assert reference.main() == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == f"pd: 2 of {len(TASKS)} runs done" and lines[1].startswith(f"ppo: 0 of {5 * len(reference.FREE)} runs")
+    assert lines[0] == f"pd: 2 of {len(TASKS)} runs done"
+    assert lines[1].startswith(f"ppo: 0 of {5 * len(reference.FREE)} runs")
 
 
 def test_references_are_pd_and_the_best_of_what_was_judged(monkeypatch: pytest.MonkeyPatch):
