@@ -50,6 +50,9 @@ FEW = ("slew-unknown-v2", "slew-geared-v2", "reach-measured-v1")
 PRESSED = ("press-v1", "land-v1")
 """Tasks for controllers of the contact force."""
 
+FREE = tuple(task.id for task in suite.tasks() if task.id not in PRESSED)
+"""Present tasks without contact."""
+
 MANY = {
     "slew-measured-v2": 9000, "slew-unknown-v2": 2600, "slew-limited-v2": 2000, "slew-handling-v2": 10_000,
     "reach-measured-v1": 700, "reach-three-v2": 480, "reach-pushed-v1": 320, "float-reach-v1": 450,
@@ -79,8 +82,8 @@ class Method:
 
 METHODS = (
     *(Method(name, tasks=PRESSED if name in FORCE_NAMES else None) for name in NAMES),
-    Method("ppo", 5, "ppo"),
-    Method("gradient", 3, "gradient"),
+    Method("ppo", 5, "ppo", FREE),
+    Method("gradient", 3, "gradient", FREE),
     Method("sac", 1, "sac", ("slew-measured-v2", "slew-unknown-v2", "slew-geared-v2")),
     Method("tqc", 2, "tqc", FEW),
     Method("recurrent_ppo", 2, "recurrent_ppo", FEW),

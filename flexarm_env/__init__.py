@@ -39,7 +39,7 @@ _HOME = {
     "TimeFunction": "time_functions",
     "Trajectory": "trajectory",
 }
-"""Module that defines each public name."""
+"""Name of the module that defines each public name."""
 
 __all__ = [
     "Accelerometer", "Arm", "Base", "Camera", "Contact", "Elbow", "Encoder", "Gyroscope", "Joint", "JointTorque",

@@ -1,6 +1,6 @@
 """Estimate of a run's tip error, from a run with twice the step and a run on another mesh (theory, section 8).
 
-The error has these parts, each a fraction of the arm's length:
+The error estimate has four parts, each a fraction of the arm's length:
 
     time_step   half the distance of the tip from a companion run with twice the step. (The error of a second-order
                 method is a third of this distance; the rest is a safety margin.) If the step does not resolve the
@@ -13,7 +13,7 @@ The error has these parts, each a fraction of the arm's length:
                 8; `accuracy_space`)
     energy      five times the energy that the scheme created, or half of the energy that it dissipated, as a fraction
                 of the energy turned over (`Trajectory.turned_over`)
-    others      errors of the formulation that are known before the run: System.notes
+    others      errors of the formulation that are known before the run (`System.notes`)
 
 The estimate is the sum of the parts time_step, mesh and others, or the part `energy` if `energy` is larger.
 """
@@ -34,22 +34,21 @@ from .settings import MOST_ELEMENTS, Settings, steps_in
 from .validation import Array
 
 _SAME_TIME = 1e-9
-"""Instants count as equal if their difference is smaller (s, and relative to the last instant)."""
+"""Two instants count as equal if they differ by less than this (s, and as a fraction of the last instant)."""
 
 INACCURATE = "inaccurate"
 """Status of a run that reached its end with an estimated error above the limit."""
 
 FOUND, TAKEN = 5.0, 0.5
 """Factors on the energy that the scheme created (FOUND) or dissipated (TAKEN), as a fraction of the energy turned over.
-TAKEN is a half because a small relative error of an energy is twice that of the amplitude. FOUND is ten times as large
-because created energy indicates instability."""
+TAKEN is 1/2 because a small relative error of the energy is twice the relative error of the amplitude. FOUND is ten
+times as large because created energy indicates instability."""
 
 
 @dataclass(frozen=True)
 class Probe:
-    """A companion run: instants t (n,) s, and its tips. In the plane: positions (n, 2) m. In space: the tip and the
-    ends of its axes, of a fifth of the arm's length, (n, 4, 3) m. good: whether the run reached its end.
-    """
+    """A companion run. t (n,): instants, s. tip: in the plane positions of the tip (n, 2), m; in space the tip and the
+    ends of three axes, a fifth of the arm long, (n, 4, 3), m. good: whether the run reached its end."""
 
     t: Array
     tip: Array
@@ -58,8 +57,8 @@ class Probe:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimated error and its parts, fractions of L. unknown: the reason why time step or mesh could not be estimated
-    and the total is infinite; otherwise ""."""
+    """Estimated error (total) and its parts, divided by the arm's length. unknown: the reason why time step or mesh
+    could not be estimated, so that the total is infinite; otherwise ""."""
 
     total: float
     parts: Mapping[str, float] = field(default_factory=dict)
@@ -77,7 +76,7 @@ class Estimate:
 
 
 def missed(settings: Settings, step_error: float) -> str:
-    """Return why fitted steps are inaccurate; "" if the largest error of a stretch meets the step_tolerance."""
+    """Return the reason why fitted steps are inaccurate, or "" if step_error is at most the step_tolerance."""
     if settings.step_tolerance is None or step_error <= settings.step_tolerance:
         return ""
     return (
@@ -96,15 +95,14 @@ REMEDY = {
 
 
 HALF = 0.5
-"""Error per unit of distance from a run with twice the step, or from a run on half the mesh."""
+"""Error of a run divided by its distance from a run with twice the step, or from a run on half the mesh."""
 
 
 def other_mesh(settings: Settings, space: bool = False) -> tuple[Settings, float]:
-    """Return settings with another mesh, and the error per unit of distance from a run with these settings.
+    """Return settings with another mesh, and the run's error divided by its distance from a run with that mesh.
 
-    The mesh is coarser, or finer if there is no coarser mesh. For links reduced to modes the settings are those of the
-    full model in the plane, and have another number of segments with the same number of modes in space.
-    """
+    The other mesh is coarser, or finer if there is no coarser mesh. For links reduced to modes the returned settings
+    are those of the full model (in the plane), or have another number of segments with as many modes (in space)."""
     if settings.formulation == "elastica":
         assert settings.nodes is not None
         # the smallest mesh is compared with a finer one
@@ -133,7 +131,7 @@ def other_mesh(settings: Settings, space: bool = False) -> tuple[Settings, float
 
 
 def companion_mesh(scene: Scene, settings: Settings) -> tuple[Scene, Settings, float]:
-    """Return scene and settings with another mesh, and the error per unit of distance from a run on this mesh. If a
+    """Return scene and settings with another mesh, and the error divided by the distance from a run on this mesh. If a
     section jumps or kinks, all cells are halved: a coarser mesh may have the same cells in the critical piece and would
     hide the error of these cells. Otherwise the mesh is that of `other_mesh`."""
     if divided(scene.arm):
@@ -146,23 +144,25 @@ def companion_mesh(scene: Scene, settings: Settings) -> tuple[Scene, Settings, f
 
 
 COARSE, FINER = 0.5, 0.125
-"""Step times the rate of the slowest vibration above which runs with h and 2 h may have the same error. Runs above this
-limit are compared with runs with FINER times their step."""
+"""COARSE: product of step h and rate of the slowest vibration above which runs with h and 2 h may have the same error.
+Such runs are compared with runs with FINER times the step."""
 
 
 DRIVEN = 4.0
-"""Factor on a companion run's step: half the distance from this run suffices if its step resolves loads and motions.
-Otherwise the vibration at the loads' frequency may be out of phase in both runs, and the whole distance counts."""
+"""Factor on the step dt. If steps of DRIVEN dt resolve loads and motions, the error is half the distance from the
+companion run. Otherwise the error is the whole distance, since both runs may vibrate out of phase."""
 
 
 QUARTER, SLOW, QUICK = 0.25, 0.2, 30.0
-"""QUARTER: factor on the step of the companion run of an arm with elastic gears. SLOW and QUICK: step times the rate of
-a gear's vibration below which the step resolves the vibration, and above which the gear is practically rigid."""
+"""QUARTER: factor on the step of the companion run of an arm with elastic gears. Let x be the step times the rate of a
+gear's vibration: below x = SLOW the step resolves the vibration, above x = QUICK the gear is practically rigid.
+"""
 
 
 def clamped(scene: Scene, settings: Settings) -> Settings | None:
-    """Return settings with the same mesh and frames clamped at the roots, for stubby links with von Karman chords; no
-    mesh removes the error of chords due to shear. Otherwise return None."""
+    """Return settings with frames clamped at the segments' roots, if links are stubby and their frames are chords with
+    von Karman coupling. (No mesh removes the error of chords due to shear.) Otherwise return None.
+    """
     along = settings.formulation == "floating_frame" and settings.frame == "chord" and settings.coupling == "von_karman"
     if along and not scene.spatial and any(link.slenderness > STUBBY for link in scene.arm.links):
         return settings.replace(frame="root")
@@ -170,7 +170,7 @@ def clamped(scene: Scene, settings: Settings) -> Settings | None:
 
 
 def rubs(scene: Scene) -> bool:
-    """Return whether a joint has dry friction or backlash; step errors are of first order at sticking and impact."""
+    """Return whether a joint has dry friction or backlash, whose events cause step errors of first order."""
     return any(joint.friction_coulomb > 0.0 or joint.backlash > 0.0 for joint in scene.arm.joints)
 
 
@@ -286,7 +286,7 @@ def common_instants(t: ArrayLike, other: ArrayLike) -> tuple[NDArray[np.intp], N
 
 
 def distance(one: Probe, other: Probe) -> float:
-    """Return the largest distance (m) of two runs' tips, or axes' ends, at common instants; inf if a run failed."""
+    """Return the largest distance (m) between two runs' tips (or axes' ends) at equal times; inf if one failed."""
     if not (one.good and other.good):
         return math.inf
     mine, theirs = common_instants(one.t, other.t)
@@ -302,12 +302,11 @@ def estimate(
     run: Callable[..., Probe],
     levels: Sequence[int] = (),
 ) -> tuple[dict[str, float], str]:
-    """Return the parts "time_step" and "mesh" of the error, fractions of L, and the reason if a part is infinite.
+    """Return the parts "time_step" and "mesh" of the error, divided by L, and the reason if a part is infinite.
 
     mine: the run itself, sampled every `sample` s. run: function that makes a companion run from a scene, settings, a
     sampling interval and, for fitted steps, the halvings of dt in each stretch (`Trajectory.step_levels`). levels:
-    halvings of the run itself. Drag (`Arm.mass_damping`) depends on the mesh; meshes are therefore compared without
-    drag.
+    halvings of dt in the run itself. Meshes are compared without drag (`Arm.mass_damping`), which depends on the mesh.
     """
     dt = settings.dt
     assert dt is not None
@@ -395,11 +394,11 @@ def followed(
     levels: Sequence[int],
     notes: Mapping[str, float],
 ) -> dict[str, float]:
-    """Return the elastica's error due to neglected stretch and shear, a fraction of L; {} for other formulations.
+    """Return the elastica's error due to neglected stretch and shear, divided by L; {} for other formulations.
 
-    In the plane the error is the larger of the linear estimate (notes) and the distance from a run with softer links,
-    at most 1. The links are softened by the effect of stretch and shear (`Notes.softer`). In space the error is the
-    distance from an exact beam or, for slender links, from this softer run; both include the effect of the loads.
+    The tip is compared with that of a run whose bending stiffness is reduced to imitate stretch and shear. In the plane
+    the error is the larger of this distance (at most 1) and the linear estimate in `notes`. In space the error is the
+    tip's distance from a run with exact beams or, for slender links, from the run with reduced stiffness.
     """
     stiffness = getattr(notes, "softer", None)
     if stiffness is None:
@@ -438,13 +437,14 @@ def finer_mesh(settings: Settings) -> Settings:
 
 
 def energy_part(balance: Array, turned_over: float) -> float:
-    """Return the part `energy` of the error estimate, a number without unit, computed from the energy balance (n,), J,
-    and the energy turned over, J."""
+    """Return the part `energy` of the error estimate. balance (n,): created energy at each instant, J. turned_over:
+    energy turned over, J.
+    """
     if turned_over <= 0.0:
         return 0.0
     return max(FOUND * float(balance.max()), -TAKEN * float(balance.min())) / turned_over
 
 
 def total(parts: Mapping[str, float]) -> float:
-    """Return the estimate from its parts: the sum of all parts except `energy`, or `energy` if it is larger."""
+    """Return the total error: the sum of all parts except `energy`, or the part `energy` if that is larger."""
     return max(parts.get("energy", 0.0), sum(value for name, value in parts.items() if name != "energy"))

@@ -15,20 +15,22 @@ from .validation import Array
 STUBBY = 5e-3
 """EI / (C L^2) of a link above which a run with chord frames is compared with another run.
 
-The other run has clamped frames; in space it is an exact beam.
+The other run uses clamped frames in the plane and an exact beam in space.
 """
 
 SHEARED = 1e-4
 """EI / (C L^2) of a link above which an elastica in space is compared with an exact beam."""
 
 LAYER = 2.0
-"""Element length over sqrt(EI/N), the bending length of a link under an axial force N.
+"""Limit of an element's length divided by sqrt(EI/N), the bending length of a link under an axial force N.
 
 If the ratio exceeds LAYER, any run in space is compared with a finer exact beam.
 """
 
 AT_LEAST, AT_MOST = 12, 200
-"""Smallest number of elements per link of the exact beam that checks an elastica; largest number of any exact beam."""
+"""AT_LEAST: smallest number of elements per link of the exact beam with which an elastica is compared. AT_MOST: largest
+number of elements per link of any exact beam that a run is compared with.
+"""
 
 
 def _stubbiness(link: Link) -> float:
@@ -57,7 +59,7 @@ def _pull(scene: Scene, t: Array, tip: Array) -> float:
 
 
 def witness(scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Settings | None, bool]:
-    """Return settings of an exact beam whose distance from the run is an error that coarser meshes do not show.
+    """Return settings of an exact beam. Its distance from the run is an error that coarser meshes do not show.
 
     Frames along chords have an error of the order of the squared shear angle, on any mesh. The elastica neglects shear.
     A link under an axial force N bends within about sqrt(EI/N) of its ends. With elements that are several times
@@ -100,25 +102,25 @@ def softest(link: Link) -> float:
 
 
 LITTLE = 1e-7
-"""Distance of two runs, over the arm's length, below which no third run is made."""
+"""If the distance of two runs, divided by the arm's length, is below this number, no third run is made."""
 
 
 def step_factor(growth: float) -> float:
-    """Return the error of a run with step h per unit of its distance from a run with step 2 h.
+    """Return the error of a run with step h divided by its distance from a run with step 2 h.
 
-    growth: factor by which the distance grows if both steps are doubled. If the error is a power of h, the error is 1 /
-    (growth - 1) of the distance: a third in second order. The result includes a safety factor of 1.5. Vibrations that
-    no step resolves have an error of the size of their amplitude at any step. growth is then about 1, and the error is
-    at most the distance, times 1.5.
+    growth: factor by which the distance grows if both steps are doubled. If the error is a power of h, it is 1 /
+    (growth - 1) of the distance: a third for a method of second order. The result includes a safety factor of 1.5. If
+    no step resolves a vibration, the error has the size of the vibration's amplitude at any step. Then growth is about
+    1, and the result is at most 1.5.
     """
     return 0.5 if growth >= 4.0 or not math.isfinite(growth) else min(1.5, 1.5 / max(growth - 1.0, 1e-3))
 
 
 def mesh_factor(n: int) -> float:
-    """Return the error of a run with n elements over its distance from a run with m elements, m = n / 2 rounded up.
+    """Return the error of a run with n elements divided by its distance from a run with m = n / 2 elements.
 
-    If the error is proportional to the squared element length, the error is 1 / ((n/m)^2 - 1) of the distance: a third
-    if m is half of n. The result includes a safety factor of 1.5. For n = 1 the other run has two elements, and the
-    result is 1 (by the same rule the error would be 4/3 of the distance).
+    If n is odd, m is rounded up. If the error is proportional to the squared element length, the error is 1 / ((n/m)^2
+    - 1) of the distance: a third if m is half of n. The result includes a safety factor of 1.5. For n = 1 the other run
+    has two elements, and the result is 1 (by the same rule the error would be 4/3 of the distance).
     """
     return 1.0 if n == 1 else 1.5 / ((n / -(-n // 2)) ** 2 - 1.0)

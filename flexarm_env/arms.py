@@ -25,7 +25,7 @@ _OF_LINK = ("tau_d", "curvature", *ENDS)
 _TAPER = ("widths", "thicknesses", "E", "rho", "G", "kappa")
 
 _BESIDE = ("randomization", "identification")
-"""Tables that a file by `flexarm identify` contains beside [arm]."""
+"""Tables that a file written by `flexarm identify` contains in addition to [arm]."""
 
 
 def names() -> tuple[str, ...]:

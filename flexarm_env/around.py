@@ -30,7 +30,7 @@ class AroundController(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     Args:
         env: an environment of this package, with actions that are torques.
         controller: "pd" or another name of :func:`flexarm_env.control.make`; "pd@FILE" reads the gains from a file.
-        share: share of the torque limits that an action of 1 adds; None selects 0.7.
+        share: share of the torque limits that an action of 1 adds; None: 0.7.
     Raises:
         ValueError: the controller is unknown, the share is not positive, or the environment is not supported.
     """
@@ -50,7 +50,7 @@ class AroundController(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         return self._seen, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Step the environment with controller and action (N,), clipped to [-1, 1].
+        """Step the environment with the controller's torques plus the share of the action (N,), clipped to [-1, 1].
 
         Raises RuntimeError before `reset`.
         """
@@ -65,9 +65,10 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
 
     Args:
         env: a vector environment of this package. controller, share: as for :class:`AroundController`. inside: a
-            controller with its gains, which replaces `controller` and `share`.
+            controller with its gains and share, which replaces `controller` and `share`.
     Raises:
-        ValueError: as for :class:`AroundController`, or the controller can only restart in all environments together.
+        ValueError: the controller is unknown, the share is not positive, the environment is not supported, or the
+            controller can only restart in all environments together.
     """
 
     def __init__(
@@ -83,7 +84,7 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
         self._ended = np.zeros(env.num_envs, np.bool_)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environments, or those in options["reset_mask"], and begin the controller's episodes there."""
+        """Reset all environments, or those in options["reset_mask"], and begin the controller's episodes there."""
         seen, info = self.env.reset(seed=seed, options=options)
         mask = (options or {}).get("reset_mask")
         if mask is None or self._seen is None:
@@ -96,7 +97,7 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
         return seen, info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step all environments with the controller and actions (n, N), clipped to [-1, 1]."""
+        """Step all environments with controller torques plus the share of the actions (n, N) in [-1, 1]."""
         if self._seen is None:
             raise RuntimeError("No episode has begun: call reset first")
         total = self.inside.actions(self.controller, self._seen, actions)

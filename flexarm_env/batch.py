@@ -1,7 +1,7 @@
 """Many arms of one kind; one compiled call advances all arms by a control period. A single arm is a batch of one.
 
-The arms share a Model and a task; each arm has its own payload, stiffness, damping and torque constant. Arms are stored
-in lane groups, which threads share. An arm's results do not depend on batch size or threads.
+The arms have one Model and one task in common. Each arm has its own payload, stiffness, damping and torque constant.
+Arms are stored in groups of lanes, which are distributed among threads. An arm's results do not depend on them.
 """
 
 from __future__ import annotations
@@ -97,15 +97,15 @@ def gauge_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None,
 
 
 class Batch:
-    """n arms with a task, in lane groups.
+    """n arms with a task, stored in groups of lanes.
 
     Args:
-        arm, settings (with dt), gravity: the mechanical system; gravity in m/s^2. n: number of arms.
-        task: record of a task. starts: ranges of drawn starts.
-        period: control period, s, a whole number of settings.dt. account: record energies, work and dissipation.
+        arm, settings (with dt), gravity (m/s^2): the mechanical system. n: number of arms.
+        task: record of a task. starts: ranges from which starts of episodes are drawn.
+        period: control period, s, a multiple of settings.dt. account: whether to record energies, work and dissipation.
         threads: maximum number; None selects the fastest number by timing (`compiler.pace`).
         extras: controllers, motors, sensors, moving targets. contacts: the arms' contacts.
-        left: error of the tip (mesh, step) over the arm's length; inf: unknown. starting: compile starts of episodes.
+        left: error of the tip by mesh and step, divided by the arm's length; inf: unknown. starting: compile starts.
     Attributes:
         action (n, A) float32: input of `step`. observation (n, O) float32, reward (n,), terminated, truncated (n,):
             results of the last step or start. table: entries of info, one row each, one column per arm (and spare
@@ -207,9 +207,9 @@ class Batch:
 
     @property
     def estimate(self) -> float:
-        """Estimated error of the tip over the arm's length, due to mesh, step, and the elastica's neglect of stretch
-        and shear. The last part is a linear estimate, too small for links that whip round (theory, section 5). An
-        unknown error is inf, since nan would differ from itself in checks of determinism."""
+        """Estimated error of the tip, divided by the arm's length, due to mesh, step, and the elastica's neglect of
+        stretch and shear. The last part is a linear estimate, too small for links that whip round (theory, section 5).
+        An unknown error is inf, since nan would differ from itself in checks of determinism."""
         return self.left + self.system.notes.get("stretch_and_shear", 0.0)
 
     # --- one arm's entries -----------------------------------------------------------------------
@@ -223,11 +223,11 @@ class Batch:
         return self._mine(self.layout.par, self.layout.poses, i)
 
     def record(self, i: int) -> Array:
-        """Return arm i's record (`tasks.program.RECORD`), a view."""
+        """Return a view of arm i's record (`tasks.program.RECORD`)."""
         return self._mine(self.layout.record, self.layout.action, i)
 
     def poses(self, i: int) -> Array:
-        """Return the poses (N, 12) of arm i's links after its last period or start (`View`), a copy."""
+        """Return a copy of the poses (N, 12) of arm i's links after the last period or start (`View`)."""
         end = self.layout.record - len(self.task.base) * len(self.lane)
         return self._mine(self.layout.poses, end, i).reshape(self.arm.n_links, -1).copy()
 
@@ -238,7 +238,7 @@ class Batch:
 
     # --- motion ----------------------------------------------------------------------------------
     def parameters(self, i: int) -> Array:
-        """Return arm i's own parameters (`physics.model.PAYLOAD_MASS`, ...), a copy."""
+        """Return a copy of arm i's own parameters (`physics.model.OWN`)."""
         return self._par(i).copy()
 
     def motion(self, i: int) -> tuple[Array, Array, Array]:
@@ -283,7 +283,7 @@ class Batch:
         self.request[:] = REQUEST.pack({"joints": self.arm.n_links, "goals": len(asked["goals"])}, **asked)
 
     def start(self, arms: Sequence[int], keys: Sequence[int], *, limit: int, mode: int = RUNNING) -> None:
-        """Start episodes of `arms` with at most `limit` periods; keys: 64 random bits per arm for draws and noise."""
+        """Start episodes of `arms` with at most `limit` periods. keys: 64 random bits per arm for draws and noise."""
         lanes, at = len(self.lane), self.layout.record + PERIODS_ALLOWED * len(self.lane)
         self.queue[: len(arms)] = chosen = np.asarray(arms, np.int64)
         self.stream[chosen] = np.asarray(keys, np.uint64)
@@ -348,7 +348,7 @@ class Batch:
             self.set_state(i, alone.get_state(0))
 
     def alone(self) -> Batch:
-        """Return a batch of one arm that is otherwise equal to this batch."""
+        """Return a batch with a single arm and otherwise the same data."""
         return self._alone.get(self._one)
 
     def _beside(self) -> Beside[Batch]:
@@ -383,7 +383,7 @@ class Batch:
 
     @property
     def counts(self) -> Array:
-        """Newton iterations, factorizations, halvings and steps since creation, by lane group, (groups, 4)."""
+        """Newton iterations, factorizations, halvings and steps of each group since its creation, (groups, 4)."""
         return self.block[:, self._work * len(self.lane) :][:, :4].copy()
 
     @property
@@ -397,7 +397,7 @@ class Batch:
         return self._mine(0, self._work * len(self.lane), i), self._mine(self.layout.par, self.layout.end, i)
 
     def view(self, i: int) -> View:
-        """Return the shape, poses, target, torques (N m) and time (s) of arm i, for rendering."""
+        """Return arm i at the present instant, for rendering: shape, poses, target, torques (N m) and time (s)."""
         links, (q, v) = self.arm.n_links, (rows[i] for rows in self.motions()[:2])
         if self.arm.spatial:
             points = read(self.arm, self.settings, q[None], v[None])["shapes"][0]

@@ -15,7 +15,7 @@ from flexarm_env.validation import Array
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
 Inertia = Any
-"""Moment of inertia that holds about any axis (kg m^2), or an inertia tensor (`Matrix`)."""
+"""Moment of inertia (kg m^2): one number for all axes, or an inertia tensor (`Matrix`)."""
 
 Z: Vector = (0.0, 0.0, 1.0)
 """Joint axis of an arm in the plane."""
@@ -134,7 +134,7 @@ def about_z(value: Inertia) -> float:
 def about(I: Array, mass: float, arm: Array) -> Array:
     """Return the inertia tensor about a point at `arm` (m) from the center of mass (parallel axis theorem).
 
-    I + mass (arm^T arm E - arm arm^T), kg m^2, with the identity E.
+    The result is I + mass (arm^T arm E - arm arm^T), kg m^2, with the identity matrix E.
     """
     return np.asarray(I + mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm)))
 
@@ -171,7 +171,7 @@ class RigidLink(Link):
 
     @property
     def rigid(self) -> bool:
-        """Whether the link does not bend."""
+        """True, because the link does not bend."""
         return True
 
     @property
@@ -180,7 +180,7 @@ class RigidLink(Link):
         return None
 
     def moment(self, power: int) -> float:
-        """Return the mass moment int s^power dm about the root for powers 0 to 2, kg m^power."""
+        """Return the integral of s^power dm, with the distance s from the root, for powers 0 to 2, kg m^power."""
         # Steiner's term plus the inertia about z
         return self.mass * self.centre[0] ** power + (float(tensor(self.inertia)[2, 2]) if power == 2 else 0.0)
 

@@ -14,11 +14,11 @@ from flexarm_env.accuracy import common_instants
 
 @dataclass(frozen=True)
 class TipError:
-    """Distance of the tip from a reference.
+    """Errors of the tip's position and angle relative to a reference.
 
     max_tip_error, rms_tip_error: largest and root-mean-square distance, m. max_tip_angle_error, max_start_angle_error:
     largest error of the tip's angle and of the root's angle, rad. time_of_max: instant of the largest error, s.
-    instants: number of compared instants. NaN: the reference does not have this column.
+    instants: number of compared instants. An error is NaN if the reference does not have the column.
     """
 
     max_tip_error: float
@@ -29,7 +29,7 @@ class TipError:
     max_start_angle_error: float = math.nan
 
     def found(self) -> dict[str, float]:
-        """The errors that could be computed, by name."""
+        """Dict of the errors that could be computed (not NaN), by name."""
         return {name: value for name, value in dataclasses.asdict(self).items() if not math.isnan(value)}
 
 
@@ -39,7 +39,7 @@ def tip_error(
     """Compute the errors of a tip path against a reference table.
 
     Args:
-        t: (n,) s, increasing. tip: (n, 3): x, y in m and angle in rad.
+        t: (n,): increasing instants, s. tip: (n, 3): x and y of the tip in m, and its angle in rad.
         reference: column t, and the existing columns of tip_x and tip_y, tip_angle, start_angle
             (`flexarm_env.scenes.reference(NAME).columns`, `read_reference`). start: path of the root, in the form of
             tip; required for start_angle.

@@ -10,10 +10,12 @@ from flexarm_env import validation as check
 from flexarm_env.validation import Array
 
 Curvature = float | tuple[tuple[float, float], ...]
-"""Curvature, 1/m, positive to the left; or pairs (s, curvature), s in m from the root; equal s mark a jump."""
+"""Curvature, 1/m, positive to the left: one number, or pairs (s, curvature) with s in m from the root. Equal s mark a
+jump.
+"""
 
 GAUSS = np.polynomial.legendre.leggauss(12)
-"""Gauss points and weights on [-1, 1] for a stretch that turns by less than half a radian."""
+"""Gauss points and weights on [-1, 1] for a piece of a link that turns by less than 0.5 rad."""
 
 
 def checked(value: object, length: float) -> Curvature:
@@ -62,7 +64,7 @@ def check_places(key: str, places: list[float], length: float) -> float:
 def between(places: Array, s: Array, before: bool) -> tuple[NDArray[np.int64], Array]:
     """Return the index of the last point at or before each place s, and the fraction of the way to the next point.
 
-    At a jump the function uses the interval after the jump, or the interval before it if `before`.
+    At a jump the function uses the interval after the jump, or the interval before the jump if `before` is True.
     """
     i = np.clip(np.searchsorted(places, s, side="left" if before else "right") - 1, 0, len(places) - 2)
     return i, np.clip((s - places[i]) / (places[i + 1] - places[i]), 0.0, 1.0)
@@ -79,7 +81,7 @@ def jumps(curve: Curvature) -> tuple[float, ...]:
 
 
 def along(curve: Curvature, s: Any, before: bool = False) -> Array:
-    """Return the curvature (1/m) at places s (m); at a jump its value after the jump, or before it if `before`."""
+    """Return the curvature (1/m) at places s (m); at a jump the value after it, or before it if `before` is True."""
     s = np.asarray(s, np.float64)
     if isinstance(curve, float):
         return np.full(s.shape, curve)
@@ -89,7 +91,7 @@ def along(curve: Curvature, s: Any, before: bool = False) -> Array:
 
 
 def angle(curve: Curvature, s: Any) -> Array:
-    """Return the tangent angle at places s (m) relative to the root's, rad: the integral of the curvature."""
+    """Return the tangent's angle (rad) at places s (m) relative to the root: the integral of the curvature."""
     s = np.asarray(s, np.float64)
     if isinstance(curve, float):
         return np.asarray(curve * s)
@@ -123,7 +125,7 @@ def place(curve: Curvature, s: Any) -> NDArray[np.complex128]:
 
 
 def part(curve: Curvature, first: float, last: float) -> Curvature:
-    """Return the curvature of the stretch between two places (m), with s measured from the first place."""
+    """Return the curvature between the places first and last (m), with s measured from `first`."""
     if isinstance(curve, float):
         return curve
     inner = [(s - first, kappa) for s, kappa in curve if first < s < last]

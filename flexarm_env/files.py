@@ -114,7 +114,7 @@ def csv_lines(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], list[list[
 
 
 def unit_of(column: str) -> str:
-    """Return the unit of a trajectory's column, for example "m" for tip_x; "" for shares and quaternions."""
+    """Return the unit of a trajectory's column, for example "m" for tip_x, or "" for fractions and quaternions."""
     name = column.rstrip("0123456789")
     if name in ("t", "energy"):
         return {"t": "s", "energy": "J"}[name]
@@ -161,7 +161,10 @@ The header is matched and not evaluated, because it may contain any expression.
 
 
 def npz_names(path: str | os.PathLike[str], what: str) -> tuple[str, ...]:
-    """Return the names of the arrays in an .npz file; `what` and errors are as for :func:`read_npz`."""
+    """Return the names of the arrays in an .npz file. Raises the errors of :func:`read_npz`.
+
+    what: noun for messages, for example "trajectory".
+    """
     with _archive(path, what) as archive:
         return tuple(name.removesuffix(".npy") for name in archive.namelist())
 
@@ -262,8 +265,8 @@ def to_folder(flag: str, path: str | os.PathLike[str]) -> Path:
 def write_whole(path: Path, content: bytes | Callable[[Path], Any]) -> None:
     """Write `content` to `path` completely or not at all, through a temporary file in the same folder.
 
-    content: bytes, or a function that writes a file with the same suffix. The folder is created. Devices and pipes are
-    written directly.
+    content: bytes, or a function that writes a file with the same suffix to a given path. The folder of `path` is
+    created. Devices and pipes are written directly.
 
     Raises:
         OSError: writing failed; the error contains the path.
@@ -298,21 +301,24 @@ def table(columns: str, rows: Iterable[Iterable[object]] = (), numbers: bool = F
     """Return the lines of a Markdown table.
 
     Args:
-        columns: heads, separated by " | ". rows: cells. numbers: align all columns except the first to the right.
+        columns: heads of the columns, separated by " | ". rows: cells of each row. numbers: whether to align all
+            columns except the first to the right.
     """
     rule = "|---|" + ("---:|" if numbers else "---|") * columns.count(" | ")
     return [f"| {columns} |", rule, *("| " + " | ".join(map(str, row)) + " |" for row in rows)]
 
 
 def write_npz(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Write arrays as a compressed .npz file, completely or not at all. Raises OSError."""
+    """Write arrays as a compressed .npz file, completely or not at all. Raises OSError if writing fails."""
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
     write_whole(path, buffer.getvalue())
 
 
 def imported(path: str, word: str) -> Any:
-    """Import the object that `word`, "module:name", names; the current folder is searched, too.
+    """Import the object that `word` names as "module:name"; modules in the current folder are found, too.
+
+    path: key path for the message.
 
     Raises ValueError that begins with `path` if the object cannot be imported.
     """

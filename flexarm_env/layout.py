@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 
 class Field(NamedTuple):
-    """A part of a layout. shape: numbers or expressions in the layout's sizes; () for a single number."""
+    """A part of a layout. shape: lengths of the axes, as numbers or expressions in the sizes; () for one number."""
 
     name: str
     shape: tuple[int | str, ...]
@@ -41,7 +41,7 @@ class Field(NamedTuple):
 
     @property
     def amount(self) -> str:
-        """Number of entries, as an expression in the sizes."""
+        """Number of entries of the field, as an expression in the layout's sizes."""
         return " * ".join(f"({part})" for part in self.shape) or "1"
 
 
@@ -49,7 +49,8 @@ class Layout:
     """A sequence of fields in a flat array.
 
     Args:
-        name: name of the returned named tuples. sizes: names of the sizes, for example "n, elements"; "" for none.
+        name: class name of the named tuples of offsets and views. sizes: names of the sizes, for example "n, elements";
+            "" for none.
         fields: the fields in order; an array is stored by rows.
     Attributes:
         length: number of entries, as an expression in the sizes.

@@ -6,10 +6,10 @@ density
 
     d(s) = EI(s)^(-1/2) / int EI^(-1/2) ds + KINKED |d ln EI / ds|                  (1/m)
 
-The integral of its first term is 1. The length l of a cell should follow both the angle M l / EI by which the cell
-bends (l ~ EI) and the length of bending waves (l ~ EI^(1/4)); the power 1/2 is a compromise. The second term adds cells
-to a piece whose stiffness changes by a large factor, because a cell's polynomial does not represent its curvature M /
-EI.
+The integral of the first term along the link is 1. The length l of a cell should follow both the angle M l / EI by
+which the cell bends (l ~ EI) and the length of bending waves (l ~ EI^(1/4)); the power 1/2 is a compromise. The second
+term adds cells to a piece whose stiffness changes by a large factor, because a cell's polynomial does not represent its
+curvature M / EI.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Stiffnesses(Protocol):
 
 
 class Divisible(Protocol):
-    """Attributes of a link from which its division is computed (see `sections.Link`)."""
+    """Attributes of a link from which its division into cells is computed (see `sections.Link`)."""
 
     def __hash__(self) -> int: ...
 
@@ -52,16 +52,16 @@ class Divisible(Protocol):
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Places of jumps and kinks and both ends of the link, m from the root."""
+        """Places of jumps and kinks of the section, and both ends of the link, m from the root."""
         ...
 
     @property
     def jumps(self) -> tuple[float, ...]:
-        """Places of jumps, m from the root."""
+        """Places where the section or the curvature jumps, m from the root."""
         ...
 
     def along(self, s: Array | float, before: bool = False) -> Stiffnesses:
-        """The section's properties at places s, m; `before`: on the root's side of a jump."""
+        """Return the section's properties at places s (m); at a jump after the jump, or before the jump if `before`."""
         ...
 
 
@@ -80,7 +80,7 @@ class Piece(NamedTuple):
         return float(self.below[-1])
 
     def ends(self, count: int) -> Array:
-        """Return the places where `count` cells of equal weight begin, (count,) m from the link's root."""
+        """Return the places (count,) where `count` cells of equal weight begin, m from the link's root."""
         if self.even:
             return np.linspace(self.first, self.last, count, endpoint=False)
         # invert the integral of the density
@@ -111,10 +111,9 @@ def _pieces(link: Divisible, kinks: bool) -> tuple[Piece, ...]:
 
 
 def pieces(link: Divisible, n: int, option: str) -> tuple[Piece, ...]:
-    """Return the pieces that n cells can separate: between jumps and kinks, or between jumps if n is too small.
+    """Return the pieces of a link between jumps and kinks, or only between jumps if n cells are too few.
 
-    option: name of the user's option that gave n. Raises ValueError, which names the option, if n is too small for the
-    jumps.
+    option: name of the user's option for n. Raises ValueError, which names the option, if n is too small for the jumps.
     """
     # a cell cannot span a jump
     least = len(link.jumps) + 1
@@ -126,7 +125,7 @@ def pieces(link: Divisible, n: int, option: str) -> tuple[Piece, ...]:
 
 
 def counts(found: Sequence[Piece], n: int, most: int | None = None) -> list[int]:
-    """Return how many of n cells each piece gets.
+    """Return the number of cells in each piece, n in total.
 
     Each piece gets one cell; each further cell goes to the piece with the largest weight per cell.
 
@@ -141,7 +140,7 @@ def counts(found: Sequence[Piece], n: int, most: int | None = None) -> list[int]
 
 
 def ends(link: Divisible, n: int, option: str) -> Array:
-    """Return the ends of n cells, (n + 1,) m from the link's root. option: as in `pieces`."""
+    """Return the ends (n + 1,) of n cells, m from the link's root. option: name of the user's option for n."""
     if len(link.breaks) == 2:
         return np.linspace(0.0, link.length, n + 1)
     found = pieces(link, n, option)
@@ -166,7 +165,8 @@ def middles(link: Divisible, n: int) -> list[float]:
 def divides(fine: Divisible, m: int, link: Divisible, n: int) -> bool:
     """Return whether m cells divide `fine` at least as finely as n cells divide `link`.
 
-    The condition is that each half piece of `fine` has as many cells as the corresponding piece of `link`.
+    The condition is that each piece of `fine`, which is half of a piece of `link`, has at least as many cells as that
+    piece.
 
     fine: a link whose pieces are the halves of the pieces of `link`.
     """

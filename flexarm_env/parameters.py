@@ -50,7 +50,7 @@ class Elbow:
 
     @property
     def spatial(self) -> bool:
-        """Whether the elbow turns a link out of the plane of the previous link, or has inertia tensors."""
+        """Whether the elbow turns a link out of the previous link's plane, or has an inertia tensor."""
         tensors = isinstance(self.inertia_left, tuple) or isinstance(self.inertia_right, tuple)
         return self.axis != bodies.Z or self.mount is not None or tensors
 
@@ -96,14 +96,15 @@ class Payload:
 
     @property
     def lever(self) -> complex:
-        """Offset along and across the tip's tangent as a complex number, m."""
+        """Offset of the center of mass from the tip, along and across the tip's tangent, as a complex number, m."""
         return complex(*self.offset[:2])
 
 
 @described
 @dataclass(frozen=True)
 class Motor:
-    """An electric motor: torque = torque_constant i, voltage = resistance i + back_emf rate, with i the current in A.
+    """An electric motor: torque = torque_constant i, voltage = resistance i + back_emf rate, with the current i in A.
+
 
     Torque (N m) and rate (rad/s) are those of the shaft before the gear.
     """
@@ -148,9 +149,9 @@ class Joint:
     The torque of the joint (`JointTorque`, an action) acts on the motor's side. An elastic gear adds a coordinate to
     the arm: the motor's angle divided by the gear ratio, measured relative to the previous link like the joint's angle.
     The motor's coordinate is "motor0", in addition to "joint0", the angle of the link's root. Spring and damper act
-    between both.
+    between motor and joint.
 
-    The rotor's energy is 1/2 motor_inertia (gear_ratio rate)^2, with the rate of the motor's angle relative to the
+    The rotor's energy is 1/2 motor_inertia (gear_ratio rate)^2, where rate is that of the motor's angle relative to the
     previous link. An elastic gear needs a positive rotor inertia unless a motion prescribes the motor's angle. In space
     the rotor's angular momentum causes a gyroscopic moment when the rotor's axis turns.
     """
@@ -200,7 +201,7 @@ class Joint:
 
     @property
     def moves(self) -> bool:
-        """Whether the joint differs from an ideal one in the equations of motion."""
+        """Whether the joint differs from an ideal joint in the equations of motion."""
         return self.elastic or self.rotor > 0.0 or self.friction_viscous > 0.0 or self.friction_coulomb > 0.0
 
 
@@ -328,7 +329,7 @@ class Arm:
 
     @property
     def damping(self) -> tuple[float, tuple[float, ...] | None]:
-        """Largest tau_d of the links, s, and each link's ratio to it; if all are equal, None instead of the ratios."""
+        """Largest tau_d of the links, s, and the ratio of each link's tau_d to the largest (None if all are equal)."""
         # a link's own tau_d takes precedence over the arm's
         own = [self.tau_d if link.tau_d is None else link.tau_d for link in self.links]
         largest = max(own)
@@ -336,7 +337,7 @@ class Arm:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the N joints: "hub", then "elbow", or "elbow_1", "elbow_2", ... if there are several elbows."""
+        """Names of the N joints: "hub", then "elbow" (for a single elbow) or "elbow_1", "elbow_2" and so on."""
         # a single elbow has no number
         count = self.n_links - 1
         return ("hub", *(("elbow",) if count == 1 else tuple(f"elbow_{k + 1}" for k in range(count))))
@@ -347,20 +348,20 @@ class Arm:
 
     @property
     def jointed(self) -> bool:
-        """Whether a joint is not ideal."""
+        """Whether at least one joint is not ideal."""
         return any(joint.moves for joint in self.joints)
 
     @property
     def taut(self) -> Arm:
-        """The arm without backlash, for linear models: there is no spring to linearize within the gap."""
+        """The arm without backlash, for linear models: within the gap a gear has no spring that could be linearized."""
         return replace(self, joints=tuple(replace(joint, backlash=0.0) for joint in self.joints))
 
     def joint(self, k: int) -> Joint:
-        """Return the drive of joint k; an ideal joint if none is given."""
+        """Return the drive of joint k, or an ideal joint if the arm defines no drives."""
         return self.joints[k] if self.joints else Joint()
 
     def elbow(self, joint: int) -> Elbow:
-        """Return the elbow at joint 1 ... N-1; a massless elbow if none is given."""
+        """Return the elbow at joint 1 ... N-1, or a massless elbow if the arm defines no elbows."""
         if not 1 <= joint < self.n_links:
             raise check.InvalidValue("joint", joint, f"must be from 1 to {self.n_links - 1} for this arm")
         return self.elbows[joint - 1] if self.elbows else Elbow()

@@ -54,14 +54,14 @@ TRANSPARENT = (PassiveEnvChecker, OrderEnforcing, TimeLimit)
 
 @dataclass(frozen=True, repr=False)
 class Episode:
-    """T steps of one environment, with the data that replay them.
+    """An episode of T steps, with the data that are needed to replay it.
 
     Attributes:
-        env_id: id in the registry. env_kwargs: its keywords. max_episode_steps: the value given to make, or None.
+        env_id: the environment's id. env_kwargs: its keywords. max_episode_steps: the argument of make, or None.
         seed: seed of the reset. If None, `generator` is the state of the environment's generator before the reset.
         options: options of the reset, or None.
         observations (T + 1, O), actions (T, N): float32. rewards (T,): float64. terminations, truncations (T,): bool.
-        infos: arrays by name, T + 1 rows each.
+        infos: arrays of `info` entries by name, with T + 1 rows each.
     """
 
     env_id: str
@@ -94,8 +94,8 @@ class Episode:
         return all(np.array_equal(getattr(self, name), getattr(other, name), equal_nan=True) for name in names)
 
     def clip(self, label: str | None = None, env_id: str | None = None) -> Clip | SpaceClip:
-        """Replay the episode and return the clip that a player shows. label: name beside other clips; the default is
-        the environment's id. env_id: as in `replay`."""
+        """Replay the episode and return the clip that a player shows. label: the clip's name, by default the
+        environment's id. env_id: as in `replay`."""
         with closing(_make_env(self, env_id, info_level="full")) as env:
             played = [(observation, info, env.unwrapped.snapshot()) for observation, info in _played(env, self)]
             plan, guide = env.unwrapped.plan, env.unwrapped.guide
@@ -124,7 +124,7 @@ class Episode:
 class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
     """Wrapper of a single environment of this package that stores its episodes in `episodes`, oldest first.
 
-    An episode is stored when it ends. If `reset` or `close` interrupts an episode, its part until then is stored.
+    An episode is stored when it ends. If `reset` or `close` interrupts an episode, the steps until then are stored.
     Wrappers that change observations or actions must wrap this wrapper.
 
     Raises:
@@ -257,8 +257,8 @@ def save_episodes(path: str | os.PathLike[str], episodes: Sequence[Episode]) -> 
     """Write episodes of one environment to an .npz file, completely or not at all, and return its path.
 
     Args:
-        path: path of the file; its folder is created. episodes: at least one, with observations and infos of the same
-            shapes.
+        path: path of the file; its folder is created. episodes: at least one episode; observations and infos must have
+            the same shapes in all episodes.
     Raises:
         ValueError: there is no episode, observations or infos differ in shape, or `load_episodes` rejects one.
     """
@@ -300,7 +300,7 @@ def _alike(episodes: object) -> tuple[Episode, ...]:
 
 
 def load_episodes(path: str | os.PathLike[str]) -> list[Episode]:
-    """Return the episodes in a file by `save_episodes`; raise ValueError if the file is of another kind or damaged."""
+    """Return the episodes in a file that `save_episodes` wrote; raise ValueError for any other or damaged file."""
     arrays = read_npz(path, "episodes")
     with check.in_file(path):
         for name in ("meta", "lengths", "observations", *STEPS):
@@ -338,7 +338,7 @@ ABOUT: Mapping[str, Callable[[str, Any], Any]] = {
     "env_id": check.text, "env_kwargs": check.table_of, "max_episode_steps": partial(check.integer, minimum=1),
     "seed": partial(check.integer, minimum=0), "generator": _state, "options": check.table_of,
 }  # fmt: skip
-"""Metadata of an episode in a file, each with its validating function."""
+"""Metadata of an episode in a file, by name, each with the function that validates it."""
 
 
 def _cut(arrays: Mapping[str, Any], about: Sequence[Mapping[str, Any]]) -> Iterator[Episode]:

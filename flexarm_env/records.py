@@ -28,17 +28,17 @@ T = TypeVar("T")
 Schema = dict[str, Any]
 
 RULE = "rule"
-"""Key of a field's rule in its metadata."""
+"""Key under which a dataclass field's metadata contain the field's `Rule`."""
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Rule of a field.
+    """Rule for the values of a dataclass field, with the field's documentation.
 
     Attributes:
-        text: one sentence of documentation, without unit and bounds. unit: SI unit; "": none. check: function of key
-            path and value that returns the value to store, or raises `InvalidValue`. json: JSON schema of the value.
-            optional: whether None is permitted, too.
+        text: one sentence of documentation, without unit and bounds. unit: SI unit, or "" for a number without unit.
+        check: function of key path and value that returns the value to store, or raises `InvalidValue`. json: JSON
+            schema of the value. optional: whether the value None is permitted.
     """
 
     text: str
@@ -65,7 +65,7 @@ def number(
     text: str, unit: str = "", default: Any = MISSING, *, optional: bool = False,
     minimum: float | None = None, above: float | None = None, maximum: float | None = None,
 ) -> Any:  # fmt: skip
-    """Declare a field with a finite number; bounds as in `validation.number`."""
+    """Declare a field with a finite number. The bounds are those of `validation.number`."""
     bounds: dict[str, Any] = {"minimum": minimum, "above": above, "maximum": maximum}
     words = {"minimum": "minimum", "above": "exclusiveMinimum", "maximum": "maximum"}
     json = {"type": "number"} | {words[key]: bound for key, bound in bounds.items() if bound is not None}
@@ -75,14 +75,14 @@ def number(
 def integer(
     text: str, default: Any = MISSING, *, minimum: int, maximum: int | None = None, optional: bool = False
 ) -> Any:  # fmt: skip
-    """Declare a field with a whole number; bounds as in `validation.integer`."""
+    """Declare a field with a whole number. The bounds are those of `validation.integer`."""
     json = {"type": "integer", "minimum": minimum} | ({} if maximum is None else {"maximum": maximum})
     rule = partial(check.integer, minimum=minimum, maximum=maximum)
     return value(rule, json, text, "", default, optional=optional)
 
 
 def choice(words: Sequence[str], text: str, default: Any = MISSING) -> Any:
-    """Declare a field with one of some words."""
+    """Declare a field whose value is one of `words`."""
     return value(partial(check.choice, allowed=words), {"enum": list(words)}, text, "", default)
 
 
@@ -90,12 +90,15 @@ def value(
     rule: Callable[[str, Any], Any], json: Mapping[str, Any], text: str, unit: str = "", default: Any = MISSING,
     *, optional: bool = False,
 ) -> Any:  # fmt: skip
-    """Declare a field with any other value, by its validating function and JSON schema."""
+    """Declare a field with a value of any other kind.
+
+    rule: function that validates the value. json: JSON schema of the value. text: one sentence of documentation.
+    """
     return dataclasses.field(default=default, metadata={RULE: Rule(text, unit, rule, json, optional)})
 
 
 def rules(kind: Any) -> dict[str, Rule]:
-    """Return the rules of a class's fields by name; fields without a rule are left out."""
+    """Return a dict of the rules of a class's fields by name, without fields that have no rule."""
     return {one.name: one.metadata[RULE] for one in dataclasses.fields(kind) if RULE in one.metadata}
 
 
@@ -110,7 +113,7 @@ def validate(record: Any, prefix: str = "") -> None:
 
 
 def made(path: str, kind: type[T], table: object, *, prefix: str | None = None) -> T:
-    """Create an object from a table of a TOML file. path, prefix: as in `validation.made`.
+    """Create an object of class `kind` from a table of a TOML file. path, prefix: as in `validation.made`.
 
     Raises:
         ValueError: the message names the key path, and the value and the rule, or the missing or unknown key.
@@ -130,7 +133,7 @@ def _required(kind: Any) -> list[str]:
 def described(kind: type[T]) -> type[T]:
     """Append the fields with sentence, unit and bounds to the docstring of a class, as its arguments.
 
-    Arguments that the docstring describes itself are at its end and come first; they replace the sentences of fields.
+    Arguments that the docstring already describes come first. Their descriptions replace the fields' sentences.
     """
     text = inspect.cleandoc(kind.__doc__ or "")
     lines = [] if "\nArgs:\n" in text else ["", "Args:"]
@@ -168,7 +171,7 @@ def rows(kind: Any) -> list[tuple[str, str, str, str]]:
 def schema(kind: Any, **more: Any) -> Schema:
     """Return the JSON schema of a table with a class's fields.
 
-    more: schemas of fields without a rule; they replace those of fields with one.
+    more: JSON schemas by field name, for fields without a rule or in place of the schema of a field's rule.
     """
     known = {name: _described(rule) for name, rule in rules(kind).items()} | more
     fields = [one for one in dataclasses.fields(kind) if one.init]
@@ -194,7 +197,7 @@ def _by_type(words: str) -> Schema:
 def by_key(cases: Mapping[str, Schema], otherwise: Schema) -> Schema:
     """Return the schema of a table whose kind follows from a key: the first of `cases` that the table has.
 
-    A validator then reports the fault in this kind of table, and not that none of several kinds fits.
+    With this schema a validator reports the fault within the table, and not only that no kind of table matches.
     """
     found = otherwise
     for key, one in reversed(list(cases.items())):

@@ -19,13 +19,14 @@ from .time_functions import TimeFunction, constant
 from .validation import Array
 
 AT_REST = 1e-12
-"""Change in a long step, rad or arm lengths, below which the arm is at rest."""
+"""The arm is at rest if its coordinates change by less than this in a long step (rad, or fraction of the arm's length).
+"""
 
 LONG = 1e4
-"""Length of a long step, s."""
+"""Length of a long step of the continuation, s."""
 
 MOST = 300
-"""Largest number of steps."""
+"""Largest number of steps of the continuation."""
 
 
 class NoEquilibrium(RuntimeError):
@@ -33,7 +34,7 @@ class NoEquilibrium(RuntimeError):
 
 
 def resting(scene: Scene) -> Scene:
-    """Return the scene with constant loads and motions, at their values for t = 0.
+    """Return the scene with all loads and motions constant, at the values that they have at t = 0.
 
     With start="held" all joints are held, too; with an elastic gear the motor is held instead of the joint. Torques on
     held joints are removed.
@@ -67,10 +68,10 @@ def _at_start(load: Load) -> Load:
 
 
 def resting_settings(settings: Settings, space: bool) -> Settings:
-    """Return the settings for `relax`: steps of one size, and no correction of the period.
+    """Return the settings for `relax`: a constant step, and no correction of the period error.
 
-    An elastica in space gets the inertia for steps of 1 s. The inertia is proportional to the stiffness, so that all
-    strains come to rest at the same rate.
+    An elastica in space is assembled for steps of 1 s. Its added inertia is then proportional to the stiffness, so that
+    all strains come to rest at the same rate.
     """
     plain: dict[str, Any] = {"step_tolerance": None}
     if space and settings.formulation == "elastica":
@@ -139,9 +140,9 @@ def _reason(simulation: Any, last: float) -> str:
 
 
 def out_of_range(model: Any, share: str = "") -> str:
-    """Return an error message: the arm at rest exceeds the range of its formulation.
+    """Return the error message for an arm whose deflection at rest exceeds the range of its formulation.
 
-    share: smallest share of the loads at which the arm exceeds the range."""
+    share: text with the smallest fraction of the loads at which the arm exceeds the range, or ""."""
     bound = float(getattr(model, "bound", 0.0))
     why = "beyond the range of the reduction to modes" if bound else "larger than a floating body can have"
     instead = "take more segments (no modes), or formulation='geometrically_exact'"

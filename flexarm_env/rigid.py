@@ -19,11 +19,13 @@ from .validation import Array
 ComplexOrReal = NDArray[Any]
 
 SETTLED = 0.5
-"""Time, s, for which the tip has to stay at a target to count as a success."""
+"""Time (s) that the tip has to stay at a target for a success."""
 TURNS, PERIODS = 2.0, 50.0
-"""Quarter turns per episode, in addition to `SETTLED`; control periods per quarter turn."""
+"""TURNS: duration of an episode in units of the time of a quarter turn, without `SETTLED`. PERIODS: number of control
+periods in a quarter turn.
+"""
 STEPS = (1.0, 2.0, 5.0)
-"""Leading digits of suggested control periods."""
+"""Leading digits of suggested control periods: 1, 2 or 5 times a power of ten."""
 
 
 def reach(arm: Arm) -> tuple[float, float]:
@@ -33,14 +35,14 @@ def reach(arm: Arm) -> tuple[float, float]:
 
 
 def largest_force(arm: Arm) -> float:
-    """Return the largest tip force, N, for which every motor can balance the force at the straight arm's lever."""
+    """Return the largest force (N) across the straight arm's tip that all motors can balance."""
     levers = np.cumsum([link.span for link in arm.links][::-1])[::-1]
     assert arm.torque_limits is not None
     return float(min(np.array(arm.torque_limits) / levers))
 
 
 def link_inertia(arm: Arm) -> ComplexOrReal:
-    """Return the constants C (N, N), kg m^2, of the inertia matrix in the links' absolute angles alpha.
+    """Return the constants C (N, N), kg m^2, of the inertia matrix M for the links' absolute angles alpha.
 
     The matrix is M_jk = Re C_jk exp(-i (alpha_j - alpha_k)). A body (link, elbow, motor or payload) has the position
     sum_j a_j exp(i alpha_j), summed over the links up to the body. The body adds m conj(a_j) a_k to C, and its own
@@ -137,7 +139,7 @@ def _of_joints(values: Array, axis: int) -> Array:
 
 
 def rigid_inertia(arm: Arm, elbows: Array) -> Array:
-    """Return the inertia matrix in joint angles, (n, N, N) kg m^2, with rotors, at elbow angles (n, N - 1) rad."""
+    """Return the inertia matrices for joint angles, (n, N, N), kg m^2, with rotors, at elbow angles (n, N - 1), rad."""
     rotors = np.diag([arm.joint(k).rotor for k in range(arm.n_links)])
     C, turned = link_inertia(arm), _differences(arm, elbows)
     return _of_joints(_of_joints(C.real * np.cos(turned) + C.imag * np.sin(turned), 1), 2) + rotors
@@ -146,8 +148,8 @@ def rigid_inertia(arm: Arm, elbows: Array) -> Array:
 def coriolis(arm: Arm, elbows: Array, rates: Array) -> Array:
     """Return the Coriolis and centrifugal torques (n, N), N m, at joint rates (n, N), rad/s.
 
-    Coriolis and centrifugal torques are the joint torques less inertia times acceleration. elbows: elbow angles (n, N -
-    1), rad.
+    These torques are the joint torques minus inertia matrix times joint accelerations. elbows (n, N - 1): elbow angles,
+    rad. rates (n, N): joint rates, rad/s.
     """
     # rates of the absolute angles, squared
     squares = np.cumsum(rates, axis=1) ** 2
@@ -164,7 +166,8 @@ def inertia_beyond(arm: Arm, joint: int) -> float:
 def rate_scale(arm: Arm, joint: int) -> float:
     """Return the top rate sqrt(tau pi/2 / I), rad/s, of a rigid quarter turn from rest to rest at full torque.
 
-    The arm reaches this rate midway. tau: torque limit of the joint. I: inertia of the straight arm about the joint.
+    The arm reaches this rate in the middle of the turn. tau is the joint's torque limit, and I the inertia of the
+    straight arm about the joint.
     """
     limits = arm.torque_limits
     assert limits is not None
@@ -175,7 +178,7 @@ def centre_shift(arm: Arm) -> float:
     """Return the hub's largest distance from the center of mass of arm and floating base, m; 0 without a base.
 
     If the base floats freely, this center of mass is a fixed point. The hub stays within the returned distance of the
-    center of mass, and the tip within the arm's length less this distance.
+    center of mass, and the tip within the arm's length minus this distance.
     """
     if arm.base is None:
         return 0.0
@@ -196,8 +199,9 @@ class TimeScales:
     """Time scales of an arm with torque limits.
 
     Attributes:
-        quarter_turns (N,): minimum time of a quarter turn of each joint from rest to rest, s. The torque is full and
-            reversed midway, and the arm beyond the joint is straight and rigid. slew: the longest of these times, s.
+        quarter_turns (N,): minimum time of a quarter turn of each joint from rest to rest, s. The motor applies the
+            full torque, reversed in the middle of the turn, and the arm beyond the joint is straight and rigid. slew:
+            the longest of these times, s.
         duration: duration of an episode, s. control_dt: control period, s. gamma: discount factor per control period,
             whose horizon dt/(1 - gamma) equals a slew.
     """
@@ -212,7 +216,7 @@ class TimeScales:
 def timescales(arm: Arm, control_dt: float | None = None) -> TimeScales:
     """Compute the time scales of an arm.
 
-    control_dt: control period, s, for the discount factor; None: a suggested one.
+    control_dt: control period, s, or None for a suggested control period.
     """
     # minimum time of a quarter turn, 2 sqrt(I (pi/2) / tau)
     quarters = tuple(math.pi / rate_scale(arm, k) for k in range(arm.n_links))

@@ -12,7 +12,7 @@ from flexarm_env.validation import Array
 
 
 def skew(a: Any) -> Array:
-    """Return a^, the matrix of b -> a x b: (..., 3, 3) of a (..., 3)."""
+    """Return the skew matrices a^ (..., 3, 3) of vectors a (..., 3), with a^ b = a x b."""
     x, y, z = np.moveaxis(np.asarray(a, np.float64), -1, 0)
     zero = np.zeros_like(x)
     rows = ((zero, -z, y), (z, zero, -x), (-y, x, zero))
@@ -42,7 +42,7 @@ def slope(psi: Array) -> Array:
 
 
 def quaternions(A: Any) -> Array:
-    """Return the quaternions (..., 4), w >= 0 first, of rotation matrices (..., 3, 3)."""
+    """Return the quaternions (..., 4) of rotation matrices (..., 3, 3), with the real part w >= 0 first."""
     A = np.asarray(A, np.float64)
     trace = A[..., 0, 0] + A[..., 1, 1] + A[..., 2, 2]
     # four times the products of the quaternion's entries; the row of its largest entry has no round-off
@@ -60,12 +60,12 @@ def quaternions(A: Any) -> Array:
 
 
 def vectors(A: Any) -> Array:
-    """Return the rotation vectors (..., 3), rad, of length at most pi, of rotation matrices (..., 3, 3)."""
+    """Return the rotation vectors (..., 3), rad, at most pi long, of rotation matrices (..., 3, 3)."""
     return of_quaternions(quaternions(A))
 
 
 def of_quaternions(p: Array) -> Array:
-    """Return the rotation vectors (..., 3), rad, of length at most pi, of quaternions (..., 4), w >= 0 first."""
+    """Return the rotation vectors (..., 3), rad, at most pi, of quaternions (..., 4), whose first number is >= 0."""
     sine = np.sqrt((p[..., 1:] ** 2).sum(axis=-1))
     angle = 2.0 * np.arctan2(sine, p[..., 0])
     # angle over sine of half of it; 2 in the limit of small angles
@@ -74,10 +74,10 @@ def of_quaternions(p: Array) -> Array:
 
 
 def turned(A: Array, b: Any) -> Array:
-    """Return A b, vectors (..., 3) mapped from body to inertial axes by matrices (..., 3, 3)."""
+    """Return A b: vectors b (..., 3) in body axes, mapped to inertial axes by rotation matrices A (..., 3, 3)."""
     return np.asarray((A @ np.asarray(b, np.float64)[..., None])[..., 0])
 
 
 def back(A: Array, b: Any) -> Array:
-    """Return A^T b, vectors (..., 3) mapped from inertial to body axes by matrices (..., 3, 3)."""
+    """Return A^T b: vectors b (..., 3) in inertial axes, mapped to body axes by rotation matrices A (..., 3, 3)."""
     return turned(np.swapaxes(A, -1, -2), b)

@@ -49,16 +49,17 @@ def make_sb3_vec(
     Args:
         env_id: a registered id, such as "FlexibleArm-v0". n_envs: number of environments.
         seed: environment i starts with seed + i at the first reset; None: the operating system provides seeds.
-        monitor: wrap in VecMonitor (episode returns and lengths, `is_success`); a string is the file that it writes.
-        normalize: wrap in VecNormalize; a mapping contains its keywords, e.g. {"norm_reward": False, "gamma": 0.98}.
-        info_keys: entries of the environment's info that every step returns. All other infos are filled only for ended
-            episodes, because Stable-Baselines3 does not read them in other steps.
+        monitor: whether to wrap in VecMonitor (episode returns and lengths, `is_success`); a string is the path of the
+            monitor's file.
+        normalize: whether to wrap in VecNormalize; a mapping contains keywords of VecNormalize, e.g. {"norm_reward":
+            False, "gamma": 0.98}.
+        info_keys: entries of the environment's info that every step returns. All other entries are filled only for
+            ended episodes, because Stable-Baselines3 does not read them in other steps.
         vectorization_mode: "vector_entry_point" (the native one), or "sync" or "async" for n_envs single environments.
         wrappers: functions or classes that wrap each single environment, the first one innermost. The native vector
             environment has no single environments; with wrappers, "vector_entry_point" is therefore "sync".
-        lengths: factors on the links' lengths; the environments are divided among them (`envs.lengths`).
-        around: a controller inside the environments; the actions are added to its torques
-            (`flexarm_env.around.AroundControllerVector`).
+        lengths: factors on the links' lengths. The environments are divided among these factors (`envs.lengths`).
+        around: a controller whose torques are added to the actions (`flexarm_env.around.AroundControllerVector`).
         kwargs: keywords of the environment.
     Returns:
         VecNormalize(VecMonitor(GymnasiumVecEnv)), without the wrappers that are not requested.
@@ -108,8 +109,8 @@ class GymnasiumVecEnv(VecEnv):
 
     Args:
         env: the vector environment.
-        info_keys: entries of its info that every step returns. The infos of an ended episode contain all entries, with
-            "terminal_observation" and "TimeLimit.truncated".
+        info_keys: entries of the environment's info that every step returns. At the end of an episode all entries are
+            returned, with "terminal_observation" and "TimeLimit.truncated".
     Raises:
         ValueError: the autoreset mode is not same-step. Stable-Baselines3 requires the first observation of the next
             episode together with the last reward.
@@ -130,7 +131,7 @@ class GymnasiumVecEnv(VecEnv):
     def reset(self) -> Any:
         """Reset all environments and return their first observations.
 
-        The seeds and options are those of `seed` and `set_options`."""
+        The reset uses the seeds and options that the methods `seed` and `set_options` have stored."""
         seeds, options = self._seeds, self._options
         self._reset_seeds()
         self._reset_options()
@@ -164,7 +165,9 @@ class GymnasiumVecEnv(VecEnv):
     def step_wait(self) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], Infos]:
         """Step the environments.
 
-        Returns observations (of the next episode if one ended), rewards (n,) float32, dones (n,) and infos."""
+        Returns observations, rewards (n,) float32, dones (n,) and infos. Where an episode ended, the observation is the
+        first of the next episode.
+        """
         observations, rewards, terminated, truncated, info = self.env.step(self._actions)
         dones = np.logical_or(terminated, truncated)
         infos: Infos = [{} for _ in range(self.num_envs)]
@@ -214,8 +217,8 @@ class GymnasiumVecEnv(VecEnv):
         The environments of this package have the attribute `starts`, the ranges of starts and targets.
 
         Raises:
-            ValueError: `indices` selects some environments but all share the attribute, or the attribute is a keyword
-                of the environment that cannot change.
+            ValueError: `indices` selects some environments, but all environments share the attribute; or the attribute
+                is a keyword of the environment that cannot change.
         """
         chosen = self._indices(indices)
         if attr_name in ARGUMENTS and attr_name not in CHANGEABLE:
@@ -241,11 +244,12 @@ class GymnasiumVecEnv(VecEnv):
     ) -> list[Any]:
         """Call a method of the environments in `indices`; return the list of results.
 
-        "reset" takes seed (an int: environment i gets seed + i) and options, and resets only these environments;
-        "render" draws them. A method of the vector environment with a parameter `indices` receives the indices.
+        "reset" has the arguments seed (an int; environment i gets seed + i) and options, and resets only these
+        environments. "render" draws only these environments. A method of the vector environment with a parameter
+        `indices` receives the indices.
 
         Raises:
-            ValueError: `indices` selects some environments but the method acts on all.
+            ValueError: `indices` selects some environments, but the method acts on all environments.
         """
         chosen = self._indices(indices)
         if method_name == "reset":

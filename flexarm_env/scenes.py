@@ -76,7 +76,7 @@ def resolve(scene: Scene | str | os.PathLike[str]) -> Scene:
 
 
 COLUMNS = ("t", "energy", "start_x", "start_y", "start_angle", "tip_x", "tip_y", "tip_angle")
-"""First columns of a trajectory's CSV file (s, J, m, m, rad, m, m, rad)."""
+"""First columns of a trajectory's CSV file, with the units s, J, m, m, rad, m, m, rad."""
 
 COMPARED = (("tip_x", "tip_y"), ("tip_angle",), ("start_angle",))
 """Groups of columns that a comparison reads: the columns of a group are needed together, and one group is enough."""
@@ -86,8 +86,9 @@ COMPARED = (("tip_x", "tip_y"), ("tip_angle",), ("start_angle",))
 class Reference:
     """A reference trajectory: its scene, origin, absolute tolerances and columns.
 
-    ``tip_tolerance`` in m, ``angle_tolerance`` in rad. The energy is not compared. ``columns`` maps each name of
-    :data:`COLUMNS` to a float64 array (n,).
+
+    tip_tolerance: largest tip error, m. angle_tolerance: largest error of an angle, rad. columns: a float64 array (n,)
+    for each name in :data:`COLUMNS`. The column energy is not compared.
     """
 
     scene: str
@@ -122,7 +123,7 @@ def reference(name: str) -> Reference:
 def spot_values(name: str) -> dict[str, Any]:
     """Return tip positions of a named scene that another program computed at single instants.
 
-    Columns: t (s), tip_x and tip_y (m), source, tolerance.
+    The table has the columns t (s), tip_x and tip_y (m), source and tolerance.
 
     Raises ValueError if the scene has no such positions.
     """
@@ -135,7 +136,8 @@ def spot_values(name: str) -> dict[str, Any]:
 def read_trajectory(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
     """Read a trajectory's CSV file as columns by name; its first line must begin with :data:`COLUMNS`.
 
-    Raises ValueError, which names file and row, if the table is another one; FileNotFoundError if the file is missing.
+    Raises ValueError, which names file and row, if the table has other columns or an invalid cell. Raises
+    FileNotFoundError if the file is missing.
     """
     header, lines = csv_lines(path)
     header = without_units(header)
@@ -148,7 +150,7 @@ def read_trajectory(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, n
 def read_reference(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
     """Read the columns of a CSV file for a comparison: t, and the existing columns of :data:`COMPARED`.
 
-    The columns may be in any order, with others between them. The errors are those of :func:`read_trajectory`.
+    The columns may be in any order, and other columns are ignored. The errors are those of :func:`read_trajectory`.
     """
     header, lines = csv_lines(path)
     header = without_units(header)

@@ -65,12 +65,12 @@ class Section:
 
     @classmethod
     def circle(cls, diameter: float, E: float, rho: float, G: float, kappa: float = 0.9) -> Section:
-        """Create a homogeneous round bar. diameter: m; other arguments: as in :meth:`rectangle`."""
+        """Create a homogeneous round bar. diameter: m. All other arguments are those of :meth:`rectangle`."""
         return cls.tube(diameter, check.number("section.diameter", diameter, "m", above=0.0) / 2.0, E, rho, G, kappa)
 
     @classmethod
     def tube(cls, diameter: float, wall: float, E: float, rho: float, G: float, kappa: float = 0.5) -> Section:
-        """Create a homogeneous round tube. diameter (outer), wall: m; other arguments: as in :meth:`rectangle`."""
+        """Create a homogeneous round tube. diameter: outer, m. wall: thickness, m. Others: as in :meth:`rectangle`."""
         outer = check.number("section.diameter", diameter, "m", above=0.0)
         wall = check.number("section.wall", wall, "m", above=0.0, maximum=outer / 2.0)
         E, rho, G, kappa = _material(E, rho, G, kappa)
@@ -150,16 +150,17 @@ class Taper:
             self.rectangle(end)
 
     def sides(self, share: Any) -> tuple[Any, Any]:
-        """Return width and thickness, m, at a fraction (number or array) of the length."""
+        """Return width and thickness, m, at `share`, a fraction (number or array) of the link's length from the root.
+        """
         (b0, b1), (h0, h1) = self.widths, self.thicknesses
         return b0 + (b1 - b0) * share, h0 + (h1 - h0) * share
 
     def rectangle(self, share: float) -> Section:
-        """Return the section at a fraction of the length."""
+        """Return the section at `share`, a fraction of the link's length from the root."""
         return Section.rectangle(*self.sides(share), self.E, self.rho, self.G, self.kappa)
 
     def along(self, share: Array) -> Properties:
-        """Return the sections' properties at fractions of the length."""
+        """Return the sections' properties at `share` (n,), fractions of the link's length from the root."""
         # EI = E b h^3 / 12, EA = E b h, C = kappa G b h
         b, h = self.sides(share)
         area, second_moment = b * h, b * h**3 / 12.0
@@ -169,7 +170,9 @@ class Taper:
 
 Points = tuple[tuple[float, Section], ...]
 GAUSS = np.polynomial.legendre.leggauss(16)
-"""Gauss points and weights on [-1, 1] per smooth piece; exact for a taper's b h^3 times polynomials of degree 27."""
+"""Gauss points and weights on [-1, 1] for a smooth piece. They are exact for b h^3 of a taper times a polynomial of
+degree 27.
+"""
 
 
 ENDS = {
@@ -285,7 +288,8 @@ class Link:
         return tuple(sorted({0.0, *inner, *curves.jumps(self.curvature), self.length}))
 
     def along(self, s: Array | float, before: bool = False) -> Properties:
-        """Return the properties at places s (m from the root); at a jump after the jump, or before it if `before`."""
+        """Return the section's properties at places s (m from the root); at a jump after it, or before it if `before`.
+        """
         s = np.asarray(s, np.float64)
         if isinstance(self.section, Taper):
             return self.section.along(s / self.length)
@@ -298,7 +302,7 @@ class Link:
         return Properties(*(column[i] + (column[i + 1] - column[i]) * share for column in columns))
 
     def across(self, s: Array) -> dict[str, Array]:
-        """Return `ACROSS` at places s, m from the root; raise ValueError if a section lacks one of these fields."""
+        """Return EI_y, C_y, J_y and GJ at places s, m from the root; raise ValueError if a section lacks a field."""
         if isinstance(self.section, Taper):
             # bending about the other axis: h b^3 / 12
             b, h = self.section.sides(s / self.length)
@@ -316,7 +320,8 @@ class Link:
         return {name: np.interp(s, places, [getattr(section, name) for _, section in points]) for name in ACROSS}
 
     def quadrature(self) -> tuple[Array, Array]:
-        """Return Gauss points and weights on the smooth pieces, m."""
+        """Return Gauss points and weights for integrals along the link, piece by smooth piece, m from the root and m.
+        """
         x, weights = GAUSS
         ends = np.array(self.points)
         # map [-1, 1] to each piece
@@ -369,12 +374,14 @@ class Link:
 
     @property
     def ends(self) -> tuple[tuple[float, float, float], ...]:
-        """Rigid ends at root and tip: (mass in kg, distance of the end's center from the root joint in m, inertia)."""
+        """Rigid ends at root and tip: (mass in kg, distance of the center from the root joint in m, inertia in kg m^2).
+        """
         root = self.root_mass, 0.5 * self.root_offset, self.root_inertia
         return root, (self.tip_mass, self.span - 0.5 * self.tip_offset, self.tip_inertia)
 
     def integral(self, what: str, power: int = 0) -> float:
-        """Return int `what` s^power ds along the beam, with s from its root. what: a field of :class:`Section`."""
+        """Return the integral of `what` s^power ds along the beam, s from its root. what: a field of :class:`Section`.
+        """
         # closed form for constant sections
         if isinstance(self.section, Section):
             return float(getattr(self.section, what) * self.length ** (power + 1) / (power + 1))
@@ -387,16 +394,17 @@ class Link:
         return self.integral("m")
 
     def moment(self, power: int) -> float:
-        """Return int m s^power ds along the beam, kg m^power, with s from its root."""
+        """Return the integral of m s^power ds along the beam, kg m^power, with s from the beam's root."""
         return self.integral("m", power)
 
     @property
     def rotary(self) -> float:
-        """int J ds, rotary inertia of the beam, kg m^2."""
+        """Rotary inertia of the beam, the integral of J ds, kg m^2."""
         return self.integral("J")
 
     def series(self, what: str) -> float:
-        """Return the mean stiffness of springs in series: length / int (1 / stiffness) ds; what: the stiffness."""
+        """Return the length divided by the integral of ds / stiffness (springs in series). what: name of the stiffness.
+        """
         if isinstance(self.section, Section):
             return float(getattr(self.section, what))
         s, weights = self.quadrature()
@@ -404,7 +412,7 @@ class Link:
 
     @property
     def mean(self) -> Section:
-        """The section, or the mean of varying sections."""
+        """The link's section, or the mean section of a link with varying sections."""
         if isinstance(self.section, Section):
             return self.section
         return Section(*(self.integral(name) / self.length for name in Properties._fields))

@@ -45,8 +45,10 @@ def test_controllers_first_then_each_seed_in_turn():
     todo = list(reference.jobs(reference.Arguments(only="ppo,pd,tqc", seeds=2)))
     names = [(job.method.name, job.seed) for job in todo]
     few = len(reference.FEW)
-    expected = [("pd", 0)] * len(TASKS) + [("ppo", 0)] * len(TASKS) + [("tqc", 0)] * few
-    assert names == expected + [("ppo", 1)] * len(TASKS) + [("tqc", 1)] * few
+    free = len(reference.FREE)
+    expected = [("pd", 0)] * len(TASKS) + [("ppo", 0)] * free + [("tqc", 0)] * few
+    assert names == expected + [("ppo", 1)] * free + [("tqc", 1)] * few
+    assert free == len(TASKS) - len(reference.PRESSED)
 
 
 def test_what_is_done_is_not_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
@@ -68,7 +70,8 @@ def test_what_is_done_is_not_done_again(tmp_path: Path, monkeypatch: pytest.Monk
     capsys.readouterr()
     assert reference.main() == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == f"pd: 2 of {len(TASKS)} runs done" and lines[1].startswith(f"ppo: 0 of {5 * len(TASKS)} runs")
+    assert lines[0] == f"pd: 2 of {len(TASKS)} runs done"
+    assert lines[1].startswith(f"ppo: 0 of {5 * len(reference.FREE)} runs")
 
 
 def test_references_are_pd_and_the_best_of_what_was_judged(monkeypatch: pytest.MonkeyPatch):

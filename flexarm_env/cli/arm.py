@@ -23,7 +23,7 @@ from flexarm_env.rigid import timescales
 from flexarm_env.scene import Scene
 
 FREQUENCIES = 3
-"""Number of flexible modes in the output."""
+"""Number of flexible modes that `flexarm arm` prints."""
 
 
 def run(args: argparse.Namespace) -> int:

@@ -173,9 +173,9 @@ def _commands() -> list[Use]:
 
 
 def cache_report(said: list[str]) -> dict[str, Any]:
-    """Return the folder of compiled code, whether it is writable, and a sentence if not.
+    """Return the folder of compiled code, whether the folder is writable, and a sentence if it is not.
 
-    said: collected warnings.
+    said: texts of the warnings that were collected during compilation.
     """
     from flexarm_env.compiler import UNCOMPILED, objects
 

@@ -26,7 +26,7 @@ from flexarm_env.training.episodes import judged_in
 KEYBOARD = "keyboard"
 DEFAULT_ENV = "FlexibleArm-v0"
 KEYS = {"left": (0, 1.0), "right": (0, -1.0), "up": (1, 1.0), "down": (1, -1.0)}
-"""Mapping from keys to a joint and the direction of its torque."""
+"""Joint and direction of the joint's torque for each key."""
 GENTLE = 0.3
 """Share of the torque limit while a shift key is held."""
 

@@ -26,7 +26,7 @@ from flexarm_env.trajectory import check_work
 
 TABLES, FIGURES, FILMS = (".csv", ".npz"), (".png", ".pdf", ".svg"), (".mp4", ".gif", ".webm", ".mkv", ".mov")
 NEEDED = {"plot": ("matplotlib", "plot"), "video": ("pygame", "render")}
-"""For each output, the module that makes it, and the extra that installs this module."""
+"""For each kind of output, the module that produces the output, and the extra that installs this module."""
 
 Columns = Mapping[str, NDArray[np.float64]]
 

@@ -37,7 +37,7 @@ FLAGS = {
     "episode": "episodes", "formulation": "scene", "duration": "scene", "sample": "scene", "seed": "player",
     "env_kwargs": "player",
 }  # fmt: skip
-"""Flags that apply to one kind of run only."""
+"""Flags that apply to only one kind of run, each with its kind of run (a key of KINDS)."""
 PICTURES = 300
 """Smallest number of instants of a simulated scene on the page, unless the scene has fewer steps."""
 

@@ -1,10 +1,11 @@
 """Arithmetic of kernels with Python's meaning; operations on operands known at compile time are folded.
 
 Integers have 64 bits and wrap around. Floor division rounds down, and a remainder has the sign of the divisor. Division
-by zero gives 0 for integers (Python raises an error) and NaN for floats. A shift by 64 or more gives 0. Python
-evaluates operations on known numbers.
+by zero gives 0 for integers (Python raises an error) and NaN for floats. A shift by 64 or more gives 0. The compiler
+evaluates operations on known numbers in Python.
 
-In all functions b is the IR builder; x and y are items (`kinds`): known Python numbers or values of run time.
+In all functions b is the LLVM IR builder. The operands x and y are items (`kinds`): Python numbers known at compile
+time, or values of run time.
 """
 
 import math
@@ -42,14 +43,14 @@ def known(x: Any) -> bool:
 
 
 def whole_kind(x: Any) -> bool:
-    """Return whether x is an integer or a truth value, known or of run time."""
+    """Return whether x is an integer or a truth value, known at compile time or computed at run time."""
     if isinstance(x, Narrow):
         return x.letter == "b"
     return isinstance(x, Integer | Truth) or (known(x) and not isinstance(x, float | np.floating))
 
 
 def number(b: Any, x: Any) -> Value:
-    """Convert x to a `Value`: float64 or lanes. Raises Refused if x is no number."""
+    """Convert x to a `Value` (float64 or lanes). Raises Refused if x is not a number."""
     if isinstance(x, Value):
         return x
     if isinstance(x, Integer):
@@ -66,8 +67,8 @@ def number(b: Any, x: Any) -> Value:
 def whole(b: Any, x: Any, unsigned: bool = False) -> Any:
     """Convert an integer or truth value to an LLVM i64.
 
-    unsigned: known integers up to 2^64 - 1 are accepted, otherwise up to 2^63 - 1. Raises Refused for larger known
-    integers and for other items.
+    unsigned: if True, integers known at compile time are accepted up to 2^64 - 1, otherwise up to 2^63 - 1. Raises
+    Refused for larger known integers and for items that are neither integer nor truth value.
     """
     if isinstance(x, Integer):
         return x.value
@@ -98,7 +99,10 @@ def truth(b: Any, x: Any) -> Any:
 
 
 def element(b: Any, found: Any, letter: str) -> Any:
-    """Convert a loaded array element of type `letter` to an item: float32 as float64, uint8 as i64, bool as i1."""
+    """Convert a loaded array element to an item: float32 becomes float64, uint8 becomes i64, bool becomes i1.
+
+    letter: element type of the array, a key of `kinds.NUMBERS`.
+    """
     if letter in "iu":
         return Integer(found, letter == "u")
     if letter == "b":
@@ -131,7 +135,7 @@ def far_from_exact(x: Any, y: Any) -> bool:
 
 
 def binary(b: Any, op: str, x: Any, y: Any) -> Any:
-    """Emit x op y; op is the name of an AST operator class (`Add`, `FloorDiv`, ...). Known operands are folded."""
+    """Emit the code of x op y, where op names an AST operator class (`Add`, `FloorDiv`). Known operands are folded."""
     _reckonable(x, y)
     if known(x) and known(y):
         # Python would raise at run time; here it is a compile error
@@ -286,7 +290,7 @@ def _power(b: Any, x: Any, y: Any) -> Any:
 
 
 def external(b: Any, name: str, count: int) -> Any:
-    """Return the module's declaration of C's math function `name` of `count` doubles; declare it if it is missing."""
+    """Return the module's declaration of C's math function `name` with `count` double arguments, added if missing."""
     found = b.module.globals.get(name)
     if found is None:
         found = ir.Function(b.module, ir.FunctionType(DOUBLE, [DOUBLE] * count), name)
@@ -378,7 +382,7 @@ def truncated(b: Any, x: Any) -> Any:
 
 
 def truncated_unsigned(b: Any, x: Any, signed: Any) -> Any:
-    """Convert a float x to an unsigned integer: from 2^63 on truncated and saturated; below 2^63 return `signed`."""
+    """Convert a float x to an unsigned integer: truncated and saturated from 2^63 on; `signed` if x is below 2^63."""
     value, kind = number(b, x).value, ir.FunctionType(WORD, [DOUBLE])
     above = b.call(b.module.declare_intrinsic("llvm.fptoui.sat.i64.f64", (), kind), [value])
     return b.select(b.fcmp_ordered(">=", value, ir.Constant(DOUBLE, 2.0**63)), above, signed.value)
@@ -396,13 +400,13 @@ def absolute(b: Any, x: Any) -> Any:
 
 
 def passed(b: Any, k: Any, step: Any) -> Any:
-    """Emit the code of k + step of signed integers, saturated at the 64-bit limits: a loop counter that cannot wrap."""
+    """Emit the next loop counter k + step (signed integers), saturated at the 64-bit limits so that it cannot wrap."""
     kind = ir.FunctionType(WORD, [WORD, WORD])
     return b.call(b.module.declare_intrinsic("llvm.sadd.sat.i64", (), kind), [k, step])
 
 
 def narrow(b: Any, x: Any, letter: str) -> Narrow:
-    """Convert x to float32 (letter g) or an integer to its low 8 bits (b), for storing in an array."""
+    """Convert x for an array: to float32 if `letter` is "g", to an integer's low 8 bits if `letter` is "b"."""
     if isinstance(x, Narrow) and x.letter == letter:
         return x
     made = b.trunc(whole(b, x), NUMBERS["b"]) if letter == "b" else b.fptrunc(number(b, x).value, NUMBERS["g"])

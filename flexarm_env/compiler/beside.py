@@ -11,10 +11,10 @@ T = TypeVar("T")
 
 
 class Beside(Generic[T]):
-    """A value that is made once: in a thread after `calls` calls of `count`, or by an earlier call of `get`.
+    """A value that is computed once: by a thread after `calls` calls of `count`, or by an earlier call of `get`.
 
-    With calls = 0 only `get` makes the value. The thread is not a daemon: LLVM cannot be interrupted, so the process
-    waits for the thread before it exits.
+    With calls = 0 only `get` computes the value. The thread is no daemon thread: LLVM cannot be interrupted, so the
+    process waits for the thread before it exits.
     """
 
     def __init__(self, calls: int) -> None:
@@ -24,7 +24,7 @@ class Beside(Generic[T]):
         self._thread: threading.Thread | None = None
 
     def count(self, make: Callable[[], T]) -> None:
-        """Count a call; call number `calls` starts the thread that makes the value by `make`."""
+        """Count a call; call number `calls` starts the thread, which computes the value by calling `make`."""
         if self._left > 0:
             self._left -= 1
             if self._left == 0 and self._found is None:
@@ -38,7 +38,7 @@ class Beside(Generic[T]):
             self._found = make()
 
     def get(self, make: Callable[[], T]) -> T:
-        """Return the value: wait for a running thread, or compute the value now."""
+        """Return the value: wait for the running thread, or compute the value now by calling `make`."""
         thread, self._thread = self._thread, None
         if thread is not None:
             thread.join()

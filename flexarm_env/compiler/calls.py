@@ -13,9 +13,10 @@ from .words import WORDS
 def call(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) -> Any:
     """Emit a call in a kernel and return the item of its result.
 
-    function: the callee, known at compile time. items: positional arguments. named: keyword arguments. A built-in
-    function emits its instructions. A named tuple class makes a `Record`. A kernel is called (or inlined in reverse
-    mode). A member of a `Family` is chosen by the class of an argument. Straight-line code is traced in place.
+    writer: writer of the calling kernel. function: the called object, known at compile time. items: positional
+    arguments. named: keyword arguments, by name. A built-in function emits its instructions. A named tuple class makes
+    a `Record`. A kernel is called (or inlined in reverse mode). A member of a `Family` is chosen by the class of an
+    argument. Straight-line code is traced in place.
     """
     try:
         # unhashable callees are no words

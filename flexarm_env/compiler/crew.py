@@ -29,28 +29,35 @@ from .kinds import WORD, Integer, Truth
 from .words import WORDS
 
 BOARD = 64
-"""Number of int64 entries of one board. Each worker has a board, and the last board is the caller's."""
+"""Number of int64 entries of one board. Each worker thread has a board, and the last board is the calling thread's."""
 
 TASK, PART = 8, 16
-"""Offsets on a board. TASK: number of the task to help with (OVER: end the thread). PART: the rest of the owner's part,
-packed as task number, next group, end (21 bits each for the groups)."""
+"""Offsets on a board. TASK: number of the task to help with (OVER: end the thread). PART: the owner's groups that are
+not yet computed, packed as task number, next group and end of the groups (21 bits for each group number).
+"""
 DONE, STATE = 24, 40
 """DONE: number of the last task that the worker has helped with. STATE: AWAKE, ASLEEP or CALLED."""
 FUNCTION, ADDRESS, GROUPS, FINISHED, SUM, RAISED = 0, 1, 2, 48, 49, 50
-"""Offsets on the caller's board. The task: address of the compiled function, its argument, number of groups. FINISHED:
-number of groups done. SUM: sum of the returned values. RAISED: 1 if a call has returned a negative number."""
+"""Offsets on the calling thread's board. FUNCTION: address of the compiled function. ADDRESS: argument of the function.
+GROUPS: number of groups of the task. FINISHED: number of groups done. SUM: sum of the values that the function
+returned. RAISED: 1 if a call has returned a negative number.
+"""
 OVER = -1
 AWAKE, ASLEEP, CALLED = range(3)
 
 SLEEP, WAKE, END = range(3)
-"""Results of `serve`: block, because no task came; wake the caller, because the task is done; end the thread."""
+"""Results of `serve`: block, because no task was published; wake the caller, because the task is done; end the thread.
+"""
 
 CALL, WAIT = -2, -3
-"""Results of `lead`. FAILED: a task raised an error. CALL: wake the workers marked CALLED, then call again with stage
-RUN. WAIT: block until the task is done, then call again with stage LOOK."""
+"""Results of `lead`. FAILED: a call of the task's function returned a negative number. CALL: wake the workers marked
+CALLED, then call `lead` again with stage RUN. WAIT: block until the task is done, then call `lead` again with stage
+LOOK.
+"""
 
 GIVE, RUN, LOOK = range(3)
-"""Stages of `lead`: publish the task, do the caller's own part, wait for the end."""
+"""Stages of `lead`: publish the task, compute the caller's own part of the groups, wait until all groups are computed.
+"""
 
 TASKS = 2**20
 """Task numbers run from 1 to TASKS, then from 1 again."""
@@ -160,8 +167,9 @@ def _share(boards, me, task):
 def serve(boards, k, rounds):
     """Help with tasks as worker k; return SLEEP after `rounds` polls without a task, WAKE or END.
 
-    boards: BOARD int64 numbers for each worker, then the caller's. SLEEP: the worker is marked asleep and has to block.
-    WAKE: this worker finished a task whose caller blocks on its lock. END: the task OVER was published.
+    boards: int64 array of shared memory, with BOARD numbers for each worker thread, then BOARD numbers for the calling
+    thread. SLEEP: the worker is marked asleep and has to block. WAKE: this worker finished a task whose calling thread
+    blocks on its lock. END: the task OVER was published.
     """
     at, head = k * BOARD, boards.shape[0] - BOARD
     while True:
@@ -189,10 +197,12 @@ def serve(boards, k, rounds):
 def lead(boards, task, function, address, groups, rounds, stage):
     """Return the sum of function(address, first, last) over parts of range(groups), shared with the workers.
 
-    function: address of machine code; address: its argument. task: its number. rounds: polls before blocking. stage:
-    GIVE (publish the task and do the caller's own part), RUN (do the own part) or LOOK (only wait for the end). A
-    result of CALL or WAIT (negative) means that Python has to wake workers or to block, and then to call again. FAILED:
-    a part returned < 0. boards: BOARD int64 numbers for each worker, then the caller's.
+    boards: int64 array of shared memory, with BOARD numbers for each worker thread, then BOARD numbers for the calling
+    thread. task: number of the task. function: address of the machine code. address: argument of the function. groups:
+    number of groups of arms. rounds: number of polls before the caller blocks. stage: GIVE (publish the task and
+    compute the caller's own part), RUN (compute the own part) or LOOK (only wait for the end). The result CALL or WAIT
+    (negative) means that Python has to wake workers or to block, and then to call `lead` again. The result FAILED means
+    that a call of the function returned a negative number.
     """
     workers = boards.shape[0] // BOARD - 1
     head = workers * BOARD
@@ -227,7 +237,7 @@ def lead(boards, task, function, address, groups, rounds, stage):
 F = TypeVar("F", bound=Callable[..., Any])
 
 ROUNDS = 1_000_000
-"""Polls before blocking: a quarter of a millisecond, more than Python needs between steps."""
+"""Number of polls before a thread blocks. They take 0.25 ms, longer than Python needs between two steps."""
 
 
 class _Worker:
@@ -282,7 +292,7 @@ def _end_all(seconds: float = 2.0) -> None:
 
 
 class Crew:
-    """Runs a compiled function of (address, first, last) on the calling thread and `size` worker threads.
+    """Runs a compiled function(address, first, last) on the calling thread and on `size` worker threads.
 
     Only one thread may use a crew at a time.
     """
@@ -296,7 +306,11 @@ class Crew:
         self._boards, self._done = np.zeros((size + 1) * BOARD, np.int64), threading.Lock()
 
     def run(self, function: int, address: int, groups: int) -> int:
-        """Return the sum of function(address, first, last) over parts of range(groups); function: its address."""
+        """Return the sum of function(address, first, last) over parts of range(groups).
+
+        function: address of the function's machine code. address: first argument of the function. groups: number of
+        groups.
+        """
         # a forked child has the objects, but not the threads
         if self._process != os.getpid():
             self._workers, self._process, self._busy = [], os.getpid(), False
@@ -346,7 +360,11 @@ class Crew:
         self._workers, self._busy = [], False
 
     def close(self, process: Callable[[], int] = os.getpid) -> None:
-        """Stop the threads. (os.getpid is bound early: at the interpreter's end the module may be gone.)"""
+        """Stop the worker threads.
+
+        process: function that returns the process id. The default is bound at import, because the module `os` may no
+        longer exist when the interpreter exits.
+        """
         # an object whose __init__ failed has no _process
         if getattr(self, "_process", None) == process():
             for worker in self._workers:
@@ -366,7 +384,7 @@ CROWDED = (
 class OneAtATime:
     """Context manager that admits one thread at a time; a second thread gets a RuntimeError instead of waiting.
 
-    A lock would let two threads alternate steps of the same environment, which is an error of the caller.
+    A lock would let two threads step the same environment in turn, which is an error in the calling program.
     """
 
     def __init__(self) -> None:
@@ -384,7 +402,7 @@ class OneAtATime:
 
 
 def one_at_a_time(method: F) -> F:
-    """Decorator: run a method within the object's `_door` (`OneAtATime`)."""
+    """Decorate a method: a second thread that calls it at the same time gets a RuntimeError (`OneAtATime`)."""
 
     @functools.wraps(method)
     def guarded(self: Any, *args: Any, **kwargs: Any) -> Any:

@@ -37,8 +37,9 @@ UNCOMPILED = MODE == "python"
 class Kernel:
     """A compiled function of Python's numbers, NumPy arrays and named tuples of these (docs: The compiler).
 
-    function: the Python function. attributes: LLVM attributes of the function. often: see `entry_point`. superword: see
-    `superword`. forms: compiled forms, by the kinds of arguments.
+    function: the Python function. attributes: LLVM attributes of the function. often: whether the kernel is an
+    `entry_point`. superword: whether the kernel has the decorator `superword`. forms: compiled specializations, by the
+    kinds of the arguments.
     """
 
     run: ClassVar[Callable[[Kernel, Sequence[Any]], Any]]  # `entry.call`
@@ -62,7 +63,10 @@ class Kernel:
         return Kernel.run(self, self.complete(items, named) if named else items)
 
     def complete(self, items: Sequence[Any], named: dict[str, Any]) -> list[Any]:
-        """Return all arguments in the order of the signature, defaults included; see `completed`."""
+        """Return all arguments in the order of the signature, defaults included.
+
+        items: positional arguments. named: keyword arguments.
+        """
         code = self.function.__code__
         names = code.co_varnames[: code.co_argcount]
         # defaults belong to the last parameters
@@ -81,7 +85,8 @@ def completed(
 ) -> list[Any]:
     """Return a value for each parameter name in order, from positional and named arguments and defaults.
 
-    word: the function's name for messages. Raises Refused for a missing, unknown or duplicate argument.
+    word: name of the function for error messages. names: parameter names. defaults: default values by parameter name.
+    items: positional arguments. named: keyword arguments. Raises Refused for a missing, unknown or duplicate argument.
     """
     given = list(items)
     # parameters after the positional arguments
@@ -100,7 +105,7 @@ def completed(
 def kernel(function: Callable[..., Any]) -> Any:
     """Decorate a kernel: it is compiled for the kinds of its arguments when Python or another kernel calls it.
 
-    Python's calls release the interpreter's lock.
+    A call from Python releases the interpreter's lock.
 
     Arithmetic is IEEE without contraction, because a lane of a batch and a single arm must agree to the last bit.
     Division by zero gives an infinity, never an exception, so that a failing arm can be tested for and causes no crash.
@@ -113,9 +118,9 @@ _by_python = ContextVar("_by_python", default=False)
 
 
 def uncompiled(function: Any) -> Any:
-    """Return a function by which Python runs a kernel, and all kernels that it calls, without compilation.
+    """Return a function that runs a kernel, and all kernels that it calls, in Python without compilation.
 
-    The returned function serves rare calls and kernels that return arrays.
+    Use the returned function for a kernel that is rarely called or that returns an array.
     """
     if not isinstance(function, Kernel):
         return function
@@ -182,7 +187,7 @@ def entry_point(function: Callable[..., Any]) -> Any:
 
 
 def superword(function: Callable[..., Any]) -> Any:
-    """Decorate a kernel that applies one operation to many numbers of one arm, as elimination does to a row.
+    """Decorate a kernel that applies one operation to many numbers of one arm, as Gaussian elimination does to a row.
 
     If the kernel is large, LLVM vectorizes these numbers (superword-level parallelism); the bits stay the same. LLVM
     skips the other large functions of the program, because the search takes long there and gains nothing.

@@ -45,9 +45,9 @@ class Description:
     """Text that describes the dependencies of a program.
 
     Attributes:
-        words: the description, one string for each root and each function.
-        guide: data with which `now` repeats the description: whether each function was compiled, and the names that it
-        reads. classes: named tuple classes found on the way, by module and qualified name.
+        words: the description: one string for the program's kernel and one for each function that it refers to.
+        guide: data with which `now` repeats the description: whether each function was compiled, and the global names
+            that the function reads. classes: named tuple classes that the program uses, by module and qualified name.
     """
 
     def __init__(self, reads: Reads | None, guide: Sequence[Any]) -> None:
@@ -80,8 +80,9 @@ class Description:
     def now(cls, root: Any, shapes: Sequence[Any], chosen: Sequence[str], guide: Sequence[Any]) -> Description:
         """Describe the same program from today's objects, for comparison with the stored words.
 
-        chosen: names of the family choices in the program. Raises LookupError or AttributeError if a function or name
-        no longer exists.
+        root: the program's kernel. shapes: the kernel's argument types. chosen: names of the functions in the program
+        that `Family` chose by class. guide: `Description.guide` of the stored description. Raises LookupError or
+        AttributeError if a function or name no longer exists.
         """
         places = dict(choices())
         found = cls(None, guide)
@@ -227,7 +228,10 @@ def choices() -> Iterator[tuple[str, Any]]:
 
 
 def chosen(used: Reads) -> list[str]:
-    """Return the names of the registered functions (`choices`) that a program contains."""
+    """Return the names of the functions registered in families (`choices`) that a program contains.
+
+    used: functions of the program with the global names that they read.
+    """
     return [choice for choice, function in choices() if _plain(function) in used]
 
 
@@ -239,7 +243,7 @@ def _plain(function: Any) -> Any:
 
 
 def key_words(function: Any, shapes: Sequence[Any]) -> list[Any]:
-    """Return the part of the cache key for functions or classes from outside the package; empty without such.
+    """Return the part of the cache key for functions and classes from outside the package, or "" if there are none.
 
     function: the Python function of a kernel. shapes: its argument types (`kinds.described_as`).
     """
@@ -287,7 +291,10 @@ def _foreign_classes(shapes: Sequence[Any]) -> list[Any]:
 
 
 def is_foreign(used: Reads) -> bool:
-    """Return whether a program contains functions from outside the package."""
+    """Return whether a program contains functions from outside the package.
+
+    used: functions of the program with the global names that they read.
+    """
     return not all(map(_is_own, used))
 
 

@@ -8,7 +8,8 @@ from typing import Any
 POSITIONAL = Parameter.POSITIONAL_ONLY
 
 FOREIGN: dict[str, list[tuple[Any, Any]]] = {}
-"""Registrations from outside the package, by class and name: (family, function) pairs. Programs may contain them."""
+"""Functions registered from outside the package: lists of (family, function) pairs by class and name of the function.
+"""
 
 _PACKAGE = __name__.split(".")[0]
 
@@ -28,7 +29,10 @@ class OfPart:
         return self.function(*self._inner(args, getattr))
 
     def written(self, writer: Any, items: list[Any]) -> Any:
-        """Write the call into the kernel that is being compiled (`writer`)."""
+        """Write the call into the kernel that is being compiled.
+
+        writer: writer of that kernel. items: arguments of the call.
+        """
         return writer.module.call(writer, self.function, self._inner(items, writer.field), {})
 
     def _inner(self, args: Sequence[Any], field: Callable[[Any, str], Any]) -> list[Any]:
@@ -41,11 +45,12 @@ class Family:
 
     In compiled code the choice is made at compile time and costs nothing at run time.
 
-    `family.register(Class, kernel, ..., name=kernel)` registers kernels of a class, by their own or other names;
-    `family.delegate(Class, part, function, ...)` registers the kernels of the class of its field `part`;
-    `family.function(name, arguments)` returns the function that other kernels (and Python) call.
+    `family.register(Class, kernel, ..., name=kernel)` registers kernels of a class, under the kernel's name or under
+    the keyword's name. `family.delegate(Class, part, function, ...)` registers for a class the kernels of the class of
+    its field `part`. `family.function(name, arguments)` returns the function that other kernels (and Python) call.
 
-    argument: name of the dispatching argument. defaults: kernels of classes that do not register their own.
+    argument: name of the argument whose class selects the kernel. defaults: kernels for classes without a registered
+    kernel.
     """
 
     def __init__(self, argument: str, **defaults: Callable[..., Any]) -> None:
@@ -56,7 +61,7 @@ class Family:
     def register(self, kind: type, *named: Callable[..., Any], **functions: Callable[..., Any]) -> None:
         """Register kernels of a class; a later call adds kernels or replaces kernels of the same name.
 
-        Raises TypeError for a name that none of the family's functions has, because no call would ever reach it.
+        Raises TypeError for a name that no function of the family has, because no call would ever reach that kernel.
         """
         functions = {function.__name__: function for function in named} | functions
         unknown = sorted(functions.keys() - self.names) if self.names else []
@@ -83,7 +88,8 @@ class Family:
     def function(self, name: str, arguments: str) -> Callable[..., Any]:
         """Return a function that calls the kernel registered under `name` for the class of the dispatching argument.
 
-        arguments: parameter names of the returned function, "lane, model, ..."; its module is that of the caller.
+        arguments: parameter names of the returned function, separated by commas ("lane, model, w"). The returned
+        function's `__module__` is the module that calls `function`.
         """
         names = [word.strip() for word in arguments.split(",")]
         place = names.index(self.argument)

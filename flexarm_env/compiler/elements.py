@@ -38,12 +38,12 @@ class Elements:
     value: Callable[[ast.expr], Any]
 
     def lengths(self, array: Array) -> Sequence[Any]:
-        """Return the shape of an array as LLVM i64; for an array of lanes the number of elements."""
+        """Return the shape of an array as LLVM i64 values; for an array of lanes the number of elements per lane."""
         stride = 1 if array.lane is None else len(array.lane)
         return array.shape if stride == 1 else [self.b.sdiv(array.shape[0], ir.Constant(WORD, stride))]
 
     def slice(self, item: Any, node: ast.Slice) -> Any:
-        """Evaluate x[lower:upper] of a one-dimensional array, a view clamped at the array's end, or of a tuple."""
+        """Evaluate x[lower:upper] of a tuple or of a one-dimensional array, as a view clamped at the array's end."""
         lower, upper = (None if x is None else self.value(x) for x in (node.lower, node.upper))
         if node.step is not None:
             raise Refused("a slice has no step in a kernel")

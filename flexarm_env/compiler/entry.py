@@ -4,7 +4,7 @@
 dereference(address)` reads from these words. The Python side keeps words and arrays alive and calls the compiled
 function through `entry`, a C function that Python calls directly, or by its address (`native`).
 
-Kernels can be called with arguments of all kinds as well (`call`): these are placed for the duration of the call.
+`call` calls a kernel with arguments of any kind and places the arguments in memory for the duration of the call.
 """
 
 import ctypes
@@ -27,7 +27,7 @@ FAILED = -1
 class Placed:
     """A named tuple of arrays and numbers that compiled code reads at `address`.
 
-    The arrays may be written to; `replace` exchanges an array for another array.
+    Compiled code may write to the arrays. The method `replace` exchanges an array for another array.
     """
 
     def __init__(self, value: Any) -> None:
@@ -42,7 +42,7 @@ class Placed:
         self._held: dict[str, Any] = {}
 
     def replace(self, name: str, array: Any, address: int) -> None:
-        """Replace the value's array `name` by a contiguous array of the same type and shape, at `address`."""
+        """Replace the named tuple's array `name` by a contiguous array of the same type and shape, at `address`."""
         if UNCOMPILED:
             self.address = self.value = self.value._replace(**{name: array.reshape(-1)})
             return
@@ -51,12 +51,16 @@ class Placed:
 
 
 def entry(function: Any, placed: Placed, *arguments: int) -> Callable[..., Any]:
-    """Return the compiled form of `function(address, *arguments)`: at most two integer arguments, an integer result."""
+    """Return the compiled `function(address, *arguments)`, which takes at most two integers and returns an integer."""
     return function if UNCOMPILED else _direct(function, placed, arguments).call
 
 
 def native(function: Any, placed: Placed, *arguments: int) -> int:
-    """Return the address of the machine code of a kernel; 0 if nothing is compiled."""
+    """Return the address of the machine code of a kernel; 0 if compilation is disabled.
+
+    placed: the named tuple at whose address the kernel is called. arguments: up to two integers, of which only the
+    number matters.
+    """
     return 0 if UNCOMPILED else _direct(function, placed, arguments).address
 
 

@@ -37,7 +37,7 @@ from .wholes import ratio
 
 
 class Expressions(Elements):
-    """Writes expressions into an LLVM function; `b` is the IR builder, `module` the program's `front.Module`."""
+    """Writes expressions into an LLVM function. `b` is the IR builder, and `module` is the program's `front.Module`."""
 
     def __init__(self, module: Any, code: Any) -> None:
         """Begin an LLVM function: an entry block for stack slots, then the body, where `b` writes."""
@@ -54,7 +54,7 @@ class Expressions(Elements):
         ir.IRBuilder(self.top).branch(self._first)
 
     def read(self, name: str) -> Any:
-        """Return the item of a name."""
+        """Return the item (value during compilation) that a name of the kernel denotes."""
         return self.names[name]
 
     def room(self, kind_of: Any, align: int | None = None) -> Any:
@@ -110,7 +110,7 @@ class Expressions(Elements):
         return write(node)
 
     def condition(self, node: ast.expr) -> Any:
-        """Evaluate a condition to a bool if it is known at compile time, otherwise to an LLVM i1."""
+        """Evaluate a condition: to a bool if the condition is known at compile time, otherwise to an LLVM i1."""
         if isinstance(node, ast.BoolOp):
             return self._all(isinstance(node.op, ast.And), self.condition, node.values)
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
@@ -130,7 +130,7 @@ class Expressions(Elements):
         return tuple(self.values(node.elts))
 
     def values(self, nodes: Sequence[ast.expr]) -> list[Any]:
-        """Evaluate expressions in a row; a starred one contributes the items of its tuple."""
+        """Evaluate a list of expressions; a starred expression contributes the items of its tuple."""
         found: list[Any] = []
         for node in nodes:
             found += self.parts(self.value(node.value)) if isinstance(node, ast.Starred) else [self.value(node)]
@@ -162,7 +162,7 @@ class Expressions(Elements):
         return isinstance(node, ast.Name) and node.id not in self.names
 
     def field(self, item: Record | Stored, name: str) -> Any:
-        """Return a field of a named tuple, from LLVM values or loaded from memory; otherwise a class constant."""
+        """Return a field of a named tuple, or a constant of its class; a field in memory is loaded."""
         if isinstance(item, Record):
             fields: tuple[str, ...] = item.instance_class._fields
             if name not in fields:
@@ -188,9 +188,9 @@ class Expressions(Elements):
         return getattr(item.instance_class, name)
 
     def loaded(self, address: Any, shape: Any, at: int) -> Any:
-        """Load an item described by `shape` (`kinds.described_as`) from memory at `at` words after an address.
+        """Load an item of the type `shape` (`kinds.described_as`) from memory, `at` 8-byte words after an address.
 
-        The loads are marked invariant: arguments do not change during a call.
+        The loads are marked as invariant for LLVM, because arguments do not change during a call.
         """
 
         def word(k: int) -> Any:
@@ -250,7 +250,7 @@ class Expressions(Elements):
         return self.arithmetic(type(node.op).__name__, self.value(node.left), self.value(node.right))
 
     def arithmetic(self, op: str, x: Any, y: Any) -> Any:
-        """Write x op y; for ratios of signed integers that float64 may round twice, call `wholes.ratio`."""
+        """Emit the code of x op y. The ratio of large signed integers calls `wholes.ratio`, which rounds only once."""
         if isinstance(x, RECORDS) or isinstance(y, RECORDS):
             return operators.binary(self, op, x, y)
         if op == "Div" and arithmetic.far_from_exact(x, y):
@@ -330,7 +330,7 @@ class Expressions(Elements):
         return chosen
 
     def of_IfExp(self, node: ast.IfExp) -> Any:
-        """Evaluate x if t else y: one side if t is known, otherwise two blocks and an SSA phi per leaf."""
+        """Evaluate x if t else y: only one operand if t is known, otherwise two blocks and phi instructions."""
         test = self.condition(node.test)
         if isinstance(test, bool):
             return self.value(node.body if test else node.orelse)

@@ -2,7 +2,8 @@
 
 A kernel is specialized for each tuple of argument kinds (`kinds.kind`) that it is called with. Static items (None,
 sizes, tags, functions) are evaluated at compile time, so only one branch of `if x is not None` remains. Names that are
-assigned more than once live in stack slots, which LLVM promotes to registers. The language: docs, "the compiler".
+assigned more than once live in stack slots, which LLVM promotes to registers. The page "The compiler" of the docs
+describes the language of kernels.
 """
 
 from collections.abc import Sequence
@@ -35,9 +36,10 @@ SPARED = "noimplicitfloat"
 class Module:
     """LLVM module of one program, with its functions by kernel and argument kinds.
 
-    call: emitter of calls, `calls.call`. often: the program's kernel is an `entry_point`, whose loops LLVM may unroll.
-    made: (function, kinds) -> (LLVM function, template of its result). used: global names read, by Python function, for
-    the cache key. invariant: metadata that marks loads of memory that nobody writes to.
+    call: the function `calls.call`, which emits calls. often: whether the program's kernel is an `entry_point`, whose
+    loops LLVM may unroll. made: dict from (function, argument kinds) to (LLVM function, template of its result). used:
+    set of the global names that each Python function reads, for the cache key. invariant: LLVM metadata that marks
+    loads from memory that nobody writes to.
     """
 
     def __init__(self, name: str, call: Any, often: bool) -> None:
@@ -99,17 +101,19 @@ class Module:
         return code, result
 
     def take_room(self, code: Any, count: int) -> None:
-        """Add `count` numbers to a function's stack use. Raises Refused above MOST_ROOM, the function's callees
-        included."""
+        """Add `count` float64 numbers to the stack use of the LLVM function `code`.
+
+        Raises Refused if the function and its callees need more than MOST_ROOM.
+        """
         room = self._rooms.setdefault(code.name, [0, 0])
         self._check_room(room, room[0] + count, room[1])
 
     def room_of(self, code: Any) -> tuple[int, ...]:
-        """Return a function's own stack use, and the largest of its callees, as counted so far."""
+        """Return the stack use of the LLVM function `code` and the largest of its callees, as counted so far."""
         return tuple(self._rooms.get(code.name, (0, 0)))
 
     def reset_room(self, code: Any, room: tuple[int, ...]) -> None:
-        """Reset a function's stack use to an earlier `room_of`, after the code of an attempt was removed."""
+        """Reset the stack use of the LLVM function `code` to an earlier result of `room_of`."""
         self._rooms[code.name] = list(room)
 
     def _check_room(self, room: list[int], own: int, below: int) -> None:
@@ -127,7 +131,10 @@ class Module:
         self._check_room(room, room[0], max(room[1], sum(self._rooms.get(called.name, ()))))
 
     def spare(self) -> None:
-        """Exclude all other out-of-line functions from SLP vectorization if there are large `superword` kernels."""
+        """Exclude functions that are never inlined from SLP vectorization, except large `superword` kernels.
+
+        Without a large `superword` kernel no function is excluded.
+        """
         for code in self.code.functions if self._superword else ():
             if "noinline" in code.attributes and code not in self._superword:
                 code.attributes.add(SPARED)
@@ -160,7 +167,10 @@ class Module:
             back.set_metadata("llvm.loop", mark)
 
     def table(self, values: Any) -> Any:
-        """Return a global constant array of known numbers, made once (float64 if any value is a float, else int64)."""
+        """Return a global LLVM array of known numbers: float64 if any number is a float, otherwise int64.
+
+        Equal tables share one array.
+        """
         # by repr: 0.0 and -0.0 are equal, but not the same constant
         key = tuple(map(repr, values))
         if key not in self._tables:
@@ -186,7 +196,9 @@ def _is_large(code: Any, most: int) -> bool:
 def promise(arguments: Sequence[Any], items: Sequence[Any]) -> None:
     """Set LLVM attributes of pointer arguments to named tuples: dereferenceable, aligned, noalias, nonnull.
 
-    noalias holds because no kernel writes to a named tuple in memory.
+    The attribute noalias is correct because no kernel writes to a named tuple in memory.
+
+    arguments: arguments of the LLVM function. items: the kernel's arguments.
     """
     at = 0
     for item in items:

@@ -25,7 +25,10 @@ _ELSEWHERE = object()
 
 
 class Side:
-    """Guard: one operand of a select was chosen. test: the condition (i1). first: whether it is the first operand."""
+    """Guard: one operand of a select was chosen.
+
+    test: condition of the select (LLVM i1). first: True if the guard is for the select's first operand.
+    """
 
     steep_alone = False
 
@@ -33,30 +36,32 @@ class Side:
         self.test, self.first = test, first
 
     def masked(self, tape: Any, value: Any, zero: Any) -> Any:
-        """Write a select in the reverse sweep: value where this side was chosen, otherwise zero."""
+        """Write a select in the reverse sweep: `value` where this operand was chosen, otherwise `zero`."""
         test = tape.back(self.test)
         return tape.select(test, value, zero) if self.first else tape.select(test, zero, value)
 
 
 class Live:
-    """Guard: a node's cotangent is not 0. test: this comparison (i1), written as soon as the cotangent is known.
+    """Guard: a node's cotangent is not 0.
 
-    steep_alone: the guard is needed by quotients and roots only, not by products.
+    test: LLVM i1 of this comparison, written as soon as the cotangent is known.
+
+    steep_alone: True if only quotients and roots need the guard, but not products.
     """
 
     test: Any = None
     steep_alone = False
 
     def masked(self, tape: Any, value: Any, zero: Any) -> Any:
-        """Write a select: value where the node's cotangent is not 0, otherwise zero."""
+        """Write a select: `value` where the node's cotangent is not 0, otherwise `zero`."""
         return tape.select(self.test, value, zero)
 
 
 class Guards:
     """Paths of all nodes of a `Tape`, and the guards that are needed.
 
-    nodes: in program order. names: ids of stack slots of a single number. paths: by id of a node, its guards. used: the
-    guards on the path of a node whose pullback may turn 0 into NaN; other guards are left out.
+    paths: dict from the id of a node to the guards on its path. used: set of the guards on paths of nodes whose
+    pullback may turn 0 into NaN. Other guards are not needed.
     """
 
     def __init__(self, nodes: Iterable[Any], names: set[int]) -> None:
@@ -93,7 +98,10 @@ class Guards:
         return bool(self.paths[id(load)]) or (load.base in self._names and load.region.is_within_branch())
 
     def side(self, node: Any, pull: Any) -> Path:
-        """Return the guard that a select adds to the path of its operand, as a tuple; () for other edges."""
+        """Return a tuple with the guard that a select adds to the path of its operand; () if `node` is no select.
+
+        node: the node of the select. pull: edge from the node to the operand.
+        """
         if pull.first is None:
             return ()
         return (self._sides.setdefault((id(node.test), pull.first), Side(node.test, pull.first)),)
@@ -129,8 +137,10 @@ class Guards:
         return found if found in self.used and found in self.paths[id(node)] else None
 
     def left(self, node: Any, parent: Any) -> list[Any]:
-        """Return the needed guards on a node's path, but not on its parent's path; with parent None, all needed
-        guards."""
+        """Return the needed guards on a node's path that are not on the path of its operand `parent`.
+
+        If parent is None, all needed guards on the node's path are returned.
+        """
         path: Path = self.paths[id(node)]
         if parent is not None and parent.region is node.region:
             path = path[len(_common([path, self.paths[id(parent)]])) :]

@@ -20,11 +20,11 @@ class Image:
 
     Attributes:
         layout: layout of the named tuple.
-        words: 64-bit words as in memory, 0 in place of array addresses.
+        words: the named tuple as 64-bit words, with 0 in place of each array address.
         pointers: (word, byte) pairs: words[word] must be set to the address of data[byte].
-        data: the arrays' bytes, one after the other, each on a cache line.
+        data: bytes of all arrays one after the other; each array begins on a cache line.
         changing: number of leading bytes of data that compiled code may write to.
-        places: by dotted name, (first byte, shape, NumPy dtype name) of each array.
+        places: dict from the dotted name of an array to (first byte in data, shape, NumPy dtype name).
     """
 
     layout: Layout
@@ -36,7 +36,9 @@ class Image:
 
     @classmethod
     def of(cls, value: Any, written: Collection[str]) -> Image:
-        """Make the image of a named tuple. written: dotted names of arrays that compiled code writes to.
+        """Make the image of a named tuple.
+
+        value: the named tuple. written: dotted names of the arrays that compiled code writes to.
 
         Read-only arrays that share memory are stored once.
         """

@@ -4,7 +4,7 @@ A symbolic item holds LLVM values known at run time: `symbols.Value` (float64 or
 item is known at compile time and stands for itself: None, sizes, lane tags, functions, strings, Python's numbers.
 
     leaves(item)       the LLVM values that an item is made of
-    rebuilt(item, it)  the same item of other LLVM values
+    rebuilt(item, it)  an item of the same kind made of other LLVM values
     kind(item)         specialization key: equal for items that the same compiled code serves
     Layout             places of a named tuple's fields in a row of 8-byte words (see `entry`)
 """
@@ -31,7 +31,7 @@ LETTERS = {"float64": "f", "int64": "i", "uint64": "u", "uint8": "b", "bool": "t
 class Refused(TypeError):
     """Compile error: the source uses something outside the language of kernels.
 
-    placed: whether the message already names file and line (`source.Source.placed`).
+    placed: whether the error message already names file and line.
     """
 
     placed = False
@@ -39,7 +39,7 @@ class Refused(TypeError):
 
 @dataclass(slots=True, eq=False)
 class Integer:
-    """64-bit integer at run time: an LLVM i64; unsigned: it has the meaning of np.uint64."""
+    """64-bit integer at run time (LLVM i64). If `unsigned` is True, it has the meaning of np.uint64."""
 
     value: Any
     unsigned: bool = False
@@ -64,9 +64,10 @@ class Narrow:
 class Array:
     """A C-contiguous array at run time.
 
-    data: pointer to the first element. shape: one LLVM i64 per dimension. letter: element type, a key of NUMBERS.
-    fixed: writing is refused, because the array is a global constant or read-only in NumPy. lane: the lane tag of an
-    array of lanes, whose indices count elements of all lanes (`lane_arrays`); None: indices count numbers.
+    data: LLVM pointer to the first element. shape: one LLVM i64 per dimension. letter: element type, a key of NUMBERS.
+    fixed: True if writing is refused, because the array is a global constant or read-only in NumPy. lane: the lane tag
+    of an array of lanes, whose indices count elements of all lanes (`lane_arrays`). If lane is None, indices count
+    single numbers.
     """
 
     data: Any
@@ -85,7 +86,7 @@ class Array:
 class Record:
     """A named tuple that a kernel has made: its class and one item per field, held in LLVM values, not in memory.
 
-    lane: the lane tag of the fields that the class annotates `Lanes`; None: all its arrays hold numbers.
+    lane: lane tag of the fields that the class annotates with `Lanes`. None means that all arrays hold single numbers.
     """
 
     instance_class: Any
@@ -94,9 +95,9 @@ class Record:
 
 
 class Stored:
-    """A named tuple in memory at `address`, laid out by `layout`; fields are loaded where they are used.
+    """A named tuple in memory at `address` with the `Layout` `layout`; fields are loaded where they are used.
 
-    lane: see `Record`.
+    lane: lane tag of the fields that the class annotates with `Lanes`; None if all arrays hold single numbers.
     """
 
     __slots__ = ("address", "instance_class", "lane", "layout")
@@ -114,8 +115,9 @@ RUN_TIME = (Value, *SCALARS, Array, *RECORDS)
 class Layout:
     """Memory layout of a named tuple in 8-byte words.
 
-    instance_class: the named tuple's class. parts: name -> (description by `described_as`, offset of its first word).
-    words: total length. Layouts are interned, one for each class with the same field types, and compared by identity.
+    instance_class: the named tuple's class. parts: dict from field name to (description by `described_as`, offset of
+    the field's first word). words: length of the layout in 8-byte words. There is one Layout for each combination of
+    class and field types, so that layouts are compared by identity.
     """
 
     _known: dict[Any, Layout] = {}  # noqa: RUF012
@@ -129,7 +131,10 @@ class Layout:
 
     @classmethod
     def of(cls, value: Any) -> Layout:
-        """Return the layout of a named tuple of arrays, numbers, None and tuples of these. TypeError: other fields."""
+        """Return the layout of a named tuple of arrays, numbers, None and tuples of arrays and numbers.
+
+        Raises TypeError for a field of any other type.
+        """
         parts, at = {}, 0
         for name, part in zip(value._fields, value, strict=True):
             shape = described_as(part, name)
@@ -147,9 +152,10 @@ class Layout:
 def described_as(part: Any, name: str) -> Any:
     """Describe the type of an argument or field by a hashable word, tuple or `Layout`.
 
-    None, truth values and numbers: "none", "truth", "integer", "unsigned", "number". Arrays: (letter, dimensions), and
-    "fixed" as a third entry for read-only arrays. Lane tags and sizes: ("tag", length). Tuples: ("tuple", parts). Named
-    tuples: their Layout, since their words lie inside those of the tuple that contains them. TypeError: anything else.
+    None, truth values and numbers are described as "none", "truth", "integer", "unsigned", "number". An array is
+    (letter, number of dimensions), with "fixed" as a third entry if it is read-only. A lane tag or size is ("tag",
+    length), a tuple ("tuple", parts). A named tuple is described by its Layout, since its words lie inside those of the
+    tuple that contains it. Raises TypeError for any other type. name: field name for the error message.
     """
     if part is None:
         return "none"
@@ -182,7 +188,7 @@ def described_as(part: Any, name: str) -> Any:
 
 
 def width(shape: Any) -> int:
-    """Return the number of 8-byte words of a value described by `shape`: for an array one, plus one per dimension."""
+    """Return the number of 8-byte words of a value of the type `shape`; an array takes 1 + dimensions words."""
     if isinstance(shape, Layout):
         return shape.words
     if isinstance(shape, str):
@@ -196,7 +202,8 @@ def width(shape: Any) -> int:
 def words_of(value: Any) -> list[int]:
     """Return a value as a list of 64-bit integers in the order of its `Layout`.
 
-    Float64 by bit pattern, arrays by address and dimensions, tuples part by part; None and tags take no words.
+    A float64 gives its bit pattern, an array its address and dimensions, a tuple the words of its parts. None and tags
+    take no words.
     """
     if isinstance(value, tuple):
         return [] if is_tag(value) and not hasattr(value, "_fields") else [w for part in value for w in words_of(part)]
@@ -211,10 +218,11 @@ def words_of(value: Any) -> list[int]:
 
 
 def declared(item: Any, holds: bool | None, lane: Any) -> Any:
-    """Return an argument or field as its annotation declares it: indices count elements of lanes, or numbers.
+    """Return an argument or field as annotated: its indices count elements of all lanes, or single numbers.
 
-    holds: True for `Lanes`, False for another type, None without an annotation. lane: the kernel's lane tag, or None.
-    Refused: `Lanes` of an item that is no one-dimensional array of float64 (None and sizes excepted).
+    holds: True if the annotation is `Lanes`, False if it is another type, None without annotation. lane: the kernel's
+    lane tag, or None. Raises Refused if `Lanes` annotates an item other than a one-dimensional float64 array, None or a
+    size.
     """
     if isinstance(item, Array):
         if holds and (item.letter != "f" or len(item.shape) != 1):
@@ -232,7 +240,7 @@ def declared(item: Any, holds: bool | None, lane: Any) -> Any:
 
 
 def lane_tags(item: Any) -> list[Any]:
-    """Return the lane tag or None of each array and each named tuple with lane arrays in an item."""
+    """Return a tuple with the lane tag (or None) of each array and each named tuple within an item."""
     if isinstance(item, Array):
         return [item.lane]
     # named tuples without fields of lanes are the same under every tag
@@ -242,19 +250,19 @@ def lane_tags(item: Any) -> list[Any]:
 
 
 def is_tag(item: Any) -> bool:
-    """Return whether a tuple is a lane tag or a size: all zeros, standing for its length."""
+    """Return whether `item` is a tuple of zeros: a lane tag or a size, each given by the length of the tuple."""
     return all(type(x) is int and x == 0 for x in item)
 
 
 def is_static(item: Any) -> bool:
-    """Return whether an item is known at compile time, in all parts of a tuple."""
+    """Return whether an item is known at compile time; all parts of a tuple must be known."""
     if is_tuple(item):
         return all(map(is_static, item))
     return not isinstance(item, RUN_TIME)
 
 
 def is_tuple(item: Any) -> bool:
-    """Return whether an item is a plain tuple, not a named one."""
+    """Return whether an item is a plain tuple, not a named tuple."""
     return type(item) is tuple
 
 
@@ -276,7 +284,7 @@ def leaves(item: Any) -> list[Any]:
 
 
 def rebuilt(item: Any, it: Iterator[Any], builder: Any) -> Any:
-    """Return an item of the same kind made of the next LLVM values of the iterator `it`, the inverse of `leaves`."""
+    """Return an item of the same kind from the next LLVM values of the iterator `it`: the inverse of `leaves`."""
     if isinstance(item, Value):
         return Value.of(builder, [next(it) for _ in (item, *item.tangents)], item.count)
     if isinstance(item, Integer):
@@ -299,7 +307,8 @@ def rebuilt(item: Any, it: Iterator[Any], builder: Any) -> Any:
 def kind(item: Any) -> Any:
     """Return the hashable specialization key of an item; items with equal keys share one compiled function.
 
-    Symbolic items give their type (lanes, tangents, element type, class), static items their type and value.
+    The key of a value of run time is its type (lanes, tangents, element type, class). The key of a static item is its
+    type and value.
     """
     if isinstance(item, Value):
         return ("value", item.count, len(item.tangents))

@@ -8,8 +8,8 @@
 `Lanes` annotates parameters, assignments and fields of named tuples. The fields count for parameters and assignments
 that are annotated with a type (`w: Work`) and for named tuples that the kernel makes. Other names of a lane array, its
 slices `x[i:]`, tuples with it and results of `stack` hold lanes, too. In a called kernel, the annotations of that
-kernel decide. The number of lanes is that of the kernel's argument `lane`. In uncompiled mode there is one lane, for
-which NumPy's indexing gives the same result.
+kernel decide. The kernel's argument `lane` sets the number of lanes. In uncompiled mode there is one lane, for which
+NumPy's indexing gives the same result.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Lanes: TypeAlias = Annotated[NDArray[np.float64], "lanes"]
 
 
 def is_lanes(annotation: Any) -> bool:
-    """Return whether an annotation, an object or its text, is `Lanes` or a union that contains `Lanes`."""
+    """Return whether an annotation (an object or a string) is `Lanes` or a union that contains `Lanes`."""
     if isinstance(annotation, str):
         return any(part.strip().rpartition(".")[2] == "Lanes" for part in annotation.split("|"))
     if isinstance(annotation, typing.ForwardRef):
@@ -39,13 +39,13 @@ def is_lanes(annotation: Any) -> bool:
 
 @cache
 def lane_parameters(function: Any) -> dict[str, bool]:
-    """Return the annotated parameters of a Python function by name: True for `Lanes`, False for other types."""
+    """Return a dict of the annotated parameters of a Python function: True for `Lanes`, False for other types."""
     return {name: is_lanes(one) for name, one in function.__annotations__.items() if name != "return"}
 
 
 @cache
 def lane_fields(cls: Any) -> frozenset[str]:
-    """Return the fields of a named tuple class that are annotated `Lanes`, those of its base classes included."""
+    """Return the names of the fields of a named tuple class, base classes included, that are annotated with `Lanes`."""
     found: dict[str, Any] = {}
     for base in reversed(cls.__mro__):
         found.update(vars(base).get("__annotations__", {}))

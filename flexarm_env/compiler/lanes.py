@@ -1,10 +1,10 @@
 """Lanes: one kernel source for one arm or several arms, with vectors of float64 that compile to machine registers.
 
-A kernel takes a *lane tag*, a tuple of zeros whose length L is the number of arms advanced together (`SINGLE` or
-`EIGHT`). In an array that holds lanes, element k of all L arms lies at `[k*L : (k+1)*L]`. `load(lane, array, k)`
-returns a float64 if L = 1 and an LLVM `<L x double>` otherwise. Arithmetic and the functions below accept both types,
-so the same source is the kernel of a single arm and of a batch. No operation is contracted or reordered. Single arms
-and batches therefore give the same bits, on any x86 or Arm vector unit.
+The argument `lane` of a kernel is a *lane tag*, a tuple of zeros whose length L is the number of arms advanced together
+(`SINGLE` or `EIGHT`). In an array that holds lanes, element k of all L arms lies at `[k*L : (k+1)*L]`. `load(lane,
+array, k)` returns a float64 if L = 1 and an LLVM `<L x double>` otherwise. Arithmetic and the functions below accept
+both types, so the same source is the kernel of a single arm and of a batch. No operation is contracted or reordered.
+Single arms and batches therefore give the same bits, on any x86 or Arm vector unit.
 
 With a longer tag, `dual(lane, D)`, the same source becomes the kernel of its derivative (forward mode). Each element is
 followed by D tangents of L numbers each: its derivatives along D directions. Every operation propagates tangents by the
@@ -23,16 +23,16 @@ from .decorator import UNCOMPILED, kernel
 SINGLE: tuple[int, ...] = (0,)
 EIGHT: tuple[int, ...] = (0,) * 8
 WIDEST = SINGLE if UNCOMPILED else EIGHT
-"""Lane tag for batches. If compilation is disabled, there are no vectors, and each arm is advanced by itself."""
+"""Lane tag for batches: EIGHT, or SINGLE if compilation is disabled, since Python has no vectors of lanes."""
 
 
 def dual(lane: tuple[int, ...], tangents: int = 1) -> tuple[int, ...]:
-    """Return the tag of the same number of arms with `tangents` tangents each (for one arm at most 6)."""
+    """Return the lane tag for the same number of arms with `tangents` tangents per number (at most 6 for one arm)."""
     return lane * (1 + tangents)
 
 
 def shape(length: int) -> tuple[int, int]:
-    """Return the number of lanes and of tangents of a tag of this length."""
+    """Return the numbers of lanes and of tangents of a lane tag with `length` zeros."""
     count = 1 if length % len(EIGHT) else len(EIGHT)
     return count, length // count - 1
 
@@ -47,7 +47,7 @@ def _one(lane: tuple[int, ...]) -> None:
 
 
 def load(lane: tuple[int, ...], array: np.ndarray, k: int) -> float:
-    """Return element k of every lane of a contiguous array."""
+    """Return element k of every lane of a contiguous array, as one vector."""
     _one(lane)
     return array[k]
 
@@ -91,7 +91,7 @@ def dereference(address):
 
 
 def size(n):
-    """Return a size as a number: an int itself, or the length of a tuple of zeros (known at compile time)."""
+    """Return a size as a number: n itself if n is an int, or the length of n if n is a tuple of zeros."""
     return len(n) if isinstance(n, tuple) else n
 
 
@@ -122,17 +122,17 @@ def round_even(x: float) -> float:
 
 
 def max_over_lanes(x: float) -> float:
-    """Return the largest entry of all lanes as a float64; NaN entries are ignored unless all are NaN."""
+    """Return the largest number of all lanes as a float64; NaN is ignored unless all lanes are NaN."""
     return x
 
 
 def without_tangents(x: float) -> float:
-    """Return x as a constant: without tangents under a dual tag."""
+    """Return x without its tangents, that is, as a constant of the differentiation."""
     return x
 
 
 def with_slope(y: float, x: float, slope: float) -> float:
-    """Return y with the tangents of x times slope: y is the value of a function of x whose derivative is `slope`."""
+    """Return y with tangents `slope` times those of x: y is a function of x with the derivative `slope`."""
     return y
 
 
@@ -152,7 +152,10 @@ _WHOLE = 6755399441055744.0
 
 
 def turn(t: float, s: float, c: float) -> tuple[float, float]:
-    """Return (sine, cosine) of k right angles plus r, from s = sin r and c = cos r; t = _WHOLE + k."""
+    """Return (sine, cosine) of the angle k pi/2 + r.
+
+    t: the integer k plus 1.5 * 2^52. s: sin r. c: cos r.
+    """
     return ((s, c), (c, -s), (-s, -c), (-c, s))[int(t - _WHOLE) % 4 if math.isfinite(t) else 0]
 
 
@@ -186,7 +189,7 @@ _C = (
 def sincos(x):
     """Return (sin x, cos x), x in rad, with the same bits in any lane.
 
-    Error below 2e-16 for |x| < 1e6 and below |x| 2e-16 for |x| < 1e15; NaN beyond.
+    The error is below 2e-16 for |x| < 1e6 and below 2e-16 |x| for |x| < 1e15. Larger angles give NaN.
     """
     # values without tangents; the derivatives are attached at the end
     given = without_tangents(x)

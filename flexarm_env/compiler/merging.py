@@ -13,14 +13,19 @@ APART = object()
 
 
 class Widen(Exception):
-    """Raised if a name's stack slots are too narrow: the function is rewritten with this template for the name."""
+    """Raised if the stack slots of the variable `name` are too narrow for a value that is assigned to it.
+
+    The compiler then writes the function again, with slots of the type of `template`.
+    """
 
     def __init__(self, name: str, template: Any) -> None:
         self.name, self.template = name, template
 
 
 def joined(one: Any, other: Any) -> Any:
-    """Return a template of the common type of two items, neither a known number; APART without a common type.
+    """Return an item (template) of the type to which two items convert; APART if there is no common type.
+
+    The two items are no numbers known at compile time.
 
     An integer or truth value widens to float64, a truth value to an integer, a scalar to lanes, and a number without
     tangents to a number with tangents. Named tuples and tuples are merged part by part.

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 class Pull(NamedTuple):
     """Edge from a node to one operand: how the node's cotangent contributes to the operand's cotangent.
 
-    parent: the operand's `Node`; None: the operand is memory, and `apply` itself adds to the cotangents there.
-    apply: writes the instructions of the pullback; maps the node's cotangent (LLVM value) to the operand's share.
-    first: for a select, whether this operand is the first of the two choices; None otherwise.
-    gathers: the pullback mixes lanes (sum over lanes, insert or extract an element).
+    parent: the operand's `Node`. None if the operand is in memory, whose cotangents `apply` itself increments. apply:
+    function that writes the instructions of the pullback: it maps the node's cotangent (LLVM value) to its contribution
+    to the operand's cotangent. first: True or False if the node is a select and the operand its first or second choice;
+    otherwise None. gathers: True if the pullback mixes lanes (sum of all lanes, insertion or extraction of one lane).
     """
 
     parent: Any
@@ -24,10 +24,11 @@ class Pull(NamedTuple):
 class Node:
     """A float64 LLVM value that depends on a differentiated input, with its edges to the operands.
 
-    value: the LLVM value. pulls: edges to active operands. region: the code stretch that it was written in. test:
-    condition (i1) of a select. risky: the pullback may turn a cotangent of 0 into NaN (0 * inf). steep: the slope may
-    be infinite at finite operands (quotient, square root). base: id of the array that a load reads. stored: ids of the
-    arrays that the value is stored to. cotangent: present sum of the shares, during the reverse sweep.
+    value: the LLVM value. pulls: edges to the operands that depend on a differentiated input. region: the `Region` of
+    the instruction. test: condition (LLVM i1) of a select. risky: whether the pullback may turn a cotangent of 0 into
+    NaN (0 * inf). steep: whether the slope may be infinite at finite operands (quotient, square root). base: id of the
+    array that a load reads. stored: ids of the arrays in which the value is stored. cotangent: LLVM value of the
+    cotangent, the sum of the contributions so far in the reverse sweep.
     """
 
     def __init__(
@@ -46,9 +47,9 @@ class Node:
 class Region:
     """A stretch of code that is reversed as a unit: a function, a loop body or one side of a branch.
 
-    items: nodes and callables in program order; the reverse sweep goes through them backwards. kept: by id of a forward
-    value, the LLVM value that replaces it in the reverse sweep. entry: basic block where the reverse code of the region
-    begins; forward values are recomputed or reloaded there.
+    items: nodes, and functions that write reverse code, in program order; the reverse sweep processes them backwards.
+    kept: dict from the id of a forward value to the LLVM value that replaces the forward value in the reverse sweep.
+    entry: basic block where the reverse code of the region begins, and where forward values are recomputed or reloaded.
     """
 
     entry: Any
@@ -70,7 +71,10 @@ class Region:
         self.tape.region = self._outer
 
     def is_within_branch(self, outer: Region | None = None) -> bool:
-        """Return whether the region, or one between it and `outer` (None: the outermost), is one side of a branch."""
+        """Return whether the region, or a region that contains it within `outer`, is one side of a branch.
+
+        outer: a region that contains this region; None stands for the whole function.
+        """
         here: Any = self
         while here is not None and here is not outer:
             if here.is_branch:
@@ -79,7 +83,7 @@ class Region:
         return False
 
     def again(self, value: Any) -> Any:
-        """Return the reverse-sweep copy of a forward value of this region: recomputed if cheap, else restored."""
+        """Return a forward value of this region for the reverse sweep: recomputed if cheap, otherwise reloaded."""
         if id(value) not in self.kept:
             found = self.tape.copied(value, self.entry) if self.tape.found_again(value) else self.brought(value)
             # one copy per region: later uses in the same reverse code share it

@@ -1,11 +1,11 @@
 """Cache of compiled programs on disk: one file per program, found by a key of all dependencies of its code.
 
-The key covers the sources, the argument types, llvmlite's version and the processor. A file is its SHA-256, a line of
-JSON and an object file: reading a file executes no code. A damaged file is compiled again; without a writable folder no
-file is stored. A file that users other than the owner and root could have written is not read.
+The key covers the sources, the argument types, llvmlite's version and the processor. A file consists of a SHA-256
+checksum, a line of JSON and an object file. Reading a file executes no code. A damaged file is compiled again; without
+a writable folder no file is stored. A file that users other than the owner and root could have written is not read.
 
-For kernels from outside the package the JSON lists their dependencies (`dependencies`). Loading a file renews its time
-of modification. If files take more than `LIMIT`, the least recently loaded files are deleted.
+For kernels from outside the package the JSON lists the kernels' dependencies (`dependencies`). Loading a file renews
+its time of modification. If all files together take more than `LIMIT`, the least recently loaded files are deleted.
 """
 
 import contextlib
@@ -35,20 +35,22 @@ VARIABLE, FORMER = "FLEXARM_CACHE_DIR", "NUMBA_CACHE_DIR"
 COMPILED = (
     "compiler/**/*.py", "physics/**/*.py", "runtime/**/*.py", "tasks/**/*.py", "layout.py", "time_functions.py",
 )  # fmt: skip
-"""Glob patterns of the sources that compiled code is made of."""
+"""Glob patterns of the source files with kernels or with the compiler, which determine the compiled code."""
 
 SUFFIX = ".o"
 _DIGEST = hashlib.sha256().digest_size
 
 LIMIT, ROOM = 512.0, "FLEXARM_CACHE_MB"
-"""Largest total size of the files of a folder, MB, and the environment variable that sets another size."""
+"""Largest total size of the program files in a folder, in MB, and the environment variable that sets another size."""
 
 SPARE = 0.9
-"""Fraction of the limit to which the total size is reduced by deleting files, once it exceeds the limit."""
+"""If the files' total size exceeds the limit, files are deleted until the total size is this fraction of the limit."""
 
 OFTEN, FORGOTTEN = 3600.0, 30 * 86400.0
-"""Seconds. The first is the least time between two renewals of a file's time, and the age from which a partial file
-counts as abandoned. The second is the time without loading after which files of other package versions are deleted."""
+"""Two times in seconds. OFTEN is the least time between two renewals of a file's time of modification, and the age from
+which a partial file counts as abandoned. Files of other package versions are deleted if no process has loaded them for
+the time FORGOTTEN.
+"""
 
 _NAME = re.compile(rf"[^/]+-\d+\.[0-9a-f]{{16}}\.[0-9a-f]{{24}}{re.escape(SUFFIX)}(\.[0-9a-f]{{16}})?")
 """Names of complete and partial program files; no other file is deleted."""
@@ -63,8 +65,9 @@ _sentences: set[str] = set()
 class Key(NamedTuple):
     """Cache key of a program.
 
-    base: first part of the file name, module, kernel and line. stamp: hash of the package's sources. text: all other
-    dependencies. function: the kernel's Python function. shapes: argument types (`kinds.described_as`).
+    base: first part of the file name, made of module, kernel name and line number. stamp: hash of the package's
+    sources. text: description of all other dependencies. function: the kernel's Python function. shapes: argument types
+    (`kinds.described_as`).
     """
 
     base: str
@@ -75,13 +78,13 @@ class Key(NamedTuple):
 
     @property
     def name(self) -> str:
-        """File name of the program: base, and hashes of sources and text."""
+        """File name of the program: `base`, a hash of the sources and a hash of `text`."""
         return f"{self.base}.{self.stamp[:16]}.{hashlib.sha256(self.text.encode()).hexdigest()[:24]}{SUFFIX}"
 
 
 @cache
 def source_hash() -> str:
-    """Return the SHA-256 (hex) of llvmlite's version and all sources that compiled code is made of."""
+    """Return the SHA-256 (hex) of llvmlite's version and of all source files with kernels or with the compiler."""
     digest = hashlib.sha256(llvmlite.__version__.encode())
     for path in sorted(path for pattern in COMPILED for path in PACKAGE.glob(pattern)):
         digest.update(path.relative_to(PACKAGE).as_posix().encode())
@@ -92,7 +95,8 @@ def source_hash() -> str:
 def key_of(function: Any, shapes: Sequence[Any], direct: bool, *target: str) -> Key:
     """Return the cache key of a function's program.
 
-    direct: whether it is called with one named tuple and integers (`entry`). target: triple, processor, features.
+    function: the kernel's Python function. shapes: argument types (`kinds.described_as`). direct: whether the kernel is
+    called with one named tuple and integers (`entry`). target: LLVM's target triple, processor and processor features.
     """
     name = "".join(c for c in function.__qualname__ if c not in "<>")
     base = f"{function.__module__.rpartition('.')[2]}.{name}-{function.__code__.co_firstlineno}"
@@ -111,7 +115,7 @@ def _former() -> str | None:
 
 
 def folders() -> list[Path]:
-    """Return the folders in which programs are searched; new programs are written to the first.
+    """Return the folders in which programs are searched. New programs are written to the first folder.
 
     The folder beside an installed package, compiled by an administrator, serves users without write access to that
     folder.
@@ -141,14 +145,14 @@ def _trusted(found: os.stat_result) -> bool:
 
 
 def prepare(folder: Path) -> None:
-    """Make a folder for programs. OSError: the folder cannot be made, or other users can write to the folder."""
+    """Make a folder for programs. Raises OSError if that fails or if other users can write to the folder."""
     folder.mkdir(mode=0o755, parents=True, exist_ok=True)
     if not _safe(folder):
         raise PermissionError(errno.EPERM, "others than you can write there")
 
 
 def load(key: Key) -> tuple[bytes, Any] | None:
-    """Return a program's (object file, result spec) from disk, or None; damaged files are deleted."""
+    """Return (object file, type of the result) of a program on disk, or None. Damaged files are deleted."""
     for folder in folders():
         path = folder / key.name
         try:
@@ -201,10 +205,11 @@ def _loaded_now(path: Path) -> None:
 
 
 def save(key: Key, code: bytes, result: Any, used: dict[Any, set[str]]) -> None:
-    """Store a program atomically: written to a partial file, which is then renamed. On failure warn once a process.
+    """Store a program atomically: write a partial file, then rename it. After a failure warn once per process.
 
-    used: functions in the program with the global names that each reads. Programs with indescribable dependencies
-    are not stored; a log message names the reason.
+    code: the object file. result: type of the result. used: functions in the program with the global names that each
+    function reads. A program with a dependency that cannot be described is not stored, and a log message names the
+    reason.
     """
     try:
         head = json.dumps({"key": key.text, "result": _in_words(result), "depends": _depends(key, used)})
@@ -305,7 +310,7 @@ def limit() -> int:
 
 
 def programs(folder: Path) -> list[tuple[float, int, Path]]:
-    """Return (time of last use, size in bytes, path) of all program files in a folder, partial files too."""
+    """Return (time of last use, size in bytes, path) of all program files in a folder, including partial files."""
     found = []
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:

@@ -17,17 +17,17 @@ NAMES = {
     "Add": "add", "Sub": "sub", "Mult": "mul", "Div": "truediv", "FloorDiv": "floordiv", "Mod": "mod", "Pow": "pow",
     "MatMult": "matmul", "LShift": "lshift", "RShift": "rshift", "BitAnd": "and", "BitOr": "or", "BitXor": "xor",
 }  # fmt: skip
-"""Middle part of the method of each AST operator class: `__add__` and `__radd__`."""
+"""Method name without prefix and underscores for each AST operator class: "add" for `__add__` and `__radd__`."""
 
 
 @cache
 def method(function: Any) -> Kernel:
-    """Return the kernel of a method's Python function."""
+    """Return the `Kernel` that is compiled from a method's Python function."""
     return Kernel(function)
 
 
 def methods(cls: Any) -> list[tuple[str, Any]]:
-    """Return name and Python function of the operators and properties that a named tuple class defines."""
+    """Return a dict of the operators and properties that a named tuple class defines: name and Python function."""
     words = [f"__{side}{name}__" for name in NAMES.values() for side in ("", "r")]
     found = [(word, getattr(cls, word, None)) for word in (*words, "__neg__")]
     properties = [(word, item.fget) for word in dir(cls) if isinstance(item := getattr(cls, word), property)]

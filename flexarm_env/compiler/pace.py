@@ -1,4 +1,4 @@
-"""Number of threads for the steps of a batch: measured, at most the number of processors available.
+"""Choice of the number of threads for the steps of a batch by timing, up to the number of available processors.
 
 The duration of a step depends on the arms. The gain by a second thread depends on the processor, on other processes and
 on the caller's work between steps. The gain is therefore unknown in advance. Therefore a few single-threaded and
@@ -14,20 +14,21 @@ from pathlib import Path
 from .crew import Crew
 
 ARMS_PER_THREAD = 128
-"""Arms per thread for derivatives. A second thread is used from twice this number of arms on."""
+"""Number of arms per thread in derivatives. Derivatives use a second thread from twice this number of arms on."""
 SAMPLES = 5
-"""Steps of a trial; its result is their median."""
+"""Number of steps of a timing trial; the trial's result is the median of their durations."""
 WORK = 30e-6
-"""Least duration of a step per thread, s. Waking a thread takes about as long."""
+"""Least duration of a thread's part of a step, s. Waking a thread takes about as long."""
 WORTH = 0.75
-"""Least parallel efficiency (speedup per thread). A lower value means that other processes need the processors, or that
-waking threads takes longer than their part of a step."""
+"""Least parallel efficiency (speedup divided by the number of threads) with which threads are used. A lower value means
+that other processes need the processors, or that waking threads takes longer than their part of a step.
+"""
 RARELY, SELDOM = 50.0, 800.0
-"""Least and largest time between trials, as a multiple of the duration of a trial."""
+"""Least and largest time between timing trials, as multiples of the duration of a trial."""
 
 
 def processors() -> int:
-    """Return the number of processors that this process may use: by affinity and by its control groups' quota."""
+    """Return the number of processors that this process may use by its CPU affinity and its control groups' quota."""
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return max(1, int(min(usable, quota())))
 
@@ -40,7 +41,7 @@ def default_threads(n: int) -> int:
 def quota(root: Path = Path("/")) -> float:
     """Return the number of processors that the process's control groups (version 1 or 2) allow; infinite without limit.
 
-    root: the root of the file system, another one in tests.
+    root: the root folder of the file system; tests set another folder.
     """
     found = math.inf
     try:
@@ -143,7 +144,8 @@ class Team:
     """Runs the steps of a batch on its threads.
 
     Args:
-        groups: number of groups of arms, the units of work. threads: largest number; None: chosen by a `Pace`.
+        groups: number of groups of arms, the units of work. threads: largest number of threads, or None to let a `Pace`
+            choose the number.
     Attributes:
         most: largest number of threads.
     """
@@ -157,7 +159,8 @@ class Team:
     def run(self, step: Callable[..., int], function: int, address: int, groups: int) -> int:
         """Return the sum of step(address, first, last) over parts of range(groups).
 
-        function: address of the machine code of `step`, for the threads.
+        step: compiled function that advances groups first ... last - 1. function: address of the machine code of
+        `step`, which the threads call. address: address of the program data. groups: number of groups.
         """
         if self.pace is None:
             return self._crew.run(function, address, groups)

@@ -69,8 +69,8 @@ MAIN = "flexarm_main"
 class Program:
     """Machine code of one kernel for one specialization.
 
-    address: address of its function. call: that function as a Python callable. words: 8-byte words of the result.
-    made: compiled in this process, not loaded from disk. The result's type is a spec, see `_given`.
+    address: address of the machine code. call: the machine code as a Python function of three integers. words: number
+    of 8-byte words of the result. made: True if compiled by this process, False if loaded from disk.
     """
 
     def __init__(self, code: bytes, spec: Any, made: bool) -> None:
@@ -80,7 +80,7 @@ class Program:
         self.words, self.made, self._spec = _words(spec), made, spec
 
     def result(self, room: Any, begin: int) -> Any:
-        """Decode the result from the buffer `room`, where it begins at byte `begin`."""
+        """Return the kernel's result, decoded from the buffer `room`, in which the result begins at byte `begin`."""
         found = iter(struct.unpack_from("q" * self.words, room, begin))
         return _value(self._spec, found)
 
@@ -113,7 +113,7 @@ def _value(spec: Any, found: Any) -> Any:
 
 
 def program_of(kernel: Kernel, shapes: Sequence[Any], direct: bool) -> Program:
-    """Return a kernel's program for arguments of `shapes` (`kinds.described_as`): loaded from disk or compiled."""
+    """Return a kernel's program for the argument types `shapes` (`kinds.described_as`): from disk or compiled now."""
     with _LOCK:
         # cache key: sources, argument types, target
         key = objects.key_of(kernel.function, shapes, direct, *target_text())
@@ -141,9 +141,9 @@ def _compiled(
 
 
 def linkable(kernel: Kernel, layout: Layout, name: str, cpu: str | None) -> bytes:
-    """Return an object file with the function `name`(address of a placed named tuple, two integers), to be linked.
+    """Return an object file for linking, with the function `name`(address of the kernel's named tuple, two integers).
 
-    cpu: LLVM's name of the target processor; None for this machine's. Results are bitwise those of a call from Python.
+    cpu: LLVM's name of the target processor; None for this machine's. Results have the bits of a call from Python.
     """
     shapes = [("placed", layout), "integer", "integer"]
     with _LOCK, announced(kernel.function), _uncollected():
@@ -282,7 +282,7 @@ def target_text() -> tuple[str, str, str]:
 
 
 def machine(cpu: str | None = None, linked: bool = False) -> Any:
-    """Make an LLVM target machine for `cpu`, by default this one; linked: position-independent code.
+    """Make an LLVM target machine for the processor `cpu`; if `linked`, for position-independent code.
 
     Each execution engine takes ownership of its own machine.
     """
@@ -296,7 +296,7 @@ def machine(cpu: str | None = None, linked: bool = False) -> Any:
 
 
 def checked_machine(linked: bool = False) -> Any:
-    """Make the target machine of programs. ValueError: unknown FLEXARM_CPU, on which LLVM would exit."""
+    """Make the LLVM target machine for programs. Raises ValueError if LLVM does not know the processor FLEXARM_CPU."""
     _check_chosen(os.environ.get("FLEXARM_CPU"))
     return machine(linked=linked)
 
@@ -331,7 +331,7 @@ def is_processor(cpu: str) -> bool:
 
 
 def machine_code(text: str, made: Any) -> bytes:
-    """Optimize LLVM assembly text and return the object file; no fast-math, no contraction of products and sums."""
+    """Optimize LLVM assembly and return the object file, without fast-math or contraction of products and sums."""
     module = llvm.parse_assembly(text)
     module.triple, module.data_layout = made.triple, str(made.target_data)
     options = llvm.create_pipeline_tuning_options(speed_level=3)
@@ -347,7 +347,7 @@ def machine_code(text: str, made: Any) -> bytes:
 
 
 _engines: list[Any] = []
-"""Execution engines, kept alive with their machine code as long as the process."""
+"""LLVM execution engines of this process, whose machine code must remain in memory until the process ends."""
 
 
 def engine(code: bytes) -> Any:
@@ -392,7 +392,7 @@ def _door() -> tuple[Any, Any]:
 
 
 def python_function(address: int) -> Callable[[int, int, int], int]:
-    """Return a callable of up to three integers (default 0) for the code at an address; a call releases the GIL."""
+    """Return a function of up to three integers (default 0) that runs the code at an address without the GIL."""
     method, make = _door()
     made: Callable[[int, int, int], int] = make(ctypes.addressof(method), address, None)
     return made

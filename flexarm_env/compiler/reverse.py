@@ -27,11 +27,11 @@ from .tape import Tape
 from .trace import Slots, Straight, Tracer
 
 FEW = 6
-"""Loops of at most this many iterations, known at compile time, are unrolled."""
+"""Loops with at most this number of iterations, if the number is known at compile time, are unrolled."""
 
 
 class Backward(Writer):
-    """Writes a function by a `Tape`, and the kernels that it calls inline, for reverse mode."""
+    """Writes a function on a `Tape` for reverse mode, with all called kernels inlined."""
 
     def __init__(self, outer: Any, tape: Tape, function: Any) -> None:
         """Share the outer writer's LLVM function; function None: a root that only issues calls."""
@@ -54,7 +54,7 @@ class Backward(Writer):
         return _Held(self, lane)
 
     def room(self, kind_of: Any, align: int | None = None) -> Any:
-        """Allocate stack memory and, for float64, memory of the same size for its cotangents; return its address."""
+        """Allocate stack memory and, for float64, equal memory for the cotangents; return the address of the first."""
         place = super().room(kind_of, align)
         # integers and pointers have no cotangents
         if isinstance(kind_of, ir.DoubleType | ir.VectorType | ir.ArrayType):
@@ -64,8 +64,8 @@ class Backward(Writer):
     def write(self, items: Sequence[Any]) -> Any:
         """Emit the function's code at the current position; return the result item.
 
-        A `Widen` is recorded for this function (its name cleared) and raised again, so that the root function is
-        emitted again.
+        If a stack slot is too narrow (`Widen`), the wider type is recorded for this function, and the exception is
+        raised again so that the root function is emitted again.
         """
         try:
             self.take(items)
@@ -79,7 +79,7 @@ class Backward(Writer):
         return self.result
 
     def give(self, item: Any) -> None:
-        """Set the result; within a branch, in the stack slots of the name "return". Raises Refused within a loop."""
+        """Set the function's result; within a branch, store it in stack slots. Raises Refused within a loop."""
         if self.loops:
             raise Refused("a return within a loop has no derivative backwards")
         # the result differs between sides: stack slots carry it
@@ -90,14 +90,14 @@ class Backward(Writer):
     _branched = 0
 
     def bind(self, name: str, item: Any) -> None:
-        """Assign an item to a name; arrays with cotangents directly, because their bar is known at compile time."""
+        """Assign an item to a name. An array with cotangents gets no stack slot: its bar is known at compile time."""
         if any(isinstance(x, Array) and self.b.has_bar(x.data) for x in _parts(item)):
             self.names[name] = item
         else:
             super().bind(name, item)
 
     def block(self, statements: Sequence[ast.stmt]) -> None:
-        """Emit statements in order, up to a return.
+        """Emit a block's statements in order, up to a return.
 
         After an `if` that ends with a return, the following statements become its else branch.
         """
@@ -112,7 +112,7 @@ class Backward(Writer):
             super().block([statement])
 
     def on_While(self, node: ast.While) -> None:
-        """Emit a while loop. Raises Refused if it records nodes: the number of iterations would have to be saved."""
+        """Emit a while loop. Raises Refused if the loop computes differentiated values, whose number is unknown."""
         items = len(self.b.region.items)
         super().on_While(node)
         if self.b.active_since(items):
@@ -390,7 +390,7 @@ class Pulled(Straight):
     def written(self, writer: Any, items: list[Any]) -> None:
         """Emit the forward pass and reverse sweep in the calling kernel; nothing is returned.
 
-        items: the function's arguments, then one cotangent argument for each differentiated name.
+        items: the function's arguments, then one cotangent argument for each differentiated argument.
         """
         count = len(self.names)
         if len(items) != count + len(self._bars):
@@ -443,8 +443,8 @@ def vjp_of(function: Any, names: tuple[str, ...], scratch: tuple[str, ...] = ())
 
     names: arguments that are arrays, or named tuples of arrays. Cotangents of elements that the function writes are
     consumed. After the call the cotangents are 0 or, if the old content was read too, the cotangent of the old content.
-    For elements that are only read, contributions are added to their cotangents. The arrays stay unchanged. scratch:
-    arrays of working memory, whose content matters neither before nor after. If nothing is compiled, the function
-    itself is returned.
+    For elements that are only read, contributions are added to their cotangents. The arrays of `names` stay unchanged.
+    scratch: names of arguments that are working memory, whose content matters neither before nor after. If compilation
+    is disabled, the function itself is returned.
     """
     return function if UNCOMPILED else Pulled(function, names, scratch)

@@ -16,7 +16,7 @@ _BYTE = ir.IntType(8)
 
 
 class Rooms(ir.IRBuilder):  # type: ignore[misc]
-    """IR builder that continues at a writer's position and allocates scratch memory for the code that it writes."""
+    """IR builder that continues at a writer's position and allocates scratch memory for the emitted code."""
 
     # whether a `Tape` records the instructions that are written
     recording = False
@@ -31,15 +31,16 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
         ir.IRBuilder.store(self, ir.Constant(WORD, 0), self._used)
 
     def slot(self, kind: Any) -> Any:
-        """Return the address of a stack slot of an LLVM type, allocated in the entry block; it has no cotangent."""
+        """Allocate a stack slot of the LLVM type `kind`, without cotangent, in the entry block; return its address."""
         return ir.IRBuilder(self._top).alloca(kind)
 
     @contextmanager
     def at(self, block: Any, start: bool = False) -> Iterator[None]:
-        """Context that writes code into another block: before the block's terminator, at the end of a block without
-        terminator, or at the block's start.
+        """Context manager that writes code into another basic block: at its start, or at its end before a terminator.
 
-        Instructions of the context are not recorded; afterwards the builder returns to its previous block.
+        Instructions written within the context are not recorded. Afterwards the builder returns to its previous block.
+
+        start: True to write at the start of the block.
         """
         own, recording = self.block, self.recording
         self.recording = False
@@ -54,7 +55,7 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
         self.recording = recording
 
     def word(self, frame: Any, at: int, kind: Any) -> Any:
-        """Return the address of word `at` of a frame, as a pointer to the LLVM type `kind`."""
+        """Return the address of 8-byte word `at` of the memory `frame`, as a pointer to the LLVM type `kind`."""
         return self.bitcast(self.gep(frame, [ir.Constant(WORD, at)], inbounds=True), kind.as_pointer())
 
     def _function(self, name: str, kind: Any) -> Any:
@@ -63,7 +64,7 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
         return found or ir.Function(self.module, kind, name)
 
     def taken(self, words: Any) -> Any:
-        """Emit code that allocates `words` 8-byte words and returns their address, a phi of two sources.
+        """Emit code that allocates `words` 8-byte words of scratch memory; return the LLVM value of their address.
 
         The words come from the stack area while it has enough free words (in multiples of 8), otherwise from malloc.
         """
@@ -90,7 +91,7 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
         return found
 
     def given_back(self, room: Any) -> None:
-        """Emit code that frees memory from `taken`: free() for memory from malloc, nothing for the stack area."""
+        """Emit code that frees memory allocated by `taken`: free() for memory from malloc, nothing for stack memory."""
         free = self._function("free", ir.FunctionType(ir.VoidType(), [_BYTE.as_pointer()]))
         # offset into the stack area; unsigned, so that addresses below it count as outside
         at = self.sub(self.ptrtoint(room, WORD), self.ptrtoint(self._room, WORD))

@@ -16,8 +16,8 @@ class Sheet:
     """An array with its views.
 
     Attributes:
-        array: the array, which owns its memory. address: address of its first number.
-        told: named results for the caller, including views of the array. others: further views.
+        array: the array, which owns its memory. address: address of the array's first number. told: dict of results for
+            the caller by name, including views of the array. others: further views of the array.
     """
 
     __slots__ = ("_alone", "_views", "address", "array", "others", "told")
@@ -27,18 +27,21 @@ class Sheet:
         self.show({}, ())
 
     def show(self, told: Mapping[str, Any], others: Iterable[Any]) -> None:
-        """Set the named results and further views of the array that a caller gets."""
+        """Set the results and the views of the array that a caller gets.
+
+        told: results by name. others: further views.
+        """
         self.told, self.others = dict(told), tuple(others)
         # views of this array only: other objects have owners elsewhere
         self._views = [one for one in (*self.told.values(), *self.others) if getattr(one, "base", None) is self.array]
         self._alone = _BARE + _EACH * len(self._views)
 
     def is_free(self) -> bool:
-        """Return whether nobody else holds the array or one of its views, by their reference counts."""
+        """Return whether, by the reference counts, no other object refers to the array or to one of its views."""
         return self.count() == self._alone
 
     def count(self) -> int:
-        """Return the sum of the reference counts of the array and of its views; a slice of a view counts too."""
+        """Return the sum of the reference counts of the array and of its views. A slice of a view adds to the sum."""
         return getrefcount(self.array) + sum(map(getrefcount, self._views))
 
 

@@ -18,8 +18,8 @@ _FUTURE = sum({getattr(__future__, name).compiler_flag for name in __future__.al
 class Source(NamedTuple):
     """A kernel's AST, with the information that does not depend on its arguments.
 
-    tree: the function's AST node. file: path of its text. often: names assigned more than once, which get stack slots.
-    scope: values of global names and of closure variables.
+    tree: the function's AST node. file: path of the source file. often: names assigned more than once, which get stack
+    slots. scope: values of global names and of closure variables.
     """
 
     tree: ast.FunctionDef
@@ -28,7 +28,10 @@ class Source(NamedTuple):
     scope: dict[str, Any]
 
     def placed(self, error: Refused, number: int) -> Refused:
-        """Return the error with file, line `number` and the line's text added, once."""
+        """Return the error with file, line number and text of the line in its message.
+
+        number: line number within the function's source text. An error that already names a line is returned unchanged.
+        """
         if error.placed:
             return error
         text = linecache.getline(self.file, number).strip()
@@ -42,7 +45,7 @@ def source_of(function: Any) -> Source:
     """Return the `Source` of a Python function, cached.
 
     Raises Refused for lambdas, async functions, other decorators, starred or keyword-only arguments, functions without
-    source text, and functions whose text has changed since they were made.
+    source text, and functions whose source text has changed since Python compiled them.
     """
     code, name = function.__code__, f"{function.__module__}.{function.__qualname__}"
     at = f"{code.co_filename}:{code.co_firstlineno}"

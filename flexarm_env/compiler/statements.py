@@ -38,7 +38,7 @@ _DECLARED = Array | Record | Stored
 class Slot:
     """Stack slots of a name that is assigned more than once.
 
-    template: item of the type that all its values convert to. places: addresses, one for each leaf of the template.
+    template: item with the common type of the name's values. places: addresses of the slots, one for each LLVM value.
     """
 
     def __init__(self, template: Any, places: list[Any]) -> None:
@@ -48,8 +48,8 @@ class Slot:
 class Writer(Expressions):
     """Writes one specialization of a kernel into an LLVM function.
 
-    module: the program's `front.Module`. code: the LLVM function. wide: templates of names whose slots were too narrow
-    in an earlier attempt. names: the item of each name at the current position. result: template of the return value.
+    module: the program's `front.Module`. code: the LLVM function. wide: types of names whose slots were too narrow in
+    an earlier attempt. names: dict from each name to its present item. result: item of the returned type.
     """
 
     def __init__(self, module: Any, code: Any, function: Any, wide: Names) -> None:
@@ -65,9 +65,9 @@ class Writer(Expressions):
 
     # --- function ----------------------------------------------------------------------------------
     def write(self, items: Sequence[Any]) -> Any:
-        """Write the function's code for arguments of the kinds of `items`; return its result template.
+        """Write the function's code for arguments of the kinds of `items`; return an item with the type of the result.
 
-        Every error, also an unforeseen one, is raised as Refused with file and line of the current statement.
+        Every exception during the writing is raised as Refused with file and line of the current statement.
         """
         # LLVM arguments are the leaves of all items
         it = iter(self.code.args)
@@ -86,7 +86,7 @@ class Writer(Expressions):
         return self.result
 
     def take(self, items: Sequence[Any]) -> None:
-        """Bind the kernel's parameters to its arguments, as their annotations declare them (`lane_arrays`)."""
+        """Bind the kernel's parameters to the arguments `items`, as annotations declare them (`lane_arrays`)."""
         names = [argument.arg for argument in self.source.tree.args.args]
         said = lane_parameters(self.function)
         # the tag of the kernel's lanes: a tuple of zeros
@@ -101,9 +101,9 @@ class Writer(Expressions):
                 raise Refused(f"argument {name!r}: {error}") from None
 
     def give(self, item: Any) -> None:
-        """Emit a return of an item: a struct of its leaves, or void for an item without leaves.
+        """Emit a return of an item: a struct of the item's LLVM values, or void for an item known at compile time.
 
-        The first return fixes the result template; a later return that needs a wider template raises `Widen`.
+        The first return sets the type of the result. A later return that needs a wider type raises `Widen`.
         """
         item = self.dynamic(item)
         if self.result is Widen:
@@ -126,7 +126,7 @@ class Writer(Expressions):
         self.b.ret(whole_result)
 
     def fit(self, name: str, item: Any, template: Any) -> Any:
-        """Convert an item to a template; raise Widen if a wider template is needed, Refused if none fits."""
+        """Convert an item to the type of `template`; raise Widen if a wider type is needed, Refused if no type fits."""
         wider = joined(template, item)
         if wider is APART:
             what = "it returns" if name == "return" else f"{name!r} is"
@@ -145,7 +145,7 @@ class Writer(Expressions):
             self.put_in_slot(name, item)
 
     def put_in_slot(self, name: str, item: Any) -> None:
-        """Store an item in the stack slots of a name, allocated on first use; static items take no slots."""
+        """Store an item in the stack slots of a name, allocated on first use, unless it is known at compile time."""
         item = self.dynamic(item)
         parts = leaves(item)
         if not parts:
@@ -161,7 +161,7 @@ class Writer(Expressions):
         self.names[name] = slot
 
     def read(self, name: str) -> Any:
-        """Return the item of a name: local, then global or closure, then built in.
+        """Return the item of a name, searched first among local names, then globals and closure, then built-in names.
 
         Raises Refused if the name may be unassigned. Global names are recorded for the cache key; global arrays become
         constants of the program.
@@ -184,9 +184,9 @@ class Writer(Expressions):
         return item
 
     def meet(self, block: Any, ends: Sequence[Names]) -> None:
-        """Continue at `block` with the names that denote the same item at the end of all paths in `ends`.
+        """Continue at `block` with the names that denote the same item at the end of all paths to it.
 
-        Without any path the block is unreachable.
+        ends: the names and their items at the end of each path. A block without paths is marked as unreachable.
         """
         self.b.position_at_end(block)
         if not ends:
@@ -202,7 +202,7 @@ class Writer(Expressions):
 
     # --- statements --------------------------------------------------------------------------------
     def block(self, statements: Sequence[ast.stmt]) -> None:
-        """Emit statements in order, up to the first that ends the block: return, break, continue."""
+        """Emit a block's statements in order, up to the first return, break or continue."""
         for statement in statements:
             if self.b.block.is_terminated:
                 return
@@ -268,8 +268,8 @@ class Writer(Expressions):
     def on_If(self, node: ast.If) -> None:
         """Emit an if statement: only the branch taken if the condition is static, otherwise two basic blocks.
 
-        After the statement a name has a value if the name denotes the same item or slots in all branches that reach the
-        end.
+        After the statement a name has a value if it denotes the same item or the same stack slots in all branches that
+        reach the end of the statement.
         """
         # a static condition: the other branch is not compiled, and may contain anything
         test = self.condition(node.test)
@@ -403,7 +403,7 @@ class Writer(Expressions):
                     raise Refused(f"{name!r} changes in the loop, and what it stands for must be known beforehand")
 
     def on_While(self, node: ast.While) -> None:
-        """Emit a while loop: blocks head (condition), loop, end. Raises Refused for a condition known to be false."""
+        """Emit a while loop. Raises Refused for a condition that is known to be false."""
         if node.orelse:
             raise Refused("a loop has no else in a kernel")
         before = self.names
@@ -426,12 +426,12 @@ class Writer(Expressions):
         self.meet(end, loop.ends)
 
     def on_Break(self, node: ast.Break) -> None:
-        """Jump to the block after the innermost loop, with the present names."""
+        """Emit a break: jump to the block after the innermost loop, and record the present names for it."""
         self.b.branch(self.loops[-1].end)
         self.loops[-1].ends.append(self.names)
 
     def on_Continue(self, node: ast.Continue) -> None:
-        """Jump to the next iteration of the innermost loop, with the present names."""
+        """Emit a continue: jump to the next iteration of the innermost loop, and record the present names for it."""
         self.b.branch(self.loops[-1].nxt)
         self.loops[-1].nexts.append(self.names)
 

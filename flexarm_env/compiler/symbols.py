@@ -37,7 +37,7 @@ def broadcast(builder: Any, value: Any, count: int) -> Any:
 class Value:
     """A float64 (count = 1) or a vector of `count` lanes at run time.
 
-    builder: IR builder that operations write to. value: LLVM value. tangents: one Value for each direction of
+    builder: LLVM IR builder that the operations use. value: the LLVM value. tangents: one Value for each direction of
     differentiation; empty for a constant.
     """
 
@@ -46,7 +46,10 @@ class Value:
 
     @classmethod
     def of(cls, builder: Any, parts: Sequence[Any], count: int) -> Value:
-        """Make a Value of LLVM values in `count` lanes: the first is the value, the rest are its tangents."""
+        """Make a Value from LLVM values of `count` lanes.
+
+        parts: the value, then its tangents.
+        """
         first, *rest = parts
         return cls(builder, first, count, [cls(builder, part, count) for part in rest])
 
@@ -55,7 +58,7 @@ class Value:
         return self.value if self.count == count else broadcast(self.builder, self.value, count)
 
     def parts(self, count: int, tangents: int) -> list[Any]:
-        """Return LLVM values in `count` lanes: the value, then `tangents` tangents, which are 0 if it has none."""
+        """Return LLVM values of `count` lanes: the value, then `tangents` tangents. Missing tangents are 0."""
         if not tangents and not self.tangents:
             return [self.wide(count)]
         # a constant has tangents 0
@@ -63,11 +66,11 @@ class Value:
         return [x.wide(count) for x in (self, *slopes)]
 
     def full(self, count: int, tangents: int) -> Value:
-        """Return the same number in `count` lanes with `tangents` tangents, 0 where it has none."""
+        """Return the Value broadcast to `count` lanes, with `tangents` tangents. Missing tangents are 0."""
         return Value.of(self.builder, self.parts(count, tangents), count)
 
     def like(self, value: Any, count: int) -> Value:
-        """Return a Value without tangents of another LLVM value, written by the same builder."""
+        """Return a Value of `count` lanes made from another LLVM value, without tangents, with the same builder."""
         return Value(self.builder, value, count)
 
     def other(self, x: Any) -> Value:
@@ -85,7 +88,7 @@ class Value:
         return self.like(getattr(self.builder, instruction)(a.wide(count), b.wide(count)), count)
 
     def having(self, tangents: Sequence[Value]) -> Value:
-        """Return the value with these tangents in place of its own."""
+        """Return a Value with the same number and with the given tangents."""
         return Value(self.builder, self.value, self.count, tangents)
 
     def __add__(self, x: Any) -> Value:
@@ -135,7 +138,7 @@ class Value:
         raise TypeError("a value is not known when the kernel is written out: no branch may depend on it")
 
     def call(self, name: str) -> Value:
-        """Emit a call of the LLVM intrinsic `name` of one argument on the value; the result has no tangents."""
+        """Emit a call of the LLVM intrinsic `name` with the value as its argument; the result has no tangents."""
         kind = vector(self.count)
         # intrinsics are named by type: llvm.sqrt.f64, llvm.sqrt.v8f64
         suffix = "f64" if self.count == 1 else f"v{self.count}f64"
@@ -198,7 +201,7 @@ def round_even(x: Value) -> Value:
 
 
 def largest(x: Value) -> Value:
-    """Return the largest lane of x as a scalar; NaN lanes are skipped, NaN only if all lanes are. No tangents."""
+    """Return the largest number of all lanes of x, without tangents. NaN is ignored unless all lanes are NaN."""
     x = alone(x)
     if x.count == 1:
         return x
@@ -215,7 +218,7 @@ def largest(x: Value) -> Value:
 
 
 def with_slope(y: Value, x: Value, slope: Value) -> Value:
-    """Return y as a function of x alone with the given derivative: tangents slope x'; y's own tangents are dropped."""
+    """Return y with the tangents of x times `slope`: y is a function of x alone. Earlier tangents of y are dropped."""
     # a `Tape` records the slope for the reverse sweep
     if hasattr(y.builder, "sloped"):
         return y.builder.sloped(y, x, slope)
@@ -223,7 +226,7 @@ def with_slope(y: Value, x: Value, slope: Value) -> Value:
 
 
 def alone(x: Value) -> Value:
-    """Return x without its derivatives: tangents dropped, and for a `Tape` no cotangent passes."""
+    """Return x as a constant: without tangents in forward mode, and without cotangent in reverse mode (`Tape`)."""
     return x.builder.constant(x) if hasattr(x.builder, "constant") else x.alone
 
 
@@ -233,9 +236,11 @@ def change(x: Value) -> Value:
 
 
 def turned(t: Value, s: Value, c: Value) -> tuple[Value, Value]:
-    """Return (sin, cos) of an angle k pi/2 + r from s = sin r, c = cos r; t = 1.5 * 2^52 + k holds k in its low bits.
+    """Return (sine, cosine) of the angle k pi/2 + r.
 
-    Bit 0 of k swaps sine and cosine; bit 1 of k flips the sine's sign, bit 1 of k + 1 the cosine's.
+    t: 1.5 * 2^52 + k, whose lowest bits hold the integer k. s: sin r. c: cos r.
+
+    Bit 0 of k swaps sine and cosine. Bit 1 of k changes the sign of the sine, bit 1 of k + 1 that of the cosine.
     """
     builder, count = t.builder, t.count
     kind = INDEX if count == 1 else ir.VectorType(INDEX, count)

@@ -2,10 +2,10 @@
 
 A `Tape` writes instructions like any builder. While it records, each instruction that depends on a differentiated input
 becomes a `Node` of the current `Region`: a function, a loop body, one side of a branch. `sweep` writes the reverse code
-of a region. Memory has parallel memory for cotangents (bars). In the reverse sweep a store moves the cotangent of its
-place to the stored number and clears it at the place; a load adds its cotangent to that of the place. `back` returns a
-forward value in the reverse sweep. In the outermost region the value is still available. Integers, addresses, cheap
-arithmetic and loads from unchanged arrays are recomputed. Other values are saved.
+of a region. Each array has parallel memory for its cotangents (bars). The reverse code of a store moves the array
+element's cotangent to the stored number. The reverse code of a load adds the loaded number's cotangent to the
+element's. `back` returns a forward value in the reverse sweep. In the outermost region the value is still available.
+Integers, addresses, cheap arithmetic and loads from unchanged arrays are recomputed. Other values are saved.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ def _all(kind: Any, x: float = -0.0) -> Any:
 class Tape(Rooms):
     """Records the forward pass and writes the reverse sweep, at the position of a writer's builder.
 
-    wide: by function, templates of names whose slots were too narrow. nodes: by id of an LLVM value. home: by id of a
-    basic block, its region; none in the outermost one. _bars: by id of an address, the address of its cotangents.
+    wide: for each function, the types of names whose slots were too narrow. nodes: dict from the id of an LLVM value to
+    its `Node`. home: dict from the id of a basic block to its `Region`, without blocks of the outermost region.
     """
 
     def __init__(self, writer: Any, wide: dict[Any, Any]) -> None:
@@ -73,7 +73,7 @@ class Tape(Rooms):
 
     # --- passes ------------------------------------------------------------------------------------
     def argument(self, array: Any, bar: Any) -> Any:
-        """Return the address at which the code sees an array: its own, or a copy's if written to. bar None: scratch."""
+        """Return the address of an array, or of its copy if the code writes to it. bar: cotangents, or None."""
         slot = self.slot(DOUBLE.as_pointer())
         size = array.shape[0]
         for more in array.shape[1:]:
@@ -92,7 +92,7 @@ class Tape(Rooms):
         return data
 
     def begin(self) -> None:
-        """Start to record the forward pass in a new basic block, the outermost region, which always runs."""
+        """Start to record the forward pass in a new basic block, which is the outermost region."""
         self._first = self.block
         self.position_at_end(self._forth)
         self._begin = len(self._code.blocks)
@@ -152,7 +152,7 @@ class Tape(Rooms):
                     stored.parent.instructions.remove(stored)
 
     def sweep(self, region: Region) -> None:
-        """Write a region's reverse code, its items backwards; forward values are recomputed in the entry block."""
+        """Write a region's reverse code, from its last item to its first; the entry block recomputes forward values."""
         outer, self.region = self.region, region
         region.entry = self.block
         rest = self._code.append_basic_block("rest")
@@ -208,11 +208,11 @@ class Tape(Rooms):
 
     # --- recording ---------------------------------------------------------------------------------
     def depends(self, value: Any) -> bool:
-        """Return whether an LLVM value is active: a node with a cotangent."""
+        """Return whether an LLVM value is active: whether it depends on a differentiated input."""
         return id(value) in self.nodes
 
     def active_since(self, items: int) -> bool:
-        """Return whether a node was recorded since the region had `items` items."""
+        """Return whether a node was recorded after the first `items` items of the current region."""
         return any(isinstance(item, Node) for item in self.region.items[items:])
 
     def _made(self, value: Any, *pulls: tuple[Any, ...], **about: Any) -> Any:
@@ -241,12 +241,12 @@ class Tape(Rooms):
         return self._made(super().fsub(x, y), (x, _same), (y, self.fneg))
 
     def fmul(self, x: Any, y: Any) -> Any:
-        """Emit x y. A cotangent g adds g y to x's cotangent and g x to y's; 0 times infinity gives NaN (risky)."""
+        """Emit x times y. The product's cotangent g adds g y to the cotangent of x and g x to the cotangent of y."""
         by_x, by_y = lambda g: self.fmul(g, self.back(y)), lambda g: self.fmul(g, self.back(x))
         return self._made(super().fmul(x, y), (x, by_x), (y, by_y), risky=True)
 
     def fdiv(self, x: Any, y: Any) -> Any:
-        """Emit x / y. A cotangent g adds g / y to x's cotangent and -(g (x / y)) / y to y's (risky, steep)."""
+        """Emit x / y. The ratio's cotangent g adds g / y to the cotangent of x and -(g (x / y)) / y to that of y."""
         ratio = super().fdiv(x, y)
 
         def by_y(g: Any) -> Any:
@@ -274,7 +274,7 @@ class Tape(Rooms):
         return self._made(super().select(test, x, y), (x, by_x, True), (y, by_y, False), test=test)
 
     def call(self, function: Any, values: Any) -> Any:
-        """Emit a call. Reverse rules: sqrt, fabs; 0 for floor, ceil, rint, fptosi. Raises Refused otherwise."""
+        """Emit a call. Derivatives: sqrt and fabs; 0 for floor, ceil, rint, fptosi. Others raise Refused."""
         found, name = super().call(function, values), function.name.split(".")
         if not self.recording or not any(id(x) in self.nodes for x in values):
             return found
@@ -297,7 +297,7 @@ class Tape(Rooms):
         return self.select(self.fcmp_ordered("<", x, _all(g.type)), self.fneg(g), g)
 
     def insert_element(self, into: Any, x: Any, k: Any) -> Any:
-        """Emit a vector with lane k replaced by x; lane k's cotangent goes to x, other lanes' to the vector."""
+        """Emit the vector `into` with lane k replaced by x. Lane k's cotangent goes to x, the rest to `into`."""
         by_into, by_x = (
             lambda g: self.insert_element(g, _all(DOUBLE), k),
             lambda g: self.extract_element(g, k),
@@ -321,7 +321,7 @@ class Tape(Rooms):
         return self.insert_element(_all(g.type), total, ir.Constant(SLOT, 0))
 
     def sloped(self, y: Value, x: Value, slope: Value) -> Value:
-        """Return y as a function of x alone: the cotangent of x is g slope. The slope is saved, not recomputed."""
+        """Return y as a function of x alone with the derivative `slope`, which is saved for the reverse sweep."""
         count = max(y.count, x.count, slope.count)
         found, by, own = y.wide(count), x.wide(count), slope.wide(count)
         self._dear.add(id(own))
@@ -334,7 +334,7 @@ class Tape(Rooms):
 
     # --- memory ------------------------------------------------------------------------------------
     def paired(self, place: Any, bar: Any, own: bool) -> None:
-        """Register `bar` as the cotangents' address of `place`; own: private memory, zeroed by forward stores."""
+        """Register `bar` as address of the cotangents of the memory at `place`; `own`: forward stores set them to 0."""
         self._bars[id(place)] = bar
         if isinstance(place, ir.AllocaInstr) and not isinstance(place.type.pointee, ir.ArrayType):
             self._names.add(id(place))
@@ -362,7 +362,7 @@ class Tape(Rooms):
         return self.gep(bar, [self.back(k) for k in place.indices], inbounds=True)
 
     def load(self, place: Any, align: int | None = None) -> Any:
-        """Emit a load; the reverse code adds the cotangent to the bar of the address."""
+        """Emit a load from `place`. The reverse code adds the number's cotangent to that of the memory."""
         found = super().load(place, align=align)
         if self.recording and _is_number(found.type) and self.has_bar(place):
             self._note(found, [Pull(None, lambda g: self._add(place, g))]).base = id(self._base(place))
@@ -374,9 +374,9 @@ class Tape(Rooms):
         self.store(self.fadd(self.load(bar, align=8), g), bar, align=8)
 
     def store(self, value: Any, place: Any, align: int | None = None) -> Any:
-        """Emit a store; the reverse code moves the bar's cotangent to the stored number and zeroes the bar.
+        """Emit a store. The reverse code adds the cotangent of `place` to the stored number's and sets it to 0.
 
-        Raises Refused for an active number that is stored in memory without cotangents.
+        Raises Refused if a number that depends on a differentiated input is stored in memory without cotangents.
         """
         made = super().store(value, place, align=align)
         if self.recording:
@@ -402,8 +402,7 @@ class Tape(Rooms):
 
     # --- forward values ----------------------------------------------------------------------------
     def back(self, value: Any) -> Any:
-        """Return a forward value in the reverse sweep: itself if it is still available, otherwise recomputed or
-        reloaded."""
+        """Return a forward value for the reverse sweep: the value if still available, else recomputed or reloaded."""
         if self.recording or not isinstance(value, ir.Instruction):
             return value
         self._asked.append(value)
@@ -411,7 +410,7 @@ class Tape(Rooms):
         return value if region is None else region.again(value)
 
     def found_again(self, value: Any) -> bool:
-        """Return whether a forward value can be recomputed: a cheap operation, or a load from unchanged memory."""
+        """Return whether a forward value is recomputed: a cheap operation, or a load from unchanged memory."""
         if value.opname == "load":
             base = self._base(value.operands[0])
             fresh = id(base) in self._bars or not isinstance(base, ir.AllocaInstr | ir.LoadInstr)
@@ -419,7 +418,7 @@ class Tape(Rooms):
         return value.opname in _AGAIN and id(value) not in self._dear
 
     def copied(self, value: Any, block: Any) -> Any:
-        """Recompute a forward value: write its instruction again, with operands by `back`, at the end of a block."""
+        """Recompute a forward value: write its instruction again, with operands from `back`, at the end of `block`."""
         if value.opname == "load":
             place = self.back(value.operands[0])
             with self.at(block):

@@ -4,8 +4,8 @@ A traced function gets a `Value` for each number and a `Slots` for each array; e
 instruction into the calling kernel. Python executes all loops, tables, lists and dicts, so that only operations remain
 to be compiled. Indices are constants, and `stack` memory becomes registers. A traced function accesses arrays of lanes
 (`lane_arrays`) at indices known at compile time, and does not branch on symbolic values. Kernels and functions of the
-same module that a traced function calls are traced, too. Tuples of zeros (lane tags, sizes) and None stand for
-themselves.
+same module that a traced function calls are traced, too. Tuples of zeros (lane tags, sizes) and None are passed
+unchanged.
 
 `@unrolled` is for a kernel with loops over the Model's size `n`. If n is a tag, a tuple of zeros, the kernel is traced.
 If n is a number, the same source is compiled with its loops. `@traced` is for functions that are always traced. Traced
@@ -84,8 +84,8 @@ class Registers(list[Any]):
 class Tracer:
     """Runs a function on symbolic values in the kernel that `writer` writes, for lanes of one tag.
 
-    count, tangents: lanes and tangents of an element. words: replacement of each function of lanes.py and of each
-    traced function.
+    count, tangents: numbers of lanes and of tangents of an array element. words: dict that replaces each function of
+    lanes.py and each traced function by a function of symbolic values.
     """
 
     def __init__(self, writer: Any, lane: tuple[int, ...]) -> None:
@@ -115,14 +115,14 @@ class Tracer:
         return Slots(self.builder, array)
 
     def close(self) -> None:
-        """Finish the traced code; a subclass stores the values that it has kept in registers."""
+        """Finish the traced code. A subclass stores the values that are still in registers."""
 
     def load(self, lane: Any, array: Any, k: int) -> Value:
-        """Return element k of every lane: of stack memory (a list), or loaded from an array."""
+        """Return element k of every lane of stack memory (a list), or load it from an array."""
         return array.get(k, self.count, self.tangents) if isinstance(array, Slots) else array[k]
 
     def store(self, array: Any, k: int, value: Any) -> None:
-        """Set element k of every lane: of stack memory (a list), or stored in an array."""
+        """Set element k of every lane of stack memory (a list) or of an array."""
         if isinstance(array, Slots):
             array.put(k, self.value(value), self.count, self.tangents)
         else:
@@ -163,7 +163,11 @@ class Tracer:
         return run
 
     def declared(self, item: Any, holds: bool | None) -> Any:
-        """Return an argument or field as an annotation declares it: `LaneSlots` if `holds`, otherwise `Slots`."""
+        """Return an array (argument or field) as `LaneSlots` if it is annotated with `Lanes`, otherwise as `Slots`.
+
+        holds: True for `Lanes`, False for another annotation, None without annotation. Other items are returned
+        unchanged.
+        """
         if isinstance(item, Slots) and holds:
             return LaneSlots(self, item)
         if holds is not None and isinstance(item, tuple) and hasattr(item, "_fields"):
@@ -182,9 +186,10 @@ class Tracer:
         return own or item in self.words or isinstance(item, Straight | Kernel) or hasattr(item, "choice")
 
     def symbol(self, item: Any) -> Any:
-        """Return the form of an argument item in traced code; None for an integer or an array not of float64.
+        """Return an argument in the form that traced code uses; None for integers and for arrays not of float64.
 
-        Arrays become `Slots`, named tuples namespaces of their fields, numbers and static items themselves.
+        Arrays become `Slots`, and named tuples become namespaces of their fields. Numbers and static items are returned
+        unchanged.
         """
         if isinstance(item, Array):
             return self.slots(item) if item.letter == "f" else None
@@ -228,8 +233,8 @@ def _plain(function: Any) -> Any:
 class Straight:
     """A function that is traced, and therefore inlined, at each call by a kernel.
 
-    when: condition on (arguments by name, writer). If it is False, `function` is a kernel and is called. traits: words
-    that go into the cache key beside the function.
+    when: condition when(arguments by name, writer). If the condition is False, `function` is a kernel and is called
+    instead of traced. traits: strings that are part of the cache key.
     """
 
     def __init__(self, function: Any, when: Callable[[dict[str, Any], Any], bool] | None = None) -> None:
@@ -244,7 +249,7 @@ class Straight:
         return self.function(*items)
 
     def written(self, writer: Any, items: list[Any]) -> Any:
-        """Trace the function into the calling kernel; return its results with the tag's lanes and tangents, or None."""
+        """Trace the function into the calling kernel; return its results with lanes and tangents, or None."""
         given = dict(zip(self.names, items, strict=True))
         if self._when is not None and not self._when(given, writer):
             return writer.module.call(writer, self.function, items, {})

@@ -17,19 +17,22 @@ from typing import Any, NamedTuple
 LOG = logging.getLogger("flexarm_env")
 
 AFTER, PAUSE, TICK = 0.5, 3.0, 1.0
-"""Three times in seconds: duration of compilation before a line is written; pause without compilation after which a new
-wait begins; time between two updates of the counter on a terminal."""
+"""Three times in seconds. AFTER: duration of a compilation before a message is written. PAUSE: time without compilation
+after which messages count programs and seconds anew. TICK: time between two updates of the counter on a terminal.
+"""
 
 PARTS = {
     "step": "a control period", "start_episodes": "starts of episodes", "finish_guided": "guided starts",
     "observe_arm": "the arm's shape", "sample_rows": "the run of a scene", "restart": "the start of a motion",
     "equations": "the equations of motion", "linearize": "linear models",
 }  # fmt: skip
-"""Purpose of each kernel that Python calls, by name; those of an environment first, in the order of compilation."""
+"""Purpose of each kernel that Python calls, by name. The kernels of an environment are first, in the order of
+compilation.
+"""
 
 
 class Task(NamedTuple):
-    """Name of a compilation for messages, and the number of its programs (0: unknown)."""
+    """A compilation's name in messages, and the number of programs that it compiles (0: unknown)."""
 
     what: str = ""
     programs: int = 0
@@ -45,9 +48,9 @@ _began, _ended, _count = float("-inf"), float("-inf"), 0
 
 @contextmanager
 def compiling(what: str, programs: int = 0) -> Iterator[None]:
-    """Context manager that names the current compilation for messages; the outermost name is used.
+    """Context manager that sets the name of the current compilation in messages. The outermost context's name is used.
 
-    programs: number of programs of this compilation, which are the first of PARTS.
+    what: name of the compilation. programs: number of programs, the first entries of PARTS.
     """
     mark = _task.set(_task.get() or Task(what, programs))
     try:

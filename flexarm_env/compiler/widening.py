@@ -1,4 +1,4 @@
-"""Arrays of float32, uint8 and bool in kernels that Python runs: their elements read as in compiled kernels.
+"""Views of float32, uint8 and bool arrays for kernels that Python runs: elements have the types of compiled kernels.
 
 NumPy computes with uint8 in 8 bits and with float32 in 32 bits, and its truth values are not numbers. In a kernel an
 element is a float64, a 64-bit integer or a truth value.
@@ -27,7 +27,7 @@ class Widened(np.ndarray[Any, Any]):
 
 
 def widened(item: Any) -> Any:
-    """Return a kernel argument with its arrays of float32, uint8 and bool as `Widened`, those within tuples too."""
+    """Return a kernel argument with each array of float32, uint8 or bool, also within tuples, as a `Widened` view."""
     if type(item) is np.ndarray:
         return item.view(Widened) if item.dtype.char in READ and item.dtype.isnative and item.ndim > 0 else item
     if not isinstance(item, tuple):

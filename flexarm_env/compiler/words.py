@@ -19,7 +19,7 @@ from .symbols import DOUBLE, Value, vector
 
 
 def shape_of(lane: Any) -> tuple[int, int]:
-    """Return (lanes, tangents) of a lane tag. Raises Refused if the item is no lane tag."""
+    """Return (number of lanes, number of tangents) of a lane tag. Raises Refused if the item is no lane tag."""
     if not is_tuple(lane) or not is_tag(lane):
         raise Refused(f"{told(lane)} where a lane tag is wanted")
     return lanes.shape(len(lane))
@@ -53,17 +53,17 @@ def _places(e: Any, array: Any, k: Any, count: int, tangents: int) -> list[Any]:
 
 
 def load(e: Any, lane: Any, array: Any, k: Any) -> Value:
-    """Load element k of every lane, with its tangents, as one `Value`."""
+    """Emit the load of element k of every lane, with its tangents, as one `Value`."""
     count, tangents = shape_of(lane)
     places = _places(e, array, k, count, tangents)
     return Value.of(e.b, [e.b.load(place, align=8) for place in places], count)
 
 
 def store(e: Any, array: Any, k: Any, value: Any) -> None:
-    """Store a number in element k of every lane, with its tangents.
+    """Emit the store of a number, with its tangents, in element k of every lane.
 
-    In a lane array (`lane_arrays`) a narrower number is widened. In other arrays only the value's own lanes and
-    tangents are stored.
+    For a lane array (`lane_arrays`) a value with fewer lanes or tangents is broadcast first. In any other array only
+    the value's own lanes and tangents are stored.
     """
     x = number(e.b, value)
     if isinstance(array, Array) and array.lane is not None:
@@ -98,12 +98,12 @@ def _own_places(e: Any, lane: Any, array: Any, k: Any, i: Any) -> list[Any]:
 
 
 def pick(e: Any, lane: Any, array: Any, k: Any, i: Any) -> Value:
-    """Load element k of arm i alone, with its tangents: the word `load_lane`."""
+    """Emit the load of element k in the lane of arm i, with its tangents (`load_lane` in kernels)."""
     return Value.of(e.b, [e.b.load(place) for place in _own_places(e, lane, array, k, i)], 1)
 
 
 def place(e: Any, lane: Any, array: Any, k: Any, i: Any, value: Any) -> None:
-    """Store a number in element k of arm i alone, with its tangents: the word `store_lane`."""
+    """Emit the store of a number, with its tangents, in element k in the lane of arm i (`store_lane` in kernels)."""
     places = _own_places(e, lane, array, k, i)
     _writable(array)
     for where, part in zip(places, number(e.b, value).parts(1, len(places) - 1), strict=True):
@@ -266,7 +266,7 @@ SYMBOLIC: dict[Any, Callable[..., Any]] = {
     lanes.without_tangents: symbols.alone,
     lanes.max_over_lanes: symbols.largest,
 }
-"""Words that are functions of `Value`s: the function that Python runs, and the one that writes instructions."""
+"""Built-in functions of `Value`s: dict from the function that Python runs to the function that emits instructions."""
 
 WORDS: dict[Any, Callable[..., Any]] = {
     **{word: _on_symbols(function) for word, function in SYMBOLIC.items()},

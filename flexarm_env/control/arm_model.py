@@ -69,9 +69,10 @@ class ArmModel:
         return held(self.A, self.B, dt)
 
     def state_of(self, outputs: Array) -> Array:
-        """Return the state (..., 2n) with the outputs (..., 4N) that has the least strain and kinetic energy.
+        """Return the state (..., 2n) of least strain and kinetic energy that has the given outputs (..., 4N).
 
-        Amplitudes minimize |q_rigid|^2 + sum_i (omega_i q_i)^2, rates minimize |q'|^2.
+        The modes' amplitudes q minimize |q_rigid|^2 + sum_i (omega_i q_i)^2 (i: flexible modes); the rates q' minimize
+        |q'|^2.
         """
         n_joints, n = self.n_joints, len(self.A) // 2
         # W = diag(1, 1/omega): q = W (H W)^+ y minimizes |W^-1 q| subject to H q = y
@@ -88,7 +89,7 @@ class ArmModel:
 def linear_model(arm: Arm, posture: tuple[float, ...], **options: Any) -> LinearModel:
     """Linearize the elastica about rest at the elbow angles `posture`, rad (() is straight), gears without backlash.
 
-    options: passed on to `linear.linearize`. Returns a `LinearModel`.
+    options: keyword arguments of `linear.linearize`. Returns a `LinearModel`.
     """
     # absolute link angles, the hub at 0
     angles = (0.0, *np.cumsum(posture or np.zeros(arm.n_links - 1)).tolist())

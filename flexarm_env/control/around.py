@@ -38,9 +38,10 @@ class Inside:
 
     @classmethod
     def of(cls, word: str, env: Any, share: float | None = None) -> Inside:
-        """Read the controller that a word names (pd, or pd@FILE with gains of `flexarm tune`) for an environment.
+        """Build the controller that `word` names (pd, or pd@FILE with gains of `flexarm tune`) for an environment.
 
-        share: None: `base.RESIDUAL_SHARE`. Raises ValueError for an unknown word or file, or an invalid share.
+        share: share of the torque limits that the network commands; None: `base.RESIDUAL_SHARE`. Raises ValueError for
+            an unknown word or file, or an invalid share.
         """
         name, at, file = word.partition("@")
         check.choice("around", name, NAMES)
@@ -78,9 +79,10 @@ class Inside:
         return controller(self.controller, env, self.gains)
 
     def actions(self, own: Controller | Following, observation: NDArray[np.floating], action: Any) -> Array32:
-        """Compute the policy's actions from the network's. The controller observes first.
+        """Add the controller's actions to the network's, and saturate the sum.
 
-        own: the controller. action: actions of the network, (n, N) or (N,); they are clipped to [-1, 1] here.
+        own: the controller, which also reads the observation. action: actions of the network, (n, N) or (N,), which are
+            clipped to [-1, 1] and multiplied by `share`.
         """
         beside = self.share * np.clip(np.asarray(action, np.float64), -1.0, 1.0)
         found: Array32 = own.act(observation, beside)

@@ -23,13 +23,13 @@ from ..tasks import RESIDUAL_SHARE as RESIDUAL_SHARE
 from ..validation import Array
 
 WHOLE = {"flexible": 1, "modes": 0, "block": 1, "horizon": 1, "iterations": 1, "first": 1}
-"""Integer fields of gains and their minima."""
+"""Names of the gains that must be integers, each with its smallest allowed value."""
 
 SHARES: dict[str, dict[str, float]] = {
     "effort": {"above": 0.0, "maximum": 1.0}, "memory": {"minimum": 0.0, "maximum": 1.0}, "lag": {"above": 0.0},
     "drift": {"minimum": 0.0, "maximum": 1.0},
 }  # fmt: skip
-"""Bounds of the fields of gains whose range is not 0 to `MOST_GAIN`."""
+"""Names of the gains whose allowed range is not 0 to `MOST_GAIN`, each with its bounds."""
 
 MOST_GAIN = 1e6
 """Largest gain or weight, in its own unit; larger values make no sense for these arms."""
@@ -37,9 +37,7 @@ MOST_GAIN = 1e6
 
 @dataclass(frozen=True)
 class Gains:
-    """Validated controller parameters; a per-joint field is a tuple with one number per joint, or a single number for
-    all.
-    """
+    """Validated controller parameters; a field per joint has a tuple of N numbers, or one number for all."""
 
     def __post_init__(self) -> None:
         """Validate every field against its bounds and store the converted value."""
@@ -63,16 +61,17 @@ class Setup:
 
     Args:
         task: "slew" (one link, tip angle), "reach" (two links or more, tip position), "press" or "land" (at a wall).
-        arm: the nominal arm. control_dt: control period, s. torque_limits (N,): N m at an action of 1.
+        arm: the nominal arm. control_dt: control period, s. torque_limits (N,): joint torques at an action of 1, N m.
         names, scales: names and scales of the observation's entries, in order; entry = value / scale.
         history: number of instants in an observation, the oldest first.
-        sensors: sensors that produce the entries; None: ideal or unknown. noise: standard deviations of the noise on
-            all entries, in their units; (): no noise.
-        action_mode: meaning of an action; "": unknown. residual_share: share of action_mode="residual_pd".
-        gravity: m/s^2; None: no gravity. keep_out: shapes that the arm has to avoid.
+        sensors: sensors that produce the entries; None: ideal or unknown sensors. noise: standard deviation of the
+            noise on each entry, in the entry's unit; (): no noise.
+        action_mode: the environment's keyword, which says what an action commands; "": unknown. residual_share: share
+            of the torque limits that actions command with action_mode="residual_pd".
+        gravity: acceleration of gravity, m/s^2; None: no gravity. keep_out: shapes that the arm has to avoid.
         delay: total delay of torques and readings, s; a random delay counts with its maximum. lag: time constant of the
             motors, s.
-        wall: bearing, rad, of the point nearest to the root of the wall of task "press" or "land"; None: no such wall.
+        wall: bearing from the root, rad, of the wall's nearest point in task "press" or "land"; None: no wall.
     """
 
     task: str
@@ -134,7 +133,7 @@ class Setup:
 
 
 def lateness(plan: Any) -> tuple[float, float]:
-    """Return (delay, lag) of an environment's loop, s: delay of motors plus sensors, and the motors' time constant.
+    """Return (delay, lag), s, of the environment with this plan: motor plus sensor delay, and motor time constant.
 
     A random delay counts with its maximum. In a solver step dt the motor torque moves towards the commanded torque by
     the share 1 - exp(-dt / lag) of the difference between the two.
@@ -157,10 +156,11 @@ class Signals:
     Attributes: angles (n, N): joint angles, rad, wrapped to one turn. rates (n, N): joint rates, rad/s. bends (n, N):
         tip deflections divided by length. bend_rates (n, N): rates of bends, 1/s. error: (n, 1), target minus tip
         angle, rad (slew), or (n, 2), vector from tip to target in the frame that turns with the hub, m (reach).
-        to_go (n, N): the goal's joint angles minus the joints', rad, with observation="measured"; bends, bend_rates and
-        error are then empty. gauges (n, G): in their units. In space error is (n, 3). Controllers in space that need
-        deflections get bends (n, 3 F): of the F flexible links, deflections along y, deflections along z, and twists
-        (rad).
+        to_go (n, N): the goal's joint angles minus the present joint angles, rad, with observation="measured"; bends,
+            bend_rates and
+        error are then empty. gauges (n, G): readings of the strain gauges, in the gauges' units. In space error is (n,
+        3). Controllers in space that need deflections get bends (n, 3 F): deflections of the F flexible links along y,
+        then along z, then their twists (rad).
     """
 
     angles: Array
@@ -188,7 +188,8 @@ class Reader:
     """Convert the newest instant of an observation to :class:`Signals`.
 
     Args:
-        setup: setup of the environment. who: reader's name, for errors. bends: whether deflections are required.
+        setup: setup of the environment. who: name of the controller, for error messages. bends: whether deflections are
+            required.
         goals: whether goal joint angles minus joint angles are required.
     Raises:
         ValueError: a required entry is not observed; the message names it.
@@ -259,8 +260,7 @@ class Controller(ABC):
     needs_goals: ClassVar[bool] = False
     """Whether the controller requires goal joint angles minus measured joint angles (observation="measured")."""
     restarts: ClassVar[bool] = False
-    """Whether single environments may begin a new episode (`restart`); the memory then has no part shared by all
-    environments."""
+    """Whether single environments may begin a new episode (`restart`); each then has its own memory."""
 
     def __init__(self, setup: Setup) -> None:
         """Store the setup and torque limits, and prepare the observation reader."""
@@ -335,7 +335,7 @@ class Controller(ABC):
 
     @abstractmethod
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Return joint torques (n, N), N m, before the limit; to_go as in :meth:`initialise`."""
+        """Return joint torques (n, N), N m, before the limit; to_go: see :meth:`initialise`."""
 
     def predict(self, torques: Array) -> None:  # noqa: B027
         """Advance the estimate by one period under the applied torques (n, N), N m."""

@@ -61,8 +61,8 @@ def _or_infinite(path: str, value: object, unit: str = "", **bounds: float) -> f
 def within(plant: Dynamics, bounds: Bounds, n: int, total: int, stiff: float = 1.0) -> list[ilqr.Limits]:
     """Return the path constraints of `bounds` for n arms over `total` periods: joint angles, deflections, distances.
 
-    The distances are those from the shapes of `keep_out`. Deflections are divided by their bound, distances by the
-    arm's length. stiff: factor on the initial penalties.
+    Distances are measured from the shapes of `keep_out` and divided by the arm's length. Deflections are divided by
+    their bound. stiff: factor on the initial penalties.
     """
     found = []
     count = plant.n_inputs

@@ -60,11 +60,11 @@ def _table(task: str) -> dict[str, Any]:
 
 
 def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
-    """Return the tuned gains of controller `name` for a task ("slew", "reach", or "space").
+    """Return the tuned gains of controller `name` for a task ("slew", "reach", "press", "land" or "space").
 
-    n_joints: number of joints; None: that of the task's default arm. Arms with three and more joints share one set of
-    gains, "chain". Returns an instance of the controller's gains class. Raises ValueError for an unknown name, or a
-    controller that does not exist for the task.
+    n_joints: number of joints; None: the number of joints of the task's default arm. Arms with three and more joints
+    share one set of gains, "chain". Returns an instance of the controller's gains class. Raises ValueError for an
+    unknown name, or a controller that does not exist for the task.
     """
     check.choice("controller", name, NAMES)
     at_wall = task in (PRESS, LAND)
@@ -79,7 +79,7 @@ def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
 def gains_from(name: str, values: Mapping[str, Any], space: bool = False) -> Any:
     """Build the gains of controller `name` from values by key.
 
-    space: whether the arm is one in space. Raises ValueError for an unknown key; the message lists the known keys.
+    space: whether the arm moves in space. Raises ValueError for an unknown key; the message lists the known keys.
     """
     kind, _ = (_SPACE if space else _KINDS)[name]
     needed = [field.name for field in dataclasses.fields(kind) if field.default is dataclasses.MISSING]
@@ -91,10 +91,11 @@ TUNED_ON = "strip"
 
 
 def for_arm(gains: LQRGains, setup: Setup) -> LQRGains:
-    """Scale LQR weights that were tuned on one one-link arm to another one-link arm.
+    """Scale the LQR weights of rates from the one-link arm `TUNED_ON` to the setup's one-link arm.
 
-    The weights on rates are relative to the first flexible frequency. The weights are multiplied by this frequency
-    times the duration of the arm's quickest quarter turn, so that rates count relative to the slew.
+    The weights on rates are relative to the first flexible frequency. The product of this frequency and the duration of
+    the quickest quarter turn is computed for both arms, and the weights are multiplied by the ratio of the two
+    products, so that rates count relative to the slew.
     """
     # ratio of (first flexible frequency x quarter-turn time) to that of the tuning arm
     share = _tempo(setup.arm) / _tempo(arms.named(TUNED_ON))
@@ -173,7 +174,7 @@ class Following:
         """Do nothing: there is no memory."""
 
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> Any:
-        """Compute actions (n, N) in [-1, 1] as if the episode began at this observation; beside: as in `Controller`."""
+        """Compute actions (n, N) in [-1, 1] as if the episode began now; beside: see `Controller.act`."""
         self.controller.reset(observation)
         return self.controller.act(observation, beside)
 

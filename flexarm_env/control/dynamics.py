@@ -43,8 +43,8 @@ class Dynamics:
     angle) relative to the tip of the preceding link, all others absolute. u (m, N): torques divided by their limits, in
     [-1, 1].
 
-    arm: the arm, or its name or TOML file; its joints become ideal, without limits. period: s. nodes: per link. step:
-    longest solver step, s; None: that of the class.
+    arm: the arm, or its name or TOML file; its joints become ideal, without limits. period: control period, s. nodes:
+    number of nodes per link. step: longest solver step, s; None: the class attribute `step`.
     """
 
     gravity: Vector | None = None
@@ -92,7 +92,7 @@ class Dynamics:
         self._differentiated: dict[int, tuple[Periods, Array]] = {}
 
     def in_steps(self, step: float) -> "Dynamics":
-        """Return the cached plant with another longest solver step, s."""
+        """Return the `Dynamics` of the same arm with another longest solver step, s, from the cache."""
         return _one_for_all(self.arm, self.period, self.nodes, self.gravity, step)
 
     def advance(self, x: Array, u: Array) -> Array:
@@ -104,7 +104,7 @@ class Dynamics:
         return out
 
     def jacobians(self, x: Array, u: Array) -> tuple[Array, Array]:
-        """Return exact derivatives of `advance`: A (m, S, S) by x and B (m, S, N) by u; NaN where a step was halved."""
+        """Return exact derivatives of `advance`: A (m, S, S) by x and B (m, S, N) by u; NaN if a step was halved."""
         size, n = self.size, self.n_inputs
         A, B = np.empty((len(x), size, size)), np.empty((len(x), size, n))
         for first in range(0, len(x), AT_ONCE):
@@ -123,7 +123,7 @@ class Dynamics:
         return self.advance(x, u)
 
     def linear(self, x: Array, u: Array) -> tuple[Array, Array]:
-        """Return `jacobians` of all stages: x (T, n, S), u (T, n, N)."""
+        """Return `jacobians` A (T, n, S, S) and B (T, n, S, N) of all stages at x (T, n, S) and u (T, n, N)."""
         A, B = self.jacobians(x.reshape(-1, self.size), u.reshape(-1, self.n_inputs))
         return A.reshape(*x.shape, -1), B.reshape(*x.shape, -1)
 
@@ -203,8 +203,8 @@ class Dynamics:
     def outputs(self, x: Array) -> tuple[Array, Array]:
         """Return outputs (m, O) and their derivative by x (m, O, S).
 
-        O: joint angles, their rates, deflections (in space also twists), their rates. The derivatives of deflection
-        rates by deflections are omitted.
+        Outputs: joint angles, joint rates, deflections (in space also twists) and their rates. The derivatives of
+        deflection rates by deflections are omitted.
         """
         half, joints, (bends, slope) = self.half, self.joints, self.bends(x)
         n, many, own = len(joints), bends.shape[1], slope[..., :half]
@@ -219,9 +219,9 @@ class Dynamics:
         return weights.stage(self.outputs(np.zeros((1, self.size)))[1][0], self.first, self.n_inputs)
 
     def corrected(self, x: Array, outputs: Array) -> Array:
-        """Correct states x (m, S) to measured outputs (m, 4 N): joint angles, rates, deflections / length, rates.
+        """Correct states x (m, S) to measured outputs (m, 4 N) (joint angles and rates, deflections and their rates).
 
-        Links are turned at their joints, and bent in the shape that a force at the tip causes.
+        Deflections are divided by length. Links are turned at their joints, and bent as by a force at the tip.
         """
         half, out = self.half, x.copy()
         angle, rate, bend, bend_rate = np.split(outputs, 4, axis=1)
@@ -301,8 +301,8 @@ NEWTON = 8
 class SpatialDynamics(Dynamics):
     """`Dynamics` of an arm in space on a fixed base, under gravity (x, y, z), m/s^2.
 
-    A link's q are its joint angle, then its strains: `nodes` - 1 polynomials of torsion and bending about y and z. The
-    deflections are those of the flexible links along y, then along z, divided by length, then the twists, rad.
+    A link's q are its joint angle, then its strains: `nodes` - 1 polynomials of torsion and bending about y and z.
+    Deflections are the flexible links' tip deflections along y, then along z, divided by length, then twists, rad.
     """
 
     step = 0.005
@@ -416,8 +416,8 @@ def dynamics(
 ) -> Dynamics:  # fmt: skip
     """Return the cached `Dynamics` of an arm.
 
-    nodes: None: 4, in space 3. gravity: m/s^2, ignored in the plane. step: longest solver step, s; None: 0.02/3, in
-    space 0.005, which plans of `optimal` halve if necessary.
+    nodes: number of nodes per link; None: 4, in space 3. gravity: acceleration of gravity, m/s^2, ignored in the plane.
+    step: longest solver step, s; None: 0.02/3, in space 0.005, which plans of `optimal` halve if necessary.
     """
     arm = arms.resolve(arm)
     period = check.number("period", period, "s", above=0.0)

@@ -22,7 +22,7 @@ def around_c_source(
     """Generate a policy with a controller inside as one C99 file: the network's source, the controller's, their sum.
 
     Args:
-        policy: policy bound to an environment. entries: as in `export.c_source`. name: prefix of the file's
+        policy: policy bound to an environment. entries: observation entries of one instant. name: prefix of the file's
             definitions: NAME_reset, NAME_act (values in SI units to actions) and NAME_decide (the environment's
             observation to actions), each with a NAME_memory. elbows, targets: arguments of `in_c.controller_source` for
             the controller.

@@ -30,7 +30,7 @@ TASKS = ("press", "land")
 
 @dataclass(frozen=True, kw_only=True)
 class Approach(Gains):
-    """Parameters of the reference.
+    """Times, friction and force of the reference motion.
 
     Args:
         approach: time in which the tip moves to the wall, s. press: time in which the force rises after the approach,
@@ -50,7 +50,7 @@ class ForceGains(Approach):
     """Gains of `HybridForce`.
 
     Args:
-        angle, rate, bend, bend_rate: weights of the state feedback about the reference; see `LQRGains`.
+        angle, rate, bend, bend_rate: weights of the state feedback about the reference; see `lqr.StateWeights`.
         path, force: integral gains, 1/s, on the distance from the path and on the error of the normal force.
         lead: ratio of the proportional gain to the integral gain for the distance from the path, s.
     """
@@ -69,8 +69,8 @@ class ImpedanceGains(Approach):
     """Gains of `Impedance`, dimensionless, so that they apply to arms of any size.
 
     Args:
-        along, across: stiffness of the tip along the wall and along its normal, times the arm's length over the largest
-            tip force that the motors can hold. damping: damping ratio of both directions.
+        along, across: stiffness of the tip along the wall and along the wall's normal, multiplied by the arm's length
+            and divided by the largest tip force that the motors can hold. damping: damping ratio of both directions.
     """
 
     along: float = 30.0
@@ -79,12 +79,13 @@ class ImpedanceGains(Approach):
 
 
 class View(NamedTuple):
-    """A period as the controllers see it, n arms, inertial axes.
+    """Quantities of one control period that the controllers of a contact force use, for n arms, in inertial axes.
 
-    Attributes: signals: joints and links. to_target, velocity (n, 2): tip to target, m, and the target's velocity, m/s.
-        target (n, 2): m from the root. along, normal (n, 2): unit vectors of the path and of the wall's normal away
-        from the root. commanded, force (n,): commanded and measured normal force, N. near, share (n,): progress of the
-        approach and of the rise of the force, 0 to 1. touching (n,): 1 once the force has risen, otherwise 0.
+    Attributes: signals: joint angles, deflections and their rates. to_target, velocity (n, 2): tip to target, m, and
+        the target's velocity, m/s. target (n, 2): m from the root. along, normal (n, 2): unit vectors of the path and
+        of the wall's normal away from the root. commanded, force (n,): commanded and measured normal force, N. near,
+        share (n,): progress of the approach and of the rise of the force, 0 to 1. touching (n,): 1 once the force has
+        risen, otherwise 0.
     """
 
     signals: Signals
@@ -103,7 +104,8 @@ class View(NamedTuple):
 class PressController(Controller):
     """Basis of the controllers of a contact force: the observation, the wall, and the progress of the approach.
 
-    In task "press" the tip slides along the wall. In task "land" the target rests, and the commanded force is a gain.
+    In task "press" the tip slides along the wall. In task "land" the target rests, and the gain `Approach.touch` sets
+    the commanded force.
     """
 
     needs_bends = True
@@ -147,7 +149,7 @@ class PressController(Controller):
         return self.timing.friction if self.slides else 0.0
 
     def forget(self) -> None:
-        """Set the controller's own memory, arrays with one row per episode, to its value at the start."""
+        """Reset the controller's memory, arrays with one row per episode, to its value at the start of an episode."""
 
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> NDArray[np.float32]:
         """Compute actions in [-1, 1]: torques divided by their limits, saturated; beside: see `Controller.act`."""
@@ -279,7 +281,11 @@ class Impedance(PressController):
 
 
 def feedback(setup: Setup, weights: LQRGains, goals: Array, off: Array) -> Array:
-    """Return K x (n, N), N m, for outputs `off` (n, 4 N) about the goals (n, N); K belongs to each goal's posture."""
+    """Return K x (n, N), N m: the LQR's gains times the deviation of the state from the goal.
+
+    goals (n, N): joint angles at the goals, rad; each goal's posture has its own gains. off (n, 4 N): outputs minus the
+    outputs at the goal; see `Signals.outputs`.
+    """
     # a mirrored posture has the same gains
     rows = [posture_gains(setup.arm, setup.torque_limits, setup.control_dt, weights, one) for one in postures(goals)]
     return times(np.stack(rows), off)
@@ -289,7 +295,11 @@ def feedback(setup: Setup, weights: LQRGains, goals: Array, off: Array) -> Array
 def posture_gains(
     arm: Arm, limits: tuple[float, ...], dt: float, weights: LQRGains, posture: tuple[float, ...]
 ) -> Array:
-    """Return the gains (N, 4 N) of `design` for outputs, with the state of least energy that has these outputs."""
+    """Return LQR gains (N, 4 N) for outputs instead of states, in the posture (elbow angles, rad).
+
+    The gains are the product of the state gains of `lqr.design` and the map `ArmModel.state_of` from outputs to
+    states.
+    """
     own = design(arm, limits, dt, weights, posture)
     return np.asarray(own.K @ own.model.state_of(np.eye(len(own.C))).T)
 

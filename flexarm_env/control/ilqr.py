@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from flexarm_env.validation import Array
 
 LENGTHS = np.array([1.0, 0.7, 0.45, 0.25, 0.12, 0.05, 0.02, 0.005])
-"""Step lengths of the line search, relative to the full step; their number is that of the lanes of compiled code."""
+"""Step lengths of the line search, relative to the full step: one for each lane of the compiled code."""
 
 
 class System(Protocol):
@@ -38,7 +38,7 @@ class System(Protocol):
 
 
 class Astray(ValueError):
-    """Neither the initial guess nor the rest controls lead to finite states.
+    """Error: neither the initial guess nor the controls `still` lead to finite states.
 
     Attributes: arms (n,): indices of the arms without finite states.
     """
@@ -84,9 +84,11 @@ class Quadratic:
 class Limits:
     """Constraints low <= g(x) <= high by the augmented Lagrangian method; low = high is an equality.
 
-    of: x (..., S) -> g (..., G) and its derivative (..., G, S). low, high: (T + 1, n, G), infinite without a limit.
-    penalty: (n,) factors. alone: x -> g, a function without derivatives, if it costs much less than `of`; only states
-    at an active limit are then differentiated. above, below: multipliers of the upper and lower limits.
+    of: function that returns g (..., G) and its derivative (..., G, S) at states x (..., S). low, high (T + 1, n, G):
+    limits of g at each stage, infinite for no limit.
+    penalty (n,): penalty factor of each arm. alone: optional cheaper function that returns g (..., G) without its
+    derivative; with `alone`, `of` is called only at states where a limit is active. above, below (T + 1, n, G):
+    multipliers of the upper and lower limits.
     """
 
     of: Any
@@ -197,10 +199,10 @@ def solve(
     """Minimize the total cost by iLQR from an initial guess.
 
     Args:
-        x: initial states (n, S). guess: controls (T, n, N), or a plan; a plan that starts elsewhere is followed by its
-            gains. effort (N,): positive weights on the controls.
-        iterations: largest number of iterations. tolerance: the iteration stops when no arm's cost falls by a larger
-            share.
+        x: initial states (n, S). guess: controls (T, n, N), or a plan; a plan whose initial states differ from x is
+            followed with its feedback gains. effort (N,): positive weights on the controls.
+        iterations: largest number of iterations. tolerance: the iteration stops when each arm's cost falls by at most
+            this fraction.
         bound: bound of the controls. still (n, N): controls without cost.
     Raises:
         Astray: neither the initial guess nor `still` leads to finite states.
@@ -255,7 +257,8 @@ def backward(
     """Solve the local LQ problem backwards: feedforward k (T, n, N) and gains K (T, n, N, S) of du = k + K dx.
 
     states (T + 1, n, S) and controls (T, n, N): trajectory about which the problem is linearized. effort (N,): weights
-    of (u - still)^2. damping (n,): added to the diagonal of Quu. Controls + k stay within +-bound.
+    of (u - still)^2. damping (n,): number added to the diagonal of Quu, the Hessian of the cost-to-go with respect to
+    the controls. Controls + k stay within +-bound.
     """
     periods, _, count = controls.shape
     A, B = system.linear(states[:-1], controls)

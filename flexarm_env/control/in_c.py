@@ -51,7 +51,7 @@ def controller_source(
         controller: result of `control.make`. name: prefix of the file's definitions. NAME_act maps values in SI units
             to actions, once per control period. NAME_decide maps the environment's observation to actions. Further
                 definitions are NAME_reset, ...
-        slew: rad; for TimeOptimal: the file contains the plan of this slew, to either side.
+        slew: angle, rad, of the slew whose plan the file contains, to either side; for TimeOptimal only.
         elbows: (low, high), rad, for each elbow: range of its angle at the goal (for LQG also during the motion) for
             which gains are tabulated; other postures use the nearest entry. None: the full range of a two-link arm.
         targets: (x, y, z), m, for an arm in space. The file contains the static equilibria at these points, which are

@@ -16,8 +16,8 @@ MOST_GAIN, MOST_DELAY = 100.0, 100
 def plant(model: ArmModel, dt: float, delay: float = 0.0, lag: float = 0.0) -> tuple[Array, Array, Array]:
     """Discretize the arm over a control period: x+ = A x + B u, y = C x, with the commanded torques u.
 
-    Returns (A, B, C). The states are the model's; then, if the motors lag, their torques; then the commands in the
-    delay line.
+    Returns (A, B, C). The states are the model's states, then the motors' torques if the motors lag, then the delayed
+    commands.
 
     Args:
         dt: control period, s. delay: delay of commands and readings together, s. lag: time constant of the motors, s.

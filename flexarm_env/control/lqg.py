@@ -38,16 +38,17 @@ FINEST_GAUGE = 1e-2
 full joint torque."""
 
 SHARP = 4.0
-"""Factor on the torque that stops the motor, in the friction compensation, which is limited to the friction torque.
+"""Factor of the friction compensation on the torque that would stop the motor in a period.
 
-With a factor above 1 the motor still makes small motions. Even smaller motions are not compensated, so that the arm
-does not hunt."""
+The compensation is this product, limited to the friction torque. With a factor above 1 the motor still makes small
+motions. Even smaller motions are not compensated, so that the arm does not hunt."""
 
 WALK = 1e-3
 """Random walk of a bias per control period, divided by the bias's standard deviation."""
 
 UNREST, LEARNING = 10, 150
-"""Control periods of noise assumed before an episode; control periods after which the filter gains have converged."""
+"""Number of control periods of process noise that the filter assumes before an episode; number of control periods after
+which the filter's gains have converged."""
 
 
 @dataclass(frozen=True)

@@ -27,10 +27,11 @@ class LQRForceGains(Approach):
     """Gains of `LQRForce`.
 
     Args:
-        angle, rate, bend, bend_rate: weights of the state; see `LQRGains`.
-        path: weight, 1/s, of the integral of the distance from the path over the arm's length.
-        force: weight, 1/s, of the integral of the force error over the largest tip force that the motors can hold.
-        stiffness: assumed stiffness of the wall, times the arm's length over the largest tip force.
+        angle, rate, bend, bend_rate: weights of the arm's state; see `lqr.StateWeights`.
+        path: weight, 1/s, of the time integral of the distance from the path divided by the arm's length.
+        force: weight, 1/s, of the time integral of the force error divided by the largest tip force that the motors can
+            hold.
+        stiffness: assumed stiffness of the wall, multiplied by the arm's length and divided by the largest tip force.
     """
 
     angle: float = 10.0
@@ -99,14 +100,14 @@ def wall_gains(
     arm: Arm, limits: tuple[float, ...], dt: float, gains: LQRForceGains, posture: tuple[float, ...], bearing: float,
     most: float, friction: float,
 ) -> Array:  # fmt: skip
-    """Compute gains (N, 4 N + 2) for the outputs of an arm that touches a wall and the integrals of both errors.
+    """Compute gains (N, 4 N + 2) for an arm that touches a wall: for its outputs and for two integrated errors.
 
-    The integrated errors are the error along the wall and the force error. The state follows from the outputs as in
-    `force.posture_gains`.
+    The integrated errors are the error along the wall and the force error. The arm's state is computed from the outputs
+    by `ArmModel.state_of`.
 
     limits (N,): torque limits, N m. dt: control period, s. posture: elbow angles, rad. bearing: direction of the wall's
     normal away from the root, rad, in the hub's frame. most: largest tip force, N. friction: coefficient of
-    friction, negative if the tip slides along the normal turned by a quarter to the right.
+    friction, negative if the tip slides in the direction of the normal turned by -90 degrees.
     """
     model = arm_model(arm, posture)
     n, N, size = len(model.A) // 2, model.n_joints, len(model.A)

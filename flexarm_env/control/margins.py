@@ -11,7 +11,7 @@ from .lqr import LQRGains, design, spread_of
 from .pd import PDGains, postures_of
 
 SAFE = 0.6
-"""Share of the delay margin above which a loop vibrates too long to settle."""
+"""A loop vibrates too long to settle if its delay exceeds `SAFE` times the delay margin."""
 
 
 MARGINS_OF = ("pd", "zvd", "lqr", "time_optimal")
@@ -20,7 +20,7 @@ MARGINS_OF = ("pd", "zvd", "lqr", "time_optimal")
 
 @dataclass(frozen=True)
 class Margins:
-    """Smallest margins of a controller's loop over all postures. gain: factor on the torques. delay: s."""
+    """Smallest margins of a controller's loop in all postures. gain: factor on the torques. delay: loop delay, s."""
 
     gain: float
     delay: float
@@ -74,7 +74,7 @@ def warn_of_delay(name: str, setup: Setup, gains: Any) -> None:
 def stand_in(setup: Setup) -> LQRGains:
     """Return the gains of an LQR about as fast as the controllers that follow plans.
 
-    The returned gains are those of time-optimal control, which follows its plan by an LQR. Receding-horizon control is
-    about as fast.
+    The returned gains are the tuned gains of time-optimal control, which follows its plan by an LQR. Receding-horizon
+    control is about as fast.
     """
     return LQRGains(angle=10.0, rate=10.0, bend=10.0, bend_rate=10.0)

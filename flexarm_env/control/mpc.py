@@ -1,11 +1,12 @@
 """Receding-horizon control: in every period plan the torques of the next periods, and apply the first of them.
 
 `ilqr` plans on the elastica, within the torque limits, from the estimated state. The cost consists of the effort and,
-from an arrival instant on, of the distance from rest at the goal. The terminal cost is that of the linear regulator at
-the goal. (If the distance counted from the start on, saturated torques would overshoot.) In each period the previous
-plan is followed by its gains from the present state and improved by one iteration. A plan that misses its arrival gets
-a later arrival. At the start of an episode the arrival is postponed until a plan succeeds, later only as far as an arm
-that differs from the nominal one may need. Once the regulator alone stays within the limits, it takes over.
+from an arrival instant on, of the distance from rest at the goal. The terminal cost is the cost-to-go of the linear
+regulator at the goal. (If the distance counted from the start on, saturated torques would overshoot.) In each period
+the previous plan is followed by its gains from the present state and improved by one iteration. A plan that misses its
+arrival gets a later arrival. At the start of an episode the arrival is postponed until a plan succeeds, later only as
+far as an arm that differs from the nominal one may need. Once the regulator alone stays within the limits, it takes
+over.
 
 Measurements are joint angles, tip deflections and their rates. The rest of the state is predicted by the model. The
 prediction contains the higher modes of the nominal arm, which are wrong for another arm. The predicted shape is
@@ -72,7 +73,7 @@ class MPCGains(StateWeights):
         memory: weight of the prediction in the unmeasured part of the state estimate. The shape under a force at the
             tip has the weight 1 - memory.
         allowed: a plan has arrived if the cost of its distance from the goal is below this value.
-        block: number of control periods with the same planned torque. horizon: number of such blocks in a plan.
+        block: number of control periods with the same planned torque. horizon: number of blocks in a plan.
         iterations: iLQR iterations per period. first: iterations of an episode's first plan.
         margin: distance of plans from shapes, divided by the arm's length, and from joint limits, rad.
     """
@@ -96,7 +97,7 @@ class Regulator(NamedTuple):
 
 @lru_cache(maxsize=512)
 def regulator(arm: Arm, period: float, gains: MPCGains, posture: tuple[float, ...]) -> Regulator:
-    """Compute the regulator of an arm at rest at a posture (elbow angles, rad); period: s."""
+    """Compute the regulator of an arm at rest at a posture (elbow angles, rad); period: length of a stage, s."""
     plant = dynamics(arm, period)
     rest = plant.still(np.array([(0.0, *posture)]))
     return regulators(plant, *rest, plant.stage_weight(gains))[0]
@@ -273,7 +274,7 @@ class MPC(Controller):
 
 
 SOONER, SPARE = 0.9, 1.2
-"""Factor on a successful arrival for the next attempt; final arrival divided by the soonest one found."""
+"""Factor from a successful arrival time to the next attempt; final arrival time divided by the soonest one found."""
 
 NOISE, UNSEEN = 0.02, 3e-4
 """Process noise of the filter per period: torques, divided by their limits; angles and strains, rad, and their rates

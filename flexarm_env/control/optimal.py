@@ -2,7 +2,7 @@
 
     plant = dynamics(arm, 0.02)
     motion = least_time(plant, plant.rest(start), plant.rest(goal), Bounds(deflection=0.1))
-    motion.controls       # (T, n, N) torques over their limits, held for a period each; zero after each arm's end
+    motion.controls       # (T, n, N) torques divided by their limits, one row per period; zero after each arm's end
 
 `ilqr` computes all these motions on the nonlinear elastica with torque limits. Multipliers enforce bounds on joint
 angles and deflections, and terminal conditions. Times are whole control periods, found by bisection for all arms
@@ -37,7 +37,7 @@ class Motion:
     controls (T, n, N): torques divided by their limits; states (T + 1, n, S); periods (n,): control periods until each
     arm arrives; missed (n,): largest violation of the limits (see `TOLERANCE`). ends (n,): periods after which each
     arm's controls are zero. replay: replay of the controls on a finer mesh with shorter steps; None: not replayed.
-    step: solver step of the plan, s; nan: that of its plant.
+    step: solver step of the plan, s; nan: the step of the plan's plant.
     """
 
     controls: Array
@@ -78,7 +78,7 @@ def rates_of(plant: Dynamics) -> float:
 def rigid_periods(plant: Dynamics, start: Array, goal: Array) -> Counts:
     """Return the minimum control periods (n,) of the rigid arm from rest to rest with synchronized joints.
 
-    The inertia is that of the goal's posture. start, goal (n, N): joint angles, rad.
+    The inertia is computed at the goal's posture. start, goal (n, N): joint angles, rad.
     """
     times = rigid_times(plant.inertia(goal), goal - start, plant.limits)
     return np.asarray(np.maximum(1, np.ceil(times / plant.period)), np.int64)
@@ -216,8 +216,8 @@ def least_time(
 ) -> Motion:
     """Plan from a state to rest in the fewest control periods.
 
-    Arguments as for `least_effort`; most: largest number of control periods. Raises ValueError if an arm cannot arrive
-    within `most` periods.
+    plant, start, goal, bounds: see `least_effort`. most: largest number of control periods. Raises ValueError if an arm
+    cannot arrive within `most` periods.
     """
     start, goal, own = _posed(plant, start, goal, bounds)
     most, joints = check.integer("most", most, minimum=1), plant.joints
@@ -256,12 +256,12 @@ def least_settling(
 
     Args:
         plant: the arm. start, goal: states (n, S), the goal at rest.
-        off: (states (..., n, S), arms (n,)) -> the tip's distances (..., n, 1) from its target divided by the allowed
-            distance, and their derivative (..., n, 1, S).
+        off: function of states (..., n, S) and arm indices (n,). It returns the distances (..., n, 1) of the tips from
+            their targets divided by the allowed distance, and the derivative (..., n, 1, S) of these distances.
         after: cost matrices after the arrival: for a stage (S, S) and for the last stage (n, S, S).
         guess: controls (T, n, N) that arrive after about `periods` (n,). tail: periods of the plan after the arrival.
             most: largest number of periods.
-    `missed` is divided by the allowed distance.
+    The returned motion's `missed` is in multiples of the allowed distance.
     """
     stage, last = after
 
@@ -290,7 +290,8 @@ def soonest(
     """Find each arm's fewest periods for which `tried` finds a motion, by bisection over all arms together.
 
     Args:
-        start: states (n, S). high: first periods (n,) to be tried. tried: (arms, periods, initial guess) -> `Motion`.
+        start: states (n, S). high: numbers of periods (n,) to be tried first. tried: function of arm indices, numbers
+            of periods and initial guess that returns a `Motion`.
         most: largest number of periods. guess: initial guess (T, n, N). tail: periods of a motion after the counted
             periods. low: periods (n,) known to be too few; None: 0.
     An arm without a motion of at most `most` periods has `periods` 0 and an infinite `missed`.

@@ -35,7 +35,8 @@ class NumpyPolicy:
     """Deterministic policy network that maps observations to actions.
 
     Args:
-        meta: see the module. weights: [(w, b), ...] float32. normaliser: mean, variance, clip, epsilon, or None.
+        meta: see the module. weights: list of (w, b) of the layers, float32. normaliser: mean, variance, clip, epsilon,
+            or None.
     """
 
     def __init__(
@@ -92,13 +93,13 @@ class NumpyPolicy:
         return action.astype(np.float32)
 
     def bound(self, env: Any) -> NumpyPolicy:
-        """Return the policy for an environment, single or vector; ValueError as in `check`."""
+        """Return the policy for an environment, single or vector; ValueError if the policy does not fit (`check`)."""
         return self.check(Setup.of(env))
 
     def check(self, setup: Setup) -> NumpyPolicy:
-        """Return the policy; ValueError unless the environment's observation and action are those of its training.
+        """Return the policy; ValueError unless observation and action are the same as in the policy's training.
 
-        If the entries have the same names but other scales (those of another arm), later observations are converted.
+        If the entries have the same names but other scales, as for another arm, later observations are converted.
         """
         self.ratio = fitted(self.meta, setup, self.size, self.weights[-1][0].shape[1])
         return self
@@ -129,7 +130,7 @@ class AroundPolicy(NumpyPolicy):
         return found
 
     def network(self, observation: NDArray[np.floating]) -> Array32:
-        """Compute the network's actions without those of the controller."""
+        """Compute the network's actions without the controller's actions."""
         return super().act(observation)
 
     def reset(self, observation: NDArray[np.floating]) -> None:

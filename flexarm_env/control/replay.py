@@ -16,8 +16,8 @@ FINER = 4
 
 BENT, LEAST, OTHERS = 0.05, 5e-4, 0.01
 """Tolerances of a replay. BENT: excess over the deflection bound, divided by the bound. LEAST: smallest allowed excess
-over the deflection bound, divided by a link's length. OTHERS: violation of the other limits and of the goal (angles in
-rad; rates divided by the arm's characteristic rate; distances divided by the arm's length)."""
+over the deflection bound, divided by a link's length. OTHERS: violation of all other limits and of the goal. Angles are
+in rad, rates are divided by the arm's characteristic rate, and distances by the arm's length."""
 
 Missed = Callable[[Dynamics, Array], Array]
 """Function of a plant and states (T, n, S) that returns each arm's largest violation of limits, (n,)."""
@@ -29,7 +29,7 @@ class Replay:
 
     Attributes:
         deflection (n, D): largest magnitude of `Dynamics.bends`, at the plan's control instants and between them.
-        off (n, N): joint angles minus those of the goal at the plan's arrival, rad; nan without a goal.
+        off (n, N): joint angles minus the goal's joint angles at the plan's arrival, rad; nan without a goal.
         rates (n, N): joint rates at the arrival, rad/s; nan without a goal.
         missed (n,): largest violation of the bounds and the goal, in the units of `Motion.missed`.
         kept (n,): whether the replay meets its tolerances (`BENT`, `LEAST`, `OTHERS`): the deflection bound is exceeded
@@ -94,7 +94,7 @@ def replay(
         plant: plant of the plan. ends (n,): control periods after which each arm has to be at rest at its goal.
         goal (n, S): goal states; None: no goal. bound: bound on deflections; infinite: none. missed: function that
             returns the violation of all other limits.
-        rate: divisor of joint rates, 1/s.
+        rate: characteristic joint rate (`optimal.rates_of`), rad/s, by which joint rates are divided.
     """
     fine = finer(plant)
     x, shares = refined(plant, fine, start), round(plant.period / fine.period)

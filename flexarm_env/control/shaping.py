@@ -41,7 +41,7 @@ class Shaper:
         return Shaper(tuple(amplitudes.tolist()), tuple(delays.tolist()))
 
     def residual(self, frequency: float, ratio: float = 0.0) -> float:
-        """Return the residual vibration of a mode, divided by that of one impulse at t = 0.
+        """Return the residual vibration of a mode, divided by the vibration after one impulse at t = 0.
 
         frequency: undamped, rad/s. ratio: damping ratio. V = exp(-zeta w t_n) |sum_i A_i exp(zeta w t_i - j w_d t_i)|.
         """
@@ -143,7 +143,7 @@ class Shaped(Controller):
         return np.sum(self.amplitudes * done, axis=1), np.sum(self.amplitudes * rate, axis=1)
 
     def reference(self) -> tuple[Array, Array, Array]:
-        """Return the reference of this period: remaining angles, rad, rates and mean accelerations, (n, N) each."""
+        """Return the reference of this period: remaining angles, rad, rates, rad/s, mean accelerations, rad/s^2."""
         dt = self.setup.control_dt
         done, rate = self._reference(self.step * dt)
         _, later = self._reference((self.step + 1) * dt)
@@ -194,7 +194,8 @@ class SpatialShapedGains(SpatialPDGains):
 def shaper_in_space(arm: Arm, gravity: Array, gains: SpatialShapedGains, kind: str, angles: Array) -> Shaper:
     """Design a shaper for the slowest lightly damped modes of the arm in space under PD control with filtered rates.
 
-    The model is linearized about rest at joint angles (N,), rad; gravity: m/s^2; kind: "zv" or "zvd".
+    The model is linearized about rest at joint angles (N,), rad. gravity: acceleration of gravity, m/s^2. kind: "zv" or
+    "zvd".
     """
     free, joints, A = held_model(arm, gravity, angles)
     N, filter_rate = arm.n_links, 1.0 / gains.lag
@@ -211,7 +212,8 @@ def shaper_in_space(arm: Arm, gravity: Array, gains: SpatialShapedGains, kind: s
 def coriolis_in_space(arm: Arm, gravity: Array, angles: Array, rates: Array) -> Array:
     """Return Coriolis and centrifugal torques (n, N), N m, of the rigid arm: (dM/dt) v - 1/2 grad(v' M v).
 
-    angles, rates v (n, N): rad, rad/s. M: inertia about the joints; its derivatives are central differences.
+    angles (n, N): joint angles, rad. rates v (n, N): joint rates, rad/s. M: inertia about the joints; its derivatives
+    are central differences.
     """
     step, N = 1e-5, arm.n_links
     # directions: each joint alone, then the rates

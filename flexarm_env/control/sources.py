@@ -42,10 +42,12 @@ class NamedPolicy:
 
     Attributes:
         name: for display. env_id, env_kwargs: training environment and its keywords ("" and {}: any).
-            make: environment -> policy, with `reset` and `act`; ValueError if they do not fit. kind: "controller",
+            make: function of an environment that returns a policy with `reset` and `act`, and raises ValueError if the
+                policy does not fit. kind: "controller",
             "policy" (a network run by NumPy), "onnx" or "function". policy: the policy, if it is not a controller; its
             fit to an environment is not yet checked.
-            path: path of its file, if any. asked: keywords that the user gave to training; evaluation uses them too.
+            path: path of the policy's file; None: no file. asked: environment keywords that the user gave for training;
+                evaluation uses these keywords too.
     """
 
     name: str

@@ -26,7 +26,7 @@ BENT = 0.8
 
 
 def rest(arm: Arm, gravity: Array, angles: Array) -> Equilibrium:
-    """Compute the flexible arm's static equilibrium with its joints held at angles (N,), rad; gravity: m/s^2."""
+    """Compute the flexible arm's static equilibrium under gravity (3,), m/s^2, with joints held at angles (N,), rad."""
     where: dict[str, Any] = {"gravity": tuple(gravity.tolist()), "angles": tuple(angles.tolist())}
     scene = Scene("rest", arm, duration=1.0, dt=1e-3, **where)
     return static_equilibrium(scene, elements=2, hold_joints=True, require_stable=False)
@@ -134,6 +134,9 @@ class AboutRest(Controller):
         self.torque = self.torque - weight
 
     def forward(self, to_go: Array) -> Array:
-        """Return the torques (n, N), N m, that hold the arm at its present joint angles, goal minus to_go."""
+        """Return the torques (n, N), N m, that hold the arm at its present joint angles.
+
+        to_go (n, N): joint angles of the goal minus present joint angles, rad.
+        """
         found: Array = self.torque + holding(self.setup.arm, self.gravity, self.goal - to_go, self.bodies)[0]
         return found

@@ -20,7 +20,7 @@ from .lqr import LQR, LQRGains, times
 class Plan:
     """Torque plan of n periods to rest at the goal.
 
-    torques (n, N): N m, one row per period; states (n + 1, m): states relative to the goal, the last one zero.
+    torques (n, N): torques, N m, one row per period; states (n + 1, m): states relative to the goal, the last one zero.
     """
 
     torques: Array
@@ -35,7 +35,7 @@ class Plan:
 def rigid_time(inertia: float, angle: float, limit: float) -> float:
     """Return the time, s, of the rigid arm's time-optimal slew, 2 sqrt(I angle / torque).
 
-    No rigid arm is faster. inertia: kg m^2 about the hub. angle: rad. limit: N m.
+    No rigid arm is faster. inertia: kg m^2 about the hub. angle: angle of the slew, rad. limit: torque limit, N m.
     """
     return 2.0 * float(np.sqrt(inertia * abs(angle) / limit))
 
@@ -44,7 +44,7 @@ def plan(A: Array, B: Array, start: Array, limits: Array, least: int = 1, most: 
     """Find the shortest plan from a state to zero.
 
     Args:
-        A (m, m), B (m, N): discrete model. start (m,): the state. limits (N,): N m.
+        A (m, m), B (m, N): discrete model. start (m,): initial state. limits (N,): torque limits, N m.
         least, most: bounds on the number of periods; most=None: 1000, or four times `least` if that is larger.
     Raises:
         ValueError: there is no plan of at most `most` periods.
@@ -98,8 +98,8 @@ def _feasible(A: Array, B: Array, start: Array, limits: Array, periods: int) -> 
 def slew_plan(setup: Setup, angle: float, effort: float = 1.0, flexible: int | None = None) -> Plan:
     """Find the shortest rest-to-rest plan of one link.
 
-    setup: arm, period and torque limit. angle: rad. effort: share of the torque limit. flexible: see `LQRGains`.
-    Raises ValueError if `plan` finds no plan.
+    setup: arm, period and torque limit. angle: hub angle of the slew, rad. effort: share of the torque limit that the
+    plan uses. flexible: number of flexible modes, see `LQRGains`. Raises ValueError if `plan` finds no plan.
     """
     model, limits = arm_model(setup.arm, (), flexible), np.asarray(setup.torque_limits)
     least = int(rigid_time(float(model.inertia[0, 0]), angle, float(limits[0])) / setup.control_dt)

@@ -16,8 +16,8 @@ from .rollouts import Rollout, rollout
 class Part(NamedTuple):
     """A group of arms that are advanced together.
 
-    read, write: rows of input and output. periods: the `Periods` that advance the arms. places: places of their state's
-    numbers in a full state.
+    read, write: indices of the arms' rows in the input arrays and in the output arrays. periods: the `Periods` that
+    advance the arms. places: indices of the numbers of the arms' states within a full state.
     """
 
     read: Any
@@ -27,7 +27,8 @@ class Part(NamedTuple):
 
 
 _STATE_OF = {"step": (0, "state"), "jacobians": (0, "state"), "vjp": (0, "state_bar"), "observe_jacobian": (1, "")}
-"""For each method: index of the result that has a state's length, and argument that gives entries a part lacks."""
+"""For each method: index of the result with a state's length, and the argument from which missing entries are copied.
+"""
 
 
 class Arms(Periods):
@@ -39,18 +40,20 @@ class Arms(Periods):
     caller handles time limits, joint limits and resets. If the solver fails, results are NaN.
 
     Args:
-        id: id of an environment of this package. n: number of arms. threads: largest number of threads; None: chosen as
-            by the vector environment. parameters: True: also differentiate by parameters. The parameters are payload
-            mass and inertia, factors on EI (in space also on EI_y and GJ), tau_d, and the factor on the torque
-            constant. Joints that are not ideal add stiffness, damping, rotor, friction and backlash (`stiffness[0]`,
-            ...). In a state the parameters follow the numbers that change with time and precede stored observations.
+        id: id of an environment of this package. n: number of arms. threads: largest number of threads, or None for the
+            vector environment's choice. parameters: whether to differentiate also with respect to parameters. The
+            parameters are payload mass and inertia, factors on EI (in space also on EI_y and GJ), tau_d, and the factor
+            on the torque constant. Joints that are not ideal add stiffness, damping, rotor, friction and backlash
+            (`stiffness[0]`, ...). In a state the parameters follow the numbers that change with time and precede stored
+            observations.
         keywords: keywords of the environment and its solver.
     Attributes:
-        n, state_size, action_size, observation_size: sizes. observation_space, action_space: spaces of one arm.
-        moving: number of a state's leading entries that change with time or are differentiated; the other entries are
-            constants (targets, number of periods, ...). names: names of a state's entries.
-        failed (n,): whether the solver failed in the last call. past (n,): whether a joint was beyond its limits at the
-            end of the last call.
+        n, state_size, action_size, observation_size: numbers of arms, of numbers in a state and in an action, and of
+            observed entries. observation_space, action_space: spaces of one arm.
+        moving: number of a state's leading entries that change with time or are differentiated. The remaining entries
+            are constants (targets, number of periods). names: names of a state's entries. failed (n,): whether the
+            solver failed in the last call. past (n,): whether a joint was beyond its limits at the end of the last
+            call.
     Raises:
         ValueError: the environment belongs to another package, a size is invalid, or a feature has no derivatives:
             `reward.cost`; prescribed motions together with `step_tolerance`; prescribed motions of different joints in
@@ -87,7 +90,7 @@ class Arms(Periods):
             self._arrange()
 
     def reset(self, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> Array:
-        """Start episodes as the vector environment does with this seed and these options; return states (n, S).
+        """Start episodes as the vector environment does with the same seed and options; return the states (n, S).
 
         With prescribed motions, states contain accelerations and torques in every formulation. A reset may therefore
         change `names`, `moving` and `state_size`.
@@ -191,9 +194,10 @@ class Arms(Periods):
     def vjp(
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
     ) -> tuple[Array, Array]:
-        """Return the cotangents (n, S), (n, A) of state and action.
+        """Return the cotangents (n, S) of the state and (n, A) of the action.
 
-        The arguments end with the cotangents of the state, observation and reward after the period.
+        state_bar (n, S), observation_bar (n, O), reward_bar (n,): cotangents of state, observation and reward after the
+        period.
         """
         if not self._parts:
             return super().vjp(state, action, state_bar, observation_bar, reward_bar)

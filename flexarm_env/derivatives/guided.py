@@ -1,4 +1,4 @@
-"""Derivatives of arms with prescribed motions, each of which the environment simulates outside the batch."""
+"""Derivatives of arms with prescribed motions. The environment simulates each of these arms outside its batch."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from ..validation import Array
 
 
 def program_of(program: Any, guide: Any) -> Any:
-    """Return a program of the batch's kind for the single arm of an `envs.motion.Guide`."""
+    """Return a program for the single arm of an `envs.motion.Guide`, otherwise equal to the batch's program."""
     sensors = program.sensors
     if sensors is not None:
         sensors = sensors._replace(gauges=np.ascontiguousarray(guide.gauges, np.float64).ravel())
@@ -19,7 +19,7 @@ def program_of(program: Any, guide: Any) -> Any:
 
 
 def guided(guide: Any, model: Any, lanes: int) -> Guided:
-    """Return the arm's drive, motions and kinks, with scratch memory for this number of lanes."""
+    """Return drive, motions and kinks of the guide's arm, with scratch memory for `lanes` lanes."""
     own = guide.simulation
     return Guided(
         drive=own.drive, motions=own.n_motions, kinks=np.array(guide.scene.kinks, np.float64),
@@ -31,7 +31,10 @@ def guided(guide: Any, model: Any, lanes: int) -> Guided:
 
 
 def state_of(batch: Any, arm: int, guide: Any, model: Any, layout: Any, places: Any) -> Array:
-    """Return the numbers (1, S) at `places` of the state of arm `arm`, which its guide simulates."""
+    """Return the state (1, S) of arm number `arm`, which `guide` simulates.
+
+    places: offsets of the state's numbers in the memory block with the sections `layout`.
+    """
     block, work = np.zeros(layout.row), guide.simulation.work
     there = uncompiled(unpack)(SINGLE, model, block, 0)
     for name in ("q", "v", "a", "b", "u"):

@@ -1,8 +1,8 @@
 """Observations that depend on the past: delayed and stacked observations, and readings of sensors with memory.
 
-A state then contains the latest `frames` observations of E entries, the oldest first. With a delay, an observation
-consists of the oldest stored entries. A period drops the oldest observation and appends the new one; the derivatives of
-the other stored observations are therefore only shifted.
+A state then contains the latest `frames` observations of E entries, the oldest first. If observations are delayed, the
+observation consists of the oldest stored entries. A period drops the oldest observation and appends the new one; the
+derivatives of the other stored observations are therefore only shifted.
 """
 
 from typing import Any
@@ -19,11 +19,11 @@ class Memory:
     """Stored observations of a batch's arms, as part of their states.
 
     Args:
-        batch: the arms. moving: X, number of a state's moving entries without stored observations.
+        batch: the `Batch` of arms. moving: X, the number of a state's moving entries without stored observations.
     Attributes:
-        chosen (E,): indices of the observed entries. size: O, length of an observation. moving: X plus the number of
-            stored entries.
-        frames: number of observations stored in a state; 0 if the rest of the state determines an observation.
+        chosen (E,): indices of the observed entries. size: O, the length of an observation. moving: X plus the number
+            of stored entries. frames: number of observations stored in a state; 0 if the remaining numbers of the state
+            determine the observation.
     """
 
     def __init__(self, batch: Any, moving: int) -> None:
@@ -39,20 +39,22 @@ class Memory:
         self._batch, self._first, self.moving = batch, moving, moving + self.frames * self.entries
 
     def names(self, own: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the names of a state's entries, given the names without stored observations."""
+        """Return the names of a state's entries: the names `own`, with those of stored observations inserted."""
         seen = tuple(f"seen[{k}]" for k in range(self.frames * self.entries))
         return own[: self._first] + seen + own[self._first :]
 
     # --- states ----------------------------------------------------------------------------------
     def parts(self, state: Array) -> tuple[Array, Array]:
-        """Split states into states without stored observations, and these observations."""
+        """Split states (n, S) into the numbers without stored observations and the stored observations."""
         x, y = self._first, self.moving
         if self.frames == 0:
             return state, state[:, x:y]
         return np.concatenate([state[:, :x], state[:, y:]], axis=1), state[:, x:y]
 
     def joined(self, own: Array, past: Array) -> Array:
-        """Combine states without stored observations with these observations; the inverse of `parts`."""
+        """Return states (n, S) composed of the numbers `own` and the stored observations `past`: the inverse of
+        `parts`.
+        """
         if self.frames == 0:
             return own
         return np.concatenate([own[:, : self._first], past, own[:, self._first :]], axis=1)
@@ -70,11 +72,11 @@ class Memory:
         return self.joined(own, np.concatenate([told, late.reshape(len(own), -1)], axis=1))
 
     def shown(self, past: Array) -> Array:
-        """Return the observation (n, O) that stored observations give."""
+        """Return the observation (n, O) that the stored observations `past` determine."""
         return past[:, : self.size].copy()
 
     def after(self, past: Array, seen: Array) -> tuple[Array, Array]:
-        """Append new entries (n, E); return the stored observations and the observation."""
+        """Append new entries `seen` (n, E) to the stored observations `past`; return these and the observation."""
         if self.frames == 0:
             return past, seen
         past = np.concatenate([past[:, self.entries :], seen], axis=1)
@@ -82,7 +84,7 @@ class Memory:
 
     # --- derivatives -----------------------------------------------------------------------------
     def whole(self, moved: Array) -> Array:
-        """Extend a period's derivative to stored observations; result (n, X + O + 1, X + A)."""
+        """Extend a period's Jacobian by the stored observations; return it with the shape (n, X + O + 1, X + A)."""
         if self.frames == 0:
             return moved
         x, y, entries = self._first, self.moving, self.entries

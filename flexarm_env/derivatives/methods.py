@@ -18,19 +18,19 @@ from ..physics.model import Elastica, ExactBeam, Floating, FloatingChain
 from ..physics.space.chain import SpatialBeam, SpatialElastica
 
 PASSES, MOST_PASSES = 5, 20
-"""Number of iterations for a step's tangents if the step's matrix differs from the derivative by about a thousandth
-(exact beams in the plane, elasticas in space, contact); largest number for exact beams in space, which iterate to
-convergence.
+"""PASSES: number of iterations for a step's tangents if the step's matrix differs from the derivative by about a
+thousandth (exact beams in the plane, elasticas in space, contact). MOST_PASSES: largest number for exact beams in
+space, which iterate to convergence.
 """
 
 
 class Method(NamedTuple):
     """How periods are differentiated.
 
-    by_equations: forward by the equations of steps and jumps (`runtime.implicit`); otherwise every operation is
-    differentiated when it is executed (`runtime.derivative`). backwards: `runtime.adjoint` computes cotangents;
-    otherwise the Jacobians do. passes: solutions for the unknown's derivative in a step: 1 if the step's matrix is the
-    exact derivative of its residual.
+    by_equations: True if Jacobians follow from the equations of steps and jumps (`runtime.implicit`), False if every
+    operation is differentiated when it is executed (`runtime.derivative`). backwards: True if `runtime.adjoint`
+    computes cotangents, False if cotangents are computed from Jacobians. passes: number of linear solutions for a
+    step's derivative; 1 if the step's matrix is the exact derivative of the residual.
     """
 
     by_equations: bool
@@ -39,7 +39,11 @@ class Method(NamedTuple):
 
 
 def method_of(model: Any, program: Any, extras: Any, kept: bool, alone: str) -> Method:
-    """Return the method for a model and parts of a program."""
+    """Return the method by which the control periods of a model are differentiated.
+
+    program, extras: the batch's program and its sensors, motors and payload changes. kept: whether motions are
+    prescribed. alone: "all" if each arm is computed alone.
+    """
     # what a period does beside the equations of its steps and jumps
     beside = (
         program.models is not None,  # numbers of halvings are found by the run

@@ -26,7 +26,9 @@ from .methods import method_of
 from .places import laws_of, places_of
 
 MOST_AT_ONCE = 3
-"""Number of columns computed side by side; with more columns a column costs as much, but compilation takes longer."""
+"""Largest number of Jacobian columns that one pass computes. More columns would not reduce the cost of a column but
+would lengthen compilation.
+"""
 
 
 Found = TypeVar("Found", bound=tuple[Array, ...])
@@ -39,10 +41,10 @@ def _renamed(name: str, now: str) -> None:
 class Jacobians(NamedTuple):
     """Results of a control period of n arms, and their derivatives.
 
-    A state has S entries, of which the first X move (`Arms.moving`); an action has A entries, an observation O. `moved`
-    contains the derivatives without the rows and columns of entries that do not move. A, B, C, D, r_x and r_u are the
-    derivatives for complete states: entries that do not move stay constant, and derivatives with respect to them are
-    zero.
+    A state has S entries, of which the first X move (`Arms.moving`). An action has A entries, an observation O entries.
+    `moved` contains the derivatives without the rows and columns of entries that do not move. A, B, C, D, r_x and r_u
+    are the derivatives for complete states. Entries that do not move stay constant, and derivatives with respect to
+    these entries are zero.
     """
 
     state: Array  # (n, S), a period later
@@ -106,7 +108,7 @@ class Jacobians(NamedTuple):
         return after, out[:, x : x + entries], out[:, -1]
 
     def vjp(self, state: Array, observation: Array, reward: Array) -> tuple[Array, Array]:
-        """Map cotangents (n, S), (n, O), (n,) of next state, observation and reward to those of state and action."""
+        """Map cotangents of next state (n, S), observation (n, O) and reward (n,) to those of state and action."""
         x = self._sizes[0]
         given = np.concatenate([state[:, :x], observation, reward[:, None]], axis=1)
         out = (given[:, None, :] @ self.moved)[:, 0]
@@ -128,9 +130,10 @@ class Differentiable(Protocol):
     """n arms whose control periods have derivatives: `Arms`, `Periods`, or a class with the same methods.
 
     Attributes:
-        n, state_size (S), action_size (A), observation_size (O): sizes. moving: number of a state's leading entries
-            whose derivatives are not those of constants. failed (n,): whether the solver failed in the
-            last call. past (n,): whether a joint was beyond its limits at the end of the last call.
+        n: number of arms. state_size (S), action_size (A), observation_size (O): lengths of a state, an action and an
+            observation. moving: number of a state's leading entries that are not constant. failed (n,): whether the
+            solver failed in the last call. past (n,): whether a joint was beyond its limits at the end of the last
+            call.
     """
 
     n: int
@@ -150,7 +153,7 @@ class Differentiable(Protocol):
     def vjp(
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
     ) -> tuple[Array, Array]:
-        """Return the cotangents of state and action, given those of the results of `step`."""
+        """Return the cotangents of state and action, given the cotangents of the results of `step`."""
 
     def observe(self, state: Array) -> Array:
         """Return the observations (n, O) of states."""
@@ -163,11 +166,12 @@ class Periods:
     """Control periods of a batch's arms, with exact derivatives; see `Arms` for states, steps and failures.
 
     Args:
-        batch: the arms. parameters: see `Arms`. kept: states contain accelerations and torques even if periods begin by
-            solving for accelerations. guided: (index, `envs.motion.Guide`) of a single arm with prescribed motion;
-            None: all arms of the batch. alone: arms that are computed one at a time, with halved steps if Newton's
-            iteration fails: "failed" (arms that failed in their lane, as in the environment), "all" or "none". whole:
-            include the terms of all parameters (`physics.model.complete`).
+        batch: the `Batch` of arms. parameters: whether to differentiate with respect to parameters, too. kept: whether
+            states contain accelerations and torques even if periods begin by solving for accelerations. guided: (index,
+            `envs.motion.Guide`) of a single arm with prescribed motion, or None for all arms of the batch. alone: arms
+            that are computed one at a time, with halved steps if Newton's iteration fails: "failed" (arms that failed
+            in their lane, as in the environment), "all" or "none". whole: include the terms of all parameters
+            (`physics.model.complete`).
     Attributes:
         n, state_size, action_size, observation_size, moving, names, failed, past: see `Arms`. backwards: whether
             separate kernels compute cotangents (`vjp`).
@@ -299,10 +303,13 @@ class Periods:
     def vjp(
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
     ) -> tuple[Array, Array]:
-        """Return cotangents (n, S), (n, A) of state and action, from those of a period's state, observation and reward.
+        """Return cotangents (n, S) of states and (n, A) of actions, given those of a period's results.
 
-        Kernels for cotangents (`backwards`, chosen by `methods.method_of`) cost a few times as much as a period. In all
-        other cases the Jacobians are used.
+        state_bar (n, S), observation_bar (n, O), reward_bar (n,): cotangents of state, observation and reward after the
+        period.
+
+        If the model has kernels for cotangents (`backwards`), the call costs a few times as much as a period. Otherwise
+        cotangents are computed from the Jacobians.
         """
         given = checked("state_bar", state_bar, (self.n, self.state_size))
         seen = checked("observation_bar", observation_bar, (self.n, self.observation_size))
@@ -430,7 +437,10 @@ class Periods:
 
 
 def checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Validate numbers of this shape and return them as an array; raise ValueError for another shape."""
+    """Validate an array of numbers and return it as float64; raise ValueError if its shape is not `shape`.
+
+    name: name of the argument in the message.
+    """
     rows = check.floats(name, value)
     if rows.shape != shape:
         raise check.InvalidValue(f"{name}.shape", rows.shape, f"must be {shape}")

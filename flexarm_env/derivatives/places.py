@@ -1,4 +1,4 @@
-"""Places of a state's numbers in an arm's memory, and their names."""
+"""Offsets of a state's numbers in an arm's memory block, and the names of these numbers."""
 
 from typing import Any, NamedTuple
 
@@ -38,11 +38,11 @@ class _Place(NamedTuple):
 def places_of(
     batch: Any, model: Any, stride: int, layout: Any, parameters: bool, kept: bool
 ) -> tuple[Any, tuple[str, ...], int]:
-    """Return the places and names of a state's entries, and the number of entries that move.
+    """Return the offsets and names of a state's entries in a memory block, and the number of entries that move.
 
-    The places are in a block whose elements are `stride` apart.
-
-    kept: include accelerations and torques even if periods begin by solving for accelerations.
+    stride: distance between two elements of the block. layout: offsets of the block's sections. parameters: whether
+    parameters move. kept: whether to include accelerations and torques even if periods begin by solving for
+    accelerations.
     """
     task, extras = batch.task, batch.extras
     rows, links = int(size(model.n)), len(task.links)
@@ -121,7 +121,10 @@ def _laws(model: Any) -> list[tuple[int, str, float]]:
 
 
 def laws_of(model: Any, names: tuple[str, ...]) -> tuple[list[int], list[float]]:
-    """Return the places in a state of the joint laws' parameters, and the parameters' values."""
+    """Return the indices of the joint laws' parameters within a state, and the values of these parameters.
+
+    names: names of the state's entries.
+    """
     found = _laws(model)
     return [names.index(name) for _, name, _ in found], [value for _, _, value in found]
 

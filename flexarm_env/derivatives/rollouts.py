@@ -12,9 +12,9 @@ from .period import Differentiable, checked
 
 
 class Outcome(NamedTuple):
-    """States (T + 1, n, S), the initial states first, observations (T, n, O) and rewards (T, n) after each period.
+    """Results of a rollout: states (T + 1, n, S) with the initial states first, observations (T, n, O), rewards (T, n).
 
-    A rollout's `jvp` returns tangents in this form.
+    `Rollout.jvp` returns the tangents of the results in this form.
     """
 
     states: Array
@@ -38,9 +38,9 @@ class Rollout:
     numbers are NaN. A rollout lies within one episode, so no derivative crosses a reset.
 
     Attributes:
-        arms: the arms. states (T + 1, n, S): initial states first. actions (T, n, A). observations (T, n, O), rewards
-        (T, n): after each period. failed (T, n): whether the solver failed. past (T, n): whether a joint was beyond its
-            limits.
+        arms: the arms. states (T + 1, n, S): the initial states, then the states after each period. actions (T, n, A):
+            the actions of all periods. observations (T, n, O), rewards (T, n): results of each period. failed (T, n):
+            whether the solver failed. past (T, n): whether a joint was beyond its limits.
     """
 
     arms: Differentiable
@@ -54,7 +54,7 @@ class Rollout:
     def jvp(self, state: Any = None, actions: Any = None) -> Outcome:
         """Return the tangents of the rollout's results, given tangents of initial states and actions.
 
-        state (n, S), actions (T, n, A): the tangents, or None for zero.
+        state (n, S), actions (T, n, A): tangents of initial states and actions; None stands for zero tangents.
         """
         count = len(self.actions)
         moved = np.zeros_like(self.states)
@@ -70,8 +70,8 @@ class Rollout:
         """Return the gradient of a scalar, given its gradient with respect to the results of the rollout.
 
         Args:
-            states (T + 1, n, S), observations (T, n, O), rewards (T, n): gradients with respect to these results; None:
-                zero. For a weighted sum of rewards use `vjp(rewards=weights)`.
+            states (T + 1, n, S), observations (T, n, O), rewards (T, n): gradients of the scalar with respect to these
+                results; None stands for zero. For a weighted sum of rewards use `vjp(rewards=weights)`.
         """
         by_states = _given("states", states, self.states.shape)
         by_seen = _given("observations", observations, self.observations.shape)

@@ -20,10 +20,10 @@ from ..validation import Array
 from .methods import PASSES
 
 MOST = 4_000_000
-"""Largest number of entries of factored matrices that are stored at once."""
+"""Largest number of float64 entries of factored matrices that are stored at the same time."""
 
 PASSES_IN_SPACE = 10
-"""`methods.PASSES` in space, where Newton's matrix is less accurate."""
+"""Number of iterations for a step's tangents in space, where the step's matrix is less accurate than in the plane."""
 
 MOST_ROWS = 1_000_000
 """Largest number of steps in a run whose states are all stored."""
@@ -38,9 +38,9 @@ class Run:
     """A run in equal steps, with its states stored for differentiation.
 
     Attributes:
-        simulation: the simulation, with its state at the end. trajectory: the samples. start (4, n): initial q, v, a,
-            b. q, v, a (steps, n) and t (steps,): values at the ends of steps. every: number of steps between two
-            samples.
+        simulation: the simulation at the end of the run. trajectory: the samples. start (4, n): initial q, v, a, b. q,
+            v, a (steps, n): coordinates, velocities and accelerations at the ends of steps. t (steps,): ends of steps,
+            s. every: number of steps between two samples.
     """
 
     simulation: Simulation
@@ -55,7 +55,7 @@ class Run:
 
     @classmethod
     def of(cls, simulation: Simulation, interval: float) -> Run:
-        """Run a new Simulation of a scene and record it every `interval` s; see `Trajectory.status`."""
+        """Run a new Simulation of a scene, record a sample every `interval` s, and return the `Run`."""
         scene = simulation.scene
         every = max(1, int(np.ceil(interval / simulation.dt * (1.0 - 1e-9))))
         if every * scene.duration / interval > MOST_ROWS:
@@ -90,14 +90,15 @@ class Run:
                 raise NotDifferentiable(what)
 
     def slopes(self, neighbours: Sequence[tuple[Simulation, float, float]]) -> Array:
-        """Return the derivatives of q and v at the samples, with the start, by a parameter: (samples, 2, n).
+        """Return the derivatives of q and v by a parameter, at the start and at the samples: (samples, 2, n).
 
         neighbours: two Simulations of the scene with the parameter changed by an offset e, as (simulation, offset,
-        weight in the derivative). Central: (a, e, 1 / 2e), (b, -e, -1 / 2e). One-sided: (a, e, 2 / e),
-        (b, 2 e, -1 / 2e).
+        weight in the derivative). A central difference has (a, e, 1 / 2e) and (b, -e, -1 / 2e), a one-sided difference
+        (a, e, 2 / e) and (b, 2 e, -1 / 2e).
 
         Raises:
-            NotDifferentiable: as in `check`, or the changed parameter changes the structure of the model.
+            NotDifferentiable: the steps cannot be differentiated (`check`), or the parameter changes the structure of
+                the model.
         """
         self.check()
         own = self.simulation
@@ -140,7 +141,8 @@ class Run:
     def moved(self, other: Simulation, change: Array, places: bool = True) -> Trajectory:
         """Return the trajectory of the neighbor's arm, with changes (samples, 2, n) added to q and v.
 
-        places: also recompute tip, joints and motors; all other fields do not change.
+        other: the neighbor's Simulation. places: whether to recompute tip, joints and motors, too. All other fields are
+        unchanged.
         """
         q, v = self.trajectory.q + change[:, 0], self.trajectory.v + change[:, 1]
         found: dict[str, Any] = {}

@@ -32,7 +32,7 @@ _SURE = 0.98
 
 
 def needs_of(frame: Frame, task: Task, starts: Starts, extras: Any) -> Attainable | None:
-    """Return the conditions on drawn targets; None if every possible draw meets them or the base floats.
+    """Return the conditions on drawn targets; None if every possible draw meets the conditions or the base floats.
 
     Raises:
         ValueError: none of the `SAMPLES` drawn targets is attainable.

@@ -26,13 +26,14 @@ def framed(
     frame: Frame, value: Any, task: str, given: Mapping[str, Any], drawn: Mapping[str, tuple[float, float]],
     changing: PayloadChange | None,
 ) -> Frame:  # fmt: skip
-    """Return the frame with the given contacts, in steps in which every impact lasts at least `STEPS` steps.
+    """Return the frame with the given contacts and with a step so short that every impact lasts at least `STEPS` steps.
 
     If the user gives no `dt`, a control period is divided into enough steps, at most `MOST_STEPS`. The Newton tolerance
     decreases with the square of the step. The number of steps follows from the lightest and softest arm that may be
     drawn.
-    value: one or several `Contact` or tables; None for no contacts. task: task of the environment. given: the user's
-    options of the solver. drawn: ranges of factors by name. changing: the payload change.
+    value: keyword `contacts`: one or several `Contact` or tables; None for no contacts. task: task of the environment.
+    given: the user's options of the solver. drawn: ranges of randomized factors by name. changing: the payload change,
+    or None.
 
     Raises:
         ValueError: the message names the key path, the value and the allowed values.

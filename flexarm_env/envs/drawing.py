@@ -34,12 +34,12 @@ def pygame_module() -> Any:
 
 
 class Sheet:
-    """A picture in progress.
+    """Canvas of one picture of an arm, on which the methods draw.
 
     Args:
-        size: width and height of the picture, pixels. reach: arm's reach, m. Half of the shorter side of the picture
-            shows `margin` times the reach.
-        center: the point at the middle of the picture, m (2,). cell: side of a grid square, m.
+        size: width and height of the picture, pixels. reach: arm's reach, m. margin: length shown by half of the
+            picture's shorter side, divided by the reach.
+        center (2,): the point at the middle of the picture, m. cell: side of a grid square, m.
     A length of one "point" is 1/640 of the picture's shorter side.
     """
 
@@ -105,7 +105,10 @@ class Sheet:
 
 
 def draw_arrow(canvas: Any, start: Array, end: Array, color: Color, point: float) -> None:
-    """Draw an arrow between two points of a canvas, pixels, with a dot at its start; point: pixels of a point."""
+    """Draw an arrow between two canvas points, pixels, with a dot at its start.
+
+    point: number of pixels per length unit "point".
+    """
     pg, way = pygame_module(), end - start
     long = float(np.hypot(*way))
     if long > 0.0:
@@ -189,7 +192,7 @@ def _font(pixels: int) -> Any:
 def smooth(points: Array, root_angle: float, tip_angle: float, pieces: int = 6) -> Array:
     """Return a C1 cubic curve through points (n, 2) with given directions (rad) at its ends.
 
-    pieces: number of pieces of each interval.
+    pieces: number of curve pieces between two given points.
     """
     if len(points) < 2:
         return np.repeat(points, 2, axis=0)
@@ -226,6 +229,6 @@ def round_step(value: float) -> float:
 
 
 def blend(first: Color, second: Color, share: float) -> Color:
-    """Return a color between two; share: 0 for the first, 1 for the second."""
+    """Return a color between two; share: 0 for the first color, 1 for the second."""
     red, green, blue = (round(a + (b - a) * share) for a, b in zip(first, second, strict=True))
     return red, green, blue

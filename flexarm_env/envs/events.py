@@ -33,7 +33,7 @@ EVENTS = ("cost", "pushes", "payload_change", "keep_out")
 
 
 def cost(frame: Frame, value: Any) -> Cost | None:
-    """Read `cost`: limits of tip deflections (over the link's length) and of the links' surface strains."""
+    """Read `cost`: limits of tip deflections (divided by the link's length) and of the links' surface strains."""
     if value is None:
         return None
     table = table_of("cost", value, ("deflection", "strain"))
@@ -137,7 +137,8 @@ def payload_change(frame: Frame, value: Any) -> PayloadChange | None:
 def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool, drawn: int) -> dict[str, Any]:
     """Return the task record's fields for success, turns and info that differ from their defaults.
 
-    drawn: index of the last drawn number in info; -1 if no number is drawn.
+    success: keyword `success`. turns: keyword `turns`. absolute: whether target angles are absolute. drawn: index of
+    the last drawn number in info; -1 if no number is drawn.
     """
     kind = frame.kind
     table = table_of("success", success, (*kind.bands, "hold", "once", "paid"))

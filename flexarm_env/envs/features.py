@@ -40,14 +40,14 @@ class Frame:
 
 
 def table_of(path: str, value: Any, keys: Sequence[str]) -> dict[str, Any]:
-    """Return a keyword's table after checking its keys; {} if the value is None."""
+    """Return the table `value` of keyword `path` after checking its keys; {} if the value is None."""
     table = {} if value is None else check.table_of(path, value)
     check.known_keys(path, table, keys)
     return table
 
 
 def for_each(path: str, value: Any, n: int, unit: str = "", **bounds: float) -> Array:
-    """Return one number for each of n links or joints; the value is one number for all of them or n numbers."""
+    """Return one number for each of n links or joints; `value` is one number for all, or n numbers."""
     many = check.several(value)
     values = check.sequence(path, value, f"{n} numbers{f' ({unit})' if unit else ''}", n) if many else (value,) * n
     names = [f"{path}[{k}]" if many else path for k in range(n)]
@@ -55,7 +55,7 @@ def for_each(path: str, value: Any, n: int, unit: str = "", **bounds: float) -> 
 
 
 def whole(path: str, value: Any, step: float, name: str, **bounds: float) -> int:
-    """Convert a time (s) to a whole number of steps."""
+    """Convert the time `value` (s) to a whole number of steps of `step` seconds."""
     time = check.number(path, value, "s", **bounds)
     if not time / step < LONGEST + 0.5:
         raise check.InvalidValue(path, value, f"must be at most {LONGEST} {name} = {LONGEST * step:g} s")
@@ -207,9 +207,9 @@ _SENSORS = ("noise", "delay", *description.KEYS)
 def sensors(
     frame: Frame, value: Any, gauges: Sequence[description.StrainGauge], names: Sequence[str], scales: Sequence[float]
 ) -> Sensors | None:
-    """Read noise and delay of all entries and the gauges; return the sensors, or None if all are ideal.
+    """Read noise and delay of all observation entries and the strain gauges; return the sensors; None if ideal.
 
-    names, scales: names and scales of all entries, with the gauges last.
+    names, scales: names and scales of all entries of the observation, with the gauges last.
     """
     table = table_of("sensors", None if isinstance(value, description.Sensors) else value, _SENSORS)
     places = [gauge.spot for gauge in gauges]

@@ -46,12 +46,12 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | 2 | `hub_rate` | rate of the hub angle | w | rad/s |
     | 3 | `tip_deflection` | tip deflection | 0.1 | L |
     | 4 | `tip_deflection_rate` | rate of the tip deflection | 0.3 w | L/s |
-    | 5 | `target_error` | target angle less tip angle, unwrapped | 1 | rad |
+    | 5 | `target_error` | target angle minus tip angle, unwrapped | 1 | rad |
 
     - w = sqrt(tau pi/2 / I) is the top rate of a rigid quarter turn at full torque. tau is the torque limit, I the
       inertia of the straight arm about the hub. For `strip` w = 3.029 rad/s.
     - L is the length of the link.
-    - The tip deflection is the component of (tip - root) normal to the link's tangent at its root, over L.
+    - The tip deflection is the component of (tip - root) normal to the link's tangent at its root, divided by L.
     - The tip angle is the polar angle of the tip about the hub.
 
     `observation="measured"` shows what sensors measure. `observation=("hub_sin", ...)` selects entries by name.
@@ -60,8 +60,8 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     ## Rewards
 
     The reward is the sum of the terms in the table, each multiplied by its weight. `info["reward_<name>"]` has each
-    weighted term. In the table e is the target angle less the tip angle (rad), e' the rate of e (rad/s), d' the rate of
-    the tip deflection (L/s), and a the action.
+    weighted term. In the table e is the target angle minus the tip angle (rad), e' the rate of e (rad/s), d' the rate
+    of the tip deflection (L/s), and a the action.
 
     | name | weight | term | bounds, weighted |
     |---|---|---|---|
@@ -104,13 +104,13 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     |---|---|
     | `is_success` | bool: see Episode end |
     | `tip_position` | (2,) m |
-    | `tip_deflection` | over L |
+    | `tip_deflection` | tip deflection divided by L |
     | `target` | rad |
     | `hub_torque`, `joint_torque` | N m, as applied; `joint_torque` is (1,) |
     | `reward_<name>` | weighted terms of the reward |
     | `in_range` | bool: the formulation is valid at this deflection |
-    | `deflection_bound` | largest valid deflection, over L; infinite except with `modes` |
-    | `error_estimate` | estimated largest error of the tip over L, a constant ([meaning](options.md#info)) |
+    | `deflection_bound` | largest valid deflection divided by L; infinite except with `modes` |
+    | `error_estimate` | estimated largest error of the tip, divided by L; a constant ([meaning](options.md#info)) |
     | `solver_status` | "ok", or the kind of failure |
     | `termination_reason` | "", or the reason for the termination |
 

@@ -31,7 +31,10 @@ def with_base(arm: Arm, value: Any, space: bool) -> Arm:
 
 
 def check_afloat(frame: Frame, task: str, mode: str, wanted: Any, **arguments: Any) -> None:
-    """Raise ValueError for keywords that an arm on a floating base does not support. arguments: keywords in `_HELD`."""
+    """Raise ValueError for keywords that an arm on a floating base does not support.
+
+    arguments: values of the keywords that require a fixed root.
+    """
     arm = frame.arm
     if arm.base is None:
         return

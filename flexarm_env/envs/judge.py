@@ -20,7 +20,7 @@ from .small_motions_space import of_space, poses_in_space
 
 OF_ELBOWS = 0.1  # weight of the spin of elbows, which links that hardly bend follow to higher order
 MARGIN, MARGIN_OF_FRICTION = 3.0, 10.0
-"""Error that 99 % of the episodes do not exceed, as a multiple of G e_1 and of e_2."""
+"""Factors on G e_1 and on e_2 in the estimated error, which 99 % of the episodes do not exceed."""
 
 MESHES: Mapping[str, tuple[str, tuple[int, ...]]] = {
     "elastica": ("nodes", (4, 6, 8, 12)),
@@ -30,14 +30,15 @@ MESHES: Mapping[str, tuple[str, tuple[int, ...]]] = {
 """Mesh option of each formulation and its sizes, from the usual size to finer sizes."""
 
 AMPLIFIED, AMPLIFIED_IN_SPACE, POWER = 0.55, 1.1, 3
-"""Constants of G: bend in the plane and in space, rad, and exponent.
+"""Constants of G = 1 + (theta / bend)^POWER: the bend in the plane and in space, rad, and the exponent.
 
 In space, links turn out of each other's planes, and gravity limits the swing of the whole arm.
 """
 
 CONTACT = 0.3  # largest omega_c h
 THIRD, DAMPED, STEADY = 2, 0.1, 0.45
-"""Vibration of a chain of elasticas (index from 0) that steps must resolve if its damping ratio is below `DAMPED`.
+"""Index (from 0) of the vibration of a chain of elasticas that steps must resolve if its damping ratio is below
+`DAMPED`.
 
 `STEADY` is the largest omega h of this vibration.
 """
@@ -48,15 +49,15 @@ TRAVEL = 1.0  # time for which a rate stays wrong after a reversal, s
 SLENDER = 0.1  # largest radius of gyration of a section over its link's length: small motions have no shear
 REFERENCE = 8  # elements of a link of the reference in space
 STIFFEST = 1e8
-"""Largest w^2 T, 1/s, for vibrations of frequency w and a control period T; the matrix exponential loses 1e-16 of
-it."""
+"""Largest w^2 T, 1/s, of vibrations with frequency w in a control period T. Stiffer vibrations are softened, because
+the matrix exponential has a round-off error of 1e-16 w^2 T."""
 
 SETTLED, CHATTER = 20, 0.3
 """A PD loop chatters if its torques change by `CHATTER` of the limits in its last `SETTLED` periods without action."""
 
 
 class Judge:
-    """The rule for one arm, drive and control period (s); `resolution` defines the errors e and their factors.
+    """Estimate the tip's errors for one arm, drive and control period (s); `resolution` defines the errors.
 
     stiffness: factor on EI, in space also on EI_y and GJ. theta: largest bend of a link, rad.
     """
@@ -197,7 +198,7 @@ class Judge:
         return self._softened(motion)
 
     def small(self, settings: Settings, h: float) -> float:
-        """Return e_1: the tip's largest distance from the reference in small motions, over the arm's length."""
+        """Return e_1: the tip's largest distance from the reference in small motions, divided by the arm's length."""
         name, _ = MESHES[settings.formulation]
         size = getattr(settings, name)
         key = (
@@ -209,7 +210,7 @@ class Judge:
         return self._known[key]
 
     def halved(self, settings: Settings, h: float) -> float:
-        """Return the largest distance, over L, between the tips of small motions in steps of h (s) and of h/2."""
+        """Return the largest distance between the tips of small motions in steps of h (s) and of h/2, divided by L."""
         worst = 0.0
         for pose in self.poses:
             one, two = (self._stepped(settings, pose, k) for k in (h, 0.5 * h))
@@ -239,31 +240,31 @@ class Judge:
 
     @property
     def gain(self) -> float:
-        """The factor G by which large bends amplify e_1."""
+        """Factor G by which large bends of the links amplify e_1, the error of small motions."""
         return 1.0 + (self.theta / (AMPLIFIED_IN_SPACE if self.arm.spatial else AMPLIFIED)) ** POWER
 
     def spin(self, settings: Settings, h: float) -> float:
-        """Return e_3: the error of a fast turn in steps of h (s), over the arm's length."""
+        """Return e_3: the tip's error in a fast turn in steps of h (s), divided by the arm's length."""
         if self.arm.spatial:
             return 0.0
         turned = self.spun if settings.formulation == "geometrically_exact" else OF_ELBOWS * self.bent
         return settings.period_error * h * h * turned
 
     def bound(self, settings: Settings, h: float) -> float:
-        """Return e = G e_1 + e_2 over the arm's length; inf if the steps do not resolve a contact or a vibration."""
+        """Return the error bound e = G e_1 + e_2, divided by L; inf if steps of h (s) miss a contact or a vibration."""
         steady = settings.formulation != "elastica" or self.unsteady * h <= STEADY
         if not steady or self.contact * h > CONTACT * (1.0 + 1e-9):
             return math.inf
         return self.gain * self.small(settings, h) + self.friction * h * TRAVEL
 
     def estimate(self, settings: Settings, h: float) -> float:
-        """Return the estimated error of the tip over the arm's length: MARGIN G e_1 + MARGIN_OF_FRICTION e_2 + e_3."""
+        """Return the tip's estimated error MARGIN G e_1 + MARGIN_OF_FRICTION e_2 + e_3, divided by the arm's length."""
         more = (MARGIN_OF_FRICTION - MARGIN) * self.friction * h * TRAVEL
         return min(1.0, MARGIN * self.bound(settings, h) + self.spin(settings, h) + more)
 
 
 class Worst:
-    """The largest errors over the rules of the nominal arm and the extreme drawn arms, which have the weight SELDOM."""
+    """The largest errors of the nominal arm and of the extreme drawn arms, whose errors have the weight SELDOM."""
 
     def __init__(self, rules: Sequence[Judge]) -> None:
         self.rules, self.arm, self.period = rules, rules[0].arm, rules[0].period
@@ -289,29 +290,31 @@ class Worst:
         return most
 
     def bound(self, settings: Settings, h: float) -> float:
-        """Return the largest e of all rules, over the arm's length."""
+        """Return the largest error bound e (`Judge.bound`) of all arms, divided by the arm's length."""
         return max(self.rules[0].bound(settings, h), *(SELDOM * rule.bound(settings, h) for rule in self.rules))
 
     def spin(self, settings: Settings, h: float) -> float:
-        """Return the largest e_3 of all rules, over the arm's length."""
+        """Return the largest error e_3 of a fast turn (`Judge.spin`) of all arms, divided by the arm's length."""
         return max(self.rules[0].spin(settings, h), *(SELDOM * rule.spin(settings, h) for rule in self.rules))
 
     def estimate(self, settings: Settings, h: float) -> float:
-        """Return the largest estimated error of all rules due to mesh and step, over the arm's length."""
+        """Return the tip's largest estimated error of all arms due to mesh and step h (s), divided by L."""
         return max(self.rules[0].estimate(settings, h), *(SELDOM * rule.estimate(settings, h) for rule in self.rules))
 
 
 @lru_cache(32)
 def judge(arm: Arm, drive: Drive, period: float, stiffness: float = 1.0) -> Judge:
-    """Return the rule for an arm, from a cache."""
+    """Return the error estimates (`Judge`) of an arm, from a cache."""
     return Judge(arm, drive, period, stiffness)
 
 
 def worst(arm: Arm, drive: Drive, period: float, drawn: Mapping[str, tuple[float, float]]) -> Worst:
-    """Return the rule for an arm and its extreme drawn arms: the softest, and the stiffest with the smallest payload.
+    """Return error estimates of an arm and its extreme drawn arms, which are the softest and the stiffest arm.
 
-    period: control period, s. drawn: ranges (low, high) of factors by name; only those of EI, payload and
-    torque_constant are used.
+    The stiffest arm has the smallest payload.
+
+    period: control period, s. drawn: ranges (low, high) of randomized factors by name; only the factors on EI, payload
+    and torque_constant are used.
     """
     (soft, stiff), (light, _), (_, strong) = (
         drawn.get(name, (1.0, 1.0)) for name in ("EI", "payload", "torque_constant")

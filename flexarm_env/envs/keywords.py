@@ -78,8 +78,9 @@ SOLVER_OPTIONS = tuple(dict.fromkeys(name for formulation in FORMULATIONS for na
 def signature_of(function: Callable[..., Any], plan: Callable[..., Any]) -> inspect.Signature:
     """Return the signature of a constructor that passes `**arguments` to `plan`, with types and defaults.
 
-    function: a constructor with `self`. plan: a function of the environment's kind and of keywords; its last parameter
-    collects the solver's options. The solver's options have the default None, which selects the formulation's default.
+    function: a constructor whose first parameter is `self`. plan: a function of the environment's kind and of keywords;
+    its last parameter collects the solver's options. The solver's options have the default None, which selects the
+    formulation's default.
     """
     own = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD][1:]
     taken = [p for p in inspect.signature(plan).parameters.values() if p.kind is p.KEYWORD_ONLY]

@@ -66,7 +66,7 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
     """Arms with links of several lengths as one vector environment.
 
     Args:
-        env_id: a registered id. num_envs: number of arms, at least one for each length.
+        env_id: id of a registered environment. num_envs: number of arms, at least one for each length.
         lengths: factors on the lengths of all links, or for each entry a factor for each link. The arms are divided
             evenly among the entries, and the first arms have the first entry.
         keywords: keywords of the environment, with `autoreset_mode` and `threads`.
@@ -113,10 +113,10 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array32, dict[str, Any]]:
-        """Start episodes: of all arms, or of those in options["reset_mask"]. Arm i gets seed + i, or seed[i].
+        """Start episodes of all arms, or of the arms in options["reset_mask"]; arm i has seed + i, or seed[i].
 
         Raises:
-            ValueError: as for the native vector environment; in this case no episode has started.
+            ValueError: in the cases in which the native vector environment raises it; no episode has then started.
         """
         seeds = checked_seeds(seed, self.num_envs)
         chosen, rest = checked_mask(options, self.num_envs)

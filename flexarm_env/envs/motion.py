@@ -1,7 +1,7 @@
 """Episodes with prescribed motion: the values of `reset(options={"motion": ...})`, and the arms that follow a motion.
 
 An arm with a prescribed motion runs outside the batch in its own `Simulation`, which ends a step at every kink.
-`simulate` uses the same code, so its numbers are the same.
+`simulate` uses the same code, so both give the same numbers.
 """
 
 import math
@@ -36,7 +36,7 @@ WHAT = "must be a named motion, a table (n, 2 to 4), a .csv or .toml file, a Tim
 
 @dataclass(frozen=True)
 class Prescribed:
-    """Joint motions of an episode. functions: motions of the prescribed joints. end: time at which the motion ends, s.
+    """Joint motions of an episode. functions: (joint, function of time) pairs. end: end of the motion, s.
 
     scene: the scene that is replayed unchanged, if one was given.
     """
@@ -168,7 +168,8 @@ class Guide:
     """An arm that follows a prescribed motion and is simulated outside of the batch.
 
     Args:
-        scene: arm, motions and loads. settings: with dt. period: control period, s. limits: torque limits, N m.
+        scene: arm, motions and loads. settings: solver settings, with dt given. period: control period, s. limits:
+            torque limits, N m.
         gauges: link and place of each strain gauge. gauge_scales: scale of each gauge, 1/m.
     Attributes:
         limit: number of control periods until the motion ends. moved: whether the last period was completed. free (N,):
@@ -209,7 +210,7 @@ class Guide:
     def advance(self, torques: Array) -> int:
         """Advance one control period with torques (N,), N m, on the free joints; return the status code.
 
-        For derivatives, `runtime.guided.follow_motions` computes the same.
+        For derivatives, `runtime.guided.follow_motions` computes the same period.
         """
         simulation = self.simulation
         if self.steps:
@@ -231,8 +232,7 @@ class Guide:
         return bool(uncompiled(is_unbalanced)(SINGLE, kinetic + strain, gravity, accounted, exchanged, floor))
 
     def report(self) -> dict[str, Array]:
-        """Return poses, joint torques, motor angles, energies and gauges of the arm, as `Batch.take_report` stores
-        them.
+        """Return the arm's poses, joint torques, motor angles, energies and gauges, as in `Batch.take_report`.
 
         If gears are rigid, the motor angles equal the joint angles.
         """
@@ -294,7 +294,10 @@ class Guide:
 
 
 def guide(plan: Any, motion: Prescribed, starts: Array) -> Guide:
-    """Return the guide of an environment's arm (`options.Plan`). starts (N,): angles of free joints, rad; NaN: 0."""
+    """Return the guide that simulates an environment's arm under a prescribed motion.
+
+    plan: the environment's `options.Plan`. starts (N,): initial angles of the free joints, rad; NaN: 0.
+    """
     arm, scene = plan.arm, motion.scene
     if scene is None:
         scene = _moved(plan, motion, starts)

@@ -50,7 +50,7 @@ class Sight:
 
 
 def checked_observation(observation: Any, history: Any) -> tuple[str | tuple[str, ...], int]:
-    """Check `observation` and `history` to the extent possible without the arm."""
+    """Check the keywords `observation` and `history` to the extent possible without the arm; return both."""
     count = check.integer("history", history, minimum=1, maximum=LONGEST_HISTORY)
     if isinstance(observation, str):
         if observation in (FULL, MEASURED):
@@ -118,7 +118,7 @@ def sight(frame: Frame, observation: str | tuple[str, ...], sensors: description
 
 
 def goal_entries(kind: Kind, arm: Arm) -> Entries:
-    """Return two kinds of entries: joint angles at the goal less encoder angles, and the target point."""
+    """Return names and scales of two kinds of entries: goal joint angles minus encoder angles, and target point."""
     axes = "xyz"[: kind.target.numbers] if kind.target.numbers > 1 else ""
     point = [(f"target_{axis}", arm.total_length) for axis in axes]
     return [*((f"{joint}_error", 1.0) for joint in arm.joint_names), *point]

@@ -62,7 +62,8 @@ DEFAULT_OPTIONS: dict[str, dict[str, Any]] = {
     "paper": {"segments": 5, "dt": 0.0025, "tolerance": 1e-6},
 }
 OF_MODES: dict[str, Any] = {"dt": 0.005, "tolerance": 1e-6}
-"""DEFAULT_OPTIONS: default solver options of the environments, by formulation; OF_MODES: for links reduced to modes.
+"""DEFAULT_OPTIONS: default solver options of the environments, by formulation. OF_MODES: default solver options for
+links reduced to modes.
 
 The values follow from `benchmarks/choose_default.py`.
 """
@@ -90,10 +91,11 @@ class Plan:
 
     names, scales: names and scales of the entries of one observation. history: number of observations that are stacked,
     oldest first. record: the task's record. gauges: link and place of each strain gauge. gauge_scales: scale of each
-    gauge, 1/m. limit: control periods of an episode; max_steps: max_episode_steps. motion: motion of task="replay".
-    entries: entries of info; full: whether info has energies; words: whether info has texts. action_mode: meaning of an
-    action. keep_out: shapes to avoid. contacts: obstacles that the arm may touch. estimate: error of the tip due to
-    mesh and step, over the arm's length. coarse: warning about this error, or "".
+    gauge, 1/m. limit: number of control periods of an episode. max_steps: keyword `max_episode_steps`. motion: motion
+    of task="replay". entries: entries of info; full: whether info has energies; words: whether info has texts.
+    action_mode: the keyword, which says what an action commands. keep_out: shapes to avoid. contacts: obstacles that
+    the arm may touch. estimate: estimated error of the tip due to mesh and step, divided by the arm's length. coarse:
+    warning about this error, or "".
     """
 
     kind: Kind
@@ -143,12 +145,12 @@ class Plan:
 
     @property
     def deflection_bound(self) -> float:
-        """Largest valid tip deflection over length; it is finite only for modes in the plane."""
+        """Largest valid tip deflection divided by length; it is finite only for modes in the plane."""
         return math.inf if self.kind.space else self.settings.deflection_bound
 
     @property
     def observation_bounds(self) -> np.ndarray[Any, np.dtype[np.float32]]:
-        """Largest value of each entry of the observation: CLIP scales, or 1 for sines and cosines without noise."""
+        """Largest value of each entry of the observation: CLIP, or 1 for sines and cosines without noise."""
         noisy = self.extras.sensors is not None and self.extras.sensors.noise.any()
         exact = [(name.endswith(("_sin", "_cos")) and not noisy) or name.startswith(ACTED) for name in self.names]
         return np.array([1.0 if one else CLIP for one in exact] * self.history, np.float32)

@@ -28,7 +28,7 @@ MOST = 16
 
 
 def renderer(plan: Plan, mode: str, size: tuple[int, int] = (SIDE, SIDE)) -> Renderer:
-    """Return a Renderer for an environment; its bars end at the deflection of a clamped link under full torque."""
+    """Return the Renderer of an environment; deflection bars end at a clamped link's deflection at full torque."""
     arm, limits = plan.arm, plan.arm.torque_limits
     assert limits is not None
     softest = [min(float(link.along(x * link.length).EI) for x in (0.0, 0.5, 1.0)) for link in arm.links]
@@ -55,7 +55,7 @@ def bending(arm: Arm) -> list[str]:
 
 
 def bent(arm: Arm, deflection: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the deflections over the length along y and z (2 per flexible link), given those of all links (N, 2)."""
+    """Return the flexible links' deflections along y, z divided by length; deflection (N, 2): values of all links."""
     y, z = deflection[[not link.rigid for link in arm.links]].T
     return np.asarray(np.hypot(y, z))
 

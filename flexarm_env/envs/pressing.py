@@ -19,16 +19,17 @@ from .targets import Pair, Point
 from .task import FAILURE, LAND, PRESS, Kind
 
 DISTANCE = 0.7
-"""Distance of the default wall from the root, over the arm's length."""
+"""Distance of the default wall from the root, divided by the arm's length."""
 NEAR, TURN = 0.75, 0.1
-"""Tip's distance from the root at a start, over the wall's distance; half width of the joint angles' ranges, rad."""
+"""Tip's distance from the root at a start, divided by the wall's distance; half width of the ranges of initial joint
+angles, rad."""
 LONGER = 3.0
 """Length of an episode, as a multiple of that of the environment's default task.
 
 The arm comes to rest at the wall in a third of an episode.
 """
 REACH = 0.85
-"""Largest distance of a path's point from the root, over the arm's length."""
+"""Largest distance of a path's point from the root, divided by the arm's length."""
 BANDS: dict[str, tuple[float, str]] = {"force": (0.1, ""), "path": (0.002, "m")}
 """Bounds of a success: root mean square of the force's relative error, and largest distance from the path."""
 
@@ -36,12 +37,13 @@ BANDS: dict[str, tuple[float, str]] = {"force": (0.1, ""), "path": (0.002, "m")}
 LANDED: dict[str, tuple[float, str]] = {"path": (0.005, "m"), "speed": (0.005, "m/s")}
 """Bounds of a success of "land": distance from the target along the wall, and speed of the tip.
 
-The bound of a period's impulse is the impulse of the largest tip force that the motors can hold, over a default period.
+The bound of a period's impulse is the impulse, in one default control period, of the largest tip force that the motors
+can hold.
 """
 
 
 class Wall(NamedTuple):
-    """A wall in the plane. distance: m from the root. bearing: direction of the nearest point, rad."""
+    """A wall in the plane. distance: of its nearest point from the root, m. bearing: direction of this point, rad."""
 
     distance: float
     bearing: float
@@ -57,7 +59,7 @@ class OnWall(Point):
         self.wall, self.duration = wall, duration
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return the ranges of distance (m), time (s), speed (m/s), bearing (rad) and force (N) of a drawn path."""
+        """Return ranges of a drawn path's wall distance (m), time (s), speed (m/s), wall bearing (rad), force (N)."""
         d, b = self.wall
         half = math.sqrt(max((REACH * arm.total_length) ** 2 - d * d, 0.0))
         speed = min(0.05 * arm.total_length, half / (0.6 * self.duration))
@@ -77,7 +79,7 @@ class PlaceOnWall(OnWall):
     paths: ClassVar = {"line": (("distance", "m"), ("offset", "m"), ("speed", "m/s"), ("bearing", "rad"))}
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return the ranges of distance (m), offset from the nearest point (m), speed (0), and bearing (rad)."""
+        """Return ranges of wall distance (m), offset from the wall's nearest point (m), speed (0), bearing (rad)."""
         d, b = self.wall
         half = math.sqrt(max((REACH * arm.total_length) ** 2 - d * d, 0.0))
         return [(d, d), (0.0, 0.7 * half), (0.0, 0.0), (b, b)]
@@ -91,7 +93,7 @@ class PlaceOnWall(OnWall):
 
 
 class Pressing(NamedTuple):
-    """Properties of an environment with this task: its kind, and the values of contacts, sensors and reference."""
+    """Properties of an environment with task "press" or "land": kind, contacts, sensors and reference."""
 
     kind: Kind
     contacts: Any

@@ -38,7 +38,7 @@ from .drawing import (
 
 MODES = ("human", "rgb_array")
 MARGIN = 1.14
-"""Length that half of the picture's shorter side shows, in multiples of the reach."""
+"""Length shown by half of the picture's shorter side, divided by the arm's reach."""
 TRACE = 60
 """Number of instants for which the tip's path stays visible."""
 FULL_SCALES = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
@@ -147,10 +147,12 @@ class Renderer:
         """Draw one instant.
 
         Args:
-            shape_points: for each of the N links its points (n, 2) from root to tip, m.
+            shape_points: for each of the N links, the points (n, 2) of the link from root to tip, m.
             angles: (N, 2), angles of the tangents at the links' roots and tips, rad.
-            target: (2,) m, or None. time: s; a time earlier than in the previous frame starts a new episode.
-            torques: (N,) in shares of the limit, or None. deflection: (N,) tip deflections over L, or None.
+            target (2,): target point, m, or None. time: time of the episode, s; a time earlier than in the previous
+                frame starts a new episode.
+            torques (N,): torques divided by their limits, or None. deflection (N,): tip deflections divided by the
+                link's length, or None.
             attitude: attitude of a floating base, rad, or None.
         Returns:
             (height, width, 3) uint8, or None in a window.
@@ -253,7 +255,8 @@ class Renderer:
     def arrows(self) -> list[tuple[Array, Array]]:
         """Return the start and the end of the arrow, m, of each force that an obstacle exerts on the arm.
 
-        The length is `ARROW` reaches times F / (F + `force`) for a force F, so that large and small forces are visible.
+        The length of an arrow is `ARROW` times the reach times F / (F + `force`) for a force F, N, so that large and
+        small forces are visible.
         """
         found = []
         for row in self.touches[self.touches[:, 6] > 0.0]:

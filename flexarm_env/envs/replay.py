@@ -1,4 +1,4 @@
-"""Replay a scene through an environment's `step`; the numbers are the same as those of `simulate`."""
+"""Replay a scene through an environment's `step`; the numbers equal the numbers of `simulate`."""
 
 import dataclasses
 import time
@@ -25,7 +25,7 @@ def through_env(scene: Scene, settings: Settings, sample: float | None = None, e
     Args:
         scene: a pinned scene, driven by joint motions or joint torques.
         settings: formulation and options, with dt. sample: control period, s; None uses the scene's sampling interval.
-        error_limit: as for `simulate`.
+        error_limit: estimated error, divided by the arm's length, above which the run is "inaccurate"; see `simulate`.
     Returns:
         The trajectory of `simulate` with the same settings; only cpu_seconds differs.
     Raises:

@@ -25,8 +25,8 @@ class Request:
     """Options of one reset; NaN stands for a number that is drawn at random.
 
     angles (N,): joint angles at the start, rad. target (2,): the target as the task's record stores it; in space (N,):
-    joint angles at which the arm reaches the target. vibration (1,): tip deflection over L; in space (3,): that of each
-    mode. motion: prescribed motion.
+    joint angles at which the arm reaches the target. vibration (1,): tip deflection divided by L of the initial
+    vibration; in space (3,): deflection in each mode. motion: prescribed motion, or None.
     """
 
     angles: NDArray[np.float64]

@@ -4,15 +4,15 @@ The usual settings (`options.DEFAULT_OPTIONS`) are used if the rule below accept
 becomes a whole fraction of the usual step, and the mesh finer, until the rule accepts them. A user's own options are
 never changed. Symbols: control period T, step h, arm's length L, inertia I about a joint.
 
-e_1, small motions. Largest distance, over L, between the tip of small motions (`small_motions`) on the mesh in steps of
-    h and the tip on a fine mesh without steps. The motions last 100 periods with bang-bang torques, which are held for
-    1 and for 8 periods. The small motions include the first frequencies of the links, payload, hub, rotors on elastic
-    gears, jumps and tapers of sections, and viscous friction. The inner PD loop, and the amplifier with its back-emf,
-    act on these motions at control instants. The motions also include the stiffness of linear elements and the
-    numerical damping of Newmark's scheme. Source: linear theory.
+e_1, small motions. Largest distance, divided by L, between the tip of small motions (`small_motions`) on the mesh in
+    steps of h and the tip on a fine mesh without steps. The motions last 100 periods with bang-bang torques, which are
+    held for 1 and for 8 periods. The small motions include the first frequencies of the links, payload, hub, rotors on
+    elastic gears, jumps and tapers of sections, and viscous friction. The inner PD loop, and the amplifier with its
+    back-emf, act on these motions at control instants. The motions also include the stiffness of linear elements and
+    the numerical damping of Newmark's scheme. Source: linear theory.
 G = 1 + (theta / 0.55 rad)^3, large bends. theta is the largest angle between the ends of a link in these motions; it
-    depends on torque over EI/L and on resonance. Measured over random arms: the error is up to 4 e_1 for theta below
-    0.4 rad; for theta of 0.8, 1.2 and 2 rad, the median error is 2, 6 and 20 e_1. Above theta = 1.6 and 3 rad the
+    depends on torque divided by EI/L and on resonance. Measured over random arms: the error is up to 4 e_1 for theta
+    below 0.4 rad; for theta of 0.8, 1.2 and 2 rad, the median error is 2, 6 and 20 e_1. Above theta = 1.6 and 3 rad the
     search begins with the second and the third of `MESHES` (measured).
 e_2 = sum of T_C h t / I, Coulomb friction T_C. If a joint reverses within a step, its rate afterwards has an error of
     up to T_C h / I (docs: theory, section 6). The error of the rate acts on the position for t = 1 s.
@@ -56,7 +56,8 @@ from .trials import TRIALS, TRIALS_IN_SPACE, Trial, refined, settled
 
 # Errors and bounds on errors are distances of the tip over the arm's length L.
 KEPT, KEPT_IN_SPACE, AIM = 5e-3, 6e-3, 1e-3
-"""Bounds up to which the usual settings are kept, and the bound to which step and mesh are refined otherwise."""
+"""Largest error bound e with which the usual settings are kept, in the plane and in space; bound to which step and mesh
+are refined otherwise."""
 
 SPUN = 0.02  # largest e_3 accepted
 UNEQUAL, FINEST_TOLERANCE = 100.0, 1e-10
@@ -64,7 +65,8 @@ UNEQUAL, FINEST_TOLERANCE = 100.0, 1e-10
 FINE_IF_GIVEN = 0.125  # given step over the usual one up to which no trial is made
 FRACTIONS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # divisors of the usual step that are tried
 BENDS, BENDS_IN_SPACE = (1.6, 3.0), (3.2, 6.0)
-"""Bends of a link, rad, above which the search begins with the second and the third mesh."""
+"""Largest angles theta between the ends of a link, rad, above which the search begins with the second and the third
+mesh."""
 
 @dataclass(frozen=True)
 class Resolution:
@@ -82,9 +84,9 @@ def resolve(
 ) -> Resolution:  # fmt: skip
     """Return the settings of an environment: the user's options, and a mesh, step and tolerance that the rule chooses.
 
-    usual: default options of the formulation. given: the user's options. drawn: ranges of factors. period: control
-    period, s. trial: trials of nonlinear motions (`trials`); None for no trials. gain: without trials, the factor by
-    which the arm's motions amplify the errors of small motions (`trials.amplification`).
+    usual: default options of the formulation. given: the user's options. drawn: ranges of randomized factors by name.
+    period: control period, s. trial: trials of nonlinear motions (`trials`); None for no trials. gain: without trials,
+    the factor by which the arm's motions amplify the errors of small motions (`trials.amplification`).
     """
     given = {name: value for name, value in given.items() if value is not None}
     first = Settings.make(formulation, **merged(dict(usual), given)).dividing(period)

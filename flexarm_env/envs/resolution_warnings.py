@@ -10,13 +10,14 @@ from ..rigid import timescales
 from ..settings import Settings
 
 COARSE, COARSE_IF_GIVEN = 0.05, 0.2
-"""Estimates above which `make` warns: for its own settings, and for a step or mesh that the user gives."""
+"""Estimated errors, divided by the arm's length, above which `make` warns: for its own settings, and for a step or mesh
+that the user gives."""
 
 FINEST = 1e-3
 """Smallest ratio of step to control period that a warning advises."""
 
 LEAST_TURNS = 1.5
-"""Smallest default duration of an episode that gets no warning, over the time of the arm's fastest quarter turn."""
+"""Smallest default duration of an episode without a warning, divided by the time of the arm's fastest quarter turn."""
 
 
 class ResolutionWarning(UserWarning):
@@ -24,19 +25,20 @@ class ResolutionWarning(UserWarning):
 
 
 class Rule(Protocol):
-    """Interface of `resolution.Worst`."""
+    """Interface of `judge.Worst`: the tip's errors that depend on mesh and step."""
 
     period: float
 
     def estimate(self, settings: Settings, h: float) -> float:
-        """Error that mesh and step may leave, over L."""
+        """Return the tip's estimated error due to mesh and step h (s), divided by L."""
 
 
 def too_coarse(rule: Rule, settings: Settings, estimate: float, name: str, most: float) -> str:
     """Return a sentence about settings whose estimate exceeds `most`, with the tip's error and advice; otherwise "".
 
-    estimate: error of the tip over the arm's length. name: name of the settings' field with the mesh. The sentence
-    advises a shorter step if this reduces the rule's estimate to COARSE, otherwise a finer mesh.
+    rule: estimates of the tip's error. estimate: error of the tip divided by the arm's length. name: name of the
+    settings' field with the mesh. The sentence advises a shorter step if this reduces the rule's estimate to COARSE,
+    otherwise a finer mesh.
     """
     if estimate <= most:
         return ""
@@ -53,7 +55,7 @@ def too_coarse(rule: Rule, settings: Settings, estimate: float, name: str, most:
 def amplified(estimate: float, formulation: str) -> str:
     """Return a sentence about an arm that amplifies errors so much that no settings make them small.
 
-    estimate: error of the tip over the arm's length.
+    estimate: error of the tip divided by the arm's length. formulation: formulation of the settings.
     """
     instead = "formulation='geometrically_exact'" if formulation == "elastica" else "a smaller dt"
     size = "its length" if estimate >= 1.0 else f"{100.0 * estimate:.2g} % of its length"
@@ -63,7 +65,7 @@ def amplified(estimate: float, formulation: str) -> str:
 def unsettled(period: float, estimate: float) -> str:
     """Return a sentence about an arm with a chattering PD loop: the tip's error, and the settings to change.
 
-    period: control period, s. estimate: error of the tip over the arm's length.
+    period: control period, s. estimate: error of the tip divided by the arm's length.
     """
     what = "the PD loop of action_mode='residual_pd' does not settle with this arm, whatever the solver's step"
     size = "" if estimate <= COARSE else ", and the arm's tip may be off by " + (

@@ -37,13 +37,13 @@ CARRIED = 1e13
 frequency."""
 
 FINE = 12
-"""Number of nodes of a reference link: FINE minus 2 for each link of the arm, at least 6."""
+"""Number of nodes of a reference link: FINE minus 2 for each link of the arm, but at least 6."""
 
 PERIODS = 100
 """Number of control periods simulated."""
 
 HELD = (1, 8, 8, 25)
-"""Numbers of periods for which each run holds its actions; only the spin of the last run is used."""
+"""Numbers of control periods for which each run holds its actions. From the last run only the spin is used."""
 
 
 @lru_cache(8)
@@ -109,8 +109,8 @@ class Motion:
     def of(cls, arm: Arm, parts: Chain, pose: Array, settings: Settings | None = None, h: float = 0.0) -> Motion:
         """Return the small motions of a planar arm about absolute link angles `pose` (N,), rad.
 
-        parts: matrices of the links. settings, h: the integrator's settings and step; h = None: the continuous
-        equations.
+        parts: matrices of the links. settings: the integrator's settings; None: the continuous equations. h: step of
+            the integrator, s.
         """
         n, count, m = parts.n, arm.n_links, parts.w.size
         # M_ij = P_ij cos(alpha_i - alpha_j), payload and rotary inertia (theory, eq. 5.2), about straight links
@@ -146,7 +146,7 @@ class Motion:
         return made.jointed(arm)
 
     def grown(self, more: int) -> Motion:
-        """Return the motions with `more` additional coordinates, whose rows and columns are 0."""
+        """Return the motions with `more` additional coordinates, whose matrix rows and columns are 0."""
         M, C, K, S = (np.pad(x, ((0, more), (0, more))) for x in (self.M, self.C, self.K, self.S))
         tip, bend = (np.pad(x, ((0, 0), (0, more))) for x in (self.tip, self.bend))
         return Motion(M, C, K, S, np.pad(self.B, ((0, more), (0, 0))), tip, bend)
@@ -223,11 +223,11 @@ class Motion:
         return np.vstack([np.hstack([np.zeros((n, n)), np.eye(n), np.zeros_like(self.B)]), solved])
 
     def exact(self, period: float) -> Array:
-        """Return the exact transition (2 n, 2 n + N) over a period (s); columns: state (x, x') and torques."""
+        """Return the exact transition matrix (2 n, 2 n + N): state (x, x') and torques to state a period (s) later."""
         return self._whole(exponential, self._rates(self.M) * period)
 
     def stepped(self, h: float, steps: int) -> Array:
-        """Return the transition (2 n, 2 n + N) over `steps` trapezoidal steps of h seconds, with inertia S."""
+        """Return the transition matrix (2 n, 2 n + N) of `steps` trapezoidal steps of h seconds, with inertia S."""
         # (1 - h/2 A) z+ = (1 + h/2 A) z + h B u
         A = self._rates(self.S) * (0.5 * h)
         rows = len(A)
@@ -253,7 +253,8 @@ class Motion:
         """Return the response to torques over control periods, (periods, 2 + 2 N, runs).
 
         Rows: tip displacement (m; three rows in space), motor or joint angles (rad), bends of the links (rad). advance:
-        transition from `exact` or `stepped`. torques: function of (period, angles (N, runs), rates (N, runs)) that
+            transition matrix from `exact` or `stepped`. torques: function of (period, angles (N, runs), rates (N,
+            runs)) that
         returns torques (N, runs), N m.
         """
         n = len(self.M)
@@ -310,7 +311,7 @@ def vibrations(M: Array, K: Array) -> tuple[Array, Array]:
 
 
 def frequency_unless_damped(motion: Motion, number: int, most: float) -> float:
-    """Return the frequency (rad/s) of vibration `number`, from 0; 0.0 if its damping ratio exceeds `most`."""
+    """Return the frequency (rad/s) of the vibration with index `number`; 0.0 if its damping ratio exceeds `most`."""
     squares, shapes = vibrations(motion.M, motion.K)
     rates = np.sqrt(squares)
     # rigid turns, with frequency 0, do not count

@@ -27,7 +27,8 @@ X = np.array([1.0, 0.0, 0.0])
 BENDING_Y, BENDING_Z = [1, 5, 7, 11], [2, 4, 8, 10]
 """Indices among an element's 12 rows for bending along y and z.
 
-The slope along y is rotation z; the slope along z is minus rotation y.
+The slope of the displacement along y is the rotation about z; the slope of the displacement along z is minus the
+rotation about y.
 """
 
 POINTS = legendre.leggauss(4)
@@ -109,7 +110,11 @@ class _Assembly:
 
 
 def moved(at: Array, way: Array) -> Array:
-    """Return the map (6, n) of a point rigidly attached to a section at distance `way` (3,) m, inertial axes."""
+    """Return the map (6, n) of a point that is rigidly attached to a section.
+
+    at (6, n): map from the coordinates to displacement and rotation of the section. way (3,): vector from the section
+    to the point, m, inertial axes.
+    """
     found = at.copy()
     # displacement u + theta x way
     found[:3] -= rotations.skew(way) @ at[3:]
@@ -152,8 +157,8 @@ def of_space(
 ) -> Motion:
     """Return the small motions of an arm in space about joint angles `pose` (N,), rad, in the arm's lowest modes.
 
-    elements: number per link. settings, h: the integrator's settings and step; h = None: the continuous equations.
-    stiffness: factor on EI, EI_y and GJ of all links.
+    elements: number of elements per link. settings: the integrator's settings; None: the continuous equations. h: step
+    of the integrator, s. stiffness: factor on EI, EI_y and GJ of all links.
     """
     made = _Assembly(arm, elements, pose)
     made.K *= stiffness

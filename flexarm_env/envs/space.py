@@ -54,7 +54,7 @@ class Place(Target):
         return POINT.entries(arm, "xyz")
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges for a path of this shape: distances scaled by the arm's length, times by the arm's rates."""
+        """Return ranges for a path of this shape: distances scaled by the arm's length, times by its joint rates."""
         _, *others, bearing = POINT.ranges(arm, path)
         far = arm.total_length
         if path == "circle":

@@ -42,7 +42,7 @@ ROUND = 10
 
 
 class Camera:
-    """Perspective view with center (3,), m, in the middle; `Sheet` defines lengths in points."""
+    """Perspective view with `center` (3,), m, in the middle; for lengths in points see `drawing.Sheet`."""
 
     def __init__(self, size: tuple[int, int], reach: float, center: Array) -> None:
         """Place a camera at a distance of `FAR` times reach (m) that looks at center (3,), m.
@@ -109,7 +109,8 @@ class SpaceRenderer(Renderer):
 
         Args:
             chain: for each of the N links, points (P, 3), m, and the directions of its width there. rigid: (N + 1, 3),
-                m, joints and tip of the rigid arm, or None. Other arguments: as in `Renderer.frame`; target (3,).
+                positions of joints and tip of the rigid arm, m, or None. target (3,): target point, m, or None. Other
+                arguments: as in `Renderer.frame`.
         Returns:
             (height, width, 3) uint8, or None in a window.
         """

@@ -63,10 +63,10 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Rewards
 
-    The reward has the terms, weights and bounds of TwoLinkFlexArm-v0. e is the distance of the tip from the target over
-    L, v the tip's speed over L (1/s; with "track" relative to the target), and d' are the rates of the deflections in
-    both planes. Effort is -sum of a_k^2 over all N joints (weighted: -0.01 N to 0), and vibration is -min(sum of d'^2,
-    1) over all links, with weight 0.
+    The reward has the terms, weights and bounds of TwoLinkFlexArm-v0. e is the distance of the tip from the target
+    divided by L, v the tip's speed divided by L (1/s; with "track" relative to the target), and d' are the rates of the
+    deflections in both planes. Effort is -sum of a_k^2 over all N joints (weighted: -0.01 N to 0), and vibration is
+    -min(sum of d'^2, 1) over all links, with weight 0.
 
     ## Starting state
 
@@ -86,8 +86,8 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     ## Info
 
     `info` has the keys of TwoLinkFlexArm-v0, with `tip_position` (3,) and `target` (3,) m, `joint_torque` (N,) N m,
-    `tip_deflection` (2 N,) over link length (all links along y, then along z), and `twist` (N,) rad. Deflections and
-    twists of rigid links are 0.
+    `tip_deflection` (2 N,) divided by link length (all links along y, then along z), and `twist` (N,) rad. Deflections
+    and twists of rigid links are 0.
 
     ## Arguments
 

@@ -24,10 +24,10 @@ FREE = (
     "duration", "max_episode_steps", "reward", "reward_terms", "info_level", "render_mode", "threads", "autoreset_mode",
     "num_envs", "vectorization_mode", "vector_kwargs", "wrappers",
 )  # fmt: skip
-"""Keywords of a frozen task that may change without a warning: training options, and how it is made and shown."""
+"""Keywords of a frozen task that may change without a warning: options of training, of creation and of display."""
 
 CHANGEABLE = ("starts",)
-"""Keywords that are also attributes, which the user may set while the environment is in use."""
+"""Keywords that are also attributes of the environment, which the user may set between episodes."""
 
 
 class ArmSpec(EnvSpec):
@@ -106,7 +106,7 @@ class Specified:
 
     @property
     def starts(self) -> Any:
-        """Ranges of fresh starts, as for the keyword `starts`; {} for the default ranges.
+        """Ranges of fresh starts, in the form of the keyword `starts`; {} for the default ranges.
 
         The attribute may be set at any time, for example by a curriculum; the next reset uses it.
         """

@@ -125,7 +125,7 @@ def linear_model(plan: Plan, batch: Batch, i: int, guide: Guide | None, discrete
 def linear_models(
     plan: Plan, batch: Batch, guides: dict[int, Guide], discrete: float | None, kept: dict[float | None, Linearizer]
 ) -> LinearModels:
-    """Return the linear models of all arms. kept: cache of compiled linearizations of elasticas, by period."""
+    """Return the linear models of all arms; `kept`: cache of compiled linearizations, keyed by `discrete` (s)."""
     from ..linear.many import Linearizer, compiled, stacked
 
     _check_linear(batch, range(batch.n))

@@ -23,9 +23,10 @@ AHEAD = (0.1, 0.3)
 class Target(ABC):
     """Type of a task's target: an angle or a point.
 
-    numbers: length of a target. Records have at least two entries; the second entry of an angle is 0. paths: shapes of
-    drawn paths, the default shape first. Each shape has the names and units of the numbers that define a path: at most
-    four, in space five.
+    numbers: number of coordinates of a target. A record stores at least two numbers per target; the second number of an
+    angle is 0.
+    paths: shapes of drawn paths, the default shape first. Each shape has the names and units of the numbers that define
+    a path: at most four, in space five.
     """
 
     numbers: int
@@ -35,7 +36,7 @@ class Target(ABC):
     def read(self, arm: Arm, value: Any, gravity: Sequence[float] | None = None) -> Pair:
         """Check options["target"] of reset and return it.
 
-        gravity: m/s^2; the motors must hold the arm at the target against it.
+        gravity: acceleration of gravity, m/s^2, against which the motors must hold the arm at the target.
         """
 
     @abstractmethod
@@ -55,7 +56,7 @@ class Target(ABC):
         """Return the ranges of the numbers that define a drawn path of this shape (`draw_path`, `draw_line`)."""
 
     def drawn(self, options: Mapping[str, Any], arm: Arm) -> tuple[str, list[Pair]]:
-        """Return shape and ranges of drawn paths: the default ranges, except for those that the user gives by name.
+        """Return shape and ranges of drawn paths: the user's ranges by name (`options`), otherwise the default ranges.
 
         Raises:
             ValueError: a name is unknown, a range is invalid, or a path may leave the reach of the arm.
@@ -84,7 +85,7 @@ class Target(ABC):
 
     @abstractmethod
     def path(self, reference: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        """Return a given reference as one function of time per number. t (n,): instants of reading, s."""
+        """Return the path `reference` as a function of time per coordinate; t (n,): instants of reading, s."""
 
 
 class Angle(Target):
@@ -156,7 +157,7 @@ class Point(Target):
         return [(f"{name}_{axis}", scale) for name, scale in named for axis in axes]
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges for a path of this shape: distances scaled by the arm's length, times by the arm's rates."""
+        """Return ranges for a path of this shape: distances scaled by the arm's length, times by its joint rates."""
         rate, far = rate_scale(arm, 0), arm.total_length
         turns = (-math.pi / 3, math.pi / 3)
         if path == "line":
@@ -186,7 +187,7 @@ class Point(Target):
 
 
 def coordinates(value: Any, what: str, numbers: int) -> list[TimeFunction]:
-    """Return a point's path as one function of time per number; the first column of a table is t, s."""
+    """Return a point's path `value` as one function of time per coordinate; a table's first column is t, s."""
     try:
         rows = np.asarray(value)
     except ValueError:

@@ -44,9 +44,10 @@ ATTITUDE = "attitude"
 class Kind:
     """Definition of a task for arms of `links` links (minimum, maximum; None: any number).
 
-    id: id of the registry. task: name of the default task. arm: name of the default arm. duration: s. target: type of
-    target. rewards: names and default weights of the reward's terms, in the order in which the task's `judge` computes
-    them; the last term is failure. entries: names and scales of an arm's observation, in the order of `observe`.
+    id: id of the registry. task: name of the default task. arm: name of the default arm. duration: default length of an
+    episode, s. target: type of target. rewards: names and default weights of the reward's terms, in the order in which
+    the task's `judge` computes them; the last term is failure. entries: names and scales of an arm's observation, in
+    the order of `observe`.
     record: class of the task's record for an arm; it determines the kernels. starts: ranges of fresh starts. bands:
     default bounds of success with their units, by name. replays: default motions of task="replay"; additional joints
     use the last motion. space: whether arms leave the plane. period: control period, s. gravity: default gravity,
@@ -73,7 +74,8 @@ class Kind:
     def build(self, arm: Arm, weights: Array, period: float, aims: Mapping[str, Any], rules: int = 2) -> Task:
         """Return the task's record for an arm.
 
-        weights: weights of the reward's terms. period: control period, s. aims: fields that differ from the defaults.
+        weights: weights of the reward's terms. period: control period, s. aims: fields of the record that differ from
+            the defaults.
         """
         assert arm.torque_limits is not None
         scales = [scale for _, scale in self.entries(arm)]
@@ -228,7 +230,7 @@ def info_entries(
     """Return the numeric entries of info, in order.
 
     The texts in info (success, range, status, reason) are translated from codes. full: whether info has energies.
-    motors: whether it has motor angles and rates, for joints that are not ideal. extras: options that add entries.
+    motors: whether info has motor angles and rates, for joints that are not ideal. extras: options that add entries.
     fitted: whether the steps follow a tolerance. drawn: index of each drawn factor, by name. touches: whether the arm
     may touch obstacles.
     """
@@ -331,8 +333,8 @@ def reward_weights(
     is the sum of two parts. The first part is the largest loss that the other terms can cause in an episode, so that
     ending an episode early never pays. The second part is the largest reward of the other terms in `HOLD_TIME`, so that
     policies learn to avoid the joint limits. Weights refer to the kind's control period. For another period all weights
-    except that of failure scale in proportion, so that an episode's return does not depend on the period. Rules 1:
-    distance and attitude cost up to 1, weights do not depend on the period, and the weight of failure is the kind's.
+    except the weight of failure scale in proportion, so that an episode's return does not depend on the period. Rules
+    1: distance and attitude cost up to 1, weights do not depend on the period, and the weight of failure is the kind's.
 
     joints: number of joints. period: control period, s. limit: control periods of an episode.
     """
@@ -350,7 +352,7 @@ def reward_weights(
 
 
 def most_lost(weights: Mapping[str, float], joints: int) -> float:
-    """Return the largest sum that all terms except failure can subtract in a period.
+    """Return the largest sum that all reward terms except failure can subtract in a control period.
 
     Bounds of the terms: effort 1 per joint, change 4 per joint, rewarding terms 0, all others 1.
     """

@@ -4,7 +4,7 @@ Links can buckle under the forces of other links, and chains can whip; linear th
 therefore run episodes in steps of h and of h/2. The episodes have bang-bang torques, which are held for 1 and for 8 of
 100 control periods. With
 
-    d    the largest distance, over L, between the tips of the two runs; infinite if a run fails,
+    d    the largest distance between the tips of the two runs, divided by L; infinite if a run fails,
     d_1  the same distance in small motions, plus the tolerance,
     e_1  the error of small motions due to step and mesh (`resolution`),
 
@@ -40,7 +40,7 @@ LANES, LANES_IN_SPACE, LANES_AT_CORNERS, HELD = 16, 8, 8, (1, 8)
 """Number of episodes in a trial, half of which begin straight; numbers of periods for which actions are held."""
 
 TRIED = 2e-3
-"""Largest error of a trial, over L; steps and meshes are refined until the error is below it."""
+"""Largest accepted error of a trial, divided by L; steps and meshes are refined until the error is below `TRIED`."""
 
 TRIALS, TRIALS_IN_SPACE = 6, 4
 """Largest number of settings that are tried."""
@@ -49,26 +49,28 @@ NOISE = 2.0
 """A finer setting replaces the best one unless its error is larger by this factor, because chaotic errors scatter."""
 
 TAIL, SCATTER = 3.0, 1e-3
-"""Standard deviations of log d within which 99.9 % of normal episodes lie; least d of a lane over the largest."""
+"""Number of standard deviations of log d within which 99.9 % of normal episodes lie; smallest d of an episode, divided
+by the largest."""
 
 GROWN = 10.0
-"""Amplification above which the next mesh checks a trial that is good enough."""
+"""Amplification d / d_1 above which a trial with a small error is checked by episodes on the next mesh."""
 
 IDLE = 4
 """If a PD loop moves the arm, one of `IDLE` episodes has no action, so that the arm must settle."""
 
 Trial = Callable[[Settings], Array]
-"""Tip positions (PERIODS, lanes, 2 or 3), m, for given settings; nan after an episode's end, inf at a failure."""
+"""Function of settings that returns tip positions (PERIODS, lanes, 2 or 3), m; nan after an episode's end, inf at a
+failure."""
 
 
 class Rule(Protocol):
-    """Interface of `resolution.Judge` for small motions."""
+    """Interface of `judge.Judge`: errors of small motions."""
 
     def small(self, settings: Settings, h: float) -> float:
-        """Return e_1."""
+        """Return e_1, the error of small motions with these settings in steps of h (s), divided by L."""
 
     def halved(self, settings: Settings, h: float) -> float:
-        """Return the largest distance, over L, between the tips of small motions in steps of h and of h/2."""
+        """Return the largest distance between the tips of small motions in steps of h (s) and of h/2, divided by L."""
 
 
 KEPT = 16
@@ -123,9 +125,10 @@ def trials_of(
     that affects their motion.
 
     Args:
-        kind: without the user's reward terms, since the episodes ignore rewards. period: control period, s. mode,
-            share: action mode and share of the residual action under a PD loop. amplifier: the amplifier, or None.
-            drawn: ranges (low, high) of factors by name (`starts.FACTORS`); the softest and the stiffest arm run, too.
+        kind: the environment's kind without the user's reward terms, since the episodes ignore rewards. period: control
+            period, s. mode, share: action mode and share of the residual action under a PD loop. amplifier: the
+            amplifier, or None. drawn: ranges (low, high) of factors by name (`starts.FACTORS`); the softest and the
+            stiffest arm run, too.
     """
     drive = None if amplifier is None else tuple(None if x is None else tuple(x.tolist()) for x in amplifier)
     ends = corners(drawn or {})
@@ -223,10 +226,10 @@ def _apart(one: Array, two: Array, length: float) -> float:
 
 
 def error(trial: Trial, rule: Rule, settings: Settings, finer: Settings, length: float) -> tuple[float, float]:
-    """Return a trial's error over the arm's length, and how much its motions amplify the errors of small motions.
+    """Return a trial's error divided by the arm's length, and the factor d / d_1 that amplifies small motions' errors.
 
-    The error is max(d, e_1 d / d_1), the factor d / d_1 (module docstring). finer: the settings with half the step, for
-    d. length: length of the arm, m.
+    The error is max(d, e_1 d / d_1); the module's docstring defines d, d_1 and e_1. finer: the settings with half the
+    step, whose tips are compared. length: length of the arm, m.
     """
     assert settings.dt is not None
     apart = _apart(trial(settings), trial(finer), length)
@@ -238,7 +241,7 @@ def refined(
     trial: Trial, rule: Rule, first: Settings, meshes: Sequence[Settings], at: Callable[[Settings, float], Settings],
     least: float, length: float, most: int,
 ) -> tuple[Settings, float]:  # fmt: skip
-    """Return the settings whose trial is good enough, or the best settings tried, and the trial's error over L.
+    """Return the settings whose trial is good enough, or the best settings tried, and the trial's error divided by L.
 
     The search starts from `first`. A trial is good enough if its error is at most `TRIED`. meshes: settings with finer
     meshes, from the coarsest. at: function of (settings, step, s) that returns the settings with this step and a
@@ -284,11 +287,11 @@ def settled(
     trial: Trial, settings: Settings, finer: Settings, at: Callable[[Settings, float], Settings], least: float,
     length: float,
 ) -> tuple[Settings, float]:  # fmt: skip
-    """Return the settings with the longest step whose episodes agree with those of a finer mesh in half the step.
+    """Return the settings with the longest step whose episodes agree with episodes on a finer mesh in half the step.
 
-    The second result is the distance between these episodes, over L. The step is halved from that of `settings` until
-    the distance is at most `TRIED` or the step reaches `least` (s). finer: settings with the finer mesh. at: as in
-    `refined`. length: L of the arm, m.
+    The second result is the largest distance between the tips of these episodes, divided by L. The search begins with
+    the step of `settings` and halves the step until the distance is at most `TRIED` or the step reaches `least` (s).
+    finer: settings with the finer mesh. at: function of (settings, step, s), see `refined`. length: L of the arm, m.
     """
     best, chosen = settings, math.inf
     while True:

@@ -55,8 +55,8 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
       straight arm from joint k to the tip. For the default arm w_0 = 1.595 and w_1 = 2.371 rad/s.
     - The vectors in entries 10 to 13 have their components in the frame that turns with the hub.
     - The elbow angle is the angle of link 2's root relative to link 1's tip.
-    - The tip deflection of a link is the component of (tip - root) normal to the link's tangent at the root, over the
-      link's length.
+    - The tip deflection of a link is the component of (tip - root) normal to the link's tangent at the root, divided by
+    the link's length.
 
     With `task="track"` six entries follow, in the hub's frame: the target's velocity `target_velocity_x`,
     `target_velocity_y` (scale w_0 L), and the displacements of the target in the next 0.1 s, `target_ahead_1_x`,
@@ -71,8 +71,8 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     ## Rewards
 
     The reward is the sum of the terms in the table, each multiplied by its weight; `info["reward_<name>"]` has each
-    weighted term. In the table e is the distance of the tip from the target over L, v the speed of the tip over L (1/s;
-    with "track" relative to the target), d' the rates of the deflections, and a the action.
+    weighted term. In the table e is the distance of the tip from the target divided by L, v the speed of the tip
+    divided by L (1/s; with "track" relative to the target), d' the rates of the deflections, and a the action.
 
     | name | weight | term | bounds, weighted |
     |---|---|---|---|

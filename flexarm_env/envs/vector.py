@@ -311,9 +311,9 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     @overload
     def linearize(self, index: None = None, discrete: float | None = None) -> LinearModels: ...
     def linearize(self, index: int | None = None, discrete: float | None = None) -> LinearModel | LinearModels:
-        """Return the linear model of arm `index` at its present state; if it is None, of all arms.
+        """Return the linear model of arm `index` at its present state; for None, the models of all arms.
 
-        With None, one compiled call linearizes elasticas with ideal joints.
+        For None, one compiled call linearizes all arms if the links are elasticas with ideal joints.
         """
         if index is None:
             return linear_models(self.plan, self.batch, self._guides, discrete, self._linear)
@@ -419,7 +419,7 @@ def checked_seeds(seed: Any, n: int) -> Sequence[int | None]:
 
 
 def checked_mask(options: dict[str, Any] | None, n: int) -> tuple[list[int], dict[str, Any] | None]:
-    """Return which of n arms options['reset_mask'] selects, and the other options."""
+    """Return the indices of the arms (of n) that options['reset_mask'] selects, and the other options."""
     if options is None or "reset_mask" not in check.table_of("options", options):
         return list(range(n)), options
     mask = options["reset_mask"]
@@ -432,7 +432,7 @@ def checked_mask(options: dict[str, Any] | None, n: int) -> tuple[list[int], dic
 
 
 def chosen_of(indices: Sequence[int] | int | None, n: int) -> list[int]:
-    """Return which of n arms `indices` selects: all, one, or several."""
+    """Return the indices of the arms (of n) that `indices` selects: all arms for None, one, or several."""
     if indices is None:
         return list(range(n))
     if isinstance(indices, int | np.integer):

@@ -1,7 +1,7 @@
 """Initial vibration of an episode: initial rates in the vibration modes of the arm.
 
 In the plane the arm vibrates in its first mode with free joints. In space it vibrates in the first mode of bending
-along y, of bending along z and of torsion. With backlash, the modes are those of the arm with engaged gears, because
+along y, of bending along z and of torsion. For joints with backlash, the modes are computed with engaged gears, because
 within the gap a link turns freely.
 """
 
@@ -90,9 +90,10 @@ def swing(arm: Arm, settings: Settings) -> Array:
 
     The first n rows are rates for `protocol.set_joint_configuration`. The next row is the energy, J, for an amplitude
     of 1. The last row is (c, 0, 0); c, in s^2, is large compared with the squared reciprocal of every frequency. The
-    modes are those about straight links at joint angles 0, without gravity. A mode is of the named kind if most of its
-    strain energy is; the rates are 0 if there is no such mode. All three modes have the same energy: to first order,
-    the energy at which a tip deflects by its link's length in the softer bending direction.
+    modes are computed about straight links at joint angles 0, without gravity. A mode counts as y bending, z bending or
+    torsion if this deformation has most of the mode's strain energy. If no mode counts as one of the three kinds, the
+    rates of this kind are 0. All three modes have the same energy: to first order, the energy at which a tip deflects
+    by its link's length in the softer bending direction.
     """
     assert settings.dt is not None
     arm = arm.taut

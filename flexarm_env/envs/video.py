@@ -22,14 +22,14 @@ from .rendering import Renderer, end_of_scale
 from .space_rendering import SpaceRenderer
 
 FILMS = (".mp4", ".webm", ".mkv", ".mov")
-"""Endings of the film files that imageio-ffmpeg writes; Pillow writes .gif."""
+"""File name endings of the films that imageio-ffmpeg writes; Pillow writes .gif."""
 
 Draw = Callable[[int, Any], Any]
 
 FEWEST = 1e-3
 """Smallest number of pictures per second in a film."""
 LONGEST = 655.0
-"""Longest .gif, s: a .gif cannot show one picture, or equal pictures, for longer."""
+"""Longest film in a .gif, s: a .gif cannot show one picture, or equal pictures, for longer."""
 
 ROOM = 1 << 20
 """Free space, bytes, below which a disk counts as full."""

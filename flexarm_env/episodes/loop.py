@@ -63,8 +63,9 @@ def periods(
 
     Args:
         env: an environment, wrapped or not. A vector environment has autoreset mode "NextStep", its default. policy:
-            policy, reset at the start of each episode, or of each n episodes. seeds: a seed for each episode, a
-            multiple of n in number; None: the environment's generator continues. options: options of all resets.
+            policy, reset at the start of each episode, or of each n episodes. seeds: one seed per episode, None to
+            continue with the environment's generator; the number of seeds is a multiple of n. options: options of all
+            resets.
     Raises:
         ValueError: a number of seeds that is no multiple of n, or another autoreset mode.
     """
@@ -108,7 +109,7 @@ def play(
     recorders: Sequence[Recorder] = (),
     options: Mapping[str, Any] | None = None,
 ) -> None:
-    """Play an episode of each seed and call every recorder with every instant; arguments as in `periods`."""
+    """Play an episode of each seed and call every recorder with every instant; for the arguments see `periods`."""
     for instant in periods(env, policy, seeds, options):
         for recorder in recorders:
             recorder(instant)

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from ..control import Setup
 
 SLEW_BAND, SLEW_BAND_LEAST, REACH_BAND = 0.02, float(np.radians(0.5)), 0.02
-"""Bands of a settled tip: share of the slew angle; minimum of this band, rad; share of the arm's length (reach)."""
+"""Largest errors of a settled tip: share of the slew angle; smallest error band of a slew, rad; share of the arm's
+length (reach)."""
 
 LAST = 1.0
 """Duration, s, of the end of an episode in which `residual_vibration` is measured."""
@@ -76,9 +77,10 @@ def _sum(rows: Array) -> Array:
 
 # ------------------------------------------------------------------ the tip
 def tip_errors(history: History, setup: Setup) -> Array:
-    """Return target minus tip at each instant: (T + 1, n, 1), rad, of slews, else (T + 1, n, 2 or 3), m, inertial axes.
+    """Return target minus tip at each instant: (T + 1, n, 1), rad, for slews, else (T + 1, n, 2 or 3), m.
 
-    Angles continue over full turns. The history must contain `TIP`. After an episode's end the errors are nan.
+    Positions are in inertial axes; angles continue over full turns. The history must contain `TIP`. After an
+    episode's end the errors are nan.
     """
     tip, target = history.info("tip_position"), history.info("target")
     if setup.task != "slew":
@@ -93,7 +95,7 @@ def tip_errors(history: History, setup: Setup) -> Array:
 
 
 def settling_band(setup: Setup, way: Array | float) -> Array:
-    """Return the largest error of a settled tip: rad for slews by `way` (rad), else m."""
+    """Return the largest error of a settled tip, m; for slews in rad, from the slew angles `way` (rad)."""
     if setup.task == "slew":
         return np.maximum(SLEW_BAND * np.asarray(way), SLEW_BAND_LEAST)
     return np.full(np.shape(way), REACH_BAND * setup.arm.total_length)
@@ -116,9 +118,9 @@ def settling_time(history: History, setup: Setup) -> tuple[Array, NDArray[np.boo
 
 
 def overshoot(history: History, setup: Setup) -> Array:
-    """Return the largest excursion beyond the target along the initial direction, (n,), over the initial error.
+    """Return the largest excursion (n,) of the tip beyond the target, divided by the initial error.
 
-    The history must contain `TIP`.
+    The excursion is measured along the initial error. The history must contain `TIP`.
     """
     misses = tip_errors(history, setup)
     way = np.linalg.norm(misses[0], axis=1)
@@ -129,10 +131,10 @@ def overshoot(history: History, setup: Setup) -> Array:
 
 
 def residual_vibration(history: History, setup: Setup) -> Array:
-    """Return half the peak-to-peak tip deflection (n,), m, over the last second of each episode.
+    """Return half the peak-to-peak tip deflection (n,), m, in the last second of each episode.
 
-    Of several links the largest value is returned. In space the deflection is a magnitude. The history must contain
-    info["tip_deflection"], the deflection over the link's length.
+    For several links the largest of the links' values is returned. In space the deflection is a magnitude. The history
+    must contain info["tip_deflection"], the deflection divided by the link's length.
     """
     relative, joints = history.info("tip_deflection"), setup.n_joints
     bend: Any = relative.reshape(*relative.shape[:2], -1, joints)

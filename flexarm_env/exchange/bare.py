@@ -13,7 +13,7 @@ NUMBERS = {
     "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "limit": ("lower", "upper", "effort"),
     "dynamics": ("damping", "friction"),
 }  # fmt: skip
-"""Attributes that hold numbers, by element."""
+"""Attributes that contain numbers, by the name of their element."""
 KINDS = ("revolute", "continuous", "fixed")
 MOST_LEVELS = 100
 """Largest depth of nested elements in a file; URDF itself needs four levels."""

@@ -31,9 +31,10 @@ _Z = np.array(bodies.Z)
 class Hinge:
     """Hinge of a body: `axis` (3,) in the body's axes, SI units.
 
-    stiffness: N m/rad. damping: N m s/rad. armature: inertia about this axis alone, kg m^2. friction: N m. joint: index
-    of the arm's joint that the hinge represents; -1: a spring for bending or torsion. limits: rad, or None. driven:
-    whether the joint's torque acts on it. place: distance of a spring from the root of the beam, m.
+    stiffness: spring stiffness, N m/rad. damping: damping coefficient, N m s/rad. armature: rotor inertia about this
+    axis, kg m^2. friction: friction torque, N m. joint: index of the arm's joint that the hinge represents; -1: a
+    spring for bending or torsion. limits: lower and upper angle, rad, or None. driven: whether the joint's torque acts
+    on the hinge. place: distance of a spring from the root of the beam, m.
     """
 
     name: str
@@ -52,9 +53,10 @@ class Hinge:
 class Body:
     """Rigid body of the chain, whose frame has its origin on its hinges.
 
-    position (3,), m, rotation (3, 3): of its frame in that of the preceding body, with all hinge angles 0. mass: kg.
-    centre (3,): center of mass, m. inertia (3, 3): about the center of mass, kg m^2. end (3,): position of the next
-    body's frame or of the tip, m. link: index of the arm's link.
+    position (3,), rotation (3, 3): origin, m, and axes of the body's frame in the preceding body's frame, with all
+    hinge angles 0. mass: mass, kg. centre (3,): center of mass, m, in the body's frame. inertia (3, 3): inertia tensor
+    about the center of mass, kg m^2. end (3,): position of the next body's frame or of the tip, m. link: index of the
+    arm's link.
     """
 
     name: str
@@ -118,7 +120,8 @@ def chain_of(arm: Arm, segments: int = 4, placement: str = "gauss") -> Chain:
     """Build the chain of an arm.
 
     Args:
-        segments: number of springs of each flexible link; for "between" the number of pieces; 0: links are rigid.
+        segments: number of springs of each flexible link, or for placement "between" the number of pieces; 0: rigid
+            links.
         placement: places of the springs. "gauss": at Gauss points of each smooth piece of a link. "middle": in the
             middle of cells of equal length. "between": between pieces of equal length, k = EI / l, the first piece
             clamped. Chains are often made by hand with the placement "between", which is the least accurate.
@@ -198,7 +201,7 @@ def _drive(arm: Arm, k: int, joint: Joint, axis: Array) -> tuple[Hinge, ...]:
 
 
 def spring_places(link: Link, segments: int, placement: str) -> list[tuple[float, float, float]]:
-    """Return the springs of a link from root to tip: place s_i, and first and last end of its cell, m."""
+    """Return a link's springs from root to tip: each spring's place s_i, and the start and end of its cell, m."""
     if placement == "middle":
         ends = np.linspace(0.0, link.length, segments + 1)
         return [(0.5 * (a + b), a, b) for a, b in pairwise(ends.tolist())]

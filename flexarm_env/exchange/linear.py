@@ -16,7 +16,8 @@ class Posture(NamedTuple):
     """Chain with all hinge angles at 0, in the ground's axes.
 
     anchors (h, 3): a point on each hinge's axis, m. axes (h, 3): directions of the hinges. frames (n, 3, 3), origins
-    (n, 3), m: axes and origins of the bodies' frames. body_of (h,): index of each hinge's body. tip (3,): m.
+    (n, 3), m: axes and origins of the bodies' frames. body_of (h,): index of each hinge's body. tip (3,): position of
+    the tip, m.
     """
 
     anchors: Array
@@ -44,7 +45,7 @@ def posture(chain: Chain) -> Posture:
 
 
 def mass_matrix(chain: Chain) -> Array:
-    """Return the inertia matrix (h, h), kg m^2, by the hinge angles, at the angles 0; armature is included."""
+    """Return the inertia matrix (h, h), kg m^2, of the h hinge angles, at hinge angles 0; armature is included."""
     at = posture(chain)
     M = np.diag([hinge.armature for hinge in chain.hinges])
     for i, body in enumerate(chain.bodies):
@@ -60,8 +61,8 @@ def mass_matrix(chain: Chain) -> Array:
 def chain_modes(chain: Chain, clamped: bool = True) -> tuple[Array, Array]:
     """Return natural frequencies (Hz, ascending) and damping ratios of a chain about its stress-free posture.
 
-    clamped: whether the joints are held (with an elastic gear: the motor). Free joints have frequency 0, which is
-    omitted. The ratios assume proportional damping.
+    clamped: whether the joints are held (for an elastic gear, the motor is held). Free joints have frequency 0, which
+    is omitted. The ratios assume proportional damping.
     """
     hinges = chain.hinges
     kept = [i for i, hinge in enumerate(hinges) if not (clamped and hinge.driven)]
@@ -102,7 +103,11 @@ def tip_compliance(chain: Chain) -> Array:
 
 
 def exact_compliance(chain: Chain) -> Array:
-    """Return the `tip_compliance` of the arm itself in bending and torsion, by 16 Gauss points per smooth piece."""
+    """Return the tip's displacement per force (3, 3), m/N, of the arm itself in bending and torsion.
+
+    The compliance is integrated with 16 Gauss points per smooth piece of a link; axes and posture as for
+    `tip_compliance`.
+    """
     arm = chain.arm
     pieces = max((len(link.breaks) - 1 for link in arm.links if not link.rigid), default=1)
     return tip_compliance(chain_of(arm, len(GAUSS[0]) * pieces))

@@ -39,8 +39,8 @@ def comment_of(line: str) -> str:
 def diagonal(inertia: Array, floor: float = LEAST) -> tuple[Array, Array]:
     """Return principal moments (3,), none below `floor`, and the quaternion (4,) of their axes.
 
-    Zero moments (of a line about itself) are raised to the floor. The largest moment is at most the sum of the two
-    others.
+    inertia (3, 3): inertia tensor, kg m^2. floor: smallest moment, kg m^2. Smaller moments, such as that of a line
+    about itself, are raised to the floor. The largest moment is at most the sum of the two others.
     """
     own, axes = np.linalg.eigh(inertia)
     own = np.maximum(own, floor)
@@ -90,8 +90,8 @@ def mjcf(
     only and do not collide.
 
     Args:
-        gravity: m/s^2. timestep: s; integrator: MuJoCo's name; None: the result of `choose_integrator`. comments: lines
-            at the top of the file.
+        gravity: acceleration of gravity, m/s^2. timestep: step, s. integrator: MuJoCo's name of the integrator. None:
+            the step or integrator that `choose_integrator` returns. comments: lines at the top of the file.
     """
     chosen, step = choose_integrator(chain)
     if timestep is not None:

@@ -23,7 +23,7 @@ from .serial import Part, serial
 ROUND = 1e-12
 """Entries of rotations and axes below this magnitude are round-off of the file's numbers."""
 GEAR_RATIO = 100.0
-"""Gear ratio assumed for a rotor, of which a file states only the inertia at the joint (armature)."""
+"""Gear ratio that is assumed because a file states only the rotor's inertia at the joint (armature)."""
 LONGEST = 1e9  # m, of a link
 LEAST_RATIO = 1e-9
 """Smallest gear ratio: the motor inertia is divided by its square."""
@@ -34,14 +34,15 @@ class Imported:
     """An arm from a file.
 
     Attributes:
-        arm: the arm; its links are rigid, except those requested as flexible.
+        arm: the arm; its links are rigid, except the links requested as flexible.
         links: names of each link's bodies in the file, joined by "+".
         joints: names of the file's joints, in the arm's order.
         root (3,): position of the first joint in the file, m; the arm's root is at the origin.
         tip: name of the body or site at the arm's tip; empty: the last link's center of mass.
         gravity (3,): gravity in the file, m/s^2.
         left_out: features of the file that the arm lacks.
-        flexible: changes by link: shift of the center of mass, m, and ratio of the inertias about the joint.
+        flexible: for each flexible link, the shift of its center of mass, m, and the ratio of its new to its former
+            inertia about the joint.
     """
 
     arm: Arm
@@ -214,7 +215,7 @@ def made_flexible(arm: Arm, k: int, section: Section, tau_d: float = 0.0) -> tup
         section: section of the beam; its m, J and J_y are scaled to the link's mass. tau_d: damping time, s.
     Returns:
         The arm, and the changes: centre_shift, m, of the center of mass; inertia_ratio, the beam's largest principal
-        moment about the joint over the rigid link's.
+        moment of inertia about the joint divided by that of the rigid link.
     Raises:
         ValueError: the link is already flexible, or has no length or mass.
     """

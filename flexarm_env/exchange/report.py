@@ -26,7 +26,7 @@ COUNT = 3
 PUSH = 0.25
 """Torque, as a share of the limits, under which the tips are compared."""
 DURATION = 1.0
-"""Duration of this comparison, s."""
+"""Duration of the comparison of the tips, s."""
 
 
 def arm_modes(arm: Arm, count: int = COUNT) -> tuple[Array, Array]:
@@ -45,7 +45,7 @@ def _undamped(arm: Arm) -> Arm:
 
 
 def calibrated(chain: Chain) -> tuple[Chain, float]:
-    """Scale the springs so that the chain's lowest frequency with held joints is the arm's; return chain and factor.
+    """Scale a chain's springs to the arm's lowest frequency with held joints; return the chain and the factor.
 
     If the arm's first mode does not oscillate, the undamped frequency is used.
 
@@ -77,9 +77,10 @@ def differences(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0
     Returns:
         A dict. `frequency_K_hz` and `chain_frequency_K_hz` are the frequencies of the arm and of the chain with held
         joints, as many as the chain has. `tip_compliance_error` is the largest relative error of the tip's displacement
-        under a static tip force. `tip_apart` is the largest distance between the two tips over the arm's length in
-        `DURATION` s, under `PUSH` of the torque limits, reversed halfway; MuJoCo simulates the chain. `tip_apart`
-        requires MuJoCo and torque limits. `left_out` names the features of the arm that the chain lacks.
+        under a static tip force. `tip_apart` is the largest distance between the two tips, divided by the arm's length,
+        during `DURATION` s under torques of `PUSH` times the limits, which are reversed halfway; MuJoCo simulates the
+        chain. `tip_apart` requires MuJoCo and torque limits. `left_out` names the features of the arm that the chain
+        lacks.
     """
     found: dict[str, Any] = {}
     own, _ = chain_modes(chain)
@@ -116,9 +117,9 @@ def pushed(arm: Arm, gravity: tuple[float, float, float]) -> Scene:
 
 
 def tip_apart(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> float:
-    """Return the largest distance between the chain's tip, by MuJoCo, and the arm's tip, over the arm's length.
+    """Return the largest distance between the chain's tip, by MuJoCo, and the arm's tip, divided by the arm's length.
 
-    See `differences`. Raises ImportError without MuJoCo.
+    The motion is that of `differences`. Raises ImportError without MuJoCo.
     """
     with check.needs("the comparison of tips", "mujoco", "mujoco"):
         import mujoco

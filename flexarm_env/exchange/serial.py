@@ -22,9 +22,9 @@ KINDS = ("free", "ball", "slide", "hinge")
 class Part:
     """Link of a chain with its joint, in the ground's axes with all angles 0; SI units.
 
-    names: names of its bodies. joint: name of its joint. anchor (3,): point on the joint's axis. axis (3,): direction
-    of the joint. centre (3,): center of mass. inertia (3, 3): about the center of mass. limits: rad, or None. torque:
-    N m, or None.
+    names: names of the link's bodies. joint: name of the link's joint. anchor (3,): point on the joint's axis. axis
+    (3,): direction of the joint. centre (3,): center of mass. inertia (3, 3): about the center of mass. limits: lower
+    and upper joint angle, rad, or None. torque: torque limit, N m, or None.
     """
 
     names: tuple[str, ...]

@@ -15,7 +15,7 @@ from .chain import LEAST, Body, Chain
 from .mjcf import comment_of, legal, text_of
 
 RATE = 100.0
-"""Velocity limit of each joint, rad/s. URDF requires one; the package's arms have none."""
+"""Velocity limit of each joint in the file, rad/s. URDF requires a limit, which arms of this package do not have."""
 
 
 def urdf(chain: Chain, comments: Iterable[str] = ()) -> str:

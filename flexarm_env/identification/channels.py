@@ -2,7 +2,7 @@
 
 Each test adds one more parameter e to a finished fit. To first order the value of e is the last component of -(K'K)^-1
 K' r, where r are the residuals and K = [J, g] their derivatives by the fitted parameters and by e. A log is suspect if
-e is significant, which means larger than its own 95 % interval explains, and large enough to matter.
+e is significant, which means that it exceeds `CERTAIN` half widths of its 95 % interval, and large enough to matter.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from .fit import Problem
 from .uncertainty import interval_of_last
 
 CERTAIN = 2.0
-"""A deviation is significant if it exceeds this many half widths of its 95 % interval."""
+"""A deviation is significant if it exceeds `CERTAIN` times the half width of its 95 % interval."""
 
 LEAST_GAIN = 0.02
 LEAST_DELAY = 0.25
 """Smallest reported delay of a column, in sampling intervals of the log."""
 LEAST_CLOCK = 0.005
-"""Smallest reported relative errors: LEAST_CLOCK of the clock's rate, LEAST_GAIN of a column's gain."""
+"""Smallest relative errors that are reported: LEAST_CLOCK of the clock's rate, LEAST_GAIN of a column's gain."""
 
 CLOCK_STEP = 1e-4
-"""Relative change of the time axis for the derivative by the clock."""
+"""Relative change of the time axis for the finite difference by the clock's rate."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,8 @@ class Deviation:
     """Estimated deviation of a column from its description in the config.
 
     Attributes:
-        value, half: the deviation and the half width of its 95 % interval. least: smallest deviation that matters.
+        value: the deviation, as a relative error or in s. half: half width of its 95 % interval. least: smallest
+            deviation that matters.
         sentence: description with numbers. remedy: advice.
     """
 

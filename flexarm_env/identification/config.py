@@ -33,14 +33,14 @@ _CHANNEL = ("column", "unit", "gain", "offset", "shift", "low_pass")
 
 @dataclass(frozen=True)
 class Channel:
-    """Column of the log: SI value = gain unit (column - offset), at the column's time minus `shift`.
+    """Column of the log: SI value = factor * (column - offset), at the column's time minus `shift`.
 
     Args:
         name: name of the input ("joint0", "motor0", "torque0", "current0", "voltage0") or of the reading
             ("strain_gauge_1", "hub_angle", ...; `Trajectory.measured`).
-        column: name in the file. factor: SI value per unit of the column, times a gain. offset: in the column's unit;
-            None (outputs only): a constant of each run that is fitted. shift: delay of the column, s; positive or
-            negative.
+        column: name of the column in the file. factor: SI value per unit of the column, times a gain. offset: column's
+            value at an SI value of 0; None (outputs only): a constant of each run that is fitted. shift: delay of the
+            column, s; positive or negative.
         low_pass: cut-off, Hz, of a zero-phase second-order Butterworth filter; None: no filter.
     """
 
@@ -74,7 +74,7 @@ class Parameter:
     Args:
         path: key path in the arm ("links[0].section.EI"), in its sensors ("sensors.strain_gauge_1.gain"), or in
             the experiment ("loads[0].force_x", "gravity[0]", "inputs.joint0.gain", "outputs.hub_angle.shift").
-        name: short name. low, high: bounds. start: initial value; None: the arm's value.
+        name: short name. low, high: bounds of the value. start: initial value of the fit; None: the arm's value.
         prior: mean and standard deviation from prior knowledge, or None. size: scale of a significant change; None: the
             magnitude of the initial value. nuisance: whether the parameter belongs to the fitted logs only and keeps
             its initial value in all others.
@@ -94,8 +94,8 @@ class Parameter:
 class Config:
     """Contents of the config file.
 
-    time: column of the instants. start: initial state of a run, as in a `Scene`. skip: initial time, s, that is not
-    compared.
+    time: column of the instants. start: initial state of a run, as in a `Scene`. skip: time, s, at the start of a run
+    in which readings are not compared.
     """
 
     time: Channel
@@ -115,7 +115,10 @@ class Config:
     seed: int = 0
 
     def chosen(self, names: tuple[str, ...] | None = None) -> tuple[Parameter, ...]:
-        """Return the parameters to be fitted, by name or key path; names=None: those that the config selects."""
+        """Return the parameters to be fitted.
+
+        names: names or key paths of the parameters; None: the parameters that the config selects.
+        """
         wanted = self.fit if names is None else names
         known = {key: p for p in self.parameters for key in (p.name, p.path)}
         for name in wanted:

@@ -44,11 +44,10 @@ TRIES = 8
 class Excitation:
     """Excitation signal and its simulated effect.
 
-    Attributes:
-        t (n,): s, evenly spaced. torques (n, N): N m, each held until the next. band: lowest and highest frequency,
-            rad/s. modes (M,): frequencies of the arm's modes in the band with free joints, rad/s. angle: largest joint
-            rotation of the arm and the perturbed arms, rad. deflection: largest tip deflection divided by its link's
-            length.
+    Attributes: t (n,): instants, s, evenly spaced. torques (n, N): torques, N m, each constant until the next instant.
+            band: lowest and highest frequency, rad/s. modes (M,): frequencies of the arm's modes in the band with free
+            joints, rad/s. angle: largest joint rotation of the arm and the perturbed arms, rad. deflection: largest tip
+            deflection divided by its link's length.
     """
 
     t: Array

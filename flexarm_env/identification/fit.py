@@ -1,4 +1,4 @@
-"""Least-squares fit: parameters for which an arm's readings are closest to those of the logs."""
+"""Least-squares fit: parameters for which an arm's readings are closest to the logs' readings."""
 
 import hashlib
 import json
@@ -32,7 +32,7 @@ ROUGH = 0.1
 
 @dataclass(frozen=True)
 class Problem:
-    """Least-squares problem in z = (value - start) / size; residuals relative to each reading's standard deviation."""
+    """Least-squares problem in z = (value - start) / size; residuals are divided by the readings' deviations."""
 
     experiment: Experiment
     runs: Sequence[Run]
@@ -58,7 +58,7 @@ class Problem:
         return np.asarray(self.experiment.start + self.sizes * z)
 
     def errors(self, z: Array) -> list[Array]:
-        """Return prediction minus log of each run (kept, outputs) over the log's deviation, without fitted offsets."""
+        """Return each run's residuals (kept, outputs), (prediction - log) / deviation of the log, without offsets."""
         return [self._of_run(z, run) for run in self.runs]
 
     def _of_run(self, z: Array, run: Run) -> Array:
@@ -105,9 +105,9 @@ class Problem:
 class Fit:
     """Result of a fit.
 
-    z: best point. cost: sum of squared residuals. starts: costs from all initial guesses. evaluations: number of
-    evaluations. ended: the optimizer's message. runs: number of simulations. by_differences: parameters differentiated
-    by finite differences of whole runs, with the reason.
+    z (p,): best parameters, see `Problem`. cost: sum of squared residuals. starts: costs reached from all initial
+    guesses. evaluations: number of evaluations. ended: the optimizer's message. runs: number of simulations.
+    by_differences: parameters differentiated by finite differences of whole runs, with the reason.
     """
 
     z: Array

@@ -26,7 +26,8 @@ SATURATED = 4
 class Run:
     """Log in SI units.
 
-    t (n,): s, from 0, evenly spaced; inputs and outputs (n,) by name; kept (n,): mask of the samples that are compared.
+    stem: file name without ending. t (n,): instants, s, from 0, evenly spaced. inputs, outputs: values (n,) by name.
+    kept (n,): mask of the samples that are compared.
     """
 
     stem: str

@@ -29,26 +29,26 @@ from .config import Channel, Config, Parameter
 from .log import Run
 
 OFFSET = 1e-5
-"""Step of a parameter, in its sizes, for derivatives of a model's equations: see `runtime.sensitivity`."""
+"""Step of a parameter, divided by its size, for derivatives of a model's equations: see `runtime.sensitivity`."""
 STEP = 1e-4
-"""Step for finite differences of whole runs, the fallback."""
+"""Step of a parameter, divided by its size, for finite differences of whole runs, the fallback."""
 BEGUN: dict[str, Any] = {"low": -0.2, "high": 0.2, "start": 0.0, "size": 0.05, "nuisance": True}
 """Defaults of the parameter for a joint's initial angle, rad, relative to the joint's first reading."""
 LOST = 1e3
-"""Readings, divided by their scale, of an arm whose simulation fails; they are far from any log."""
+"""Readings, divided by their scale, that are assumed for an arm whose simulation fails; they are far from any log."""
 _LOAD = {"link": 0, "end": "tip", "force_x": 0.0, "force_y": 0.0, "force_z": 0.0}
 
 
 class Experiment:
     """An arm with its sensors, its loads in addition to the log's inputs, and the parameters to be found.
 
-    A joint without prescribed angle starts at its first reading, which has the same error as all others. If the reading
-    has a known offset (offset = 0.0), the initial angle in each fitted log is a parameter too. logs: stems of the logs.
+    A joint without prescribed angle starts at its first reading, which has the same error as later readings. If the
+    reading has a known offset (offset = 0.0), each fitted log's initial angle is a parameter too. logs: stems of logs.
 
     Attributes:
         parameters (p,): the requested parameters, then the initial angles. start (p,): their initial values.
         runs: number of simulations. refinements: how often the config's time step ("step") was halved and its mesh
-            refined ("mesh"). by_differences: parameters differentiated by whole runs, with the reason.
+            refined ("mesh"). by_differences: parameters differentiated by differences of whole runs, and why.
     """
 
     def __init__(self, arm: Arm, config: Config, parameters: Sequence[Parameter], logs: Sequence[str] = ()) -> None:
@@ -146,7 +146,7 @@ class Experiment:
         return np.where([p.nuisance for p in self.parameters], self.start, values)
 
     def predict(self, values: Array, run: Run) -> dict[str, Array]:
-        """Predict the sensors' readings at the run's instants, by output, (n,); `LOST` if the simulation fails."""
+        """Predict the readings (n,) of each output at the run's instants; `LOST` if the simulation fails."""
         return self._read(self._played(values, run), values, run)
 
     def _read(self, played: Played | None, values: Array, run: Run) -> dict[str, Array]:
@@ -157,9 +157,9 @@ class Experiment:
         return self._readings(played.trajectory, self.table(values), run)
 
     def slopes(self, values: Array, run: Run, sizes: Array, careful: bool = False) -> dict[str, Array]:
-        """Return derivatives of `predict` by each parameter over its size, by output, (n, p); 0 if simulation fails.
+        """Return derivatives (n, p) of each output of `predict` by value / size of the parameters; 0 if a run fails.
 
-        By `derivatives.Run`, else by differences of whole runs, forward or (`careful`) fourth-order central.
+        They are computed by `derivatives.Run`, else by finite differences of whole runs (careful: of fourth order).
         """
         found = {name: np.zeros((len(run.t), len(values))) for name in run.outputs}
         played = self._played(values, run)
@@ -243,7 +243,7 @@ class Experiment:
         return found
 
     def anew(self, kind: str | None = None) -> Experiment:
-        """Return a copy without stored runs; with half the time step (kind "step") or a finer mesh ("mesh")."""
+        """Return a copy without stored runs, with half the time step (kind "step") or a finer mesh (kind "mesh")."""
         other = copy(self)
         other._kept, other._motions = {}, {}
         if kind is not None:

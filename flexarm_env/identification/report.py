@@ -24,7 +24,10 @@ from .uncertainty import Direction, Uncertainty
 
 @dataclass(frozen=True)
 class Prediction:
-    """Prediction of one run by one model: readings (n,), VAF (%) and NRMSE (%), each by output."""
+    """Prediction of one run by one model: for each output readings (n,), VAF (%) and NRMSE (%).
+
+    VAF: variance accounted for. NRMSE: root mean square error divided by the log's standard deviation.
+    """
 
     run: Run
     readings: Mapping[str, Array]
@@ -40,11 +43,12 @@ class Identification:
         arm: the fitted arm, with the sensors of the given arm. given: the given arm.
         parameters: fitted parameters. values (p,): their values. start (p,): the given arm's values.
         uncertainty: uncertainty of the values. verdict: "good", or a sentence on why the fit should not be trusted.
-        train, held_out: predictions by the fitted arm; held-out runs without nuisances. unfitted, baseline: predictions
-            of the same runs, training first, by the given arm and by one oscillator per output. oscillators: frequency
-            (Hz) and damping ratio of each oscillator, by output.
+        train, held_out: predictions of the fitted and the held-out runs by the fitted arm, held-out runs with nuisance
+            parameters at their initial values. unfitted, baseline: predictions of the same runs, fitted runs first, by
+            the given arm and by one oscillator per output. oscillators: frequency (Hz) and damping ratio of each
+            oscillator, by output.
         frequencies, damping: frequencies (Hz) and damping ratios of the fitted arm while the prescribed joints are
-            held; seen: ringing measured in the runs, by output.
+            held. seen: ringing measured in the runs, by output.
         fit: record of the fit. ranges: factors for `randomization`. experiment: the fitted model, with the joints'
             initial angles of the logs. files: files of the runs.
     """
@@ -94,7 +98,7 @@ class Identification:
                 draw(row, figure.subplots(2 * len(names), 1, sharex=True, height_ratios=[2, 1] * len(names)))
 
     def lines(self) -> dict[str, Any]:
-        """Return the command's output as lines `name: value`; only lines on held-out runs have no prefix."""
+        """Return the entries of the command's output by name; only names of held-out runs' entries have no prefix."""
         worth = self.uncertainty
         told: dict[str, Any] = {"verdict": self.verdict}
         # parameters with their 95 % half widths
@@ -133,7 +137,7 @@ def _pairs(result: Identification) -> list[tuple[Direction, Direction | None]]:
 
 
 def direction(of: Direction) -> str:
-    """Format a direction as "EI_1 +1.00, elbow +0.97 (+-0.004)": joint relative changes, with the 95 % half width."""
+    """Format a direction as "EI_1 +1.00, elbow +0.97 (+-0.004)": changes of several parameters, 95 % half width."""
     parts = ", ".join(f"{name} {share:+.2f}" for name, share in of.shares.items())
     return f"{parts} (+-{of.deviation:.2g})"
 

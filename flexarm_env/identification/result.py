@@ -27,7 +27,7 @@ from .signals import nrmse, oscillator, read_off, vaf
 from .uncertainty import Uncertainty
 
 FAR_OFF = 100.0
-"""Ratio of a log's readings to the arm's, or inverse ratio, above which the log must be in another unit."""
+"""Ratio of a log's readings to the arm's readings, or its inverse, above which the log must be in another unit."""
 
 
 def identify(
@@ -46,7 +46,7 @@ def identify(
         arm: initial guess: an Arm, a name, a TOML file. config: a TOML file or its text.
         data, hold_out: CSV files for the fit and for the evaluation. fit: names or key paths of the parameters to fit;
             None: the config's. out: a folder for `Identification.save`; an interrupted fit resumes from there.
-        progress: called with the share done, 0 to 1.
+        progress: function that is called with the completed share of the fit, 0 to 1.
     Raises:
         ValueError: an invalid value, with its key path. BadLog (a ValueError): an unusable log, with file, column and
             row. OSError: a file that cannot be read or written.
@@ -150,7 +150,7 @@ def _modes(arm: Arm, config: Config) -> tuple[Array, Array]:
 
 
 BEATEN = 4.0
-"""A fit is poor if its unexplained variance exceeds both 2 % and this many times one oscillator's."""
+"""A fit is poor if its unexplained variance exceeds both 2 % and `BEATEN` times that of one oscillator per output."""
 
 
 def _verdict(resolved: Resolved, train: Sequence[Prediction], baseline: Sequence[Prediction]) -> str:

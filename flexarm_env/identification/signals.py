@@ -13,7 +13,7 @@ from .log import Run
 
 
 def vaf(measured: Array, predicted: Array) -> float:
-    """Return the variance accounted for, %: 100 (1 - var(measured - predicted) / var(measured)); offsets do not count.
+    """Return the variance accounted for, %: 100 (1 - var(measured - predicted) / var(measured)), whatever the offset.
 
     Raises ValueError for a constant log, or a prediction of another length, as does `nrmse`.
     """
@@ -22,7 +22,10 @@ def vaf(measured: Array, predicted: Array) -> float:
 
 
 def nrmse(measured: Array, predicted: Array, offset: bool) -> float:
-    """Return the root mean square error over the log's standard deviation, %; offset: whether to remove its mean."""
+    """Return the root mean square error divided by the log's standard deviation, %.
+
+    measured, predicted (n,): readings. offset: whether to subtract the mean error first.
+    """
     measured, predicted = _comparable(measured, predicted)
     e = measured - predicted
     return float(100.0 * np.sqrt(np.mean((e - e.mean() if offset else e) ** 2)) / np.std(measured))
@@ -99,7 +102,8 @@ def free_decay(t: Array, y: Array, *, periods: float = 4.0, high: float = np.inf
     """Measure frequency and damping by amplitude in a decay record: one Ringing per interval, largest amplitude first.
 
     Args:
-        t (n,): s, evenly spaced. y (n,): vibration signal, in any unit. periods: vibration periods per interval.
+        t (n,): instants, s, evenly spaced. y (n,): vibration signal, in any unit. periods: vibration periods per
+            interval.
         high: upper limit of the frequency, Hz.
     Raises:
         ValueError: fewer than two intervals, or no vibration.
@@ -127,7 +131,7 @@ def free_decay(t: Array, y: Array, *, periods: float = 4.0, high: float = np.inf
 
 
 STILL = 0.02
-"""Inputs count as still while their rates are below this share of their largest rate."""
+"""An input counts as still while its rate is below `STILL` times its largest rate."""
 
 
 def read_off(run: Run, name: str) -> list[Ringing]:
@@ -155,7 +159,8 @@ class Oscillator:
     """Linear oscillator y'' + 2 damping w y' + w^2 y = (sum of gains times inputs), with the sensor's filter; w = 2 pi
     f.
 
-    frequency: f, Hz. For inputs that prescribe angles, the accelerations of these angles are used.
+    frequency: f, Hz. damping: damping ratio. gains: gain of each input. For inputs that prescribe angles, the inputs
+    are the accelerations of these angles.
     """
 
     frequency: float

@@ -3,8 +3,8 @@
 Residuals of a slightly wrong model, and of filtered sensors, are correlated between samples. The covariance is the
 sandwich (J'J)^-1 S (J'J)^-1. S is heteroskedasticity- and autocorrelation-consistent (Newey & West 1987), with the
 bandwidth of Andrews (1991). The intervals use quantiles of Student's t with the degrees of freedom of S (Kiefer &
-Vogelsang 2005: 1.5 n over the bandwidth of Bartlett's kernel). The covariance is never smaller than that of independent
-residuals.
+Vogelsang 2005: 1.5 n divided by the bandwidth of Bartlett's kernel). The covariance is never smaller than the
+covariance for independent residuals.
 """
 
 from collections.abc import Sequence
@@ -17,10 +17,10 @@ from ..validation import Array
 from .fit import Problem
 
 UNTOLD = 0.5
-"""A parameter is unidentifiable if its 95 % half width exceeds this share of its size."""
+"""A parameter is unidentifiable if the half width of its 95 % interval exceeds `UNTOLD` times its size."""
 
 SHOWN = 0.2
-"""Smallest share of a named parameter in a direction, divided by the largest share."""
+"""A direction names the parameters whose share is at least `SHOWN` times the largest share."""
 
 AT_BOUND = 1e-4
 """A parameter is at a bound if its distance from the bound is below this share of the distance between both bounds."""
@@ -45,9 +45,9 @@ class Uncertainty:
     """Uncertainty of a fit.
 
     Attributes:
-        half (p,): half widths of the 95 % intervals, in the parameters' units. correlation (p, p).
-        condition: condition number of the derivatives by parameters in their sizes. at_bound: names of parameters at a
-            bound; they have no interval (nan).
+        half (p,): half widths of the 95 % intervals, in the parameters' units. correlation (p, p): correlation matrix.
+        condition: condition number of the residuals' derivatives by value / size of the parameters. at_bound: names of
+            parameters at a bound; they have no interval (nan).
         unidentifiable: names of the parameters that the logs do not determine, at a bound or not. directions: changes
             of several parameters with almost no effect. identifiable: for each direction, the best known combination of
             the same parameters.

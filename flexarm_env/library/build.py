@@ -23,7 +23,7 @@ from ..tasks.program import Models, complete
 from .source import Source
 
 CPU = "x86-64-v2"
-"""Default target processor: every x86-64 since about 2009."""
+"""LLVM's name of the default target processor, which includes every x86-64 processor since about 2009."""
 
 CHANGING = (
     "block", "action", "queue", "observation", "table", "reward", "terminated", "truncated", "stream", "request",
@@ -31,7 +31,7 @@ CHANGING = (
 """Arrays of a `tasks.program.Program` that steps and resets write to; all others are constant data."""
 
 TAKEN = ("example", "m", "c")
-"""Names that a library cannot have: that of its example, and those of the libraries with which it is linked."""
+"""Names that a library cannot have: the name of its example program, and the names of the C libraries that it uses."""
 
 LAWS = ("model.data", *(f"models.{word}.data" for word in Models._fields))
 """Arrays of the joints' parameters, which a user of the library may set."""
@@ -41,8 +41,9 @@ LAWS = ("model.data", *(f"models.{word}.data" for word in Models._fields))
 class Built:
     """Result of `write`.
 
-    files: names of the files in the folder. objects: names of the files with compiled programs. source: the generated
-    texts. library: name of the shared object, or None; `why` then gives the reason.
+    folder: the library's folder. name: prefix of all C names. files: names of the files in the folder. objects: names
+    of the object files with compiled programs. source: the generated texts. library: name of the shared object, or None
+    if it could not be linked. why: the reason if `library` is None.
     """
 
     folder: Path
@@ -66,7 +67,7 @@ def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives
             this machine; default `CPU`. derivatives: whether to include jvp and vjp of a control period, if the arm has
             them.
     Raises:
-        ValueError: another environment; a machine other than Linux on x86-64; uncompiled mode.
+        ValueError: the environment is not supported, the machine is not Linux on x86-64, or compilation is disabled.
     """
     system = f"{platform.system()} {platform.machine()}"
     if system != "Linux x86_64":
@@ -131,13 +132,15 @@ def _periods(batch: Any) -> tuple[Periods | None, str]:
 
 
 def first_error(stderr: str) -> str:
-    """Return the first error line of a compiler's stderr, or its last line, at most 500 characters."""
+    """Return the first error line of a compiler's stderr (without one, the last line), at most 500 characters."""
     lines = stderr.strip().splitlines() or ["no word"]
     return next((line for line in lines if "error" in line.lower()), lines[-1])[:500]
 
 
 def linked(folder: Path, library: str, parts: Sequence[str]) -> tuple[str | None, str]:
-    """Compile and link C files and objects into a shared object; return its name, or None and the reason.
+    """Compile and link C files and objects into a shared object; return (name, "") or (None, reason).
+
+    folder: folder of the files. library: name of the shared object. parts: names of the C files and object files.
 
     Raises:
         OSError: the C compiler reports an error.

@@ -22,7 +22,7 @@ from .build import Built, linked, write
 from .source import VERSION, fill, flat, number
 
 FORMS = {"2.0": "linux64", "3.0": "x86_64-linux"}
-"""Supported versions of the FMI standard, and the name of the folder for Linux on x86-64 in each."""
+"""Supported versions of the FMI standard, each with the name of an FMU's folder for Linux on x86-64."""
 
 UNITS: dict[str, dict[str, int]] = {
     "m": {"m": 1}, "s": {"s": 1}, "kg": {"kg": 1}, "rad": {"rad": 1}, "m/s": {"m": 1, "s": -1},
@@ -37,14 +37,16 @@ UNIT = "co-simulation.c"
 files."""
 
 LEFT_OUT = ("target", "terms", "reason", "reward", "truncated", "further")
-"""Entries of `info` that the FMU does not export: entries of the task, and the status, which makes a step fail."""
+"""Entries of `info` that the FMU does not export: the task's entries, and the status, which an FMU reports by a failed
+step.
+"""
 
 
 class Variable(NamedTuple):
     """One variable of the FMU.
 
-    kind, at: table of the C source (`fmu.c`), and index in this table. start: initial value, None if the variable is
-    computed. least, most: bounds of an input or parameter.
+    kind: table of the C source `fmu.c` that contains the variable. at: index of the variable in this table. start:
+    initial value, or None if the variable is computed. least, most: bounds of an input or parameter.
     """
 
     name: str
@@ -58,7 +60,7 @@ class Variable(NamedTuple):
 
     @property
     def causality(self) -> str:
-        """Causality in the terms of the FMI standard."""
+        """Causality of the variable in the FMI standard: "input", "output", "parameter" or "independent"."""
         # a variable with a start value is a parameter, one without is computed
         return {"INPUT": "input", "TIME": "independent"}.get(self.kind, "output" if self.start is None else "parameter")
 
@@ -67,8 +69,9 @@ def write_fmu(env: Any, path: Path, name: str, form: str = "3.0", cpu: str | Non
     """Write an environment's arm with its motors as a co-simulation FMU.
 
     Inputs are torques (N m), or the actions of another action mode; they are constant over a control period. A
-    communication step is a whole number of periods. Initial state and parameters are set, not random; noise follows
-    from `seed`. States can be saved and restored. Only the library has directional derivatives (`build.write`).
+    communication step is a whole number of periods. The importing tool sets initial state and parameters; nothing is
+    drawn at random except noise, which follows from `seed`. States can be saved and restored. Directional derivatives
+    exist only in the C library (`build.write`).
 
     Args:
         env, name, cpu: as in `build.write`. path: path of the file. form: version of the standard, a key of `FORMS`.

@@ -28,10 +28,12 @@ MEANINGS = {"further": "costs, payload, push, drawn factors, ...: flexarm_env.ta
 """Comments on `info` entries whose description in the layout refers to another layout."""
 
 LEAST = 1e-30
-"""Lower bound of parameters that must be positive."""
+"""Lower bound of all parameters that must be positive, in the parameter's unit."""
 
 LEAST_DAMPED = 1e-3
-"""Damping time tau_d, s, assumed for an undamped arm in the upper limit of tau_d, which is ten times larger."""
+"""Damping time tau_d (s) assumed for an undamped arm. The largest tau_d that a user can set is ten times the arm's
+tau_d.
+"""
 _OWN = (
     ("payload_mass", "kg", "of the arm", 0.0), ("payload_inertia", "kg m2", "of the arm", 0.0),
     ("EI_factor", "", "on all stiffness to bending", LEAST), ("tau_d", "s", "of the damping", 0.0),
@@ -53,11 +55,14 @@ SENTENCES = {
     "action_not_finite": "the action is not finite",
     "joint_limit": "a joint is beyond its limits",
 }
-"""Sentence for each status word of `REASONS`; "ok" if there is no reason."""
+"""Sentence for each status word of `REASONS`."""
 
 
 def fill(file: str, name: str, known: Mapping[str, Any]) -> str:
-    """Return a template file with each mark @WORD@ replaced by `known[WORD]`, and NAME, UPPER by the library's name."""
+    """Return the text of a template file with each mark @WORD@ replaced by `known[WORD]`.
+
+    name: name of the library, which replaces the word NAME and, in capitals, the word UPPER.
+    """
     # marks first, then NAME and UPPER, which the inserted texts contain too
     text = (resources.files("flexarm_env") / "data" / "library" / file).read_text()
     text = re.sub("@([A-Z_]+)@", lambda word: str(known[word[1]]), text)
@@ -67,8 +72,9 @@ def fill(file: str, name: str, known: Mapping[str, Any]) -> str:
 class Parameter(NamedTuple):
     """A parameter of the arm that the compiled programs read at run time.
 
-    start: value in the environment. least, most: permitted range. law: index in the joints' parameters, or None for a
-    parameter that the environment draws at reset; `at` is then the index of its entry in the arm's block of memory.
+    start: value in the environment. least, most: permitted range. law: index in the array of the joints' parameters, or
+    None for a parameter that the environment draws at reset. at: if `law` is None, index of the parameter in the arm's
+    memory block.
     """
 
     name: str
@@ -85,9 +91,9 @@ class Source:
     """Texts of a library's files.
 
     Args:
-        env: environment. name: prefix of all C names. worlds: memory images of stepping and, if present, of the
-            derivatives. periods: the derivatives, or None; `absent` then gives the reason. symbols: C names of the
-            programs. cpu: name of the processor for the header's comment.
+        env: environment. name: prefix of all C names. worlds: memory images of the programs for steps and, if present,
+            for derivatives. periods: the `Periods` with derivatives, or None. absent: reason for missing derivatives.
+            symbols: C names of the programs. cpu: name of the processor for the comment in the header.
     """
 
     def __init__(
@@ -102,7 +108,7 @@ class Source:
         self.poses = SPACE_POSES if self.spatial else POSES
 
     def files(self) -> dict[str, str]:
-        """Return the text of each file by name."""
+        """Return a dict of the library's files: name and text."""
         return {
             f"{self.name}.h": self.filled("arm.h", DERIVATIVES=self._declared, TORQUES=self._torques("arm.h")),
             f"{self.name}.c": self.filled("arm.c", DERIVATIVES=self._derived, TORQUES=self._torques("arm.c")),
@@ -152,14 +158,14 @@ class Source:
 
     @property
     def sizes(self) -> dict[str, int]:
-        """Sizes of the axes of an `INFO` layout: links, targets, terms, further."""
+        """Sizes of an `INFO` layout: numbers of links, target coordinates, reward terms and further entries."""
         task = self.batch.task
         counts = {"links": task.links, "targets": task.targets, "terms": task.terms, "further": task.further}
         return {key: len(value) for key, value in counts.items()}
 
     @property
     def point(self) -> bool:
-        """Whether the target is a point in the plane (m), not an angle."""
+        """Whether the target is a point in the plane (m) and not an angle (rad)."""
         return not self.spatial and len(self.batch.task.targets) > 1
 
     @property
@@ -364,7 +370,7 @@ def _members(layout: Layout, sizes: dict[str, int], inner: dict[str, Layout]) ->
 
 
 def flat(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return an entry's shape without a leading axis of length 1."""
+    """Return the shape of an `info` entry without a leading axis of length 1."""
     return shape[1:] if len(shape) == 2 and shape[0] == 1 else shape
 
 

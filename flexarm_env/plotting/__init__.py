@@ -87,7 +87,7 @@ def plot_comparison(
 ) -> Path:
     """Plot several runs of a scene: tip paths, tip deflections, and distances of the tips from a reference.
 
-    The first line is wide and the others are dashed, so that coinciding lines are all visible.
+    The line of the first run is wide and all further lines are dashed, so that coinciding lines are all visible.
 
     Args:
         trajectories: runs by their labels. path: the file to write. reference: a table; None: the first run. title:
@@ -133,7 +133,7 @@ def plot_comparison(
 
 
 def plot_energies(trajectory: Trajectory, path: str | os.PathLike[str], title: str | None = None) -> Path:
-    """Plot energies, and below them the energy balance (J); arguments as for `plot_trajectory`."""
+    """Plot energies over time, and below them the energy balance (J); for the arguments see `plot_trajectory`."""
     with styled_figure(path, 7.0, 5.0, _title(trajectory, title)) as figure:
         energy, balance = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [2.2, 1.0]})
         draw_energies(energy, trajectory)
@@ -145,7 +145,7 @@ def plot_energies(trajectory: Trajectory, path: str | os.PathLike[str], title: s
 
 
 LABELLED, LEAST_LABELLED = 4, 1e-2
-"""Largest number of labelled peaks of a spectrum; smallest height of a labelled peak over the highest."""
+"""Largest number of labelled peaks of a spectrum; smallest height of a labelled peak, divided by the highest peak."""
 
 
 def spectrum(t: Array, x: Array) -> tuple[Array, Array]:
@@ -166,11 +166,11 @@ def spectrum(t: Array, x: Array) -> tuple[Array, Array]:
 def plot_spectrum(
     trajectory: Trajectory, path: str | os.PathLike[str], since: float | None = None, title: str | None = None
 ) -> Path:
-    """Plot the amplitude spectrum of each link's tip deflection over its length, the highest peaks labelled.
+    """Plot the amplitude spectrum of each link's tip deflection divided by its length; label the highest peaks.
 
     Args:
-        trajectory, path, title: as for `plot_trajectory`.
-        since: s; earlier samples are ignored. Default: the last instant at which a drive jumps or ends.
+        trajectory, path, title: see `plot_trajectory`.
+        since: time, s, before which samples are ignored. None: the last instant at which a drive jumps or ends.
     Raises:
         ValueError: too few samples remain.
     """
@@ -214,7 +214,7 @@ def plot_all(
     """Write all plots of a run: shapes.png with the tip deflection, energies.png, spectrum.png.
 
     Args:
-        trajectory: a run. folder: created if missing. reference: as for `plot_trajectory`.
+        trajectory: a run. folder: folder of the figures, created if missing. reference: see `plot_trajectory`.
         ending: png, pdf or svg.
     Returns:
         The paths, without the spectrum if too few samples follow the last kink.
@@ -378,10 +378,10 @@ def _peaks(amplitude: Array) -> list[int]:
 
 
 def plot_campbell(found: Campbell, path: str | os.PathLike[str], title: str = "") -> Path:
-    """Plot frequencies over spin, with the line of one vibration per turn; returns `path`.
+    """Plot natural frequencies over spin rate, with the line of one vibration per turn; returns `path`.
 
-    Whirl frequencies are those in the fixed frame. If some motion is neither forward nor backward whirl (the arm is not
-    a body of revolution), all frequencies are in the rotating frame. Unstable spins are marked at the bottom.
+    Whirl frequencies refer to the fixed frame. If some motion is neither forward nor backward whirl (the arm
+    is not a body of revolution), all frequencies are in the rotating frame. Unstable spins are marked at the bottom.
     """
     spins, rests = np.abs(found.spins), np.isfinite(found.at_rest).all()
     values = np.abs(found.at_rest if rests else found.frequencies)

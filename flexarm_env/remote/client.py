@@ -34,30 +34,34 @@ from .packet import (
 )
 
 PATIENCE = 3.0
-"""Time to wait for the answer to a HELLO, or for the first reading, s."""
+"""Time (s) that the client waits for the answer to a HELLO, or for the first reading."""
 WATCHDOG = "watchdog expired"
 REASONS = ("no_reading", "stopped", "held", WATCHDOG)
-"""Reasons for the end of an episode: no reading arrived in time; the arm has stopped; a limit holds the arm; the arm's
-watchdog holds it, because commands were late."""
+"""Reasons for the end of an episode. "no_reading": no reading arrived in time. "stopped": the arm has stopped. "held":
+a limit holds the arm. WATCHDOG: the server's watchdog holds the arm, because commands were late.
+"""
 TRIES = 3
 LONGEST, LEAST = 3600.0, 1e-8
-"""Longest period that a client accepts, s; smallest scale, for which every reading divided by it is still a float32."""
+"""LONGEST: longest control period that a client accepts, s. LEAST: smallest accepted scale of a reading, so that every
+reading divided by its scale is a finite float32.
+"""
 
 
 class Wire:
-    """UDP connection to an arm that speaks the packets of `remote.packet`.
+    """UDP connection to a server of an arm, with the packets of `remote.packet`.
 
     Args:
         host, port: address of the server. key: shared secret, or None for unsigned packets. timeout: longest wait for a
-            reading, s; default: ten periods.
+            reading, s; None for ten periods.
     Attributes:
         period: control period, s. limits (N,): torque limits, N m. scales (M,): scales of the observation's entries.
-        watchdog: number of periods without a command after which the arm is held. lost: number of readings that never
-            arrived.
-        angles, rates, torques (N,), seen (M,), flags, status, time: last reading, in rad, rad/s, N m, SI units and s.
+            watchdog: number of periods without a command after which the server holds the arm. lost: number of readings
+            that never arrived. angles, rates, torques (N,): joint angles (rad), rates (rad/s) and torques (N m) of the
+            last reading. seen (M,): sensor readings of the last reading, SI units. flags, status, time: flags, status
+            and time (s) of the last reading.
     Raises:
-        ConnectionError: no answer, or the server serves another peer.
-        OSError: the host does not exist. ValueError: an invalid argument, or a torque that is not finite.
+        ConnectionError: the server does not answer, or it serves another client.
+        OSError: the host does not exist. ValueError: an argument is invalid, or a torque is not finite.
     """
 
     def __init__(self, host: str, port: int, key: bytes | None = None, timeout: float | None = None) -> None:
@@ -165,7 +169,10 @@ class Wire:
         return None
 
     def numbers(self, name: str, value: Any) -> Array:
-        """Return `value` as an array (N,), one finite number per joint. Raises ValueError that begins with `name`."""
+        """Return `value` as an array (N,) with one finite number per joint.
+
+        Raises ValueError, whose message begins with `name`.
+        """
         try:
             found = np.asarray(value, np.float64)
         except (TypeError, ValueError, OverflowError):
@@ -175,12 +182,12 @@ class Wire:
         return found
 
     def command(self, torques: Any, flags: int = 0) -> None:
-        """Send torques (N,), N m, clipped to the limits; with the flag `SET_POINTS`, send joint angles, rad.
+        """Send torques (N,), N m, clipped to the limits, or with the flag `SET_POINTS` joint angles, rad.
 
         Args:
-            flags: bits `ARM`, `SET_POINTS`, `RESET` of `remote.packet`.
+            flags: sum of the flags `ARM`, `SET_POINTS` and `RESET` of `remote.packet`.
         Raises:
-            ConnectionError: all sequence numbers are used, or the system cannot send.
+            ConnectionError: all sequence numbers are used, or the operating system cannot send the packet.
         """
         wanted = self.numbers("torques", torques)
         check.integer("flags", flags, minimum=0, maximum=255)
@@ -229,10 +236,11 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
     as in the environment that the server runs. The remote arm has no task: rewards are 0. `step` sends the torques and
     waits for the next reading. An episode is truncated if no reading arrives, or if the watchdog or a limit holds the
     arm. An episode is terminated if the arm has stopped. `info["reason"]` is then one of `REASONS`. `reset` ends the
-    hold of the arm and requests a new start, which a simulated arm makes and a real one may ignore.
+    hold of the arm and requests a new start. A simulated arm starts anew; a real arm may ignore the request.
 
     Args:
-        host, port: address of `flexarm serve`, or of any server of these packets. key: shared secret.
+        host, port: address of `flexarm serve`, or of any other server with the same packets. key: shared secret, or
+            None for unsigned packets.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012
@@ -256,9 +264,11 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
         return self.arm(RESET)
 
     def arm(self, flags: int = 0) -> tuple[Array32, dict[str, Any]]:
-        """End the hold where the arm is (flag `RESET`: at a new start); return the first observation and info.
+        """End the hold of the arm in its present state; return the first observation and info.
 
-        If the server has dropped this peer after a long silence, the client connects again.
+        flags: `RESET` requests a new start of the arm.
+
+        If the server has dropped this client after a long silence, the client connects again.
 
         Raises:
             ConnectionError: the arm is still held after `PATIENCE` seconds.
@@ -322,7 +332,7 @@ class Played:
     Attributes:
         seconds: duration of the file, s.
     Raises:
-        ValueError: other columns, another period, or a torque beyond the limits.
+        ValueError: the columns are wrong, the rows have another period, or a torque exceeds the limits.
     """
 
     def __init__(self, path: str | os.PathLike[str], period: float, limits: Array) -> None:
@@ -344,7 +354,7 @@ class Played:
         self.seconds = len(t) * period
 
     def reset(self, observation: Any) -> None:
-        """Start again at the first row."""
+        """Continue with the first row of the file, at the start of an episode."""
         self._next = 0
 
     def act(self, observation: Any) -> Array:
@@ -365,8 +375,8 @@ def run_policy(
     function ends the arm's hold and calls the policy again, at most `TRIES` times. `ended` is "time", one of `REASONS`,
     "angle" or "rate".
 
-    most_angle (rad), most_rate (rad/s): the run ends if a joint exceeds one of them; closing the environment holds the
-    arm.
+    most_angle (rad), most_rate (rad/s): limits of every joint. If a joint exceeds a limit, the run ends. The server
+    holds the arm when the environment is closed.
     """
     for name, value in (("seconds", seconds), ("most_angle", most_angle), ("most_rate", most_rate)):
         bound(name, value)

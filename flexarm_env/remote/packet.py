@@ -45,17 +45,20 @@ MAGIC, VERSION = b"FXRM", 2
 HEAD, DIGEST = struct.Struct("<4sHBBQIId"), hashlib.sha256().digest_size
 MOST_NUMBERS = (1200 - HEAD.size - DIGEST) // 8
 LAST = 2**32 - 1
-"""Largest sequence number, with which a connection ends."""
+"""Largest sequence number. The connection ends with the packet that has this number."""
 SHORTEST = 16
 """Minimum length of a key in bytes."""
 
 ARM, SET_POINTS, RESET = 1, 2, 4
-"""Flags of a command: end the hold; the numbers are joint angles; reset to a new start, if the arm can do this."""
+"""Flags of a COMMAND. ARM: end the hold. SET_POINTS: the numbers are joint angles. RESET: start anew, if the arm can do
+this.
+"""
 HELD, LIMITED, OVER, EXPIRED = 1, 2, 4, 8
-"""Flags of a reading: the arm is held; a limit has changed the commanded torque; the arm has stopped; the watchdog has
-expired, so that the arm is held."""
+"""Flags of a READING. HELD: the arm is held. LIMITED: a limit has changed the commanded torque. OVER: the arm has
+stopped. EXPIRED: the watchdog has expired, so that the arm is held.
+"""
 NO_COOKIE = (0.0, 0.0)
-"""Numbers of a HELLO whose sender has no cookie yet."""
+"""The two numbers of a HELLO whose sender has not received a cookie."""
 
 
 class Kind(IntEnum):
@@ -74,7 +77,7 @@ KINDS = frozenset(Kind)
 
 
 class Refusal(Enum):
-    """Reason for dropping a packet; each value is a sentence for messages."""
+    """Reason for dropping a packet. Each value is a sentence for messages to the user."""
 
     SIZE = "its size is not that of a packet"
     FOREIGN = "it is not of this protocol, or of another kind"
@@ -89,8 +92,9 @@ class Refusal(Enum):
 class Packet(NamedTuple):
     """Content of one packet; the module's docstring gives the layout.
 
-    kind: `Kind`. connection: 64-bit number. sequence: number of the packet, from 1. time: sender's clock, s. numbers:
-    numbers that the kind defines. flags: bits of a command (`ARM`, ...) or of a reading (`HELD`, ...).
+    kind: purpose of the packet, a `Kind`. connection: 64-bit number of the connection. sequence: number of the packet,
+    from 1. time: sender's clock, s. numbers: content of the packet, defined by its kind. flags: sum of the flags of a
+    COMMAND (`ARM`, `SET_POINTS`, `RESET`) or of a READING (`HELD`, `LIMITED`, `OVER`, `EXPIRED`).
     """
 
     kind: Kind
@@ -144,7 +148,7 @@ def checked(key: bytes | None) -> bytes | None:
     """Validate a shared key and return it; None means that packets are not signed.
 
     Raises:
-        ValueError: the key is not bytes, or shorter than `SHORTEST` bytes and therefore easy to guess.
+        ValueError: the key is no bytes object, or it is shorter than `SHORTEST` bytes and therefore easy to guess.
     """
     if key is not None and (not isinstance(key, bytes) or len(key) < SHORTEST):
         of = f"{type(key).__name__} of {len(key)}" if isinstance(key, bytes | str) else type(key).__name__
@@ -162,7 +166,7 @@ def datagrams(host: str, port: int, least: int) -> Iterator[socket.socket]:
     """Open a UDP socket for an address, in a `with` block; the socket is closed if the block raises.
 
     Args:
-        host: name or IPv4 address. port: `least` to 65535.
+        host: name or IPv4 address. port: number from `least` to 65535.
     Raises:
         ValueError: invalid host or port. OSError: the system rejects the address; the message names it.
     """

@@ -48,18 +48,18 @@ from .packet import (
 Address = tuple[str, int]
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 TIMED_OUT = 5.0
-"""Status of an arm whose episode has reached its time limit; the numbers of all other statuses are the solver's."""
+"""Status of an arm whose episode has reached its time limit. All other statuses are status codes of the solver."""
 COOKIE_LIFE = 10.0
-"""Minimum lifetime of a cookie, s; the maximum is twice as long."""
+"""Minimum lifetime of a cookie, s. The maximum lifetime is twice as long."""
 BACKLOG = 10_000
-"""Maximum number of packets read after a pause."""
+"""Maximum number of waiting packets that the server reads after a pause."""
 SILENCE = 10.0
-"""Time without a command after which a peer is dropped, s (or the watchdog's periods, if these take longer)."""
+"""Time (s) without a command after which a client is dropped, if the watchdog does not wait longer."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits that the server applies to every command; inf means no limit.
+    """Limits that the server applies to every command. The value inf means no limit.
 
     angle (rad), rate (rad/s): limits of every joint, beyond which the arm is held. slew: largest change of a torque per
     period, divided by the torque limit. watchdog: number of periods without a command after which the arm is held.
@@ -81,13 +81,13 @@ class Session:
     """Protocol and control loop of a served arm, without socket and clock: handles packets and advances periods.
 
     Args:
-        env: single environment of this package whose actions are torques. limits: see `Limits`. key: shared secret;
-            None: unsigned packets. hold: watchdog's action, "zero" torque or "angles" held by PD. seed: seed of resets.
+        env: single environment of this package whose actions are torques. limits: the `Limits`. key: shared secret, or
+            None for unsigned packets. hold: "zero" torque or "angles" held by PD. seed: seed of resets.
     Attributes:
-        row: last period: time (s) and readings at its start, and the torques applied in it. counts: packets by
-            `Refusal` and by "accepted", "challenged", "busy", "missing" (gaps in the peer's sequence numbers).
-        held: whether the arm is held, until a command with `ARM`. reason: reason for holding. peer: served address.
-            status: 0.0, or the code that stopped the arm. period: its number. notice: on a peer's version, or "".
+        row: time (s) and readings at the start of the last period, and the torques applied in it. counts: number of
+            packets by `Refusal`, "accepted", "challenged", "busy", "missing" (gaps in the client's sequence numbers).
+        held: whether the arm is held until a command with `ARM`. reason: reason for holding. peer: client's address.
+            status: 0.0, or the code that stopped the arm. period: number of the last. notice: on the client's version.
     """
 
     env: Any
@@ -252,7 +252,7 @@ class Session:
         """Count periods that passed without a step.
 
         If more periods passed than the watchdog allows, hold the arm and drop any command that has arrived in the
-        meantime, because this command was meant for a past instant.
+        meantime, because such a command was computed for a past instant.
         """
         self.silent += periods
         if periods > self.limits.watchdog:
@@ -332,10 +332,10 @@ class Server:
     """Real-time UDP server of a session.
 
     Args:
-        session: the arm. host, port: address to bind, port 0 for any free one; other hosts than loopback require a key,
-            or `insecure`. log: CSV file, one row per period. tell: called once with `Session.notice`, if there is one.
+        session: the arm. host, port: address of the socket, port 0 for any free port. Other hosts than loopback require
+            a key, or `insecure`. log: CSV file, one row per period. tell: function called once with `Session.notice`.
     Attributes:
-        times: (due, begun, finished) of the last 100,000 periods, s of the monotonic clock.
+        times: (due, begun, finished) of the last 100,000 periods, in s of the monotonic clock.
         missed: number of periods that were skipped because they had passed before they could begin.
     """
 

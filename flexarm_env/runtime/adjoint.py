@@ -3,8 +3,8 @@
 The period is run once more with the end of each step stored on a tape. After the run the steps are processed in reverse
 order. One reverse pass computes all derivatives of one scalar, for a few times the cost of the period. A block with the
 layout of the arms' block holds cotangents. x_bar is the cotangent of x, the derivative of the scalar by x.
-Accelerations start anew with each period (elasticas) or jump with the torques (stiff arms). If torques change within a
-period, the torques change at each step.
+Accelerations are solved for anew at the start of each period (elasticas) or jump with the torques (stiff arms). Torques
+that change within a period change at the start of a step.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ from .sensors import read_gauges
 
 
 class Asked(NamedTuple):
-    """The rows of a work array that `motors.command` reads and writes."""
+    """The rows of the integrator's work array that `motors.command` reads and writes."""
 
     q: Lanes  # (n,) coordinates, m and rad
     v: Lanes  # (n,) velocities
@@ -100,9 +100,9 @@ _vjp_motors = vjp_of(update_motor_torques, ("record", "w"))
 def adjoint(address, first, last):
     """Compute the cotangents of states and actions of groups first ... last - 1 from the cotangents of their outcomes.
 
-    address: address of a `Derivative` d. In: d.state_bar (of the state a period later), d.observation_bar,
-    d.reward_bar. Out: d.state_bar (of the state), d.action_bar, d.failed. The blocks and tape of group `first` are used
-    for all; returns 0.
+    address: address of a `Derivative` d. The inputs are d.state_bar (cotangent of the state at the end of the period),
+    d.observation_bar and d.reward_bar. The outputs are d.state_bar (cotangent of the state at the start of the period),
+    d.action_bar and d.failed. The blocks and the tape of group `first` are used for all groups. Returns 0.
     """
     d = dereference(address)
     row = d.plain.row
@@ -223,7 +223,7 @@ def _more(model):
 
 @kernel
 def room_of(model, task, actuator, n_steps):
-    """Return the length of one arm's tape for a period, which stores the ends of all steps and the jumps of torques."""
+    """Return the length of one arm's tape, which stores the ends of a period's steps and the jumps of torques."""
     times = n_steps if may_jump_before_step(actuator, 1) else 1
     return n_steps * _length(model, task) + times * (_length(model, task) + _more(model))
 

@@ -1,14 +1,14 @@
 """One control period and its derivative by state and action, on rows of numbers instead of a batch's blocks.
 
 A row of `Derivative.state` holds all numbers that an arm's period depends on. The first X numbers are the moving
-numbers, of which and by which derivatives are computed. Constants follow. The period is that of `episode`, without
-info: it computes torques, steps, observation and reward from the action. The period's derivative, `jacobian`, has D = X
-+ A columns, one per moving number and action, and X + O + 1 rows per arm: the moving numbers at the end, the
+numbers: derivatives of them and with respect to them are computed. Constants follow. The period is that of `episode`,
+without info: it computes torques, steps, observation and reward from the action. The period's derivative, `jacobian`,
+has D = X + A columns, one per moving number and action, and X + O + 1 rows per arm: the moving numbers at the end, the
 observation's entries and the reward.
 
-`tangents` runs the period in dual lanes, some columns at a time. Every operation is differentiated when it is computed.
-Newton's solution is differentiated by the implicit function theorem (`physics.integrator.newton`). `implicit` is faster
-if only the equations of a step determine its result.
+`tangents` runs the period in dual lanes, for several columns in each pass. Every operation is differentiated when it is
+computed. Newton's solution is differentiated by the implicit function theorem (`physics.integrator.newton`). `implicit`
+is faster if only the equations of a step determine its result.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from .sensors import measure
 
 
 class Derivative(NamedTuple):
-    """A batch's program with its rows: S numbers in a state, X of them moving; A joints; O observed entries."""
+    """A batch's program and rows of n arms: states of S numbers, of which X move, A actions, O observed entries."""
 
     lane: tuple[int, ...]  # tag of plain lanes
     dual: tuple[int, ...]  # tag of the same lanes with tangents
@@ -73,8 +73,9 @@ class Derivative(NamedTuple):
 def step(address, first, last):
     """Advance groups first ... last - 1 by one control period, from d.state and d.action; no derivatives. Returns 0.
 
-    address: address of a `Derivative` d. The function writes d.after, observation, reward, failed, past (1: joint limit
-    passed) and, with fitted steps, level.
+
+    address: address of a `Derivative` d. The function writes d.after, d.observation, d.reward, d.failed, d.past (1 if a
+    joint is beyond its limits, otherwise 0) and, with fitted steps, d.level.
     """
     return _values(dereference(address), first, last, (0,))
 
@@ -196,7 +197,7 @@ def _some_columns(d, model, parts, level, g, begin, end, block, moves, anew):
 
 @kernel
 def at_once(d):
-    """Return how many columns one pass in dual lanes carries: the number of tangents of each lane."""
+    """Return the number of Jacobian columns in one pass in dual lanes, which is the number of tangents of each lane."""
     return len(d.dual) // len(d.lane) - 1
 
 
@@ -211,8 +212,8 @@ def _arm(lane, n, g, i):
 def fill_rows(lane, n, g, places, rows, block):
     """Copy rows of numbers of group g's arms into a block, with tangents 0.
 
-    rows (n count,): `count` numbers of each of n arms. places (count,): their offsets in the block. Lanes without an
-    arm get the numbers of the group's first arm.
+    rows (n count,): `count` numbers for each of n arms, where `count` is the length of `places`. places (count,):
+    offsets of the numbers in the block. Lanes without an arm get the numbers of the group's first arm.
     """
     count = places.shape[0]
     for k in range(count):
@@ -225,10 +226,11 @@ def fill_rows(lane, n, g, places, rows, block):
 
 @kernel
 def fill(lane, d, places, layout, g, block):
-    """Copy states and actions of group g into a block, with tangents 0 and flags OK.
+    """Copy states and actions of group g into a block; set tangents to 0 and status flags to OK.
 
-    places: offsets of the state's numbers; layout: sections of the block. The rest of the record is 0. Lanes without an
-    arm get the numbers of the group's first arm.
+    d: the `Derivative`. places (S,): offsets of the state's numbers in the block. layout: offsets of the block's
+    sections. The remaining numbers of the record are set to 0. Lanes without an arm get the numbers of the group's
+    first arm.
     """
     joints = size(d.program.task.links)
     # numbers of the record that the state does not contain are 0, so that a period depends on the state alone
@@ -246,7 +248,7 @@ def fill(lane, d, places, layout, g, block):
 
 @kernel
 def seed(lane, d, first, last, block):
-    """Set the tangents of columns first ... last - 1 in a dual block: 1 in each column's own number.
+    """Set the tangents of Jacobian columns first ... last - 1 in a dual block: 1 for the column's number, otherwise 0.
 
     Column j < X is number j of the state, column X + k is action k.
     """
@@ -299,7 +301,7 @@ def close(lane, p, layout, block, w):
 def see(lane, p, layout, block, w):
     """Compute poses, true observation, reward and joint limits of the arms in a block.
 
-    info.reward <- reward, info.truncated <- 1 where a joint is beyond its limits.
+    The reward is written to info.reward. info.truncated becomes 1 where a joint is beyond its limits.
 
     layout: sections of the block, in plain or dual lanes. w: views of the block.
     """
@@ -314,10 +316,10 @@ def see(lane, p, layout, block, w):
 
 @kernel
 def write_outcome(lane, d, places, layout, g, block):
-    """Copy the outcome of group g from a block into the rows: d.after, d.observation, d.reward, d.past, d.failed.
+    """Copy the results of group g's period from a block into d.after, d.observation, d.reward, d.past and d.failed.
 
-    places: offsets of the state's numbers; layout: sections of the block. Rows have no lanes; lanes without an arm are
-    left out.
+    places (S,): offsets of the state's numbers in the block. layout: offsets of the block's sections. Lanes without an
+    arm are not copied.
     """
     count, entries, at = places.shape[0], d.chosen.shape[0], info_of(d.program.task)
     flag = unpack(lane, d.program.model, block, 0).flag
@@ -337,7 +339,8 @@ def write_outcome(lane, d, places, layout, g, block):
 def take_columns(lane, d, level, g, first, last, block):
     """Copy the tangents of group g from a dual block into columns first ... last - 1 of d.jacobian.
 
-    level: only arms that took this many halvings; -1: all arms. Rows: moving numbers, observed entries, reward.
+    level: copy only arms whose step was halved `level` times in the period, or all arms if level is -1. Rows of
+    d.jacobian are the moving numbers, the observed entries and the reward.
     """
     entries, at, columns = d.chosen.shape[0], info_of(d.program.task), d.columns
     for i in range(lane_count(lane)):

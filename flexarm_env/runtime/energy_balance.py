@@ -1,11 +1,12 @@
 """The balance of energy of an episode: only work raises an arm's energy (docs: theory, section 6).
 
-Let E_0 be the energy at the start, W the work of torques and pushes up to now, and X = |E_0| + sum |W of a period| the
-exchanged energy. An arm has diverged if
+Let E_0 be the energy at the start of the episode, W the work of torques and pushes since then, and X the exchanged
+energy: |E_0| plus the absolute values of each period's work. An arm has diverged if
 
     E > E_0 + W + SHARE (X + |gravity's energy|) + FLOOR (sum of torque limits).
 
-Damping, friction and numerical dissipation only lower E. The record holds E_0 + W (`accounted`) and X (`exchanged`).
+Damping, friction and numerical dissipation only lower E. The arm's record stores E_0 + W in the field `accounted` and X
+in the field `exchanged`.
 """
 
 from __future__ import annotations
@@ -19,11 +20,12 @@ from ..tasks.program import ACCOUNTED, CHANGE, EXCHANGED, PERIODS
 from .events import change_payloads
 
 SHARE = 0.5
-"""Tolerated unaccounted energy, as a fraction of the exchanged energy. Correct runs stay below 0.02, and steps of the
-elastica are accepted up to 0.05 (`physics.integrator.balance`). A run beyond this fraction is wrong."""
+"""Tolerated energy that no work explains, as a fraction of the exchanged energy. Correct runs stay below 0.02, and
+steps of the elastica are accepted up to 0.05 (`physics.integrator.balance`). A run that exceeds SHARE is wrong.
+"""
 
 FLOOR = 1e-3
-"""Negligible unaccounted energy, J per N m of the torque limits: their work over a milliradian."""
+"""Negligible unexplained energy, J per N m of the torque limits: the work of the limits in a turn by 1 mrad."""
 
 
 @noinline
@@ -39,8 +41,9 @@ def is_unbalanced(lane, held, gravity, accounted, exchanged, floor):
 
         held + gravity > accounted + SHARE (exchanged + |gravity|) + floor        (all J)
 
-    held: kinetic and strain energy; gravity: gravitational energy. accounted: energy at the start of the episode plus
-    work since then. exchanged: sum of their absolute values, period by period. floor: negligible energy.
+    held: kinetic plus strain energy. gravity: gravitational energy. accounted: energy at the start of the episode plus
+    all work since then. exchanged: absolute value of that energy plus the absolute values of each period's work. floor:
+    negligible energy.
     """
     allowed = accounted + (exchanged + absolute(gravity)) * SHARE + floor
     return select_lt(held + gravity, allowed, 0.0, 1.0)
@@ -54,13 +57,13 @@ def _is_sound(lane, w: Work):
 
 @kernel
 def open_account(lane, p, par, record: Lanes, w):
-    """Store the energy of arms that start an episode; apply payload changes that are due, with their energy as work.
+    """Store the energy of arms that start an episode; apply due payload changes and count their energy as work.
 
-    record.accounted (J): energy at the start of the episode plus work since then; record.exchanged (J): sum of their
-    absolute values. In an arm's first period both fields are set from the arm's present energy. The energy change by
-    a gripped or dropped payload is added to both fields.
+    record.accounted (J) is the energy at the start of the episode plus all work since then, record.exchanged (J) the
+    sum of the absolute values. In an arm's first period both fields are set from the arm's present energy. The energy
+    change by a gripped or dropped payload is added to both fields.
     # in        par, the arms' own parameters;  w.q, w.v;  w.flag, status codes;  record.periods
-    # in, out   record.accounted, record.exchanged;  w and par where a payload changes
+    # in, out   record.accounted, record.exchanged;  w and par, if an arm's payload changes
     """
     first = select_lt(record[PERIODS], 0.5, 1.0, 0.0)
     # first period: E_0, and X_0 = T + U + |V_g|, to which the periods' work adds
@@ -107,7 +110,8 @@ def open_step(lane, p, model, par, w, start):
     """Store the motors' angles (rad) at the start of a step in `start`, if the energy balance is checked (p.watched).
 
     # in        w.q, coordinates (m, rad)
-    # out       start (joints, lanes): joint angles, or a geared motor's angle over its ratio;  w.y, the same (scratch)
+    # out       start (joints, lanes): joint angles, or a geared motor's angle divided by its gear ratio
+    # scratch   w.y
     """
     if p.watched is not None:
         input_displacements(lane, model, par, w.q, w.y)
@@ -118,9 +122,9 @@ def open_step(lane, p, model, par, w, start):
 def close_step(lane, p, model, par, record, w: Work, start: Lanes):
     """Add the motors' work (J) in a step to the record: sum of torque w.u (N m) times change of motor angle (rad).
 
-    start (joints, lanes): motor angles at the start of the step, from `open_step`. w.y is scratch. The work is added to
-    record.accounted, its absolute value to record.exchanged. Do nothing if the balance of energy is not checked
-    (p.watched).
+    start (joints, lanes): motor angles (rad) at the start of the step, from `open_step`. w.y is scratch memory. The
+    work is added to record.accounted, its absolute value to record.exchanged. The kernel does nothing if the energy
+    balance is not checked (p.watched).
     """
     if p.watched is not None:
         # W += u (y - y_0), J: y are joint angles, or a geared motor's angle (rad), at the step's end
@@ -153,7 +157,7 @@ def _may_be_unbalanced(lane, p, w: Work, allowed):
 
 @kernel
 def close_account(lane, p, par, record: Lanes, saved: Lanes, w: Work):
-    """Add the period's work of constant inputs to the record; flag arms with unaccounted energy DIVERGED.
+    """Add the work of the period's constant inputs to the record; flag arms with unexplained energy DIVERGED.
 
     Work is input times displacement. With ideal motors the inputs are torques (N m) and pushes (N). With other motors
     (p.actuator) the inputs are only pushes, because `close_step` has added the motors' work step by step.
@@ -188,8 +192,8 @@ def close_account(lane, p, par, record: Lanes, saved: Lanes, w: Work):
 def inertia_per_rate(lane, model, par, q, v: Lanes):
     """Return the inertia (kg m^2) of the arm turning as a whole at q, divided by the number of rates that are 1 in v.
 
-    q: coordinates (m, rad). v: rates of a rigid rotation at 1 rad/s, each 0 or 1. The result is 2 T / sum v with
-    kinetic energy T; `_may_be_unbalanced` estimates kinetic energies with it.
+    q: coordinates (m, rad). v: rates of a rigid rotation at 1 rad/s, each 0 or 1. The result is 2 T / sum v, where T is
+    the kinetic energy for the rates v. The energy balance estimates kinetic energies with this inertia.
     """
     turning = 0.0
     for k in range(size(model.n)):

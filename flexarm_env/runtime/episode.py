@@ -1,9 +1,9 @@
 """One control period of a batch of arms: from actions to observations, rewards and info.
 
-A `tasks.program.Program` holds everything, behind one address (`compiler.entry`). Arms are advanced in groups of L =
-len(lane) lanes. Row g of `block` is the memory of arms g L ... g L + L - 1; `program.Block` names its sections. In
-arrays that hold lanes, number k of the arm in lane i is at k L + i. Actions, observations, rewards, flags and streams
-of random numbers are stored arm by arm, without lanes.
+A `tasks.program.Program` holds all data of the batch and is passed to compiled code by its address (`compiler.entry`).
+Arms are advanced in groups of L = len(lane) lanes. Row g of `block` is the memory of arms g L ... g L + L - 1;
+`program.Block` names its sections. In arrays of lanes, number k of the arm in lane i has index k L + i. Actions,
+observations, rewards, flags and streams of random numbers are stored arm by arm, without lanes.
 
 Arguments that recur in this package
     p         the `Program`;  g: number of the group;  w: the integrator's `Work`, views of the group's block
@@ -15,8 +15,9 @@ Arguments that recur in this package
     info      (INFO, lanes);  live: 1 in lanes whose info is written
     saved     (SAVED, lanes) state at the start of the period
 
-`_period` is the algorithm. A lane whose Newton iteration fails is restored to the start of the period and reported. The
-caller repeats that arm alone, because a single arm can halve its steps. The other lanes keep their results.
+An arm whose Newton iteration fails is restored to the start of the period and reported to the caller. The caller
+repeats the period of that arm alone, because a single arm can halve its steps. The arms in the other lanes keep their
+results.
 """
 
 from __future__ import annotations
@@ -69,7 +70,9 @@ from .sensors import read_gauges, record_motor_angles, write_observation
 from .touch import open_contacts, put_contacts, record_contact_forces
 
 OUTCOME = (0, 0)
-"""Size of `outcome`, two rows of lanes: the reward; 1 where a joint is beyond its limits, otherwise 0."""
+"""Size of the array `outcome`, which has two rows of lanes: the reward, and 1 where a joint is beyond its limits
+(otherwise 0).
+"""
 
 
 @entry_point
@@ -129,8 +132,8 @@ def read_actions(lane, p, g, action, record, flag):
 
     # in        p.action (arms x joints,) float32, arm by arm;  p.n, number of arms;  record.mode
     # out       action (joints, lanes);  flag (lanes,) status
-    flag: OK where the arm is to be moved; RETRY in a lane without an arm or whose arm is not running; ACTION_NOT_FINITE
-    where an entry is not finite, for which 0 is copied.
+    flag: OK where the arm will be moved; RETRY in a lane without an arm or with an arm that is not running;
+    ACTION_NOT_FINITE where an entry of the action is not finite. The entry is then replaced by 0.
     """
     lanes, n_joints = len(lane), size(p.task.links)
     for i in range(lanes):
@@ -151,9 +154,9 @@ def read_actions(lane, p, g, action, record, flag):
 
 @kernel
 def observe_state(lane, p, first, poses, record, seen):
-    """Write the true observation, without strain gauges, into `seen`: each entry over its scale, clipped to +-10.
+    """Write the true observation without strain gauges into `seen`: entries divided by their scales, clipped to +-10.
 
-    first: True at the start of an episode; it shifts the instant from which moving targets are looked ahead.
+    first: True at the start of an episode, False after a period that record.periods does not count yet.
     # in        poses of the links (inertial axes);  record: target, path, periods done
     # out       seen (entries, lanes): entries of the task, then those of a moving target
     """
@@ -191,12 +194,12 @@ def find_sound(lane, entries, flag: Lanes, seen: Lanes):
 
 @kernel
 def reward(lane, p, live, poses, action, record, info, outcome: Lanes):
-    """Evaluate the period: write reward terms into info where live > 1/2; outcome <- (reward, joint limit passed).
+    """Compute the period's reward; write reward terms, success and tip into `info` in lanes where live > 1/2.
 
     # in        poses of the links (inertial axes, m, rad and rates);  action (joints, lanes), clipped to [-1, 1]
-    # in, out   record: instants within the success bands, last action
-    # out       info: success, tip, deflections, terms;  outcome (2, lanes): reward; 1 where a joint is beyond its
-    #           limits, otherwise 0
+    # in, out   record: number of consecutive instants within the bounds of success, last action
+    # out       info: success, tip, deflections, terms;  outcome (2, lanes): the reward, and 1 where a joint is beyond
+    #           its limits, otherwise 0
     """
     total, past = judge_with_terms(lane, p.task, poses, action, record, live, info)
     outcome[0] = total
@@ -207,10 +210,11 @@ def reward(lane, p, live, poses, action, record, info, outcome: Lanes):
 def record_period(lane, p, par, record, scratch, w, live, info, outcome):
     """Write the period's info where live > 1/2, except success and reward terms, which `reward` writes.
 
-    Events, step error, torques (N m), delay (s), estimate of the formulation's error (over the arm's length), reason 0
-    (the episode goes on), in_range (1: the model is valid at this deflection, otherwise 0) and energies (J).
-    # in        scratch, with fitted steps the error of each arm;  par, w: own parameters and state of the arms
-    # in, out   record, the cost so far;  outcome row 0, the reward, which falls by the price times the period's cost
+    The info contains events, step error, torques (N m), delay (s), estimated error of the formulation (divided by the
+    arm's length), reason 0 (the episode continues), in_range (1 if the model is valid at this deflection, otherwise 0)
+    and energies (J).
+    # in        scratch, each arm's step error (if steps are fitted);  par, w: the arms' own parameters and state
+    # in, out   record, the cost so far;  outcome row 0, the reward, reduced by the price times the period's cost
     """
     at = info_of(p.task)
     record_events(lane, p, par, record, w, live, info, outcome)
@@ -228,9 +232,9 @@ def record_period(lane, p, par, record, scratch, w, live, info, outcome):
 def record_torques(lane, p, par, record: Lanes, w: Work, live, info):
     """Write the joint torques (N m) of the period into info.torque, where live > 1/2.
 
-    With ideal motors the torque is w.u. With lagging motors (p.actuator) it is the torque at the end of the period.
-    With motors driven by voltage, emf (N m s/rad) times the joint's rate is subtracted: w.u is the torque before
-    back-emf, which acts as viscous friction. w.y is scratch.
+    With ideal motors the torque is w.u. With lagging motors (p.actuator) the torque is that at the end of the period.
+    With motors driven by voltage, the back-emf torque is subtracted from w.u: emf (N m s/rad) times the joint's rate.
+    The model treats back-emf as viscous friction. w.y is scratch memory.
     """
     n, at = size(p.task.links), info_of(p.task).torque
     emf = None
@@ -250,9 +254,9 @@ def record_torques(lane, p, par, record: Lanes, w: Work, live, info):
 
 @kernel
 def record_energies(lane, p, par, w: Work, live, info):
-    """Write energies (J), motor angles and rates (over the gear ratio; rad, rad/s) into info, if they are recorded.
+    """Write energies (J), motor angles (rad) and rates (rad/s), both divided by the gear ratio, into `info`.
 
-    Energies, angles and rates are recorded if p.books is a tag, in lanes where live > 1/2.
+    Energies, angles and rates are written if p.books is a tag, in lanes where live > 1/2.
     # in        w.q (m, rad), w.v;  w.books, energy account, J;  par, the arms' own parameters
     # scratch   w.y
     # out       info.energies: kinetic, strain, gravity, dissipated, work;  info.motors (2, joints): angles, then rates
@@ -289,10 +293,10 @@ def finish(lane, p, g, w, poses, record, seen, info, saved, outcome):
     """Write the results of group g that the caller reads; return how many of its arms need the caller.
 
     An arm needs the caller if its episode has ended, if it follows prescribed motions (GUIDED), or if it must be
-    repeated alone. The last case is a failed Newton iteration in a group of several lanes, where steps cannot be
-    halved. Arms to be repeated and arms that were not moved are restored from `saved`, the state at the start of the
-    period. An arm that was just reset (FRESH) becomes RUNNING. outcome (2, lanes): reward; 1 where a joint limit is
-    passed. seen (entries, lanes): true observation.
+    repeated alone. An arm must be repeated if its Newton iteration failed in a group of several lanes, where steps
+    cannot be halved. Arms that must be repeated and arms that were not moved are restored from `saved`, the state at
+    the start of the period. The mode of an arm that was just reset changes from FRESH to RUNNING. outcome (2, lanes):
+    the reward, and 1 where a joint is beyond its limits. seen (entries, lanes): true observation.
     """
     lanes, reason_at, count = len(lane), info_of(p.task).reason * len(lane), 0
     for i in range(lanes):
@@ -324,9 +328,9 @@ def finish(lane, p, g, w, poses, record, seen, info, saved, outcome):
 def finish_arm(lane, p, arm, outcome, reason, poses, record, seen, info):
     """Write one arm's reward, flags, info and observation of a period; return 1 if its episode has ended, else 0.
 
-    reason: status code of the period, or ACTION_NOT_FINITE. outcome (2, lanes): reward; 1 where a joint limit is
-    passed. An episode that fails gets the failure weight as its last reward term, and no other term unless a joint
-    limit ended it.
+    reason: status code of the period, or ACTION_NOT_FINITE. outcome (2, lanes): the reward, and 1 where a joint is
+    beyond its limits. The last reward term of an episode that fails is the failure weight. The other terms are 0,
+    unless a joint limit ended the episode.
     # in        arm, number in the batch;  poses;  seen, the true observation
     # in, out   record: periods done, mode, memory of sensors and motors
     # out       p.reward, p.terminated, p.truncated, p.observation of the arm;  info in its lane

@@ -1,8 +1,8 @@
 """Events of an episode: pushes at the tip, a change of the payload, and the cost of exceeding limits.
 
-Pushes and payload changes begin at the start of a control period. Pushes and payload changes are drawn and applied
-before the state is saved for a repetition (`keeping`). Pushes and payload changes are not drawn or applied again if a
-period is repeated: the record stores which push acts and whether the payload change is still due.
+Pushes and payload changes begin at the start of a control period. They are drawn and applied before the arm's state is
+saved for a repetition (`keeping`). A repeated period does not draw or apply them again, because the record stores which
+push acts and whether the payload change is still due.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ def _axes(task):
 
 @kernel
 def draw_events(lanes, p, arm, par, record, info):
-    """Draw the payload change and the first push of an arm's episode into its record; info.payload <- its mass, kg.
+    """Draw the payload change and the first push of an arm's episode; write the payload's mass (kg) into info.payload.
 
-    record.change <- (control period at whose start the payload changes, factor on the nominal payload). lanes: number
-    of lanes of a group; arm: number in the batch, whose lane is arm % lanes. par: parameters in lanes, with the present
-    payload mass.
+    record.change becomes (number of the control period at whose start the payload changes, factor on the nominal
+    payload). lanes: number of lanes of a group. arm: number of the arm in the batch; its lane is arm % lanes. par:
+    parameters in lanes, with the present payload mass.
     """
     i = arm % lanes
     if p.payload_change is not None:
@@ -83,10 +83,10 @@ def _draw_push(pushes, stream, arm, record, lanes, axes):
 
 @kernel
 def draw_pushes(lane, p, g, record, w):
-    """Draw the next push for each arm of group g that moves and whose last push is over; no-op without pushes.
+    """Draw the next push for each moving arm of group g whose last push has ended. Without pushes nothing is done.
 
     # in        w.flag, OK where an arm is to be moved;  record.periods, control periods done
-    # in, out   record.push: first period, first period after it, force (N, inertial axes)
+    # in, out   record.push: first period of the push, first period after the push, force (N, inertial axes)
     """
     if p.pushes is not None:
         for i in range(len(lane)):
@@ -98,9 +98,9 @@ def draw_pushes(lane, p, g, record, w):
 def change_payloads(lane, p, par: Lanes, record, w):
     """Apply the payload changes that are due in this period: mass (kg), inertia (kg m^2), jump of velocities.
 
-    A change is due in an arm that moves (w.flag OK) if record.change is the number of periods done; record.change is -1
-    afterwards. Arms whose change is not due keep all numbers bit for bit. par: each arm's own parameters, in and out;
-    w: state, in and out. `impact.change_payload` has the momentum balance.
+    A change is due in an arm that moves (w.flag OK) if record.change equals the number of periods done. Afterwards
+    record.change is -1. The numbers of all other arms keep their bits. par: each arm's own parameters, in and out. w:
+    state, in and out. `impact.change_payload` applies the balance of momentum.
     """
     if p.payload_change is not None:
         lanes, due = len(lane), False
@@ -124,9 +124,10 @@ def change_payloads(lane, p, par: Lanes, record, w):
 
 @kernel
 def set_pushes(lane, p, record, w):
-    """Write the tip force of this period, N, inertial axes, into w.u behind the joint torques; 0 where no push acts.
+    """Write this period's push on the tip (N, inertial axes) into w.u after the joint torques; 0 where no push acts.
 
-    record.push: first period of the push, first period after it, force. Do nothing without pushes.
+    record.push: first period of the push, first period after the push, force (N). Without pushes the kernel does
+    nothing.
     """
     if p.pushes is not None:
         lanes, first = len(lane), size(p.task.links)
@@ -139,11 +140,11 @@ def set_pushes(lane, p, record, w):
 
 @kernel
 def record_events(lane, p, par: Lanes, record: Lanes, w: Work, live, info: Lanes, outcome: Lanes):
-    """Write the period's cost, payload mass (kg) and push (N) into info where live > 1/2, and price the cost.
+    """Write the period's cost, payload mass (kg) and push (N) into `info` where live > 1/2; charge the cost.
 
     The cost of a period is 1 if a limit is exceeded or if the arm is nearer to a keep-out shape than its margin,
-    otherwise 0.
-    # in, out   record.cost, the episode's sum;  outcome row 0, the reward, which falls by the priced cost
+    otherwise 0. The price times the cost is subtracted from the reward.
+    # in, out   record.cost, sum of the episode;  outcome row 0, the reward, reduced by the price times the cost
     """
     if size(p.task.further) > 0:
         at, first = info_of(p.task).further, size(p.task.links)

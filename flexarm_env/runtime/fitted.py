@@ -1,11 +1,12 @@
 """Steps fitted to a tolerance: each arm's motion determines the number of steps in its control period.
 
-A period is computed in steps of h and of h/2 from the same start. The distance between the tips of both runs, now and
-extrapolated by another period, is the error of the finer run (theory, eq. 6.4). The finer run is kept if its error is
-allowed. Otherwise h/4 is compared with h/2, and so on up to h/32. The run with h/32 is kept in any case, and its error
-is reported. The next period begins with the same pair of step sizes, or with the next coarser pair if the error was
-below an eighth of the allowed error. In lanes, a step size that one arm needs is computed for all arms of the group.
-Each arm keeps its own result, which does not depend on other arms.
+A period is computed in steps of h and of h/2 from the same start. The error of the finer run is estimated by the
+distance between the tips of both runs, at the end of the period and extrapolated by another period (theory, eq. 6.4).
+The finer run is kept if its error is allowed. Otherwise h/4 is compared with h/2, and so on up to h/32. The run with
+h/32 is kept even if its error is too large, and its error is reported. The next period begins with the same pair of
+step sizes, or with the next coarser pair if the error was below an eighth of the allowed error. In lanes, a step size
+that one arm needs is computed for all arms of the group. Each arm keeps its own result, which does not depend on other
+arms.
 
 An environment fits the steps of its control periods (`move`). A scene fits the steps of its stretches between samples
 and kinks (`simulation.Simulation`). Environments and scenes call `open_fit`, then `start_run` and `end_run` for each
@@ -42,10 +43,10 @@ _FLAG, _FINE, TAKEN, APART, _TIPS = _FIRST.flag, _FIRST.fine, _FIRST.taken, _FIR
 def move(lane, p, models, model, parts, par, poses, record, action, saved, scratch, block, w):
     """Advance the arms of a group by one control period: in steps of fixed length, or in steps fitted to a tolerance.
 
-    models: `program.Models`, one for each number of halvings, or None for fixed steps. model: the model of fixed steps,
-    each of which is cut into `parts` equal parts.
+    models: `program.Models`, one for each number of halvings, or None for fixed steps. model: the model for fixed
+    steps. parts: number of equal parts into which each fixed step is divided.
     # in        action (joints, lanes) in [-1, 1];  saved, the state at the start of the period;  par, own parameters
-    # in, out   w (state, inputs, books; views of the group's memory `block`), record
+    # in, out   w: state, inputs and energy account (views of the group's memory `block`);  record
     # scratch   poses, scratch (a `SCRATCH` in lanes, with models)
     """
     if models is None:
@@ -80,10 +81,10 @@ def _fit(lane, p, models, par, poses, record: Lanes, action, saved, scratch, blo
 
 @kernel
 def record_step_error(lane, p, scratch: Lanes, live, info: Lanes):
-    """Write the error of a period in fitted steps, over the arm's length, into info.step_error, where live > 1/2.
+    """Write the error of a period in fitted steps, divided by the arm's length, into info.step_error where live > 1/2.
 
     The error is scratch.apart (m): distance of the tips between the kept run and the run with steps twice as long. The
-    error exceeds the tolerance if steps of h/32 were still too long. Do nothing with fixed steps.
+    error exceeds the tolerance if steps of h/32 were still too long. With fixed steps the kernel does nothing.
     """
     if p.models is not None:
         at = info_of(p.task).further + FURTHER.step_error
@@ -104,9 +105,10 @@ def _result(lane, links, saved, scratch):
 def open_fit(lane, links, level, record, saved, scratch, w):
     """Begin the fit of a period or stretch: each arm starts with its last number of halvings; status flags are saved.
 
-    # in        saved, the start;  level (lanes,) halvings of each arm's last period;  w.flag;  links, their number
-    # out       scratch.flag, status;  scratch.fine, halvings of the finer run of the first pair, at least 1 (-1: takes
-    #           no part);  scratch.result, the present state
+    # in        saved, the state at the start;  level (lanes,): number of halvings of each arm's last period;  w.flag
+    #           links, number of links
+    # out       scratch.flag, status;  scratch.fine, number of halvings of the finer run of the first pair, at least 1
+    #           (-1: the arm is not moved);  scratch.result, the present state
     """
     for i in range(len(lane)):
         scratch[_FLAG * len(lane) + i] = w.flag[i]
@@ -120,9 +122,9 @@ def open_fit(lane, links, level, record, saved, scratch, w):
 def start_run(lane, k, saved, scratch, record, w):
     """Return whether an arm needs a run of k halvings; if so, restore all lanes to the start of the period.
 
-    Runs are compared in pairs of fine - 1 and fine halvings. An arm needs a run of k halvings as the coarser run
-    (scratch.fine = k + 1) or as the finer run (scratch.fine = k) of its pair. w.flag becomes OK in the arm's lane and
-    RETRY (not moved) in other lanes.
+    Runs are compared in pairs of fine - 1 and fine halvings. In a run of k halvings each step is h / 2^k. An arm needs
+    this run as the coarser run (scratch.fine = k + 1) or as the finer run (scratch.fine = k) of its pair. w.flag
+    becomes OK in the arm's lane and RETRY (not moved) in other lanes.
     """
     lanes, asked = len(lane), False
     for i in range(lanes):
@@ -139,13 +141,13 @@ def start_run(lane, k, saved, scratch, record, w):
 
 @kernel
 def end_run(lane, k, links, allowed, period, poses, record, saved, scratch, level, w):
-    """Compare the run of k halvings with the run before, arm by arm; return whether an arm still needs a run.
+    """Compare the runs of k and k - 1 halvings, arm by arm; return whether an arm needs a further run.
 
-    # in        links, their number;  allowed, error (m);  period (s);  poses, tips after this run (m and m/s)
-    # in, out   scratch: tips of the coarser run, replaced by those of this run where it is not kept; fine, halvings of
-    #           the arm's next finer run, -1 once it has a result
-    # out       level, halvings with which the arm's next period begins;  scratch.result, the state where the run is
-    #           kept
+    # in        links, number of links;  allowed, largest error (m);  period (s);  poses, tips after this run (m, m/s)
+    # in, out   scratch: tips of the coarser run, replaced by the tips of this run where this run is not kept
+    #           scratch.fine, number of halvings of the arm's next finer run, -1 if the arm has a result
+    # out       level, number of halvings with which the arm's next period begins;  scratch.result, the state where the
+    #           run is kept
     """
     result, asked = _result(lane, links, saved, scratch), False
     for i in range(len(lane)):
@@ -157,10 +159,10 @@ def end_run(lane, k, links, allowed, period, poses, record, saved, scratch, leve
 
 @kernel
 def close_fit(lane, links, record, saved, scratch: Lanes, w: Work):
-    """Restore every arm to its result and its status flag, once all runs are done.
+    """Set every arm to the state of its kept run and to its status flag, after all runs.
 
     # in        scratch.result, a `SAVED` in lanes;  scratch.flag, status codes
-    # out       w: q, v, a, b, books, u and flag;  record, as far as it is saved
+    # out       w: q, v, a, b, books, u and flag;  record, the part that was saved
     """
     for i in range(len(lane)):
         restore_lane(len(lane), i, w, _result(lane, links, saved, scratch), record)

@@ -1,7 +1,7 @@
 """A control period of an arm that follows prescribed motions, in plain or dual lanes, for its derivatives.
 
-The period is the same as in `envs.motion.Guide.advance` and uses the same kernel, `sampling.sample_rows`. The period
-leads from kink to kink, with a consistent start at each kink.
+The computation is that of `envs.motion.Guide.advance` and uses the same kernel, `sampling.sample_rows`. The period is
+divided at the kinks of the motions, with a consistent start after each kink.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _ALL = 2**62
 
 
 class Guided(NamedTuple):
-    """Data of an arm that follows prescribed motions, beside its model."""
+    """Data of an arm that follows prescribed motions: drive, kinks and scratch memory, without the model."""
 
     drive: Any  # loads and motions as functions of time
     motions: int  # number of prescribed coordinates
@@ -40,12 +40,13 @@ class Guided(NamedTuple):
 def follow_motions(lane, guide, p, model, par, record: Lanes, action, w: Work, anew):
     """Advance an arm that follows prescribed motions by one control period, under torques on its free joints.
 
-    A torque that differs from the last torque is a kink, at which velocities and accelerations are made consistent.
-    anew: make them consistent even if no torque changes, as derivatives by the action require.
+    A change of a torque between periods is a kink, at which velocities and accelerations are made consistent. anew:
+    True to make velocities and accelerations consistent even if no torque changes, as derivatives with respect to the
+    action require.
     # guide     `Guided`: drive, kinks, longest step;  p: `Program`
     # in        record.periods, which gives the time; par, the arm's own parameters
-    # in, out   action (joints, lanes), entries that do not count <- 0;  w: q, v, a, b, u and flag
-    # out       record.mode <- GUIDED, so that targets stay in place
+    # in, out   action (joints, lanes), entries of joints with a prescribed motion become 0;  w: q, v, a, b, u and flag
+    # out       record.mode becomes GUIDED, so that targets do not move
     """
     drive, periods = guide.drive, without_tangents(record[PERIODS])
     x: Work = unpack(lane, model, guide.room, guide.motions)

@@ -1,8 +1,8 @@
 """Derivative of a control period step by step: values in plain lanes, tangents by the implicit function theorem.
 
-The caller passes groups that no other thread uses. The memory of the first group serves all groups. All columns
-advance together: each step is computed once, its matrix is factored once more at its end, and each dual block holds a
-chunk of the columns (`physics.integrator.transitions`).
+The caller passes groups that no other thread uses. The scratch memory of the first group is used for all groups. All
+columns of the Jacobian advance together: each step is computed once, the step's matrix is factored once more at the end
+of the step, and each dual block holds some of the columns (`physics.integrator.transitions`).
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from .motors import command_motors, is_starting, jump_with_torques, may_jump_bef
 def implicit(address, first, last):
     """Compute d.jacobian of one control period for groups first ... last - 1 by implicit differentiation of the steps.
 
-    Rows of an arm's Jacobian: moving numbers of the state after, observed entries, reward. Columns: moving numbers at
-    the start, actions. Shape (X + O + 1, X + A), SI units, observations over their scales. address: address of a
-    `derivative.Derivative` d, whose outcome rows are written as well. The scratch memory of group `first` serves all
-    groups. Returns 0.
+    An arm's Jacobian has the shape (X + O + 1, X + A). Its rows are the moving numbers of the state at the end of the
+    period, the observed entries (divided by their scales) and the reward. Its columns are the moving numbers at the
+    start and the actions. Units are SI units. address: address of a `derivative.Derivative` d, in which the kernel also
+    writes the results of the period. The scratch memory of group `first` is used for all groups. Returns 0.
     """
     d = dereference(address)
     for g in range(first, last):

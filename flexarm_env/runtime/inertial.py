@@ -1,4 +1,4 @@
-"""Reading of an accelerometer on the tip of an arm in space: the tip's mean specific force over a period."""
+"""Reading of an accelerometer at the tip of an arm in space: the tip's mean specific force over a control period."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _on_the_way(s, turn, start, end):
 
 @kernel
 def specific_force(lane, memory, base, room, c, i, r, psi, v, w, period, gravity, first):
-    """Return the tip's specific force (acceleration less gravity) in tip axes, mean over the last period, (3,) m/s^2.
+    """Return the tip's mean specific force (acceleration minus gravity) over the last period, (3,), m/s^2, tip axes.
 
     Let the specific force in the tip's own axes R(s), s from -1 to 1 over the period, be f = f0 + f1 s. f0 and f1 are
     determined so that f moves the tip from position and velocity a period ago to the present ones
@@ -49,13 +49,14 @@ def specific_force(lane, memory, base, room, c, i, r, psi, v, w, period, gravity
 
         M0 = mean R f = A0 f0 + A1 f1,     M1 = mean s R f = A1 f0 + A2 f1,     A_j = mean s^j R at three Gauss points,
 
-    where M0 and M1 follow from the changes of velocity and position; f0 is returned. first: True if there is no period
-    before; then f = w x R^T v - R^T g, for a constant velocity in the tip's axes.
+    where M0 and M1 follow from the changes of velocity and position, and R is the rotation matrix of the tip's axes.
+    The kernel returns f0. first: True at the start of an episode, where no period precedes. The velocity in the tip's
+    axes is then taken as constant: f = w x R^T v - R^T g.
 
     # in        r (m), psi (rotation vector, rad), v (m/s), gravity (m/s^2), (3,) each, inertial axes;  w (3,): angular
     #           velocity, rad/s, tip axes;  period, s
-    # in, out   memory: channels c, c + 1, c + 2 of lane i hold r, v, psi, w of the instant before;  base: offset of
-    #           channel 0;  room: past outputs in a channel
+    # in, out   memory: channels c, c + 1, c + 2 of lane i hold r, v, psi, w of the previous instant;  base: offset of
+    #           channel 0;  room: number of past outputs in a channel
     """
     R = matrix(quaternion(psi))
     if first:

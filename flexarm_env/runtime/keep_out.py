@@ -1,4 +1,4 @@
-"""Clearance of an arm from shapes that it must not enter: smallest distance of its points from the shapes."""
+"""Clearance of an arm from keep-out shapes: the smallest distance between points of the arm and the shapes."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ Array = NDArray[np.float64]
 _ONE = (0,)
 
 SPACING = 1.0 / 16.0
-"""Largest spacing of the points that are checked along an arm, over its length."""
+"""Largest distance between neighboring points that are checked along an arm, divided by the arm's length."""
 
 
 def with_room(given: KeepOut | None, model: Any, q: Array, room: Array, groups: int, length: float) -> KeepOut | None:
     """Return the `KeepOut` with memory for centerline points, and with the subdivision of the intervals between points.
 
-    given: a `KeepOut`, or None; for None the result is None. q: a state of the model. room (many, 2 or 3): scratch for
-    the points, m. groups: number of groups of the batch. length: length of the arm, m; intervals are subdivided to at
-    most SPACING of it.
+    given: a `KeepOut`, or None; for None the result is None. q: coordinates of the model in some state. room (many, 2
+    or 3): scratch memory for the points, m. groups: number of groups of the batch. length: length of the arm, m.
+    Intervals between centerline points are subdivided to at most SPACING times the length.
     """
     if given is None:
         return None
@@ -44,9 +44,10 @@ def with_room(given: KeepOut | None, model: Any, q: Array, room: Array, groups: 
 def clearance(keep_out, model, g, lanes, i, q):
     """Return the signed distance (m) of arm i of group g from the nearest shape; negative within a shape.
 
-    Points along the centerline (inertial axes) are checked, or only the tip if keep_out.tip is a tag. The root, which
-    is held, is not checked. q (n, lanes): coordinates (m, rad) of the group's arms. keep_out.parts: subdivision of the
-    intervals between centerline points; keep_out.rows, points: tag of n numbers, and scratch for the points.
+    Points along the centerline (inertial axes) are checked, or only the tip if keep_out.tip is a tag. The root does not
+    move and is not checked. q (n, lanes): coordinates (m, rad) of the group's arms. keep_out.parts: number of parts
+    into which each interval between centerline points is divided. keep_out.rows: tag of n numbers. keep_out.points:
+    scratch memory for the points.
     """
     mine, points = stack(_ONE, keep_out.rows), keep_out.points[g]
     # q of this arm without lanes, because `centerline` is compiled for one arm
@@ -74,8 +75,8 @@ def clearance(keep_out, model, g, lanes, i, q):
 def record_clearance(lane, p, g, q, live, info):
     """Write clearance and penetration (m) of the arms of group g into info where live > 1/2.
 
-    Clearance: signed distance of the arm from the nearest shape to keep out of. Penetration: max(-clearance, 0). q (n,
-    lanes): coordinates (m, rad). Do nothing without such shapes (p.keep_out None).
+    Clearance is the signed distance of the arm from the nearest keep-out shape, penetration max(-clearance, 0). q (n,
+    lanes): coordinates (m, rad). Without keep-out shapes (p.keep_out is None) the kernel does nothing.
     """
     if p.keep_out is not None:
         found = stack(lane, _ONE)

@@ -1,6 +1,7 @@
 """Save and restore the state of arms, for periods that are repeated: a `tasks.program.SAVED` in lanes.
 
-`saved` holds q, v, a, b, books, u, psi, reactions, and as many first numbers of the record as fit.
+`saved` holds q, v, a, b, books (energy account), u (inputs), psi (prescribed motions), reactions, and the first numbers
+of the record, as many as `saved` has room for.
 """
 
 from __future__ import annotations

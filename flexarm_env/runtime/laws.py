@@ -1,9 +1,10 @@
-"""The law by which a sensor reads one quantity: filter, delay, gain and bias, noise, resolution (`sensors.Law`).
+"""A sensor's law for reading one quantity: filter, delay, gain and bias, noise, resolution (`sensors.Law`).
 
     reading = round(gain F u(t - delay) + bias + noise),        F: low-pass filter
 
-Between instants u is taken as a straight line, for which filter and delay are exact. Bias, noise and resolution are in
-units of the entry's scale. A channel (`program.CHANNEL`) is the memory of a sensor for one quantity.
+Between the instants of two readings the quantity u is interpolated linearly. For the interpolated u filter and delay
+are exact. Bias, noise and resolution are in units of the entry's scale. A channel (`program.CHANNEL`) is the memory of
+a sensor for one quantity.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ LAW_SIZE = _LAW.end
 def law_of(law: Any, scale: float, period: float, path: str = "sensors") -> np.ndarray:
     """Return the `LAW` array of a sensor (`flexarm_env.sensors.Law`) that is read every `period` s.
 
-    scale: unit of the entry in SI; bias, noise and resolution are divided by it. path: key path of the sensor, for
-    messages. Raises ValueError for a delay of more than MOST_LATE periods, or a reading interval that is no whole
-    number of periods.
+    law: the sensor's law. scale: the observation entry's scale, in SI units, by which bias, noise and resolution are
+    divided. path: key path of the sensor for error messages. Raises ValueError for a delay of more than MOST_LATE
+    periods, or a reading interval that is no whole number of periods.
     """
     # delay and interval in periods; delay = whole periods + share of one
     late, every = law.delay / period, law.interval / period
@@ -48,7 +49,7 @@ def law_of(law: Any, scale: float, period: float, path: str = "sensors") -> np.n
 
 
 MOST_LATE = 1000
-"""Largest delay of a sensor, in periods. The output of each period is stored."""
+"""Largest delay of a sensor, in control periods. A channel stores the output of each of these periods."""
 
 
 @lru_cache(64)
@@ -91,7 +92,10 @@ def _bow(low_pass: Any, period: float, share: float) -> np.ndarray:
 
 
 def room_of(laws: np.ndarray) -> int:
-    """Return how many past outputs a channel must store for laws (c, LAW): the largest whole delay, in periods."""
+    """Return the number of past outputs stored in a channel: the largest whole delay of the laws, in periods.
+
+    laws (c, LAW): the laws of c channels.
+    """
     return int(laws[:, _LAW.late].max(initial=0.0))
 
 
@@ -104,14 +108,15 @@ def memory_of(channels: int, room: int) -> np.ndarray:
 def channel_of(base, room, c):
     """Return the offsets of the numbers of channel c, the memory of a sensor for one quantity (`program.CHANNEL`).
 
-    base: offset of channel 0; room: past outputs in a channel. Offsets count numbers of one arm, without lanes.
+    base: offset of channel 0. room: number of past outputs in a channel. Offsets count the numbers of one arm, without
+    lanes.
     """
     return channel_at(base + c * channel_at(0, room).end, room)
 
 
 @kernel
 def normal(stream, arm):
-    """Return a normal number with mean 0 and standard deviation 1 from an arm's stream (Box & Muller 1958)."""
+    """Draw a normally distributed number (mean 0, standard deviation 1) from an arm's stream (Box & Muller 1958)."""
     radius = math.sqrt(-2.0 * math.log(1.0 - uniform(stream, arm)))
     return radius * math.cos(2.0 * math.pi * uniform(stream, arm))
 
@@ -120,11 +125,11 @@ def normal(stream, arm):
 def read(lane, laws, room, c, memory, base, stream, arm, value, first):
     """Return the reading of a quantity by channel c, one period after the last call, and update its memory.
 
-    value: true quantity now, in the unit of its law. laws: one `LAW` per channel. memory: array in lanes that holds one
-    `CHANNEL` per channel from offset `base` on, with `room` past outputs each. arm: number in the batch; its lane is
-    arm % lanes. first: True at the start of an episode; the quantity counts as constant before. stream: random numbers,
-    or None for readings without noise (a first reading needs random numbers). Under a dual tag the number of one arm
-    carries its tangents. Rounding does not change tangents.
+    value: present true value of the quantity, in the unit of its law. laws: one `LAW` per channel. c: number of the
+    channel. memory: array in lanes that holds one `CHANNEL` per channel from offset `base` on, each with `room` past
+    outputs. arm: number of the arm in the batch; its lane is arm % lanes. first: True at the start of an episode; the
+    quantity is then assumed constant before. stream: random numbers, or None for readings without noise (a first
+    reading needs random numbers). Under a dual tag the reading has tangents, which rounding does not change.
     """
     i, o, at = arm % lane_count(lane), c * _LAW.end, channel_of(base, room, c)
     since, late, share, bow = laws[o + _LAW.every], int(laws[o + _LAW.late]), laws[o + _LAW.share], o + _LAW.bow
@@ -193,7 +198,8 @@ def read_encoder(lane, laws, room, c, memory, base, stream, arm, angle, first):
 
         rate+ = kept rate + (1 - kept) (reading+ - reading) / period,        kept = exp(-2 pi rate_frequency period)
 
-    angle: true angle, rad. first: at the start of an episode, where the rate is 0. Other arguments as in `read`.
+    angle: true angle, rad. first: True at the start of an episode, where the rate is 0. All other arguments are those
+    of `read`.
     """
     i, o, at = arm % lane_count(lane), c * _LAW.end, channel_of(base, room, c)
     before = load_lane(lane, memory, at.reading, i)
@@ -207,31 +213,33 @@ def read_encoder(lane, laws, room, c, memory, base, stream, arm, angle, first):
 
 
 GAUSS = math.sqrt(0.6)
-"""The outer two of three Gauss points on [-1, 1] are +-GAUSS. For a mean the outer points have the weight 5/18 each,
-and the middle point has 8/18."""
+"""The outer two of three Gauss points on [-1, 1] are +-GAUSS. In a mean the outer points have the weight 5/18 each, and
+the middle point has the weight 8/18.
+"""
 
 
 @kernel
 def tip_acceleration(lane, memory, base, room, c, i, x, y, angle, vx, vy, rate, period, gravity_x, gravity_y, first):
-    """Return the tip's specific force f in the plane (acceleration less gravity), mean over the last period, m/s^2.
+    """Return the tip's mean specific force (acceleration minus gravity) in the plane over the last period, m/s^2.
 
-    In the tip's own axes, along its tangent and across, let f = f0 + f1 s with s from -1 to 1 over the period. f0 and
-    f1 are determined so that f, rotated into inertial axes, moves the tip from position and velocity a period ago to
-    the present ones. In complex numbers,
+    Let the specific force in the tip's axes, along and across the tip's tangent, be f = f0 + f1 s, with s from -1 to 1
+    over the period. f0 and f1 are determined so that f, rotated into inertial axes, moves the tip from position and
+    velocity a period ago to the present ones. In complex numbers,
 
         M0 = mean f e^(i psi) = a_0 f0 + a_1 f1,     M1 = mean s f e^(i psi) = a_1 f0 + a_2 f1,
         a_j = mean s^j e^(i psi),
 
-    where M0 and M1 follow from the changes of velocity and position; f0 is returned. The angle psi(s) is the cubic
-    through angles and rates at both ends; means are those of three Gauss points.
+    where M0 and M1 follow from the changes of velocity and position. The kernel returns f0. The angle psi(s) of the
+    tip's tangent is the cubic polynomial through angles and rates at both ends of the period. Means are evaluated at
+    three Gauss points.
 
-    first: True if there is no period before. The velocity in the tip's axes is then taken as constant: f = rate x v -
-    g.
+    first: True at the start of an episode, where no period precedes. The velocity in the tip's axes is then taken as
+    constant: f = rate x v - g.
 
     # in        x, y (m), vx, vy (m/s), gravity_x, gravity_y (m/s^2), inertial axes;  angle (rad), rate (rad/s) of the
     #           tip's tangent;  period, s
-    # in, out   memory: channels c, c + 1 of lane i hold these numbers of the instant before;  base: offset of channel
-    #           0;  room: past outputs in a channel
+    # in, out   memory: channels c, c + 1 of lane i hold position, velocity, angle and rate of the previous instant
+    #           base: offset of channel 0;  room: number of past outputs in a channel
     """
     a, b = channel_of(base, room, c), channel_of(base, room, c + 1)
     if first:

@@ -1,4 +1,4 @@
-"""Sizes of the sections of an arm's memory (`tasks.program.Block`)."""
+"""Sizes and offsets of the sections of an arm's memory block (`tasks.program.Block`)."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from ..tasks.program import CHANNEL, INFO, LAW, RECORD, SAVED, SCRATCH, Block
 def record_sizes(task: Any, entries: int, extras: Any) -> tuple[int, ...]:
     """Return the sizes of a `RECORD`, in the order of its layout.
 
-    The sizes are numbers of joints, actions, rows of motors, rows of commands, drawn delays, past observations and
-    sensor readings. task: a `tasks.task.Task`. entries: number of entries of the observation. extras: a
-    `tasks.program.Extras`.
+    The sizes are the numbers of joints, stored actions, rows of motor torques, rows of motor commands, drawn delays,
+    past observations and numbers of the sensors' channels. task: a `tasks.task.Task`. entries: number of entries of the
+    observation. extras: a `tasks.program.Extras`.
     """
     motors, sensors, instruments = extras.actuator, extras.sensors, extras.instruments
     return (
@@ -31,13 +31,13 @@ def record_sizes(task: Any, entries: int, extras: Any) -> tuple[int, ...]:
 
 
 def readings_size(instruments: Any) -> int:
-    """Return how many numbers the sensors' channels take in a record: one `CHANNEL` for each law."""
+    """Return the length of the sensors' channels in a record: one `CHANNEL` for each sensor law."""
     channels = len(instruments.laws) // LAW.places.end
     return channels * int(CHANNEL.offsets(0, instruments.room).end)
 
 
 def parameters_of(model: Any, space: bool) -> int:
-    """Return how many parameters an arm has of its own, including its joints' laws if each arm has its own laws.
+    """Return the number of an arm's own parameters, including the joints' laws if each arm has its own joint laws.
 
     space: whether the arm moves in space.
     """
@@ -46,10 +46,10 @@ def parameters_of(model: Any, space: bool) -> int:
 
 
 def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitted: bool) -> Block:
-    """Return the offsets of a block's sections for groups of `lanes` arms, each on whole lanes and cache lines.
+    """Return the offsets of the sections in the memory block of a group of `lanes` arms, aligned to cache lines.
 
     task: a `tasks.task.Task`. entries: number of entries of the observation. extras: a `tasks.program.Extras`. fitted:
-    whether steps are fitted to a tolerance, which needs a `SCRATCH` behind the other sections.
+    whether steps are fitted to a tolerance, which needs a `SCRATCH` after the other sections.
     """
     links, record = len(task.links), RECORD.offsets(0, *record_sizes(task, entries, extras)).end
     info = INFO.offsets(0, links, len(task.targets), len(task.terms), len(task.further)).end
@@ -71,7 +71,8 @@ def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitt
 def fit_rooms(rows: int, inputs: int, motions: int, links: int) -> tuple[np.ndarray, np.ndarray]:
     """Return zeroed arrays for one arm of a scene whose steps are fitted: a `SAVED` without record and a `SCRATCH`.
 
-    rows: number of the system's rows. inputs, motions: entries of u, prescribed coordinates.
+    rows: number of equations of the model. inputs: number of inputs. motions: number of prescribed coordinates. links:
+    number of links.
     """
     saved = SAVED.offsets(0, rows, inputs, motions, 0).end
     return np.zeros(saved), np.zeros(SCRATCH.offsets(0, links, saved).end)
@@ -80,8 +81,8 @@ def fit_rooms(rows: int, inputs: int, motions: int, links: int) -> tuple[np.ndar
 def aligned(rows: int, columns: int) -> np.ndarray:
     """Return zeros (rows, columns) that begin on a cache line, so that eight lanes fill exactly one cache line.
 
-    Raises ValueError for more than this machine's memory, because a system that overcommits memory would kill the
-    process when it fills the array.
+    Raises ValueError if the array is larger than the machine's memory: an operating system that overcommits memory
+    would kill the process when the process fills the array.
     """
     have = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 2**46
     if 8 * rows * columns > have:

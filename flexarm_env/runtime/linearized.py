@@ -1,9 +1,10 @@
 """Linear models of many arms at once.
 
-The models give accelerations, or the state a period later, and outputs, with their derivatives.
+A linear model consists of rates (or the state a period later) and outputs, with their derivatives with respect to state
+and torques.
 
-The arms are elasticas with ideal joints, whose coordinates are independent and determine the accelerations. A state is
-q, then v. Torques are constant over the period.
+The arms are elasticas with ideal joints. Their coordinates are independent, so that q, v and torques determine the
+accelerations. A state consists of q, then v. Torques are constant over the period.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from .derivative import fill_rows
 
 
 class Linearization(NamedTuple):
-    """Rows of n arms of N links: z = (q, v, torques) with m numbers, s of them the state; p outputs."""
+    """Data of n arms of N links: z = (q, v, torques) has m numbers, of which s are the state; there are p outputs."""
 
     lane: tuple[int, ...]  # tag of plain lanes
     dual: tuple[int, ...]  # tag of the same lanes with tangents
@@ -56,10 +57,10 @@ def outputs_of(n):
 
 @kernel
 def linearize(address, first, last):
-    """Compute values and derivatives of groups first ... last - 1; address: address of a `Linearization`. Returns 0.
+    """Compute linear models of the arms in groups first ... last - 1. Returns 0.
 
-    The kernel writes d.values (rates, or state a period later, then outputs) and d.slopes (derivatives of d.values by
-    q, v, torques).
+    address: address of a `Linearization` d. The kernel writes d.values (rates or the state a period later, then the
+    outputs) and d.slopes (derivatives of d.values with respect to q, v and torques).
     """
     d = dereference(address)
     at_once = len(d.dual) // len(d.lane) - 1
@@ -70,7 +71,7 @@ def linearize(address, first, last):
 
 @kernel
 def room(work, lanes, links):
-    """Return the length of a block: a work array, own parameters, poses and outputs.
+    """Return the length of the memory block of a group: work array, the arms' own parameters, poses and outputs.
 
     work: length of the work array. lanes: length of the lane tag. links: number of an arm's links.
     """

@@ -94,9 +94,9 @@ def _amplify(lane, task, amplifier, model, par, action: Lanes, factor, w: Work):
 def command(lane, task, controller, amplifier, model, par, action: Lanes, poses, record: Lanes, w: Work):
     """Write the commanded joint torques of a control period into w.u, N m.
 
-    With an amplifier the torque is the amplifier's. Otherwise the torque is the action times the torque limit, plus the
-    PD controllers' torque if there are any. A drawn factor on the torque constant multiplies the torque. amplifier,
-    controller: None if absent.
+    An amplifier computes the torque if there is one. Otherwise the torque is the action times the torque limit, plus
+    the torque of the PD controllers if there are any. A drawn factor on the torque constant multiplies the torque.
+    amplifier, controller: None if absent.
     # in        action (joints, lanes) in [-1, 1];  w.q, w.v;  record.goal, record.torque_factor
     # scratch   poses, w.y
     # out       w.u (joints, lanes)
@@ -116,11 +116,12 @@ def command(lane, task, controller, amplifier, model, par, action: Lanes, poses,
 
 @kernel
 def take_steps(lane, p, model, parts, par, poses, record, action, saved, block, w):
-    """Advance the arms by one control period of p.n_steps steps of p.h seconds, each cut into `parts` equal parts.
+    """Advance the arms by one control period of p.n_steps steps of p.h seconds, each divided into `parts` equal parts.
 
-    Ideal motors hold their torque over the period. Other motors (p.actuator) update their torque in each step.
+    The torque of ideal motors is constant over the period. The torque of other motors (p.actuator) changes in each
+    step.
     # in        action (joints, lanes) in [-1, 1];  saved, the state at the start of the period;  par, own parameters
-    # in, out   w: q (m, rad), v, a, b, u (N m, N), books (J), flag; views of the group's memory `block`
+    # in, out   w: q (m, rad), v, a, b, u (inputs, N m and N), books (energy account, J), flag;  block: memory of w
     #           record, torques and commands of the motors
     # scratch   poses
     """
@@ -147,7 +148,8 @@ def take_steps(lane, p, model, parts, par, poses, record, action, saved, block, 
 def command_motors(lane, p, model, par, poses, record, action, w):
     """Write the inputs of a period into w.u (torques, N m; pushes, N), and save the previous period's inputs in w.u0.
 
-    Commands to motors that are not ideal are also stored in the record, from which `update_motor_torques` delays them.
+    Commands to motors that are not ideal are also stored in the record. `update_motor_torques` reads the delayed
+    command there.
     # in        action (joints, lanes) in [-1, 1];  w.q, w.v;  record: goal, torque factor, push
     # scratch   poses, w.y
     # out       w.u, w.u0 (inputs, lanes);  record.commands, newest first
@@ -161,7 +163,7 @@ def command_motors(lane, p, model, par, poses, record, action, w):
 
 @kernel
 def may_jump_before_step(actuator, s):
-    """Return whether torques may jump before step s: before the first of a period, or before any with actuator.within.
+    """Return whether torques may jump before step s: if s is 0, or before every step if actuator.within is True.
 
     s: number of the step in its control period, from 0. actuator: None for ideal motors.
     """
@@ -181,9 +183,9 @@ def is_starting(lane, s, record: Lanes):
 def start_stiff(lane, p, model, par, s, record, saved: Lanes, block, w: Work):
     """Solve for the accelerations of arms whose episode begins with step s; return 1.0 in their lanes, otherwise 0.0.
 
-    Other lanes keep the accelerations a and b that were saved at the start of the period. In the lanes that begin w.u0
-    <- w.u, so that no jump of torques follows. block: memory of the group, of which w is a view.
-    # in        saved, accelerations of lanes that go on;  w.u, inputs (N m, N)
+    Other lanes keep the accelerations a and b that were saved at the start of the period. In lanes whose episode
+    begins, w.u0 is set to w.u, so that no jump of torques follows. block: memory of the group, of which w is a view.
+    # in        saved, accelerations of lanes whose episode continues;  w.u, inputs (N m, N)
     # out       w.a, w.b (m/s^2, rad/s^2), w.u0
     """
     n, first = size(model.n), is_starting(lane, s, record)
@@ -201,13 +203,13 @@ def start_stiff(lane, p, model, par, s, record, saved: Lanes, block, w: Work):
 
 @kernel
 def jump_with_torques(lane, p, model, par, s, record, saved, block, w, kept=None):
-    """Let accelerations w.a, w.b jump with the inputs, from w.u0 to w.u (N m, N), ahead of step s of a period.
+    """Compute the jump of the accelerations w.a and w.b as inputs jump from w.u0 to w.u (N m, N) before step s.
 
     The elastica (`NewtonPolicy.resolved`) solves for its accelerations anew. Stiff models solve anew only when an
     episode begins, because accelerations solved from round-off in stiff strains would be large
-    (`switching.jump_accelerations`). Models with light joints include the joints' damping and stiffness in the matrix
-    of the jump. saved: state at the start of the period. kept: a tag to store the accelerations before the jump in
-    w.a0, or None.
+    (`switching.jump_accelerations`). For models with light joints the matrix of the jump includes the joints' damping
+    and stiffness. s: number of the step in the period, from 0. saved: state at the start of the period. kept: a tag if
+    the accelerations before the jump are to be stored in w.a0, otherwise None.
     """
     if model.newton.resolved is not None:
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
@@ -220,15 +222,15 @@ def jump_with_torques(lane, p, model, par, s, record, saved, block, w, kept=None
 
 @kernel
 def motors_at(task, actuator):
-    """Return the offsets of the record's fields for a task with motors that are not ideal: torque, commands, delays."""
+    """Return the offsets of the record's fields torque, commands and delays, for motors that are not ideal."""
     return record_at(0, size(task.links), size(task.acted), 1, actuator.rows, 0, 0, 0)
 
 
 @kernel
 def record_commands(lane, task, actuator, record: Lanes, w: Work):
-    """Push the commanded torques w.u (N m) onto record.commands, newest first; the oldest row is dropped.
+    """Insert the commanded torques w.u (N m) as first row of record.commands and drop the oldest (last) row.
 
-    record.commands: (actuator.rows, joints), the commands of `rows` control periods, in lanes.
+    record.commands (actuator.rows, joints): commands of the last `actuator.rows` control periods, in lanes.
     """
     n, at = size(task.links), motors_at(task, actuator)
     for k in range(n):
@@ -239,15 +241,17 @@ def record_commands(lane, task, actuator, record: Lanes, w: Work):
 
 @kernel
 def update_motor_torques(lane, task, actuator, s, record: Lanes, w: Work):
-    """Advance the motors by step s: w.u <- mean torque over the step, record.torque <- torque at its end, N m.
+    """Advance the motors by step s: set w.u to the mean torque and record.torque to the torque at the end, N m.
 
     A motor approaches its delayed command c by a first-order lag and saturates:
 
         tau+ = clip(tau + share (c - tau)),     mean = clip(tau + mean_share (c - tau))
 
-    with share = 1 - exp(-h / lag), mean_share the mean of the share over the step. The command is `age` periods old,
-    one more in the first `late` steps of a period; with jitter it comes later by a drawn number of steps. # in
-    record.commands (rows, joints), newest first;  record.late, record.delays, steps # out       w.u, record.torque
+    with share = 1 - exp(-h / lag) and the mean of the share over the step, mean_share. The command is `age` periods
+    old, and age + 1 periods old in the first `late` steps of a period. Jitter adds a drawn number of steps to the
+    delay.
+    # in        record.commands (rows, joints), newest first;  record.late, record.delays, in steps
+    # out       w.u, record.torque
     """
     n, at = size(task.links), motors_at(task, actuator)
     share, mean = _lag(lane, task, actuator, record)
@@ -302,9 +306,10 @@ def _lateness(lane, task, actuator, record: Lanes):
 
 @kernel
 def draw_delay(actuator, task, stream, arm, record, lanes):
-    """Draw the command delay of an arm's episode (whole steps) into record.delays; no-op if no delay is drawn.
+    """Draw the command delay (whole steps) of an arm's episode into record.delays, unless the delay is fixed.
 
-    actuator.drawn: least and largest delay, or None. arm: number in the batch; lanes: number of lanes of a group.
+    actuator.drawn: least and largest delay (steps), or None for a fixed delay. arm: number of the arm in the batch.
+    lanes: number of lanes of a group.
     """
     if actuator is not None and actuator.drawn is not None:
         record[motors_at(task, actuator).delays * lanes + arm % lanes] = draw_whole(stream, arm, actuator.drawn)
@@ -312,10 +317,10 @@ def draw_delay(actuator, task, stream, arm, record, lanes):
 
 @kernel
 def draw_lag(p, arm, record, info, lanes):
-    """Draw the motors' lag for an arm's episode: share and mean into the record, s into info; no-op if none is drawn.
+    """Draw the motors' lag for an arm's episode into the record and, in s, into `info`, unless the lag is fixed.
 
-    share = 1 - exp(-h / lag): fraction of the way to the command in a step; mean: mean of the fraction over the step.
-    lanes: number of lanes of a group; arm: number in the batch.
+    The record stores share = 1 - exp(-h / lag), the fraction of the way to the command in a step, and the mean of this
+    fraction over the step. arm: number of the arm in the batch. lanes: number of lanes of a group.
     """
     if p.actuator is not None and p.actuator.lag is not None:
         least, most = p.actuator.lag
@@ -327,7 +332,7 @@ def draw_lag(p, arm, record, info, lanes):
 
 @kernel
 def record_delay(lane, p, record, live, info):
-    """Write the delay (s) of this period's commands into info where live > 1/2, if the delay is drawn or jitters."""
+    """Write the delay (s) of this period's commands into `info` where live > 1/2, if the delay is random."""
     actuator = p.actuator
     if actuator is not None and actuator.jitter is not None:
         late = _lateness(lane, p.task, actuator, record) + float(actuator.age * p.n_steps + actuator.late)
@@ -336,10 +341,10 @@ def record_delay(lane, p, record, live, info):
 
 @kernel
 def draw_lateness(actuator, stream, arm, record, lanes):
-    """Draw the extra delay of the next period's commands into record.late; no-op without jitter.
+    """Draw the extra delay (jitter) of the next period's commands into record.late. Without jitter nothing is done.
 
-    The extra delay is a whole number of steps from 0 to actuator.jitter[0]. lanes: number of lanes of a group; arm:
-    number in the batch.
+    The extra delay is a whole number of steps from 0 to actuator.jitter[0]. arm: number of the arm in the batch. lanes:
+    number of lanes of a group.
     """
     if actuator is not None and actuator.jitter is not None:
         drawn = math.floor(uniform(stream, arm) * (actuator.jitter[0] + 1.0))

@@ -17,11 +17,10 @@ def read_rows(laws, room, memory, stream, period, gravity, encoders, shaken, inp
     space; then quantities that are read directly. Columns of out: angle and rate for each encoder, then one column for
     each further channel.
 
-    # model     laws: one `LAW` per channel, with `room` past outputs;  shaken: tag of the accelerometer's 2 or 3 axes,
-    # None
-    #           without one;  gravity (3,): m/s^2, inertial axes
+    # model     laws: one `LAW` per channel, with `room` past outputs;  gravity (3,): m/s^2, inertial axes
+    #           shaken: tag of the accelerometer's 2 or 3 axes, or None without accelerometer
     # in        inputs (instants, quantities)
-    # in, out   memory: a `CHANNEL` each;  stream: state of the random numbers, or None
+    # in, out   memory: a `CHANNEL` for each law;  stream: state of the random numbers, or None for no noise
     # out       out (instants, readings)
     """
     for k in range(inputs.shape[0]):

@@ -27,7 +27,7 @@ SAMPLE = Layout(
     Field("v", ("rows",), "", "velocities, m/s and rad/s"),
     Field("a", ("rows",), "", "accelerations, m/s^2 and rad/s^2"),
 )  # fmt: skip
-"""Record of one arm at an instant, a row of `sample_rows`' table."""
+"""Data of one arm at a sample instant: a row of the table that `sample_rows` writes."""
 
 STRETCH = Layout(
     "Stretch", "",
@@ -44,10 +44,14 @@ STRETCH = Layout(
 """State of a run between two calls of `sample_rows`."""
 
 GOES_ON, AT_KINK, ANEW = 0.0, 1.0, 2.0
-"""Starts of an interval: unchanged state; consistent start at a kink; fresh consistent start (`start.restart`)."""
+"""Ways to start an interval. GOES_ON: from the unchanged state. AT_KINK: from consistent velocities and accelerations
+after a kink. ANEW: from consistent values computed without earlier accelerations (`start.restart`).
+"""
 
 NEAR = 1e-12
-"""Two instants that differ by at most this share of the time (at least 1 s) count as the same instant."""
+"""Two instants that differ by at most NEAR times the present time (NEAR times 1 s if that is larger) count as the same
+instant.
+"""
 
 sample_at = kernel(SAMPLE.offsets)
 _AT = STRETCH.places
@@ -72,8 +76,8 @@ def observe_arm(lane, model, par, q, v, poses, energies, points):
 def has_gained_energy(kinetic, strain, gravity, start, gross, dissipated, gain):
     """Return whether the energy exceeds `gain` times |start| + gross + |dissipated| + |gravity| (all J).
 
-    kinetic + strain + gravity: present energy. start: energy at the start. gross: gross work of the drives. Energies
-    below 1e-9 J are ignored.
+    kinetic, strain, gravity: present energies; their sum is the energy. start: energy at the start. gross: sum of the
+    absolute values of the drives' work. dissipated: dissipated energy. Energies below 1e-9 J are ignored.
     """
     total = abs(kinetic + strain + gravity)
     known = abs(start) + gross + abs(dissipated) + abs(gravity)
@@ -146,9 +150,9 @@ def _write(lane, model, par, w, t, links, row):
 def start_consistently(lane, model, drive, par, w, stretch):
     """Make velocities and accelerations consistent just after the present time, unless stretch.starts is GOES_ON.
 
-    Loads or prescribed velocities may jump there (`physics.integrator.start.restart`). The work of the impulses is
-    added to w.books, its absolute value to stretch.gross. stretch: a `STRETCH`; its `starts` (GOES_ON: nothing to do;
-    AT_KINK; ANEW) becomes GOES_ON. drive: loads and motions as functions of time. w: state, in and out.
+    Loads or prescribed velocities may jump at the present time (`physics.integrator.start.restart`). The work of the
+    impulses is added to w.books, and the absolute value of this work to stretch.gross. stretch: a `STRETCH`, whose
+    field `starts` becomes GOES_ON. drive: loads and motions as functions of time. w: state, in and out.
     """
     if stretch[_AT.starts] != GOES_ON:
         before, fresh = w.books[WORK_DONE * len(lane)], stretch[_AT.starts] == ANEW
@@ -166,16 +170,16 @@ def sample_rows(
     Returns the number of rows written. Steps between two instants are equal and at most stretch.longest. Fewer rows
     than instants are written if the arm has failed (w.flag; the row of a diverged arm is written), or after `most`
     steps. A call with the remaining instants continues the run with steps of the same length. A step ends at each kink.
-    A sample at a kink is the state before the kink, and the run continues AT_KINK. Without kinks every interval
-    GOES_ON.
+    A sample at a kink is the state before the kink, and the next interval starts with AT_KINK. Without kinks every
+    interval starts with GOES_ON.
 
     # model     model, drive: loads and motions as functions of time, or None;  par;  links: their number;  scheme:
     #           coefficients and Newton tolerance of the integrator
     # in        instants (s, ascending);  kinks (s, ascending), where loads or motions may jump, or None;  chunk: steps
     #           between sums of the gross work;  books: a tag, (0,), where energies are kept, or None
-    # in, out   flat: memory of the integrator's `Work`, with n_motions prescribed coordinates;  stretch: a `STRETCH`
-    # out       table (instants, SAMPLE), or None: nothing is written, and the lane may be a dual one of one arm, in
-    #           place of SINGLE;  points (instants, P, 2 or 3), m, inertial axes; P = 0: none
+    # in, out   flat: memory of the integrator's `Work` with n_motions prescribed coordinates;  stretch: a `STRETCH`
+    # out       table (instants, SAMPLE), or None for no samples, with which `lane` may be a dual tag of one arm
+    #           points (instants, P, 2 or 3): centerline, m, inertial axes;  P = 0 for no points
     """
     w = unpack(lane, model, flat, n_motions)
     i, k = 0, 0

@@ -1,10 +1,11 @@
 """Derivative of one arm's run by a parameter theta of its model, by the implicit function theorem.
 
-The end of a step satisfies r(q, v, a; theta) = 0, with v and a computed from q and the step's start. dr/dtheta is a
-finite difference of residuals at the same state, of models with slightly larger and smaller theta. dr/dstate is one
-residual in dual lanes. The tangent dq solves S dq = -dr with the matrix S at the step's end. No difference of iterated
-results or of motions is taken. Offsets of 1e-5 of theta therefore leave errors of 1e-9 however far the arm has moved.
-Joints with Coulomb friction keep sliding or sticking as in the run.
+The state at the end of a step satisfies r(q, v, a; theta) = 0, where v and a follow from q and from the state at the
+start of the step. dr/dtheta is a finite difference of the residuals of models with slightly larger and smaller theta,
+at the same state. dr/dstate is evaluated in dual lanes. The tangent dq solves S dq = -dr with the matrix S at the end
+of the step. Iterated results and motions are not subtracted from each other. Therefore relative offsets of theta of
+1e-5 cause errors of only 1e-9, however far the arm has moved. Joints with Coulomb friction keep sliding or sticking as
+in the run.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ class Neighbour(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """The steps of a run, one a row: states and inputs at their ends, and their lengths."""
+    """The steps of a run, one step per row: states and inputs at the ends of the steps, and step lengths."""
 
     q: np.ndarray  # (rows n,) coordinates, m and rad
     v: np.ndarray  # (rows n,) velocities
@@ -61,7 +62,7 @@ def factor_rows(lane, model, drive, par, steps, scheme, r, factors):
 
     # in        steps, states and inputs;  par, the arm's own parameters
     # scratch   r (n,)
-    Which joints slide or stick by Coulomb friction is stored with the factors.
+    The sliding or sticking of joints with Coulomb friction is stored with the factors.
     """
     n, length, inputs = size(model.n), size(model.n_factor), size(model.n_inputs)
     for k in range(steps.h.shape[0]):
@@ -90,12 +91,13 @@ def room_of(model, par):
 def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, behind, moved, passes, room, out):
     """Write the derivatives of q and v at the steps' ends by theta into out (rows, 2 n).
 
-    wide: `lane` with one tangent. here, ahead, behind: `Neighbour`s; here is the unmodified model. factors: result of
-    `factor_rows`. moved (rows, motions, 3): derivatives of the prescribed motions. passes: 1 where the factored matrix
-    is the exact derivative of the residual; otherwise the remainder is solved for again.
+    wide: the lane tag `lane` with one tangent. here, ahead, behind: `Neighbour`s with unchanged, larger and smaller
+    theta. steps: the run's `Steps`. factors: result of `factor_rows`. moved (rows, motions, 3): derivatives of the
+    prescribed motions by theta. passes: number of solutions per step; 1 suffices if the factored matrix is the exact
+    derivative of the residual. Each further solution reduces the remaining error.
     # in, out   room: `room_of` numbers of scratch, first a `Work` whose q, v, a, b hold the state and its tangents
-    A step ends at its prediction moved by Newton's increment; v, a and b change in proportion. The prediction and the
-    increment move rotations by `protocol.retract`.
+    The state at the end of a step is the prediction plus Newton's increment, with changes of v, a and b in proportion.
+    Rotations are updated by `protocol.retract`.
     """
     n, length, inputs = size(model.n), size(model.n_factor), size(model.n_inputs)
     w, more = unpack(wide, model, room, 0), room[work_size(2, model, 0) :]

@@ -1,7 +1,7 @@
 """From the true state to the observation: sensor readings, strain gauges, noise, delay, selection and history.
 
-A reading is a quantity that a sensor measures by a law (`laws.read`); each reading has a channel, which stores past
-quantities. Entries of the observation are divided by their scales and clipped to +-CLIP.
+A reading is a quantity that a sensor measures by a law (`laws.read`). Each reading has a channel, which stores past
+values of the quantity. Entries of the observation are divided by their scales and clipped to +-CLIP.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from .touch import contact_channels
 
 @kernel
 def read_gauges(lane, sensors, entries, model, q, seen: Lanes):
-    """Write the curvatures at the strain gauges, over their scales, into the last entries of `seen`; clip to +-CLIP.
+    """Write the curvatures at strain gauges, divided by their scales and clipped to +-CLIP, to the end of `seen`.
 
-    entries: length of the observation. sensors.gauges (G, n): rows with curvature / scale = row . q. q (n, lanes):
-    coordinates. sensors: None without gauges.
+    sensors.gauges (G, n): one row per gauge, whose product with q is curvature / scale. entries: length of the
+    observation. q (n, lanes): coordinates. Without gauges (sensors is None) the kernel does nothing.
     """
     if sensors is not None:
         n = size(model.n)
@@ -42,9 +42,9 @@ def read_gauges(lane, sensors, entries, model, q, seen: Lanes):
 
 @kernel
 def record_motor_angles(lane, instruments, model, par, record: Lanes, w: Work):
-    """Store the motors' angles (rad, after the ratio) in the record's channels, for encoders on motors.
+    """Store the motors' angles (rad, divided by the gear ratio) in the record's channels, for encoders on motors.
 
-    The encoder of joint k reads channel k. w.q: coordinates (m, rad); w.y is scratch.
+    The encoder of joint k reads channel k. w.q: coordinates (m, rad). w.y is scratch memory.
     """
     if instruments is not None:
         if instruments.motors is not None:
@@ -56,10 +56,10 @@ def record_motor_angles(lane, instruments, model, par, record: Lanes, w: Work):
 
 @kernel
 def write_observation(lane, p, arm, poses, record, seen, first):
-    """Measure the true entries of one arm and write its row of p.observation, float32.
+    """Replace one arm's true entries by sensor readings and write them to the arm's row of p.observation (float32).
 
-    arm: number in the batch. poses: links' poses, inertial axes. record: channels (memory of the sensors), in and out.
-    first: True at the start of an episode, which has no past. seen: true entries in, measured entries out.
+    arm: number of the arm in the batch. poses: the links' poses, inertial axes. record: channels (memory of the
+    sensors), in and out. seen: true entries in, measured entries out. first: True at the start of an episode.
     """
     measure(lane, p, p.stream, arm, poses, record, seen, first)
     _select(len(lane), p, arm, record, seen, first)
@@ -70,9 +70,9 @@ def measure(lane, p, stream, arm, poses, record, seen, first):
     """Replace the true entries of one arm in `seen` by its sensors' readings.
 
     A channel is the memory of a sensor for one number. Channels are in the order encoders, accelerometer, gyroscope,
-    camera, force, switch, gauges; each sensor replaces or adds its entries in `seen`. arm: number in the batch. stream:
-    stream of random numbers; None for readings without noise and without drawn gains or biases. first: at the start of
-    an episode. poses: the links' poses, m, rad, inertial axes; record: in and out. Do nothing without instruments.
+    camera, force, switch, gauges; each sensor replaces or adds its entries in `seen`. arm: number of the arm in the
+    batch. stream: random numbers, or None for readings without noise and without drawn gains or biases. first: True at
+    the start of an episode. poses: the links' poses, m, rad, inertial axes.
     """
     instruments = p.instruments
     if instruments is not None:
@@ -100,7 +100,7 @@ def measure(lane, p, stream, arm, poses, record, seen, first):
 
 
 class Who(NamedTuple):
-    """The arm whose sensors are read."""
+    """The arm whose sensors are read: its number, lane, channels and random numbers."""
 
     stream: Any  # random numbers of all arms; None: readings without noise
     arm: int  # its number, the stream's index
@@ -111,7 +111,7 @@ class Who(NamedTuple):
 
 @kernel
 def readings_size(instruments):
-    """Return the length of the sensors' channels, the last numbers of a record; 0 without instruments.
+    """Return the total length of the sensors' channels, which are the last numbers of a record; 0 without instruments.
 
     A channel is the memory of a sensor for one number (`program.CHANNEL`).
     """
@@ -311,7 +311,7 @@ def _spin(lane, p, instruments, who, poses):
 
 @kernel
 def rise(x):
-    """Return the angle whose sine is x, rad, from -pi/2 to pi/2."""
+    """Return the arcsine of x, rad, from -pi/2 to pi/2."""
     return arctangent(x, square_root(maximum(1.0 - x * x, 0.0)))
 
 
@@ -393,9 +393,9 @@ def _past_at(lanes, p, record):
 
 @kernel
 def draw_age(p, arm, record, lanes):
-    """Draw the observation delay of an arm's episode (whole control periods) into its record; no-op if none is drawn.
+    """Draw the observation delay (whole control periods) of an arm's episode into its record, unless it is fixed.
 
-    arm: number in the batch. lanes: number of lanes of a group. p.sensors.drawn: least and largest delay, or None.
+    arm: number of the arm in the batch. lanes: number of lanes of a group. p.sensors.drawn: least and largest delay.
     """
     if p.sensors is not None and p.sensors.drawn is not None:
         record[(_past_at(lanes, p, record) - 1) * lanes + arm % lanes] = draw_whole(p.stream, arm, p.sensors.drawn)
@@ -405,7 +405,7 @@ def draw_age(p, arm, record, lanes):
 def record_drawn(lanes, p, i, record, info):
     """Write the drawn observation delay (s) and channel gains of the arm in lane i into info.
 
-    record: delay in periods and gains of the channels, as drawn at the start of the episode.
+    record: contains the delay (periods) and the channels' gains, drawn at the start of the episode.
     """
     first, instruments = info_of(p.task).further + FURTHER.told, p.instruments
     if p.sensors is not None and p.sensors.drawn is not None:

@@ -41,7 +41,7 @@ from .sensors import draw_age, record_drawn, write_observation
 from .touch import put_contacts, start_contacts
 
 _MODES = 3
-"""Modes of an initial vibration in space: bending along y, bending along z, torsion."""
+"""Number of vibration modes in an initial vibration in space: bending along y, bending along z, torsion."""
 _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
 
 
@@ -49,8 +49,8 @@ _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
 def start_episodes(address, mode, count):
     """Start new episodes of the arms p.queue[0 ... count - 1], each drawn from the arm's own random stream.
 
-    address: address of a `Program`. mode: mode for the arms' records, RUNNING (moved by the next step), FRESH (skipped
-    by the next step) or GUIDED (follows prescribed motions).
+    address: address of a `Program`. mode: mode of the arms from now on: RUNNING (the next step moves the arm), FRESH
+    (the next step skips the arm) or GUIDED (the arm follows prescribed motions). count: number of arms in the queue.
     """
     p = dereference(address)
     for k in range(count):
@@ -392,8 +392,9 @@ def _first_observation(lane, p, arm, live, record, action, poses, seen, info):
 def finish_guided(address, arm, code):
     """Write the results of a period of a guided arm, from the poses, action and gauges in its block.
 
-    code: status code of the period, or -1 at the start of an episode. A guided arm follows prescribed motions and is
-    advanced by a `Simulation`, not by the batch. For a guided arm this function replaces the end of `episode.step`.
+    A guided arm follows prescribed motions and is advanced by a `Simulation`, not by the batch. For a guided arm this
+    function replaces the end of `episode.step`. arm: number of the arm in the batch. code: status code of the period,
+    or -1 at the start of an episode.
     # in        poses (inertial axes, m, rad and rates), action, gauges in `seen`, record
     # out       p.reward, p.terminated, p.truncated, p.observation of the arm;  its info
     """

@@ -1,4 +1,4 @@
-"""Data of one arm for Python code: the `View` of an instant, and the offsets of its info."""
+"""Data of one arm for Python code: a `View` of the arm at an instant, and the offsets of the entries of `info`."""
 
 from __future__ import annotations
 
@@ -24,13 +24,14 @@ def info_places(task: Task) -> Any:
 
 
 NO_TOUCHES = np.zeros((0, 7))
-"""`View.touches` of an arm without contacts."""
+"""Value of `View.touches` for an arm without contacts."""
 
 
 def touches_of(model: Any, row: Array, poses: Array) -> Array:
-    """Return (points, 7): place (m), force on the arm (N), both in inertial axes, and normal force (N) of each point.
+    """Return position (m), force on the arm (N) and normal force (N) of each contact point, (points, 7), inertial axes.
 
-    row: the integrator's memory of one arm, without lanes. poses: the links' poses, one row for each link.
+    model: the arm's model. row: the integrator's memory of one arm, without lanes. poses: the links' poses, one row for
+    each link.
     """
     contact = model.newton.contact
     if contact is None:
@@ -49,7 +50,7 @@ def touches_of(model: Any, row: Array, poses: Array) -> Array:
 
 @dataclass(frozen=True)
 class View:
-    """One arm at an instant, for rendering and recording; N links."""
+    """One arm of N links at an instant, for rendering and recording."""
 
     points: Array  # (n, 2), in space (n, 3): centerline from root to tip, m, inertial axes
     poses: Array  # (N, 12) as `physics.protocol.link_poses`, in space (N, 23) as `task_poses`

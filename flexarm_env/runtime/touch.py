@@ -1,4 +1,4 @@
-"""Contact in a control period: info of all points that may touch, and the forces for sensors at the tip."""
+"""Contact in a control period: forces of all contact points in `info`, and forces for sensors at the tip."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from .laws import LAW_SIZE, channel_of
 
 @kernel
 def open_contacts(lane, model, w: Work):
-    """Set the impulses of all points to 0 at the start of a control period; no-op without contact."""
+    """Set the impulses of all contact points to 0 at the start of a control period. Without contact nothing is done."""
     reset_impulses(lane, model, w.S)
 
 
 @kernel
 def start_contacts(lane, p, par, w: Work):
-    """Store the readings of all points at the start of an episode in w.S; no-op without contact.
+    """Store the forces of all contact points at the start of an episode in w.S. Without contact nothing is done.
 
     # in        w.q, w.v;  par, the arms' own parameters
     """
@@ -33,8 +33,8 @@ def start_contacts(lane, p, par, w: Work):
 def put_contacts(lane, p, w: Work, live, info):
     """Write force, friction (N), penetration (m), sliding speed (m/s) and impulse (N s) into info where live > 1/2.
 
-    # in        w.S, readings of the points at the end of the last step
-    # out       info.further, its last numbers (`CONTACT`). Do nothing without contact.
+    # in        w.S, forces of the contact points at the end of the last step
+    # out       info.further, the last numbers (`CONTACT`), if the arm may touch obstacles
     """
     if p.model.newton.contact is not None:
         S: Lanes = w.S
@@ -58,7 +58,7 @@ def put_contacts(lane, p, w: Work, live, info):
 
 @kernel
 def contact_channels(instruments):
-    """Return the number of channels of force sensor (2) and contact switch (1)."""
+    """Return the number of channels of the contact sensors: 2 for a force sensor plus 1 for a contact switch."""
     count = 0
     if instruments.force is not None:
         count = count + 2
@@ -69,10 +69,10 @@ def contact_channels(instruments):
 
 @kernel
 def record_contact_forces(lane, instruments, model, record: Lanes, w: Work):
-    """Store the true values of force sensor (N over its scale) and contact switch (1 or 0) in their record channels.
+    """Store the true force (N, divided by its scale) and the contact switch's state (1 or 0) in the record's channels.
 
-    The force sensor measures normal force and magnitude of the friction force on the tip, at the end of the last step,
-    from the readings in w.S. The values are 0 if the tip may not touch.
+    The force sensor measures the normal force and the magnitude of the friction force on the tip at the end of the last
+    step, which w.S contains. The values are 0 if the tip cannot touch an obstacle.
     """
     if model.newton.contact is not None:
         if instruments is not None:

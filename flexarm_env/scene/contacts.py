@@ -30,12 +30,12 @@ class Contact:
     Args:
         obstacle: `HalfSpace`, `Sphere`, `Box` or, in space, `Cylinder` (`flexarm_env.shapes`). In the plane shapes have
             two coordinates, in space three.
-        stiffness: k, N/m^n, positive. Time steps must resolve the contact (see `speed`).
-        exponent: n, one of 1, 1.5 (Hertz), 2, 2.5, 3.
-        damping: alpha, s/m, zero or positive. The coefficient of restitution at low impact speed v is about
-            1 - alpha v.
-        friction: mu, zero or positive.
-        creep: v_s, m/s, positive.
+        stiffness: stiffness k, N/m^n, positive. Time steps must resolve the contact (see `speed`).
+        exponent: exponent n: 1, 1.5 (Hertz), 2, 2.5 or 3.
+        damping: damping coefficient alpha, s/m, zero or positive. The coefficient of restitution at low impact speed v
+            is about 1 - alpha v.
+        friction: coefficient of friction mu, zero or positive.
+        creep: velocity v_s of the regularization, m/s, positive.
         speed: impact speed, m/s, positive, at which time steps must resolve the contact: an impact on the effective
             mass at the point must last 8 steps.
         bodies: points of the arm that may touch. "tip" is the center of a sphere of radius `Payload.radius`; "joint1",
@@ -43,7 +43,7 @@ class Contact:
             sphere of `radius` at half of the length of link 0: `simulate` divides the link there.
         radius: radius of the spheres at points along links, m, zero or positive.
         displacement_x, displacement_y, displacement_z: displacement of the obstacle from its given place over time, m;
-            None: none along this axis. A displacement must not jump.
+            None: no displacement along this axis. A displacement must not jump.
     """
 
     obstacle: Shape
@@ -102,14 +102,14 @@ class Contact:
         return tuple((axis, function) for axis, function in found if function is not None)
 
     def held(self) -> Contact:
-        """Return the contact with the obstacle at rest at its place for t = 0."""
+        """Return the contact with the obstacle at rest at its position at t = 0."""
         still: dict[str, Any] = {
             DISPLACEMENTS[axis]: constant(float(function(0.0))) for axis, function in self.displacements
         }
         return replace(self, **still) if still else self
 
     def links(self, arm: Arm) -> tuple[int, ...]:
-        """Return the links of the arm whose tips are the points in `bodies`, or on which the points are.
+        """Return, for each point in `bodies`, the link of the arm whose tip is the point, or on which the point lies.
 
         Raises:
             ValueError: the arm does not have one of the joints or links.

@@ -24,7 +24,7 @@ from flexarm_env.settings import Settings, default_options, expand_preset, merge
 from flexarm_env.time_functions import TimeFunction, constant
 
 _SAME_TIME = 1e-9
-"""Instants of different functions whose difference is smaller (s, or relative to the duration) count as one."""
+"""Instants of different functions count as one if their difference is smaller (in s, or relative to the duration)."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +34,12 @@ class Scene:
     Args:
         name: a short word.
         arm: the arm, N links.
-        duration: s. dt: default step, s. sample: default sampling interval, s (None: ``dt``).
+        duration: length of the run, s. dt: default step, s. sample: default sampling interval, s (None: ``dt``).
         root: "pinned" (position fixed or prescribed, hub angle free unless prescribed) or "free" (a free body; an arm
             with a base floats together with the base).
         position: position of the root at t = 0, m: (x, y), in space (x, y, z).
         angles: absolute angles of the links at t = 0, N numbers (rad), or () if all links point along +x. The angle of
-            a curved link is that of its tangent at the root. If the links turn out of the plane (`Arm.spatial`),
+            a curved link is the angle of its tangent at the root. If the links turn out of the plane (`Arm.spatial`),
             `angles` are joint angles.
         velocity: velocity of the root before t = 0, m/s: (x, y), in space (x, y, z). rates: absolute rates of the links
             before t = 0, N numbers (rad/s), or () for none; in space joint rates. Links turn as rigid bodies. If a
@@ -52,9 +52,9 @@ class Scene:
         loads: joint torques and point loads.
         contacts: obstacles that points of the arm may touch, with the law of the forces (`Contact`).
         gravity: acceleration (gx, gy), in space (gx, gy, gz), m/s^2, or None.
-        space: True: compute an arm in space that could be computed in the plane. A scene is always in space if an arm,
-            gravity, position, velocity, force, moment or motion of the root leaves the x-y plane. If the scene stays in
-            another plane, `simulate` finds that plane (`scene.plane.in_plane`).
+        space: True: compute the scene in space even if it could be computed in the plane. A scene is always in space if
+            an arm, gravity, position, velocity, force, moment or motion of the root leaves the x-y plane. If the scene
+            stays in another plane, `simulate` finds that plane (`scene.plane.in_plane`).
         solver: formulation and flat options that suit the scene, as pairs (name, value) or a dict.
         description, source, note: content, origin and assumptions.
     """
@@ -380,8 +380,9 @@ def standing_scene(
     """Return a scene of the arm without motions; the arm is pinned or on its floating base.
 
     Args:
-        dt: step, s. gravity: m/s^2, or None. angles: initial angles, rad. pushed: add a zero force on the tip, which
-            reserves memory for an external force. contacts: obstacles that the arm may touch.
+        dt: step, s. gravity: acceleration of gravity, m/s^2, or None. angles: initial angles of the links, rad (in
+            space joint angles). pushed: add a zero force on the tip, which reserves memory for an external force.
+            contacts: obstacles that the arm may touch.
     """
     root = "pinned" if arm.base is None else "free"
     loads = (PointLoad(arm.n_links - 1, "tip", force_x=constant(0.0)),) if pushed else ()

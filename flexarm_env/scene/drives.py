@@ -12,7 +12,7 @@ ROOT = ("root_x", "root_y", "root_z")
 
 OUT_OF_PLANE = ("force_z", "torque_x", "torque_y")
 FORCES = ("force_x", "force_y", "torque", *OUT_OF_PLANE)
-"""Components of a point load; those in `OUT_OF_PLANE` exist only in space."""
+"""Components of a point load; the components in `OUT_OF_PLANE` exist only in space."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class JointTorque:
 
 @dataclass(frozen=True)
 class PointLoad:
-    """Force (N) and torque (N m) on the "root" or "tip" of a link, in global axes; at least one component is given.
+    """Force (N) and torque (N m) on the "root" or "tip" of a link, in inertial axes; one component or more is given.
 
     In space a load may also have force_z, and torque_x and torque_y beside the torque about z.
     """

@@ -16,7 +16,7 @@ from flexarm_env.sections import Link, Section
 from flexarm_env.settings import MOST_ELEMENTS, MOST_NODES, Settings, default_options
 
 _CELLS = {"elastica": ("nodes", 1), "geometrically_exact": ("elements", 0), "floating_frame": ("segments", 0)}
-"""Option that sets a link's mesh, and its value minus the number of cells."""
+"""For each formulation: option that sets a link's mesh, and the option's value minus the number of cells."""
 
 
 MOST_SMOOTH = 12

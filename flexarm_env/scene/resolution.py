@@ -14,10 +14,10 @@ from flexarm_env.time_functions import AMPLITUDE, C0, C2, OMEGA, T0, TimeFunctio
 from flexarm_env.validation import Array
 
 IN_A_PERIOD = 16
-"""Steps per period of a sine; the companion run with twice the step has half as many."""
+"""Steps per period of a sine; the companion run of an error estimate, with twice the step, has half as many."""
 
 ROUGH = 0.1
-"""Permitted deviation of straight lines between steps from a function, as a fraction of its range."""
+"""Permitted deviation of a function from straight lines between its values at the steps, as a fraction of its range."""
 
 NO_PART = 1e-9
 """Amplitude relative to the function's size below which a sine counts as round-off."""
@@ -26,8 +26,8 @@ MOST_HALVINGS = 12
 """Maximum number of step halvings for cubic pieces that are shorter than the step."""
 
 MOST_REFINED, MOST_STEPS = 100.0, 1e7
-"""Limits of refinement: a function is rejected if it needs a step more than MOST_REFINED times shorter and more than
-MOST_STEPS steps in all.
+"""Limits of refinement. A function of time is rejected if its step is more than MOST_REFINED times shorter than the
+longest step and the run has more than MOST_STEPS such steps.
 """
 
 

@@ -22,8 +22,7 @@ _OPTIONAL_TEXT = ("description", "source", "note")
 def read(kind: Callable[..., T], source: str | os.PathLike[str], parameter_set: str | None = None) -> T:
     """Read a scene from a TOML file or text; a parameter set ``S`` replaces keys and names the scene ``NAME@S``.
 
-    kind: class whose fields are the file's keys: ``Scene``. The arguments and errors are those of
-    :meth:`Scene.from_toml`.
+    kind: class whose fields are the file's keys: ``Scene``. For arguments and errors see :meth:`Scene.from_toml`.
     """
     table, path = read_toml(source)
     with check.in_file(path):

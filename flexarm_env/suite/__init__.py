@@ -15,8 +15,8 @@ from .data import Task, task, tasks
 def make(task_id: str, **more: Any) -> Any:
     """Create the environment of a task, like `gymnasium.make`.
 
-    more: `render_mode`, `info_level`. Any other keyword changes the task, so that its score does not belong to the
-    suite, and causes a warning (except `duration` and `reward`, for training).
+    more: keywords `render_mode` and `info_level` of the environment. Any other keyword changes the task, so that its
+    score does not belong to the suite, and causes a warning (except `duration` and `reward`, for training).
     """
     import gymnasium
 
@@ -26,7 +26,7 @@ def make(task_id: str, **more: Any) -> Any:
 def make_vec(task_id: str, num_envs: int, **more: Any) -> Any:
     """Create the vector environment of a task, like `gymnasium.make_vec`.
 
-    more: keywords of `make`, and `threads`, `autoreset_mode`.
+    more: keywords of `make`, and the vector environment's `threads` and `autoreset_mode`.
     """
     import gymnasium
 

@@ -32,8 +32,8 @@ class Record:
     """Record of n episodes.
 
     Attributes:
-        actions: (T, n, N) float32. values: (n,), return minus price times cost. by: (n,), the policy that played each
-            episode, or the policy from which the search began. digest: digest of the task. date: ISO.
+        actions (T, n, N): float32. values (n,): return minus price times cost. by (n,): name of the policy that played
+            each episode, or from which the search began. digest: digest of the task. date: date in ISO format.
     """
 
     actions: NDArray[np.float32]
@@ -85,6 +85,6 @@ def rounding(task_id: str) -> float:
 
 
 def played(task: Task, env: Any, policy: Policy) -> tuple[Array, NDArray[np.bool_]]:
-    """Evaluate a policy on a task's public episodes: values (n,) and successes (n,), as in a results file."""
+    """Evaluate a policy on a task's public episodes: return values (n,), as in a results file, and successes (n,)."""
     found = asdict(judge(env, policy, FIRST))
     return np.array(found["returns"]) - task.price * np.array(found["costs"]), np.array(found["successes"])

@@ -36,8 +36,8 @@ def possible(task_id: str) -> Possible:
     """Compute the bounds of an episode's length and return, for a task id, from the reward's terms (docs/suite.md).
 
     In each period, accuracy, settle and force pay at most 1. Impulse, distance, vibration and attitude cost at most 1.
-    Per joint, effort costs at most 1, and change at most 4. Each term is multiplied by its weight. The failure costs
-    once.
+    Per joint, effort costs at most 1, and change at most 4. Each term is multiplied by its weight. The failure term is
+    subtracted once.
     """
     made = resolved(task(task_id))
     weight = dict(zip(made.kind.rewards, made.record.weights.tolist(), strict=True))
@@ -53,7 +53,7 @@ def possible(task_id: str) -> Possible:
 
 @cache
 def instants(task_id: str) -> tuple[float, int]:
-    """Return a task's control period, s, and the number of periods for which the bounds of success must hold."""
+    """Return a task's control period, s, and the number of periods for which the success bounds must be met."""
     made = resolved(task(task_id))
     return made.period, int(made.record.hold) - 1
 

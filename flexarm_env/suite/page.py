@@ -60,7 +60,7 @@ class Line:
     entries: list[dict[str, Any]]
 
     def mean(self, key: str) -> float | None:
-        """Return the mean of a summary's number over the runs; None if one run lacks it."""
+        """Return the mean over the runs of the summaries' entry `key`; None if one run lacks this entry."""
         values = [one[key] for one in self.summaries]
         return None if any(value is None for value in values) else float(np.mean(values))
 
@@ -70,7 +70,7 @@ class Line:
         return all(entry["policy"].get("kind") != "actions" for entry in self.entries)
 
     def trained(self, key: str) -> float:
-        """Return the mean training effort per run ("steps", "wall_s" or "cpu_s")."""
+        """Return the mean training effort per run; key: "steps", "wall_s" or "cpu_s"."""
         return float(np.mean([(entry["training"] or {}).get(key, 0.0) for entry in self.entries]))
 
     def short(self, task: Task) -> bool:
@@ -169,7 +169,7 @@ def _learnt(judged: Sequence[tuple[Task, dict[str, Any]]]) -> Iterator[int]:
 
 
 def less_pd(task: Task, numbers: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Return the values of a hundred episodes minus those of PD control, (n,)."""
+    """Return the values (n,) of a hundred episodes minus PD control's values in the same episodes."""
     gain: NDArray[np.float64] = values(task, numbers) - np.array(numbers["pd"], float)
     return gain
 

@@ -28,10 +28,12 @@ class Chosen:
     """A policy that is not yet bound to an environment.
 
     Attributes:
-        kind: "controller", "policy", "onnx" or "function". source: the name with the task's id filled in.
-        fingerprint: changes with the policy. make: vector environment -> Policy, or a ValueError if they do not fit.
-            run: training seed, if its file records it. training: record of the training (steps, wall_s, cpu_s).
-            canonical: function that returns the policy's numbers as bytes, which determine the seeds of its second
+        kind: "controller", "policy", "onnx" or "function". source: name of the policy, with the task's id in place of
+            {task}.
+        fingerprint: hash of the policy. make: function of a vector environment that returns the `Policy`, or raises
+            ValueError if the policy does not fit. run: training seed, if its file records it. training: record of the
+            training (steps, wall_s, cpu_s). canonical: function that returns the policy's numbers as bytes, which
+            determine the seeds of its second
                 hundred episodes (`flexarm_env.suite.second`); None: the policy has only the public hundred.
     """
 

@@ -80,7 +80,7 @@ class Results:
         return length(entry) if (entry["digest"], entry["first_seed"], entry["episodes"]) == asked else 0
 
     def other_than(self, word: str, chosen: Chosen) -> str:
-        """Return the source of the file's results if it differs from the source that the word names; "" otherwise."""
+        """Return the source of the stored results if it differs from the source that `word` names; "" otherwise."""
         for task, entry in self.tasks.items():
             source = entry["policy"].get("source", "")
             if os.path.normpath(source) != os.path.normpath(word.replace(PLACE, task)) and (
@@ -107,10 +107,10 @@ def judged(
     result on fewer episodes, which is returned, not written.
 
     Args:
-        word, choose: as in `flexarm_env.suite.policies`. name, run: name and run of the results; default: those of the
-            policy, whose file must then contain only this policy. episodes: number of episodes from the protocol's
-            first one on, at least as many as before. Only the values of episodes beyond the protocol's hundred are
-            kept.
+        word: name of the policy. choose: function that finds the policy, see `suite.policies.choose`. name, run: name
+            and run of the results; None: the policy's name and run, and the results file must then contain only this
+            policy. episodes: number of episodes from the protocol's first one on, at least as many as before. Only the
+            values of episodes beyond the protocol's hundred are kept.
     Returns:
         the results on these tasks; messages on the tasks that failed; by task, a note on results not evaluated now.
     """
@@ -254,12 +254,12 @@ def settling(task: Task, entry: Mapping[str, Any]) -> float | None:
 
 
 def of_the_protocol(task: Task, entry: Mapping[str, Any]) -> bool:
-    """Return whether an entry belongs to the present version of the task and to the protocol's episodes."""
+    """Return whether a results entry belongs to the task's present version and to the protocol's episodes."""
     return (entry["digest"], entry["first_seed"], entry["episodes"]) == (task.digest, FIRST, EPISODES)
 
 
 def of_task(task: Task, found: Iterable[Results]) -> Iterator[tuple[Results, dict[str, Any]]]:
-    """Yield the results files with the task on the protocol's episodes, each with its entry."""
+    """Yield the results files with results of the task on the protocol's episodes, each with its entry of the task."""
     for one in found:
         entry = one.tasks.get(task.id)
         if entry is not None and of_the_protocol(task, entry):
@@ -279,7 +279,8 @@ def read(path: Path, *, earlier: bool = False) -> Results:
     """Read a results file. ValueError names the file, the key, its value and the rule.
 
     Args:
-        earlier: accept entries of earlier versions of a task; otherwise another digest is rejected.
+        earlier: accept entries of earlier versions of a task. If False, an entry whose digest differs from the task's
+            digest is rejected.
     """
     content = read_json(path)
     with check.in_file(path):

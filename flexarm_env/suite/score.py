@@ -23,15 +23,15 @@ FIRST, EPISODES = 10_000, 100
 
 RESAMPLES, LEVEL = 10_000, 0.95
 FLOOR = "pd"
-"""Controller with score 0."""
+"""Controller whose score is 0 by definition."""
 
 
 @dataclass(frozen=True)
 class Reference:
     """Reference values J of a task for scores, on the episodes of the protocol.
 
-    digest: digest of the task version. pd: value of PD control. best: best known value. by: the method that reached the
-    best value.
+    digest: digest of the task version. pd: value J of PD control. best: best known value J. by: the method that reached
+    the best value.
     """
 
     digest: str

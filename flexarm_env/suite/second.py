@@ -6,9 +6,9 @@ The second score is no defense against changing a policy until its seeds suit it
 Policies without numbers in these forms (Python functions, ONNX models, actions optimized beforehand) have only the
 public hundred of episodes.
 
-A permutation test detects a significant difference between both hundreds. The values minus PD's on the same seeds are
-redistributed over two hundreds. p is the share of redistributions in which the two means differ at least as much as the
-real two means. Holm's method (1979) adjusts p for multiple tests.
+A permutation test detects a significant difference between both hundreds. The differences from PD control's values on
+the same seeds are redistributed at random over two hundreds. p is the share of redistributions in which the two means
+differ at least as much as the real two means. Holm's method (1979) adjusts p for multiple tests.
 """
 
 import dataclasses
@@ -32,7 +32,8 @@ LEVEL = 0.01
 """Significance level of a difference."""
 
 FEW, MANY, ENOUGH = 2000, 100_000, 10
-"""Permutations of a test: FEW, or MANY if in fewer than ENOUGH of the FEW the means differ at least as much."""
+"""Number of permutations of a test: FEW, or MANY if the means differ at least as much in fewer than ENOUGH of FEW
+permutations."""
 
 
 def first_seed(task: Task, canonical: bytes) -> int:

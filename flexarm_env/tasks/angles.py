@@ -1,8 +1,8 @@
 """Inverse kinematics: joint angles of an arm of straight links that bring its tip to a point (x, y), m.
 
-At entry the first N numbers of `angles` are the present joint angles, rad; at return they are the results. limits (2
-N,): low and high of each joint, rad. If a target is out of reach, the tip is brought near it, on the line from the root
-to the target.
+The first N numbers of `angles` are joint angles, rad: the present angles at entry, the resulting angles at return.
+limits (2 N,): lower and upper limit of each joint, rad. If a target is out of reach, the tip is brought near it, on the
+line from the root to the target.
 
     sooner_angles    two links: of two solutions, the solution reached first
     least_angles     N links: the solution with the least sum of squares
@@ -20,12 +20,13 @@ import math
 from ..compiler import kernel
 
 _CLOSE = 1e-13
-"""Tolerance of the tip on its target, over the arm's length."""
+"""Largest accepted distance of the tip from its target, divided by the arm's length."""
 
 _ITERATIONS, _HALVINGS, _BISECTIONS, _SCAN = 60, 12, 60, 64
 
 _EASY, _STEPS = 0.6, 24
-"""Distance from the root, over the arm's length, at which the arc is near the solution, and number of continuation
+"""Distance of the target from the root, divided by the arm's length, at which the arc is near the solution, and number
+of continuation
 steps from that distance."""
 
 
@@ -55,9 +56,10 @@ def _within(hub, limits):
 def sooner_angles(lengths, rates, limits, x, y, angles):
     """Write the angles of two links that reach (x, y), m, on the elbow side that the joints reach first.
 
-    The time of a joint for an angle a is taken proportional to sqrt(|a|) / its rate (rates (2,): rad/s); the slower
-    joint counts. A posture beyond the limits is chosen only if both postures are beyond them. lengths (2,): m; limits
-    (4,): low, high of each joint, rad. angles (2,): present joint angles in, those at the target out, rad.
+    A joint's time for an angle a is assumed proportional to sqrt(|a|) / rate (rates (2,): joint rates, rad/s); the
+    slower joint counts. A posture beyond the limits is chosen only if both postures are beyond the limits. lengths
+    (2,): link lengths, m. limits (4,): lower and upper limit of each joint, rad. angles (2,): joint angles, rad: the
+    present angles at entry, the angles at the target at return.
     """
     a, b = lengths[0], lengths[1]
     # cos(bend) = (r^2 - a^2 - b^2) / 2ab, clamped where the target is out of reach; bearing of the target
@@ -267,9 +269,9 @@ def least_angles(lengths, limits, x, y, angles):
 
     Two solutions are computed, starting from arcs (equal angles at all elbows) to either side. The one with the smaller
     sum is written. For targets within about 0.2 of the arm's length from the root a solution with a still smaller sum
-    may exist. If no solution is found from either arc, the angles of an arc are written. lengths (N,): m; limits (2
-    N,): low, high of each joint, rad. angles (N,): the result, rad. Of the present angles only the hub's matters: whole
-    turns bring the new hub angle near it.
+    may exist. If no solution is found from either arc, the angles of an arc are written. lengths (N,): link
+    lengths, m. limits (2 N,): lower and upper limit of each joint, rad. angles (N,): joint angles, rad, written. At
+    entry only the hub's present angle angles[0] is read; whole turns bring the new hub angle near this angle.
     """
     now, least, least_x, least_y = angles[0], math.inf, 0.0, 0.0
     for side in (1.0, -1.0):
@@ -303,8 +305,9 @@ def _set_arc(lengths, limits, bearing, bend, angles):
 def next_angles(lengths, limits, x, y, angles):
     """Write the joint angles of N links with the least sum of squares near the present angles, tip at (x, y), m.
 
-    If no solution is found near the present angles, `least_angles` is used. lengths (N,): m; limits (2 N,): low, high
-    of each joint, rad. angles (N,): present joint angles in, those at the target out, rad.
+    If no solution is found near the present angles, `least_angles` is used. lengths (N,): link lengths, m. limits (2
+    N,): lower and upper limit of each joint, rad. angles (N,): joint angles, rad: the present angles at entry, the
+    resulting angles at return.
     """
     now = angles[0]
     # f from the present angles: the force (rad/m) whose moments about the joints are nearest to them

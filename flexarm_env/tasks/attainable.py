@@ -27,9 +27,10 @@ _TO = MOVING.places
 _ONE, _RECORD, _PLACE, _DRAWN = (0,), (0,) * GOAL, (0,) * _TO.end, (0,) * 5
 _INSTANTS = 32
 _POINTS = (0,) * (2 * _INSTANTS)
-"""Number of instants of an episode at which a path is checked."""
+"""Two zeros for each of the `_INSTANTS` instants of an episode at which a path is checked."""
 _CLOSE = 1e-9
-"""Tolerance of a posture's tip on its target, over the arm's length, and of an angle on its limit, rad."""
+"""Largest accepted distance of a posture's tip from its target, divided by the arm's length, and of an angle beyond its
+limit, rad."""
 
 MOST_DRAWS = 10_000
 """Largest number of draws of a target; the last draw is kept. (Environments with fewer hits are rejected.)"""
@@ -48,9 +49,10 @@ class Attainable(NamedTuple):
 def attainable(task, needs, angles, x, y):
     """Return 1.0 if a planar arm can reach the target (x, y) and rest there, otherwise 0.0.
 
-    The checked posture is the task's goal posture from joint angles `angles` (rad). The posture's angles must be within
-    their limits, and its tip at (x, y) (m; a target angle in rad needs no check). No joint torque against gravity may
-    exceed the largest torque. needs: an `Attainable`, with masses, gravity and largest torques.
+    The checked posture is the task's goal posture from joint angles `angles` (rad). The posture's joint angles must be
+    within the joint limits, and its tip must be at (x, y), m; for a target angle, rad, the tip is not checked. No joint
+    torque against gravity may exceed the largest torque. needs: an `Attainable`, with masses, gravity and largest
+    torques.
     """
     mine = stack(_ONE, task.links + _RECORD)
     mine[TARGET], mine[TARGET + 1] = x, y
@@ -66,9 +68,10 @@ def attainable(task, needs, angles, x, y):
 def first_unattainable(task, needs, angles, points):
     """Return the number of the first path point at which the arm cannot follow the target, or -1 without such a point.
 
-    points: (x, y; x, y; ...), m, or (angle, unused; ...), rad. angles: joint angles before the first point, rad;
-    `pursue` then moves the posture from point to point. At a returned point the posture does not reach the target,
-    passes joint limits, or needs more than the largest torques against gravity (`_allowed`). needs: an `Attainable`.
+    points: two numbers per point: x and y, m, or an angle, rad, and an unused number. angles: joint angles before the
+    first point, rad; `pursue` then moves the posture from point to point. At a returned point the posture does not
+    reach the target, passes joint limits, or needs more than the largest torques against gravity (`_allowed`). needs:
+    an `Attainable`.
     """
     mine = stack(_ONE, task.links + _RECORD)
     for k in range(size(task.links)):
@@ -123,11 +126,11 @@ def _allowed(task, needs, mine):
 
 @kernel
 def draw_attainable(reference, task, stream, arm, angles, path, most):
-    """Draw a path until the arm can follow it; return 1.0, or 0.0 where none of `most` draws is attainable.
+    """Draw paths until the arm can follow the path; return 1.0, or 0.0 if none of `most` draws is attainable.
 
-    If no draw is attainable, the last draw stays in `path`. reference.ranges: low and high of each drawn number;
-    reference.line: straight lines are drawn; reference.needs: an `Attainable`, or None to accept the first draw.
-    # in        angles, joint angles at the start, rad;  arm, number in the batch
+    If no draw is attainable, the last draw stays in `path`. reference.ranges: lower and upper bound of each drawn
+    number. reference.line: a tag for straight lines, None for circles. reference.needs: an `Attainable`, or None to
+    accept the first draw. # in        angles, joint angles at the start, rad;  arm, number in the batch
     # in, out   stream[arm]
     # out       path, a `PATH`
     """
@@ -171,9 +174,9 @@ def _can_follow(reference, task, angles, drawn, path):
 def held_in_space(needs, links, angles):
     """Return 1.0 if the rigid arm in space can rest at `angles` with at most the largest torques, otherwise 0.0.
 
-    links: a tag of N zeros. angles (N,): rad. Gravity is the only load. needs: an `Attainable` with gravity (m/s^2,
-    inertial axes), torques (N m, the largest), chain (a `JOINT` per joint) and bodies: mass (kg) and center of mass (m,
-    link axes) of each link.
+    links: a tag of N zeros. angles (N,): joint angles, rad. Gravity is the only load. needs: an `Attainable` with
+    gravity (m/s^2, inertial axes), torques (N m, the largest), chain (a `JOINT` per joint) and bodies: mass (kg) and
+    center of mass (m, link axes) of each link.
     """
     lines, torques = stack(_ONE, links + links + links + links + links + links), stack(_ONE, links)
     g = Vector(needs.gravity[0], needs.gravity[1], needs.gravity[2])

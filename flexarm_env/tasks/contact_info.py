@@ -1,4 +1,4 @@
-"""Numbers of info for an arm with contacts, which follow all other numbers."""
+"""Entries of info for an arm with contacts, which follow all other entries."""
 
 from ..layout import Field, Layout
 
@@ -11,4 +11,4 @@ CONTACT = Layout(
     Field("impulse", (), "N s", "sum of the time integrals of the normal forces over the period"),
     Field("target", (), "N", "commanded normal force of the task `Press`, otherwise 0"),
 ).places  # fmt: skip
-"""Last numbers of info if an arm may touch obstacles."""
+"""Last entries of info if an arm may touch obstacles."""

@@ -27,17 +27,17 @@ from .task import (
 
 _PATH = PATH.places
 HARDEST = FARTHEST
-"""Index in a record of the largest impulse of a control period so far, N s."""
+"""Index in an arm's record of the largest impulse of the contact force in any control period so far, N s."""
 
 
 class Land(Reach):
-    """The record of the task for two links; for observation and reward see the environments' page of options."""
+    """Record of task "land" for two links; the options page of the environments describes observation and reward."""
 
     __slots__ = ()
 
 
 class LandChain(Chain):
-    """The record for any number of links."""
+    """Record of task "land" for any number of links."""
 
     __slots__ = ()
 
@@ -47,16 +47,16 @@ def land_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lane
     """Write success, info and the reward terms of a tip that touches a wall with little impulse and stays.
 
     e: distance (m) of tip and target along the wall; v: speed (m/s) of the tip; F (N) and I (N s): normal force at the
-    period's end, and its time integral over the period; d: distance of tip and target over the arm's length; bands (a,
-    b, c): of e, v and I.
+    period's end, and its time integral over the period; d: distance of tip and target divided by the arm's length; a,
+    b, c (task.bands): success bands of e, v and I.
 
         accuracy exp(-(e / 10 mm)^2), settle 1 / (1 + ((e / a)^2 + (v / b)^2)^2) if F > 0, otherwise 0,
         distance by min(d, 1) (`left_of`), effort -sum action^2,
         vibration -min(sum of squares of deflection rates, 1), impulse -min(I / c, 1)
 
     Success: F > 0, e < a and v < b in the last periods (`record_success`), and I < c in all periods up to now. poses:
-    poses of the links, inertial axes; info is written where live > 1/2. Returns (reward, 1.0 where a joint is beyond
-    its limits).
+    poses of the links, inertial axes; info is written in lanes with live > 1/2. Returns (reward, 1.0 where a joint
+    is beyond its limits).
     """
     n = size(task.links)
     shaking = 0.0
@@ -102,8 +102,8 @@ def land_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lane
 def land_draw_line(task, stream, arm, start, drawn, path):
     """Write a target at rest on the wall, a `PATH`, on a random side of the wall's point nearest to the root.
 
-    drawn: distance of the nearest point from the root, m; distance of the target from the nearest point, m; not used;
-    bearing of the nearest point, rad. stream[arm]: random numbers of the arm. start: not used.
+    drawn (4,): distance of the nearest point from the root, m; distance of the target from the nearest point, m; an
+    unused number; bearing of the nearest point, rad. stream[arm]: random numbers of the arm. start: not used.
     """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     cosine, sine = math.cos(drawn[3]), math.sin(drawn[3])

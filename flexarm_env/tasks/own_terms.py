@@ -1,4 +1,4 @@
-"""User-defined reward terms, which are added to those of a task.
+"""User-defined reward terms, which are added to a task's reward terms.
 
 A term is a kernel `term(lane, task, poses, action, record)` that returns the term's value for a lane of arms. Terms are
 constants of the record's class, which the compiler knows. Each choice of terms therefore has a class of its own.
@@ -12,17 +12,17 @@ from ..compiler import kernel, size
 from .task import TASKS, Task, judge, reward_term
 
 TERM_ARGUMENTS = ("lane", "task", "poses", "action", "record")
-"""Arguments of a term; see `tasks.task`."""
+"""Names of a reward term's arguments; see `tasks.task`."""
 
 
 @kernel
 def judge_with_terms(lane, task, poses, action, record, live, info):
     """Evaluate an instant of a task, with user-defined reward terms; return (reward, joint limit passed: 1.0 or 0.0).
 
-    `judge` writes success and the task's terms into info, where live > 1/2. task.own_terms: kernels term(lane, task,
-    poses, action, record), whose weighted values are added to the reward and written into info.terms before the terms
-    of cost, change of actions and failure. poses: poses of the links, inertial axes; action (joints, lanes), in [-1,
-    1].
+    `judge` writes success and the task's terms into info in lanes with live > 1/2. task.own_terms: kernels
+    term(lane, task, poses, action, record), whose weighted values are added to the reward and written into info.terms
+    before the terms of cost, change of actions and failure. poses: poses of the links, inertial axes; action (joints,
+    lanes), in [-1, 1].
     """
     total, past = judge(lane, task, poses, action, record, live, info)
     # k: first of the user's own terms; cost (if task.charged), change of actions (if task.acted), failure follow it

@@ -23,29 +23,31 @@ from .task import (
 
 _PATH = PATH.places
 FORCE, BEARING = PATH_AT + _PATH.z, PATH_AT + _PATH.bearing
-"""Indices in a record: commanded normal force (N), and bearing (rad) of the wall's point nearest to the root."""
+"""Indices in an arm's record of the commanded normal force (N) and of the bearing (rad) of the wall's point nearest to
+the root."""
 SQUARES, FARTHEST = PATH_AT + _PATH.vz, PATH_AT + _PATH.tilt
-"""Sum of squares of the relative force errors, and largest distance (m) from the target, over the evaluated periods."""
+"""Indices in an arm's record of the sum of squares of the relative force errors, and of the largest distance (m) from
+the target, in the evaluated periods."""
 
 WIDE_PATH, WIDE_FORCE = 0.01, 0.25
-"""Widths of the reward terms `accuracy` (m) and `force` (over the commanded force)."""
+"""Widths of the reward terms `accuracy` (m) and `force` (divided by the commanded force)."""
 
 
 class Press(Reach):
-    """The record of the task for two links; for observation and reward see the environments' page of options."""
+    """Record of task "press" for two links; the options page of the environments describes observation and reward."""
 
     __slots__ = ()
 
 
 class PressChain(Chain):
-    """The record for any number of links."""
+    """Record of task "press" for any number of links."""
 
     __slots__ = ()
 
 
 @kernel
 def press_observe(lane, task, poses: Lanes, record: Lanes, out):
-    """Write the scaled observation of `Reach`, then the commanded normal force over its scale."""
+    """Write the scaled observation of `Reach`, then the commanded normal force divided by its scale."""
     reach_observe(lane, task, poses, record, out)
     show_scaled(lane, task, out, size(task.entries) - 1, record[FORCE])
 
@@ -55,14 +57,15 @@ def press_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lan
     """Write success, info and the reward terms of a tip that slides along a wall under a commanded normal force.
 
     e: distance (m) of tip and target along the wall; f = (F_n - F_c) / F_c with the normal force F_n at the period's
-    end and the commanded one F_c; d: distance of tip and target over the arm's length; bands (a, b): of f and e (m).
+    end and the commanded one F_c; d: distance of tip and target divided by the arm's length; a, b (task.bands): success
+    bands of f and e (m).
 
         accuracy exp(-(e / 10 mm)^2), settle 1 / (1 + ((e / b)^2 + (f / a)^2)^2), distance by min(d, 1) (`left_of`),
         effort -sum action^2, vibration -min(sum of squares of deflection rates, 1), force exp(-(f / 0.25)^2)
 
     Success: in all periods of the last two thirds of the episode up to now, the root mean square of f is at most a and
     e is at most b. No period of the first third counts as a success. poses: poses of the links, inertial axes; info is
-    written where live > 1/2. Returns (reward, 1.0 where a joint is beyond its limits).
+    written in lanes with live > 1/2. Returns (reward, 1.0 where a joint is beyond its limits).
     """
     n = size(task.links)
     shaking = 0.0
@@ -117,8 +120,8 @@ def _record_press(lane, task, e, f, record: Lanes, live, info):
 def press_draw_line(task, stream, arm, start, drawn, path):
     """Write a straight path along the wall, a `PATH`, with the commanded normal force and the wall's bearing.
 
-    drawn: distance of the wall from the root, m; time at which its nearest point is reached, s; speed, m/s; bearing of
-    that point, rad; normal force, N.
+    drawn (5,): distance of the wall from the root, m; time at which the target reaches the wall's nearest point, s;
+    speed, m/s; bearing of the nearest point, rad; normal force, N.
     """
     reach_draw_line(task, stream, arm, start, drawn, path)
     path[_PATH.z], path[_PATH.bearing] = drawn[4], drawn[3]

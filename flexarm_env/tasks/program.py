@@ -14,7 +14,7 @@ from ..physics.obstacles import KeepOut
 from .starts import FACTORS, Ranges
 
 PARAMETERS = len(OWN)
-"""Length of an arm's own parameters `par` in the plane, see `physics.model.PAYLOAD_MASS`."""
+"""Number of an arm's own parameters `par` in the plane, see `physics.model.PAYLOAD_MASS`."""
 
 PATH = Layout(
     "Path", "",
@@ -27,7 +27,7 @@ PATH = Layout(
     Field("z", (), "m", "in space, center of a circle, z"), Field("vz", (), "m/s", "in space, its velocity, z"),
     Field("bearing", (), "rad", "in space, bearing of the circle's axis"), Field("tilt", (), "rad", "its angle from z"),
 )  # fmt: skip
-"""Parameters of a moving target's drawn path, inertial axes. The task `Press` uses the last four otherwise."""
+"""Parameters of a moving target's drawn path, inertial axes. The task `Press` gives the last four another meaning."""
 
 LAW = Layout(
     "Law", "",
@@ -69,7 +69,7 @@ PUSH = Layout(
     Field("first", (), "", "first control period with the push"), Field("over", (), "", "first period after it"),
     Field("force", (3,), "N", "force on the tip, inertial axes; in the plane the last is 0"),
 )  # fmt: skip
-"""A push at the tip."""
+"""Memory of a push: a force on the tip."""
 
 RECORD = Layout(
     "Record", "joints, acted, motors, commands, delays, memory, readings",
@@ -160,7 +160,7 @@ INFO = Layout(
     Field("motors", (2, "links"), "rad, rad/s", "motor angles and rates, over the gear ratio, where energies are kept"),
     Field("further", ("further",), "", "a `FURTHER`, or nothing"),
 )  # fmt: skip
-"""Numbers of an arm that the caller reads after a period."""
+"""Entries of info, which the caller reads after a control period."""
 
 _FURTHER = Layout(
     "Further", "told",
@@ -174,19 +174,19 @@ _FURTHER = Layout(
     Field("base", (3,), "rad, m", "attitude of a floating base, then x, y of its hub"),
     Field("told", ("told",), "s, s, s, 1", "drawn: delays of commands and observations, lag, gains of channels"),
 )  # fmt: skip
-"""Further numbers for the caller: costs, a changing payload, pushes, fitted steps, drawn factors, a floating base."""
+"""Further entries of info: costs, a changing payload, pushes, fitted steps, drawn factors, a floating base."""
 
 FURTHER = _FURTHER.offsets(0, 0)
-"""Index of each field; FURTHER.end: number of entries without drawn delays and gains."""
+"""Index of each field of the further entries of info; FURTHER.end: number of entries without drawn delays and gains."""
 
 (
     PERIODS, PERIODS_ALLOWED, MODE, HOLD, TARGET, TARGET_RATE, TORQUE_FACTOR, LEVEL, LATE, COST, ACCOUNTED,
     EXCHANGED, CHANGE, PUSHED, PATH_AT, GOAL, *_,
 ) = RECORD.offsets(0, 0, 0, 0, 0, 0, 0, 0)  # fmt: skip
-"""Index in a record of the fields that do not depend on sizes."""
+"""Index in a record of the fields whose places do not depend on sizes."""
 
 SUCCESS, TIP, DEFLECTION, *_ = INFO.offsets(0, 0, 0, 0, 0)
-"""Index in info of the fields that do not depend on sizes, the last in the plane."""
+"""Index in info of the fields whose places do not depend on sizes; the last index holds in the plane only."""
 
 SAVED = Layout(
     "Saved", "rows, inputs, motions, record",
@@ -198,7 +198,7 @@ SAVED = Layout(
     Field("reaction", ("motions",), "N m or N", "forces that enforce the prescribed motions"),
     Field("record", ("record",), "", "a `RECORD`, where a period may change it; otherwise none of it"),
 )  # fmt: skip
-"""Saved state of an arm, from which a period or stretch is repeated."""
+"""Saved state of an arm, from which a period, or a part of it, is repeated."""
 
 SCRATCH = Layout(
     "Scratch", "links, saved",
@@ -231,17 +231,17 @@ REASONS: dict[float, str] = {
     float(ACTION_NOT_FINITE): "action_not_finite",
     float(JOINT_LIMIT): "joint_limit",
 }
-"""One word for each code that `info` holds."""
+"""Word for the reason of an episode's end, by the reason's code in `info`."""
 
 STATUS_WORDS: dict[float, str] = {code: STATUS[int(code)] if code < len(STATUS) else STATUS[0] for code in REASONS}
 """The solver's status word for each code of `REASONS`, as in `info`."""
 
 CLIP = 10.0
-"""Observations are clipped to this many scales."""
+"""Largest magnitude of an observed entry after division by its scale; larger magnitudes are clipped."""
 
 
 class Block(NamedTuple):
-    """Index (in float64) of each section of a block, the memory of a group of arms; arms in lanes inside."""
+    """Start (in float64 numbers) of each section of a block, the memory of a group of arms, one arm per lane."""
 
     par: int  # see `physics.model.OWN`
     poses: int  # a `POSES` a link, in space a `SPACE_POSES`
@@ -265,7 +265,7 @@ def sections(layout, block):
 
 
 class Controller(NamedTuple):
-    """Joint controllers with the action: torque = stiffness (goal - angle) - damping rate + share limit action."""
+    """Joint controllers: torque = stiffness (goal - angle) - damping * rate + share * torque limit * action."""
 
     stiffness: np.ndarray  # (N,) N m/rad
     damping: np.ndarray  # (N,) N m s/rad
@@ -274,7 +274,7 @@ class Controller(NamedTuple):
 
 
 class Amplifier(NamedTuple):
-    """Conversion of an action into torques: by currents, or by voltages less the motors' back EMF."""
+    """Conversion of an action into torques: by currents, or by voltages minus the motors' back EMF."""
 
     gain: np.ndarray  # (N,) N m: torque of the largest current, or of the largest voltage at rest
     emf: np.ndarray | None  # (N,) N m s/rad: torque lost per joint rate (back EMF); None with currents
@@ -297,7 +297,7 @@ class Actuator(NamedTuple):
 
 
 class Sensors(NamedTuple):
-    """Noise, delay and strain gauges."""
+    """Noise and delay of the observation, and strain gauges."""
 
     noise: np.ndarray  # (S,) standard deviation of each entry, in its scale
     age: int  # control periods by which observations come late
@@ -306,9 +306,9 @@ class Sensors(NamedTuple):
 
 
 class Instruments(NamedTuple):
-    """Sensors that read by a law; None: no sensor of this kind. Channels are in the order of the fields.
+    """Sensors that read by a law (`sensors.Law`); None: no sensor of this kind. Channels follow the fields' order.
 
-    The sensors' entries follow those of task and target: goals, accelerometer, ..., camera, force, switch, then gauges.
+    Sensor entries follow those of task and target: goals, accelerometer, gyroscope, camera, force, switch, gauges.
     """
 
     period: float  # s
@@ -348,7 +348,7 @@ class Reference(NamedTuple):
 
 
 class Cost(NamedTuple):
-    """Limits whose violation gives a period a cost; None: no such limit."""
+    """Limits of deflection and strain whose violation gives a period a cost; None: no limit."""
 
     deflection: np.ndarray | None  # (N,): largest tip deflection of each link, over its length
     strain: np.ndarray | None  # (G, n): rows for `protocol.strain_gauge`, strain at a station / limit; in space 2 each
@@ -445,6 +445,6 @@ class Program(NamedTuple):
 
 
 def complete(program: Program) -> Program:
-    """Return the program with models that have the terms of all own parameters (`physics.model.complete`)."""
+    """Return the program with models that contain the terms of all parameters of an arm (`physics.model.complete`)."""
     models = program.models and Models(*map(model.complete, program.models))
     return program._replace(model=model.complete(program.model), models=models)

@@ -34,13 +34,13 @@ _PATH, _MOVING = PATH.places, MOVING.places
 
 
 class Reach(Task):
-    """The record of the task for two links; for observation and reward see `envs.two_link`."""
+    """Record of task "reach" for two links; for observation and reward see `envs.two_link`."""
 
     __slots__ = ()
 
 
 class Chain(Task):
-    """The record for any number of links: `Reach` with the joint angles of `angles.least_angles`."""
+    """Record of task "reach" for any number of links: `Reach` with the joint angles of `angles.least_angles`."""
 
     __slots__ = ()
 
@@ -49,10 +49,11 @@ class Chain(Task):
 def reach_observe(lane, task, poses: Lanes, record: Lanes, out):
     """Write the scaled observation: joints, deflections, tip velocity, vector from tip to target (`envs.two_link`).
 
-    Entries: sine, cosine of each joint; N joint rates (rad/s); N tip deflections over the link's length, N of their
-    rates (1/s); tip velocity (m/s) and target less tip (m), in the axes of link 0's root; seven of a floating base.
-    poses: poses of the links, inertial axes; record: the target. Each entry is divided by its scale and clipped to
-    +-10.
+    Entries: sine, cosine of each joint angle; N joint rates (rad/s); N tip deflections divided by link length, and
+    their N rates (1/s); tip velocity (m/s) and target minus tip (m), in the axes of link 0's root; seven entries of a
+    floating base.
+    poses: poses of the links, inertial axes; record: records of the arms, of which the target is read. Each entry is
+    divided by its scale and clipped to +-10.
     """
     n = size(task.links)
     before, spin = 0.0, of_base(lane, task, poses, BASE_POSE.rate)
@@ -88,10 +89,10 @@ def reach_observe(lane, task, poses: Lanes, record: Lanes, out):
 def reach_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
     """Write success, info and the reward terms of a tip that is brought to a point in the plane (`reward_point`).
 
-    error: distance of the tip to the target over the arm's length; speed: speed of the tip relative to the target over
-    that length, 1/s; shaking: sum of squares of deflection rates over the links' lengths, 1/s^2. poses: poses of the
-    links, inertial axes; action (joints, lanes), in [-1, 1]; info is written where live > 1/2. Returns (reward, 1.0
-    where a joint is beyond its limits).
+    error: distance of the tip to the target divided by the arm's length; speed: speed of the tip relative to the target
+    divided by that length, 1/s; shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2.
+    poses: poses of the links, inertial axes; action (joints, lanes), in [-1, 1]; info is written for running arms (live
+    > 1/2). Returns (reward, 1.0 where a joint is beyond its limits).
     """
     n = size(task.links)
     shaking = 0.0
@@ -122,9 +123,9 @@ def reward_point(lane, task, error, speed, shaking, poses, action, record, live,
         effort -sum action^2, vibration -min(shaking, 1), attitude of a floating base, change of actions
 
     Each term is multiplied by its weight. If task.paid is a tag, settle is 1 / (1 + s^2) (`settled`). s is the sum of
-    squares of error and speed (and of a floating base's attitude), each over its success band. error: over the arm's
-    length; speed: over the length, 1/s; shaking: 1/s^2, sum of squares of deflection rates over the lengths. Terms go
-    into info, where live > 1/2.
+    squares of error and speed (and of a floating base's attitude), each divided by its success band. error: divided by
+    the arm's length. speed: divided by the arm's length, 1/s. shaking: sum of squares of the deflection rates divided
+    by the links' lengths, 1/s^2. Terms are written into info in lanes with live > 1/2.
     """
     # success: |r - target| / L and speed / L (1/s) within their bands
     good = select_lt(error, task.bands[0], 1.0, 0.0)
@@ -155,7 +156,7 @@ def reach_target(task, angles, first, second):
 
 @kernel
 def reach_aim(task, record):
-    """Write the goal angles (rad) of two links into record[GOAL:]: of two solutions, the solution reached first.
+    """Write the goal angles (rad) of two links into record[GOAL:]: the elbow side that the joints reach first.
 
     record: record of one arm. The record's target (m, inertial axes) is read. The record's goal holds the present joint
     angles at entry and the angles that bring the tip to the target at return (`angles.sooner_angles`).
@@ -175,9 +176,9 @@ def chain_aim(task, record):
 
 @kernel
 def chain_pursue(task, record):
-    """Write the goal angles (rad) of N links into record[GOAL:]: as `chain_aim`, near the present goal angles.
+    """Write the goal angles (rad) of N links near the present goal angles into record[GOAL:]; see `chain_aim`.
 
-    record: record of one arm: target (m, inertial axes) in; goal: in and out.
+    record: record of one arm. The target (m, inertial axes) is read, the goal is read and written.
     """
     next_angles(task.lengths, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 
@@ -186,7 +187,7 @@ def chain_pursue(task, record):
 def reach_draw_path(task, stream, arm, start, drawn, path):
     """Write a circular path with random sense of rotation and random phase into `path`, a `PATH`.
 
-    drawn: distance of the circle's center from the root, m; period, s; radius, m; bearing of the center, rad.
+    drawn (4,): distance of the circle's center from the root, m; period, s; radius, m; bearing of the center, rad.
     stream[arm]: random numbers of the arm. start: not used.
     """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
@@ -202,8 +203,8 @@ def reach_draw_path(task, stream, arm, start, drawn, path):
 def reach_draw_line(task, stream, arm, start, drawn, path):
     """Write a straight path with random sense of direction into `path`, a `PATH`, from its point nearest to the root.
 
-    drawn: distance of the nearest point, m; the time when it is reached, s; speed, m/s; bearing of this point, rad.
-    stream[arm]: random numbers of the arm. start: not used.
+    drawn (4,): distance of the path's nearest point from the root, m; time at which the target reaches this point, s;
+    speed, m/s; bearing of this point, rad. stream[arm]: random numbers of the arm. start: not used.
     """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     cosine, sine = math.cos(drawn[3]), math.sin(drawn[3])

@@ -33,7 +33,7 @@ _PATH, _MOVING = PATH.places, MOVING.places
 
 
 class Slew(Task):
-    """The record of task slew; for observation and reward see `envs.flexible_arm`."""
+    """Record of task "slew"; for observation and reward see `envs.flexible_arm`."""
 
     __slots__ = ()
 
@@ -53,12 +53,13 @@ def _error(lane, task, poses: Lanes, record: Lanes, normal, along):
 
 @kernel
 def slew_observe(lane, task, poses: Lanes, record, out):
-    """Write sine, cosine of the hub's angle, its rate, tip deflection and its rate over L, and the angle error; scaled.
+    """Write the scaled observation: hub angle and rate, tip deflection and its rate, and angle error.
 
-    Hub: relative to a floating base. Deflection: across the root's tangent. Error: target less tip angle (rad), within
-    +-pi where task.turns is a tag, otherwise with all turns. The seven entries of a floating base, if the arm has one,
-    follow. Units: rad/s, 1, 1/s, rad; each entry is divided by its scale and clipped to +-10. poses: pose of the link,
-    inertial axes; record: the target.
+    Entries: sine and cosine of the hub angle, relative to a floating base; hub rate (rad/s); tip deflection across the
+    root's tangent, divided by L; deflection rate divided by L (1/s); target minus tip angle (rad), within +-pi if
+    task.turns is a tag, otherwise with all turns; seven entries of a floating base. Each entry is divided by its scale
+    and clipped to +-10. poses: pose of the link, inertial axes; record: records of the arms, of which the target is
+    read.
     """
     normal, along, rate, _, _, _, _, sine, cosine = deflection(lane, poses, 0)
     # hub angle as (sin, cos), against a floating base where there is one
@@ -76,16 +77,17 @@ def slew_observe(lane, task, poses: Lanes, record, out):
 def slew_judge(lane, task, poses, action, record: Lanes, live, info):
     """Write success, info and reward terms of a tip that turns to an angle; return (reward, joint limit passed).
 
-    Errors: e = tip angle (rad), slip = tip rate less the target's (rad/s), rate = deflection rate over L (1/s).
+    e: magnitude of tip angle minus target (rad). slip: tip rate minus target rate (rad/s). rate: deflection rate
+    divided by L (1/s).
 
         accuracy exp(-(10 e)^2), settle exp(-(50 e)^2 - (5 slip)^2), distance by min(e, 1) (`left_of`; with task.turns e
         in half turns), effort -sum action^2, vibration -min(rate^2, 1)
 
     Each term is multiplied by its weight. A floating base adds a term for its attitude. If changes of actions have a
     price, the price adds another term. If task.paid is a tag, settle is 1 / (1 + s^2) (`settled`). s is the sum of
-    squares of e, slip and rate (and of a base's attitude), each over its success band. poses: pose of the link,
-    inertial axes; info is written where live > 1/2. Joint limit passed: 1.0 where the joint is beyond its limits,
-    otherwise 0.0.
+    squares of e, slip and rate (and of a base's attitude), each divided by its success band. poses: pose of the link,
+    inertial axes; info is written in lanes with live > 1/2. Joint limit passed: 1.0 where the joint is beyond its
+    limits, otherwise 0.0.
     """
     # tip less root: polar angle and its rate (inertial axes), deflection (root axes)
     normal, along, rate, dx, dy, dvx, dvy, _, _ = deflection(lane, poses, 0)
@@ -149,8 +151,8 @@ def slew_draw_path(task, stream, arm, start, drawn, path):
 def slew_draw_line(task, stream, arm, start, drawn, path):
     """Write a path of constant rate that passes joint 0's angle `start` towards a random side into `path`.
 
-    path: a `PATH`. start: rad. drawn: distance of the path behind `start` at t = 0, rad; rate of the path, rad/s.
-    stream[arm]: random numbers of the arm.
+    path: a `PATH`. start: angle of joint 0, rad. drawn (2,): angle by which the path is behind `start` at t = 0, rad;
+    rate of the path, rad/s. stream[arm]: random numbers of the arm.
     """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     path[_PATH.x], path[_PATH.vx] = start - drawn[0] * side, drawn[1] * side
@@ -172,7 +174,7 @@ def slew_path_at(task, path, t, out):
 
 @kernel
 def slew_turn_in(lane, task, poses, seen, first, end):
-    """Leave `seen` as it is: an angle difference or a rate is the same in any frame."""
+    """Do nothing: the entries in `seen`, angle differences and rates, are the same in any frame of the plane."""
 
 
 TASKS.register(

@@ -14,7 +14,7 @@ _PATH, _MOVING = PATH.places, MOVING.places
 
 
 class SpaceReach(Task):
-    """The record of the task; observation and reward: see `envs.spatial`. Links of length 0 are rigid."""
+    """Record of task "reach" in space; for observation and reward see `envs.spatial`. Links of length 0 are rigid."""
 
     __slots__ = ()
 
@@ -52,9 +52,10 @@ def _velocity(lane, task, poses: Lanes):
 def space_observe(lane, task, poses: Lanes, record, out):
     """Write the scaled observation: joint angles and rates, deflections and twists, tip velocity, tip to target.
 
-    Sine and cosine of N joint angles; N joint rates (rad/s); for each flexible link deflection along y and z and their
-    rates over its length, twist (rad) and its rate; tip velocity (m/s) and target less tip (m), in the axes of link 0's
-    root. Each entry is divided by its scale and clipped to +-10. poses: poses of the links; record: the target.
+    Sine and cosine of N joint angles; N joint rates (rad/s); for each flexible link deflections along y and z and their
+    rates, divided by the link's length, twist (rad) and twist rate; tip velocity (m/s) and target minus tip (m), in the
+    axes of link 0's root. Each entry is divided by its scale and clipped to +-10. poses: poses of the links; record:
+    the target.
     """
     n, to = size(task.links), 3 * size(task.links)
     for k in range(n):
@@ -83,10 +84,10 @@ def space_observe(lane, task, poses: Lanes, record, out):
 def space_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
     """Write success, info and the reward terms of a tip that is brought to a point in space (`reach.reward_point`).
 
-    error: distance of the tip to the target over the arm's length; speed: speed of the tip relative to the target over
-    that length, 1/s; shaking: sum of squares of deflection rates over the links' lengths, 1/s^2. poses: poses of the
-    links; action (joints, lanes), in [-1, 1]; info is written where live > 1/2. Returns (reward, 1.0 where a joint is
-    beyond its limits).
+    error: distance of the tip to the target divided by the arm's length; speed: speed of the tip relative to the target
+    divided by that length, 1/s; shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2.
+    poses: poses of the links; action (joints, lanes), in [-1, 1]; info is written in lanes with live > 1/2.
+    Returns (reward, 1.0 where a joint is beyond its limits).
     """
     n, at = size(task.links), info_of(task)
     shaking, past = 0.0, 0.0
@@ -127,7 +128,7 @@ def space_aim(task, record):
 
     Goal angles of a resting target have been drawn before the target itself. record: record of one arm. The record's
     target (m, inertial axes) is read. The record's goal holds the start of the search at entry and the goal angles at
-    return. task.chain: a `JOINT` per joint, None where targets rest.
+    return. task.chain: kinematics of the arm, a `JOINT` per joint; None if targets rest.
     """
     if task.chain is not None:
         point = (record[TARGET], record[TARGET + 1], record[TARGET + 2])
@@ -138,8 +139,8 @@ def space_aim(task, record):
 def space_pursue(task, record):
     """Move the goal angles (rad), record[GOAL:], so that they reach the moved target; do nothing if targets rest.
 
-    record: record of one arm: target (m, inertial axes) in; goal: in and out. task.chain: a `JOINT` per joint, None
-    where targets rest.
+    record: record of one arm. The target (m, inertial axes) is read, the goal is read and written. task.chain: a
+    `JOINT` per joint, None where targets rest.
     """
     if task.chain is not None:
         point = (record[TARGET], record[TARGET + 1], record[TARGET + 2])
@@ -160,8 +161,8 @@ def _directions(bearing, elevation):
 def space_draw_path(task, stream, arm, start, drawn, path):
     """Write a circular path in a random plane, from a random phase, into `path`, a `PATH`.
 
-    drawn: distance of the circle's center from the root, m; period, s; radius, m; bearing and elevation of the center,
-    rad. stream[arm]: random numbers of the arm. start: not used.
+    drawn (5,): distance of the circle's center from the root, m; period, s; radius, m; bearing and elevation of the
+    center, rad. stream[arm]: random numbers of the arm. start: not used.
     """
     away, _, _ = _directions(drawn[3], drawn[4])
     # center of the circle, distance times direction (inertial axes)
@@ -178,8 +179,8 @@ def space_draw_path(task, stream, arm, start, drawn, path):
 def space_draw_line(task, stream, arm, start, drawn, path):
     """Write a straight path in a random direction, by its point nearest to the root, into `path`, a `PATH`.
 
-    drawn: distance of the nearest point, m; the time when it is reached, s; speed, m/s; bearing and elevation of this
-    point, rad. stream[arm]: random numbers of the arm. start: not used.
+    drawn (5,): distance of the path's nearest point from the root, m; time at which the target reaches this point, s;
+    speed, m/s; bearing and elevation of this point, rad. stream[arm]: random numbers of the arm. start: not used.
     """
     away, around, up = _directions(drawn[3], drawn[4])
     turn = 2.0 * math.pi * uniform(stream, arm)

@@ -1,7 +1,7 @@
 """Inverse kinematics in space: joint angles of the rigid arm that bring its tip to a point, by damped least squares.
 
-`chain` holds a `JOINT` per joint. The results replace the present joint angles (rad); limits (2 N,): see `angles`. If a
-point is out of reach, the tip approaches it.
+`chain` holds a `JOINT` per joint. The resulting joint angles (rad) replace the present ones; limits (2 N,): see
+`angles`. If a point is out of reach, the tip approaches it.
 """
 
 import math
@@ -124,22 +124,21 @@ def _column(lines, k, tip):
 
 @kernel
 def follow_point(chain, links, length, limits, point, angles):
-    """Move the joint angles to reach a point that has moved a little, with few iterations from the present angles.
+    """Move the joint angles so that the tip follows a point that has moved a little, with few iterations.
 
-    chain: a `JOINT` per joint; links: N zeros; length: length of the arm, m; limits (2 N,): low, high of each joint,
-    rad; point: m, inertial axes; angles (N,): rad, in and out.
+    chain: a `JOINT` per joint; links: N zeros; length: length of the arm, m; limits (2 N,): lower and upper
+    limit of each joint, rad; point (3,): target point, m, inertial axes; angles (N,): joint angles, rad, in and out.
     """
     _approach(chain, links, length, limits, point, _FOLLOWED, angles)
 
 
 @kernel
 def seek_point(chain, links, length, limits, point, angles):
-    """Move the joint angles to reach a point anywhere.
+    """Move the joint angles so that the tip reaches a point anywhere within reach.
 
-    The search starts from the present angles. If it fails, it is repeated from two bent postures.
-
-    The best result is kept. chain: a `JOINT` per joint; links: N zeros; length: length of the arm, m; limits (2 N,):
-    low, high of each joint, rad; point: m, inertial axes; angles (N,): rad, in and out.
+    The search starts from the present angles. If the search fails, it is repeated from two bent postures, and the best
+    result is kept. chain: a `JOINT` per joint; links: N zeros; length: length of the arm, m; limits (2 N,): lower and
+    upper limit of each joint, rad; point (3,): target point, m, inertial axes; angles (N,): joint angles, rad, in, out.
     """
     least, mine, best = math.inf, stack(_ONE, links), stack(_ONE, links)
     for trial in range(3):

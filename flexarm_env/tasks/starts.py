@@ -23,7 +23,8 @@ FACTORS = Layout(
     Field("motor_inertia", (), "", "on the rotors' inertia"), Field("hub_inertia", (), "", "on the hub's inertia"),
     Field("EI_y", (), "", "on EI_y, in space, besides `EI`"), Field("GJ", (), "", "on GJ, in space"),
 )  # fmt: skip
-"""Factors on nominal values that an episode draws. Those from `payload_inertia` on are drawn only if requested."""
+"""Factors on an arm's nominal values, which are drawn in each episode. Those from `payload_inertia` on are drawn only
+if requested."""
 
 FACTOR, FACTOR_NAMES = FACTORS.places, tuple(one.name for one in FACTORS.fields)
 ALWAYS = FACTOR.payload_inertia
@@ -32,7 +33,7 @@ NOT_DRAWN = dict.fromkeys(FACTOR_NAMES[:ALWAYS], (1.0, 1.0))
 
 
 class Ranges(NamedTuple):
-    """Ranges for a fresh start, drawn uniformly; tables by rows, ranges (low, high). N links, n rows of the state."""
+    """Ranges (low, high) from which a fresh start is drawn uniformly; tables by rows; N links, n rows of the state."""
 
     pose: np.ndarray | None  # (n, 1 + 3 N): q = pose times a `BASIS`; None: `set_joint_configuration`, in space
     shake: np.ndarray | None  # (n, 1 + 3 N): v likewise, for a vibration of 1; in space `envs.vibration.swing`, or None
@@ -50,10 +51,10 @@ class Ranges(NamedTuple):
 
 @dataclass(frozen=True)
 class Starts:
-    """Ranges from which fresh starts are drawn, uniformly; fields not described here are those of `Ranges`.
+    """Ranges from which fresh starts are drawn, uniformly; `Ranges` describes the fields that are not described here.
 
-    target: two ranges (the second is unused with one link); in space one range for each joint. drawn: ranges of the
-    first `FACTOR_NAMES`, in their order. laws: whether joint laws are drawn.
+    target: two ranges (the second is unused with one link); in space one range for each joint. drawn: range of each
+    drawn factor by name, in the order of `FACTOR_NAMES`. laws: whether factors on joint laws are drawn.
     """
 
     start: Sequence[tuple[float, float]]

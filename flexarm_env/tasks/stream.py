@@ -11,7 +11,7 @@ from ..compiler import kernel
 def uniform(stream, arm):
     """Return the next number of an arm's stream, uniform in [0, 1): SplitMix64 (Steele, Lea & Flood 2014).
 
-    stream (arms,): uint64, the state of each arm's stream, in and out. arm: number in the batch.
+    stream (arms,): uint64, the state of each arm's stream, which is advanced. arm: index of the arm in the batch.
     """
     z = stream[arm] + np.uint64(0x9E3779B97F4A7C15)
     stream[arm] = z
@@ -25,7 +25,7 @@ def uniform(stream, arm):
 
 @kernel
 def draw(stream, arm, ranges, k):
-    """Return the next number of an arm's stream, uniform within row k, (low, high), of `ranges` (2 x rows,)."""
+    """Return the next number of an arm's stream, uniform between ranges[2 k] and ranges[2 k + 1]."""
     return ranges[2 * k] + (ranges[2 * k + 1] - ranges[2 * k]) * uniform(stream, arm)
 
 

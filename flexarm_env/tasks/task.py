@@ -2,7 +2,8 @@
 
 A task is a record (a subclass of `Task`) and kernels that are registered for it, such as `Slew` and `Reach`. `poses`
 holds a `physics.layout.POSES` per link, then a `BASE_POSE` where the base floats. Observed entries are divided by their
-scales and clipped to +-10. All arithmetic is on lanes: a batch and a single arm give the same bits.
+scales and clipped to +-10. All arithmetic is on lanes: a batch and a single arm give the same bits. `live` is 1.0 in
+the lanes of arms that were advanced without a failure and have finite observations, otherwise 0.0.
 
     observe(lane, task, poses, record, out)                write the scaled observation into the first entries of `out`
     judge(lane, task, poses, action, record, live, info)   write success and reward terms into `info`, where live > 1/2;
@@ -34,7 +35,7 @@ from .program import CLIP, FURTHER, GOAL, HOLD, SUCCESS, TARGET, TIP, info_at
 
 
 class Task(NamedTuple):
-    """Constants of a task: N links, D numbers in a target, T reward terms, O entries of the observation.
+    """Constants of a task with N links, D numbers in a target, T reward terms, and O entries of the observation.
 
     Sizes and tags are tuples of zeros, which the compiler knows.
     """
@@ -96,9 +97,9 @@ def put_info(lane, live, info: Lanes, k, value):
 def deflection(lane, poses: Lanes, k):
     """Return the tip of link k relative to its root: (normal, along, normal rate, dx, dy, dvx, dvy, sine, cosine).
 
-    normal, along: m, across and along the tangent of the root section; normal rate: m/s, in the frame that turns with
-    that section; dx, dy (m), dvx, dvy (m/s): the same vector and its velocity in inertial axes; sine, cosine: sine and
-    cosine of the root section's angle.
+    normal, along: components, m, across and along the tangent of the root section; normal rate: rate of the normal
+    component, m/s; dx, dy (m), dvx, dvy (m/s): vector from root to tip and its rate, in inertial axes; sine, cosine:
+    sine and cosine of the root section's angle.
     """
     # tip less root, inertial axes
     o = POSE.end * k
@@ -134,11 +135,11 @@ def hub_angle(lane, task, poses: Lanes, sine, cosine):
 
 @kernel
 def show_base(lane, task, poses: Lanes, sine, cosine, out):
-    """Write the last seven entries of the observation of an arm on a floating base, over their scales.
+    """Write the last seven entries of the observation of an arm on a floating base, divided by their scales.
 
     Do nothing where the root is held. Sine and cosine of the base's attitude, its rate (rad/s), then velocity (m/s) and
-    position (m) of the hub, each along and across the root of link 0; sine, cosine: those of the inertial angle of that
-    root. poses: poses of the links, then of the base, inertial axes.
+    position (m) of the hub, each along and across the root of link 0; sine, cosine: sine and cosine of the inertial
+    angle of that root. poses: poses of the links, then of the base, inertial axes.
     """
     if size(task.base) > 0:
         k = size(task.entries) - 7
@@ -158,8 +159,8 @@ def show_base(lane, task, poses: Lanes, sine, cosine, out):
 def level(lane, task, poses, good):
     """Return `good` (1 or 0) if a floating base's attitude is within its success band, else 0.
 
-    The band is the last of task.bands, rad. If the root is held, `good` is returned. poses: poses of the links, then of
-    the base.
+    The success band of the attitude, rad, is the last entry of task.bands. If the root is held, `good` is returned.
+    poses: poses of the links, then of the base.
     """
     if size(task.base) > 0:
         turned = absolute(of_base(lane, task, poses, BASE_POSE.angle))
@@ -169,7 +170,7 @@ def level(lane, task, poses, good):
 
 @kernel
 def squared_turn(lane, task, poses):
-    """Return the square of a floating base's attitude over its success band, the last of task.bands (rad)."""
+    """Return the square of a floating base's attitude divided by its success band, the last of task.bands (rad)."""
     turned = of_base(lane, task, poses, BASE_POSE.angle) / task.bands[task.bands.shape[0] - 1]
     return turned * turned
 
@@ -179,7 +180,7 @@ def reward_attitude(lane, task, poses: Lanes, live, info, total):
     """Return total plus reward term 5, which rewards a small attitude of a floating base; total if the root is held.
 
     The loss is min(attitude^2, 1), rad^2; the term is 1 - loss or -loss (`left_of`) times its weight. Attitude (rad)
-    and hub position (m, inertial axes) go into info, where live > 1/2.
+    and hub position (m, inertial axes) are written into info in lanes with live > 1/2.
     """
     if size(task.base) > 0:
         turned, at = of_base(lane, task, poses, BASE_POSE.angle), info_of(task).further + FURTHER.base
@@ -193,7 +194,7 @@ def reward_attitude(lane, task, poses: Lanes, live, info, total):
 
 @kernel
 def show_scaled(lane, task, out: Lanes, k, value):
-    """Write value over the scale of entry k, clipped to +-CLIP, into entry k of the observation `out`."""
+    """Write value divided by the scale of entry k, clipped to +-CLIP, into entry k of the observation `out`."""
     out[k] = clip(value / task.scales[k], CLIP)
 
 
@@ -211,7 +212,7 @@ def past_limit(task, k, angle, past):
 def past_limits(lane, task, poses: Lanes):
     """Return 1.0 in lanes where any joint's angle is beyond its limits, in other lanes 0.0.
 
-    A joint's angle is the angle of its link's root section, less the angle of the tip section before or of the base.
+    A joint's angle is the angle of its link's root section minus that of the preceding link's tip section or the base.
     """
     past = 0.0
     # joint 0 is measured against the base's attitude psi_b, joint k against the tip section before it
@@ -255,7 +256,7 @@ def effort(lane, task, action: Lanes):
 def settled(lane, square):
     """Return 1 / (1 + square^2), the reward term `settle`: 1 at rest on the target, 1/2 if square is 1.
 
-    square: sum of squares of errors (position, speed, ...), each over its success band.
+    square: sum of squares of errors (position, speed, ...), each divided by its success band.
     """
     return 1.0 / (square * square + 1.0)
 
@@ -273,10 +274,10 @@ def left_of(task, loss):
 
 @kernel
 def reward_change(lane, task, action: Lanes, record: Lanes, live, info, total):
-    """Return total plus the weighted term -sum (action - last action)^2; total itself without a price (task.acted).
+    """Return total plus the weighted term -sum (action - last action)^2; without a price (task.acted), return total.
 
     The term is written into info, before the failure term. The action (joints, lanes) is stored in the record as the
-    last action, where live > 1/2.
+    last action in lanes with live > 1/2.
     """
     change = 0.0
     for j in range(size(task.acted)):
@@ -292,7 +293,7 @@ def reward_change(lane, task, action: Lanes, record: Lanes, live, info, total):
 
 @kernel
 def reward_term(lane, task, live, info, k, value):
-    """Write value times the weight of reward term k (task.weights) into info where live > 1/2; return the product."""
+    """Write value times the weight of reward term k (task.weights) into info if live > 1/2; return the product."""
     # info holds weighted terms, so that they add up to the reward
     weighted = value * task.weights[k]
     put_info(lane, live, info, info_of(task).terms + k, weighted)
@@ -301,9 +302,9 @@ def reward_term(lane, task, live, info, k, value):
 
 @kernel
 def record_tip(lane, task, poses: Lanes, record: Lanes, live, info):
-    """Write the tip's position (m, inertial axes) and the target (m, or rad) into info, where live > 1/2.
+    """Write the tip's position (m, inertial axes) and the target (m, or rad) into info in lanes with live > 1/2.
 
-    poses: poses of the links, inertial axes. record: the target.
+    poses: poses of the links, inertial axes. record: records of the arms, of which the target is read.
     """
     o, at = POSE.end * (size(task.links) - 1), info_of(task).target
     put_info(lane, live, info, TIP, poses[o + POSE.tip_x])

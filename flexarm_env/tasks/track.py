@@ -50,8 +50,8 @@ def _set_target(reference, task, record, lanes, i, t, k, out):
 def move_targets(lane, reference, task, period, record):
     """Move the targets of running arms to the end of the control period, and update the joint angles that reach them.
 
-    reference: None if targets rest (no-op). period: s. record, in lanes: mode and periods done are read; target,
-    target_rate and goal are written.
+    reference: a `Reference`; None if targets rest (no-op). period: control period, s. record, in lanes: mode and number
+    of completed periods are read; target, target_rate and goal are written.
     """
     if reference is not None:
         for i in range(lane_count(lane)):
@@ -83,9 +83,9 @@ def _move_target(lanes, reference, task, period, record, i):
 def look_ahead(lane, reference, task, period, first, poses, record, seen):
     """Write the observation's entries for a moving target: its rate, then its displacement at each time ahead.
 
-    Points and rates are in the axes of link 0's root; scaled and clipped to +-10. first: True for the observation of a
-    reset, before any period is done. period: s. poses: poses of the links, inertial axes. Do nothing where targets rest
-    (reference None).
+    Points and rates are in the axes of link 0's root, divided by their scales, and clipped to +-10. first: True for the
+    observation of a reset, before any period is completed. period: control period, s. poses: poses of the links,
+    inertial axes. Do nothing where targets rest (reference None).
     # in        record: periods done, target, path
     # out       seen (entries, lanes), entries that follow the task's
     """

@@ -31,7 +31,7 @@ TABLES = ("env_kwargs", "around")
 """Tables of a file in addition to the entries of environments."""
 
 ZOO = ("n_envs", "n_timesteps", "normalize", "policy")
-"""Keys that are not arguments of the algorithm's class."""
+"""Keys of a hyper-parameter file that are not arguments of the algorithm's class."""
 
 NORMALIZED = ("norm_obs", "norm_reward", "clip_obs", "clip_reward", "gamma", "epsilon")
 """Keywords of VecNormalize."""
@@ -39,8 +39,8 @@ WHOLE = ("n_steps", "batch_size", "n_epochs")
 REAL = {"gamma": 1.0, "gae_lambda": 1.0} | dict.fromkeys(
     ("learning_rate", "clip_range", "ent_coef", "vf_coef", "max_grad_norm"), LARGEST
 )
-"""Integer keys, with minimum 1, and real keys with their maxima, with minimum 0. Real keys also accept texts for
-`schedule`."""
+"""Integer hyper-parameters, at least 1, and real hyper-parameters with their maxima, at least 0. A real hyper-parameter
+may also be a text for `schedule`."""
 SCHEDULED = ("learning_rate", "clip_range", "clip_range_vf")
 CLASSES = {
     "ppo": "stable_baselines3:PPO", "sac": "stable_baselines3:SAC", "tqc": "sb3_contrib:TQC",
@@ -54,7 +54,8 @@ class Config:
     """Hyper-parameters of a run, as written in the file (`text`) and as passed to the algorithm.
 
     Args:
-        algorithm: a key of CLASSES. text: key -> value of the file. env_kwargs: keywords of the environment.
+        algorithm: name of the algorithm, a key of CLASSES. text: values of the file by key. env_kwargs: keywords of the
+            environment.
         around: controller inside the policy (controller, share and gains); {}: no controller.
     """
 
@@ -68,7 +69,7 @@ class Config:
         return self if n_timesteps is None else replace(self, text={**self.text, "n_timesteps": n_timesteps})
 
     def changed(self, settings: Sequence[str], env_id: str) -> Config:
-        """Return the config with hyper-parameters of `--set KEY=VALUE`. ValueError for invalid keys or values."""
+        """Return the config with the values in `settings`, texts KEY=VALUE. ValueError for invalid keys or values."""
         if not settings:
             return self
         text = dict(self.text)
@@ -131,10 +132,9 @@ def default_path(algorithm: str, env_id: str = "") -> Path:
 def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str] | None = None) -> Config:
     """Read the entry of an environment. ValueError names the file, the key and the rule.
 
-    path: a file, or the name of a file of the package. The name of a file of the package is the path in a checkout
-    (configs/ppo/robust.yml); among the algorithm's own files, folder and suffix may be omitted (robust). Default:
-    `default_path`.
-    allowed: accepted keys of the entry; default: those of Stable-Baselines3's class.
+    path: a file, or the name of a file of the package: its path in a checkout (configs/ppo/robust.yml), or only its
+    stem (robust) for files of the algorithm. None: `default_path`.
+    allowed: accepted keys of the entry; None: the arguments of Stable-Baselines3's class.
     """
     yaml = _yaml()
     check.choice("algo", algorithm, tuple(CLASSES))
@@ -172,7 +172,7 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
 
 
 def taken_by(algorithm: str) -> set[str]:
-    """Return the accepted keys of the file, from the signature of the algorithm's class."""
+    """Return the keys that a file may have for an algorithm, from the signature of the algorithm's class."""
     taken = {*inspect.signature(algorithm_class(algorithm).__init__).parameters} - {*OURS}
     zoo = {*ZOO} - {"normalize"} if algorithm == "gradient" else {*ZOO}
     return {*taken, *zoo, "policy_kwargs"}

@@ -36,9 +36,9 @@ or those of the user."""
 
 
 def judged_in(kwargs: Mapping[str, Any], asked: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return the environment keywords for evaluation or display, given those of training.
+    """Return the environment keywords for evaluation or display, from the keywords of training.
 
-    asked: the user's own keywords, see `user_keywords`; None: no such keywords.
+    kwargs: keywords of training. asked: the user's own keywords, see `user_keywords`; None: no such keywords.
     """
     return {k: v for k, v in kwargs.items() if k not in (*TRAINING_ONLY, "randomization", LENGTHS)} | dict(asked or {})
 
@@ -54,7 +54,7 @@ def user_keywords(env_id: str, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def validation(env_id: str, kwargs: Mapping[str, Any], asked: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return the environment keywords of the validation episodes, given those of training.
+    """Return the environment keywords of the validation episodes, from the keywords `kwargs` of training.
 
     The reward is the user's (`user_keywords`), otherwise the environment's own, with the price `cost` of the training
     if it has one. The arm has its own link lengths, even if training draws them (`LENGTHS`).
@@ -77,8 +77,9 @@ class Episodes:
     Attributes:
         task, dt: task and control period, s, of the environment. success (n,), settled (n,), terminated (n,): whether
             an episode succeeded, settled, and ended early. settling (n,): settling time, s; the full duration if the
-            tip never settled. vibration (n,): m. overshoot (n,): share of the initial error. effort (n,): s. returns
-            (n,): returns. errors (steps + 1, n): tip errors over time. way (n,): initial error.
+            tip never settled. vibration (n,): residual vibration, m. overshoot (n,): share of the initial error. effort
+            (n,): time integral of the joints' (torque / limit)^2, s. returns (n,): returns. errors (steps + 1, n): tip
+            errors at each instant. way (n,): initial tip error.
     """
 
     task: str

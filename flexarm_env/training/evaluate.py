@@ -87,7 +87,7 @@ def evaluate(arguments: Arguments) -> tuple[dict[str, dict[str, Any]], dict[str,
 
 
 def keywords(arguments: Arguments, chosen: NamedPolicy) -> dict[str, Any]:
-    """Return the environment keywords for evaluating a policy: the task's, from its training, then the user's."""
+    """Return a policy's environment keywords: the keywords of its training, overridden by the user's keywords."""
     kwargs = dict(chosen.env_kwargs) | arguments.env_kwargs
     if arguments.formulation is not None:
         kwargs["formulation"] = arguments.formulation
@@ -114,7 +114,7 @@ def bounds(env: Any, result: fixed.Episodes) -> dict[str, float]:
 
 
 def report(arguments: Arguments, rows: Mapping[str, Any], limits: Mapping[str, float]) -> dict[str, Any]:
-    """Return the JSON content: the numbers of a single policy at the top level, those of several under `policies`."""
+    """Return the JSON content: one policy's numbers at the top level, several policies' numbers under `policies`."""
     head = {
         "env": arguments.env, "episodes": arguments.episodes, "first_seed": arguments.first,
         "formulation": arguments.formulation, "randomized": arguments.randomized, "bounds": dict(limits),

@@ -61,7 +61,7 @@ def tip_errors(results: Mapping[str, Episodes], episode: int, path: Path, title:
 def compared(
     rows: Sequence[Mapping[str, Any]], varied: Sequence[str], quantities: Mapping[str, str], path: Path, title: str = ""
 ) -> None:
-    """Plot quantities over the varied settings: a column of panels each, a dot per run, a line through the means."""
+    """Plot quantities over the varied settings: a column of panels per setting, a dot per run, a line through means."""
     keys = list(quantities)
     with styled_figure(path, max(4.6, 3.4 * len(varied)), 1.9 * len(keys)) as figure:
         axes = figure.subplots(len(keys), len(varied), sharex="col", sharey="row", squeeze=False)

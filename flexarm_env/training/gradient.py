@@ -3,8 +3,8 @@
 The method follows Xu et al. 2022 (Accelerated policy learning with parallel differentiable simulation). n arms act for
 a window of periods. The objective is the sum of the discounted rewards and the critic's estimate of the return after
 the window. The objective is differentiated by the policy's weights through all periods of the window; the critic is
-fitted to the returns. The class has the interface of a Stable-Baselines3 algorithm: policies, checkpoints and the
-functions that read them are those of PPO.
+fitted to the returns. The class has the interface of a Stable-Baselines3 algorithm: it uses PPO's policies and
+checkpoints, and the functions that read them.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Window:
     """Record of T control periods of n arms: lists of T entries.
 
     states (n, S), seen (n, O): states and observations before each period. inputs: inputs of the policy's layers.
-    wanted, noise (n, A): actions before clipping, and their random part. total (n, A): actions plus those of a
+    wanted, noise (n, A): actions before clipping, and their random part. total (n, A): actions plus the actions of a
     controller inside, before saturation. rewards (T, n): rewards including the costs of limits and the price of
     failure. slopes (n, O): derivatives of the limits' costs by the observation after the period. ended, failed (T, n):
     whether the episode ended, and whether the solver failed. after (T, n, O): observations after each period.

@@ -1,7 +1,7 @@
 """Small networks in NumPy, forward and backward, that share memory with PyTorch's parameters.
 
 For networks this small, PyTorch's overhead per operation exceeds the time of the arithmetic. The learned parameters
-remain those of a PyTorch module, which is saved, loaded and evaluated as usual.
+belong to a PyTorch module, which is saved, loaded and evaluated as usual.
 """
 
 from typing import Any
@@ -90,7 +90,7 @@ class Network:
         return x @ self.weights[-1].T + self.biases[-1], inputs
 
     def backward(self, slope: Array32, inputs: list[Array32]) -> tuple[Array32, list[Array32]]:
-        """Return derivatives by input (n, in) and by each layer's output. slope (n, out): derivatives by the output."""
+        """Return derivatives by the input (n, in) and by layer outputs; slope (n, out): derivatives by the output."""
         slopes = [slope]
         for k in range(len(self.weights) - 1, 0, -1):
             slope = slope @ self.weights[k]

@@ -13,7 +13,7 @@ from flexarm_env.training.export_policy import numpy_policy
 
 
 class TorchPolicy:
-    """A Stable-Baselines3 model with its normalizer, as a Policy. Models of RecurrentPPO have a memory."""
+    """A Stable-Baselines3 model with its normalizer, as a `Policy`. Models of RecurrentPPO have a memory."""
 
     def __init__(self, model: Any, normaliser: Any) -> None:
         """Store the model and its normalizer, with an empty memory."""

@@ -24,9 +24,10 @@ COLUMNS = (
 class Progress:
     """Progress of a run; part of every checkpoint.
 
-    curve: rows of COLUMNS. best: smallest cost so far (see `cost`). best_return: mean return of the evaluation with the
-    smallest cost. The return breaks ties, since all costs are equal before the first success. solved: row at which the
-    task was solved, or None. wall_s, cpu_s: time spent so far, without evaluation and checkpoints.
+    curve: learning curve, one row of COLUMNS per evaluation. best: smallest cost so far (see `cost`). best_return: mean
+    return of the evaluation with the smallest cost. The return breaks ties, since all costs are equal before the first
+    success. solved: row at which the task was solved, or None. wall_s, cpu_s: time spent so far, without evaluation and
+    checkpoints.
     """
 
     curve: list[dict[str, float]] = field(default_factory=list)
@@ -67,7 +68,7 @@ class Progress:
         return better
 
     def judged(self, steps: int) -> bool:
-        """Return whether the last evaluation took place after this many steps."""
+        """Return whether the last evaluation took place after `steps` steps."""
         return steps in [row["steps"] for row in self.curve[-1:]]
 
     def outcome(self) -> dict[str, Any]:

@@ -51,7 +51,7 @@ def report(folder: Path, title: str, began: float, lines: list[str]) -> None:
 
 
 def own_folder(folder: Path, fresh: bool) -> Path:
-    """Return the folder; create it if it does not exist. fresh: whether to empty it first."""
+    """Return the folder; create the folder if it does not exist. fresh: whether to empty the folder first."""
     if fresh and folder.exists():
         shutil.rmtree(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -131,9 +131,9 @@ class Training:
     def begun(self, *kept: str, algorithm: str | None = None) -> Self:
         """Return the validated arguments of a new run, or of the run to be resumed.
 
-        A resumed run keeps its original arguments except those named in `kept`. ValueError in four cases: a new run
-        exists already; the run has finished and --n-timesteps does not extend it; the run belongs to another algorithm;
-        or the seed is reserved for evaluation.
+        A resumed run keeps its original arguments except the arguments named in `kept`. ValueError in four cases: a new
+        run exists already; the run has finished and --n-timesteps does not extend it; the run belongs to another
+        algorithm; or the seed is reserved for evaluation.
         """
         own = self._resumed(kept, algorithm) if self.resume else self
         if not isinstance(own.seed, int) or not 0 <= own.seed <= MOST_SEED:
@@ -233,8 +233,8 @@ def checkpoints(folder: Path) -> list[Path]:
 def new_checkpoint(folder: Path, steps: int, best: Iterable[str]) -> Iterator[Path]:
     """Provide a folder to be filled, which then atomically becomes the checkpoint after `steps` steps.
 
-    The last two checkpoints are kept. best: files of the run's best model so far; they are restored together with the
-    learning curve.
+    The last two checkpoints are kept. steps: environment steps so far. best: names of the files of the run's best model
+    so far, which are restored together with the learning curve.
     """
     home = folder / "checkpoints"
     part, final = home / f".part-{os.getpid()}", home / f"{steps:012d}"
@@ -299,7 +299,7 @@ def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
 
 
 def load_normaliser(path: Path, model: Any) -> Any:
-    """Load the VecNormalize statistics of a model. ValueError for another kind of file, or those of another model."""
+    """Load a model's VecNormalize statistics. ValueError for other files, or statistics of another model."""
     try:
         with path.open("rb") as file:
             found = pickle.load(file)

@@ -14,7 +14,7 @@ def staggered(native: Any, seed: int) -> NDArray[np.float32] | None:
     consist of a single step.
 
     Args:
-        native: a native vector environment. seed: seed of the order of the times.
+        native: a native vector environment. seed: seed of the random assignment of the times to the arms.
     """
     n, limit = native.num_envs, int(native.unwrapped.plan.limit)
     ages = np.random.default_rng(seed).permutation(np.arange(n) * limit // n)

@@ -16,7 +16,7 @@ LEVEL = 0.95
 def bootstrap(values: Array, statistic: Callable[..., Any], seed: int = 0) -> tuple[float, float]:
     """Return the percentile bootstrap interval (95 %) of a statistic of the values (n,).
 
-    statistic: function that is called with an axis.
+    statistic: NumPy function with an argument `axis`, such as the median.
     """
     from scipy import stats
 
@@ -37,11 +37,12 @@ QUANTITIES: dict[str, tuple[str, Callable[..., Any], Callable[[Episodes], Array]
     "effort_median": ("effort (s)", np.median, lambda e: e.effort),
     "return_mean": ("return", np.mean, lambda e: e.returns),
 }
-"""JSON key -> (heading, statistic, function from Episodes to values). Vibration is in mm, overshoot in %."""
+"""Quantities of a table by JSON key: heading, statistic, and function that returns the values of `Episodes`. Vibration
+is in mm, overshoot in %."""
 
 
 def summary(result: Episodes) -> dict[str, Any]:
-    """Return every quantity with its interval (key + "_interval"), and the rates of settling and of early ends."""
+    """Return `QUANTITIES` with their intervals (key + "_interval"), and the rates of settling and early ends."""
     out: dict[str, Any] = {"episodes": len(result.success)}
     for key, (_, statistic, values) in QUANTITIES.items():
         numbers = values(result)

@@ -50,15 +50,17 @@ SEARCHED: dict[str, dict[str, tuple[float, float]]] = {
 """Searched gains with their ranges, on a logarithmic scale."""
 
 OWN: dict[str, tuple[float, float]] = {"bandwidth": (0.02, 3.0), "ratio": (0.02, 3.0)}
-"""Ranges for a user's own arm; with a light hub or elbow the sampled loop tolerates little damping."""
+"""Ranges of the searched gains for a user's own arm; with a light hub or elbow the sampled loop tolerates little
+damping."""
 
 WIDE: dict[str, tuple[float, float]] = {"bandwidth": (0.02, 3.0), "ratio": (0.3, 10.0)}
-"""Ranges for randomized arms; loops that suit all randomized arms are slower and better damped."""
+"""Ranges of the searched gains for randomized arms; loops that suit all randomized arms are slower and better
+damped."""
 
 PER_JOINT = ("bandwidth", "ratio")
 
 NONE = 1e3
-"""Cost of unusable gains."""
+"""Cost, s, of gains that lack the gain margin, or with which a controller's design has no solution."""
 
 MARGIN = 2.0
 """Required gain margin of PD control: 6 dB."""
@@ -138,7 +140,7 @@ def search(
 ) -> tuple[Array, float]:
     """Minimize the cost within bounds (k, 2): Sobol points, then Nelder-Mead, on a logarithmic scale.
 
-    start (k,): a known point, or None. Returns the best point and its cost.
+    start (k,): known gains from which the search starts, or None. Returns the best gains and their cost.
     """
     from scipy.optimize import minimize
     from scipy.stats import qmc

@@ -26,7 +26,7 @@ class Watch(BaseCallback):
     Args:
         arguments: arguments of the run. env: the vector environment for evaluation. meta: metadata of the exported
             policy.
-        progress: progress of an earlier part of the run. total: steps of the run.
+        progress: progress of the part of the run before it was resumed. total: environment steps of the whole run.
     """
 
     def __init__(self, arguments: Training, env: Any, meta: dict[str, Any], progress: Progress, total: int) -> None:

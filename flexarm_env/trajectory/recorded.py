@@ -55,15 +55,16 @@ class Trajectory:
     Attributes:
         scene, settings: input of the run. t (n,): times, s.
         start, tip (n, 3): x, y (m) and angle (rad) of the root of link 0 and of the tip of the last link.
-        tip_velocity (n, 3): m/s and rad/s. hinges (n, N-1, 2): positions of joints 1 to N-1, m.
-        joint_angles, joint_rates (n, N): rad, rad/s; joint 0 relative to the x axis or the floating base, joint k
-            relative to the tip of link k-1.
-        motor_angles, motor_rates (n, N): angles and rates of the motors over the gear ratio, relative to the previous
-            link; with a rigid gear they equal those of the joint.
-        joint_torque (n, N): N m, the applied torque, or the torque that enforces a prescribed angle.
-        tip_deflection (n, N): each link's tip normal to its root's tangent, over the link's length.
+        tip_velocity (n, 3): rates of `tip`, m/s and rad/s. hinges (n, N-1, 2): positions of joints 1 to N-1, m.
+        joint_angles, joint_rates (n, N): angles, rad, and rates, rad/s, of the joints: joint 0 relative to the x axis
+            or the floating base, joint k relative to the tip of link k-1.
+        motor_angles, motor_rates (n, N): angles and rates of the motors divided by the gear ratio, relative to the
+            previous link; with a rigid gear they equal the joint's angle and rate.
+        joint_torque (n, N): applied torque, or torque that enforces a prescribed angle, N m.
+        tip_deflection (n, N): displacement of each link's tip normal to the tangent at the link's root, divided by the
+            link's length.
         kinetic, strain_energy, gravity (n,): energies, J.
-        dissipated, work (n,): J, since the start; `work` is the work of the drives.
+        dissipated, work (n,): dissipated energy, and work of the drives, since the start, J.
         shapes (n, points, 2): points along the chain from root to tip, m.
         q, v (n, rows): the state and its rate; names (rows,): names of the rows.
         status: "ok", "inaccurate", or the failure that ended the run. message: a sentence about the status.
@@ -75,8 +76,9 @@ class Trajectory:
         deflection_bound: tip_deflection at which the formulation stops; infinite unless whole links are reduced to
             modes.
         step_levels: with a step_tolerance, number of halvings of dt in each interval between samples and kinks.
-        step_error: largest remaining error in one of these intervals, a fraction of L; 0 without a step_tolerance.
-        gross_work: J, work of the drives, with both directions counted as positive.
+        step_error: largest remaining error in an interval between samples and kinks, divided by the arm's length; 0
+            without a step_tolerance.
+        gross_work: work of the drives, J, with negative work counted as positive.
         link_angles (n, N, 2): angles of the tangents at each link's root and tip, rad.
     """
 
@@ -152,7 +154,7 @@ class Trajectory:
 
     @property
     def turned_over(self) -> float:
-        """Scale for the balance, J: gross work, initial energy and the energy exchanged with gravity."""
+        """Energy with which the balance is compared, J: gross work, initial energy, exchange with gravity."""
         return self.gross_work + float(self.kinetic[0] + self.strain_energy[0] + np.ptp(self.gravity))
 
     def strain(self, link: int, place: float, distance: float | None = None) -> Array:
@@ -160,8 +162,8 @@ class Trajectory:
 
         Args:
             link: number of the link, from 0. place: position along the link, from 0 (root) to 1 (tip).
-            distance: m, from the neutral axis. None: the surface of a rectangle with the section's m and J, sqrt(3 J /
-                m).
+            distance: distance from the neutral axis, m. None: the surface of a rectangle with the section's m and J,
+                sqrt(3 J / m).
         """
         gauge = StrainGauge(link=link, place=place, unit="strain", distance=distance)
         Sensors(strain_gauges=(gauge,)).check_for(self.scene.arm.links)
@@ -179,7 +181,7 @@ class Trajectory:
     # --- to be looked at ---------------------------------------------------------------------------
     @classmethod
     def read(cls, simulation: Any, fields: Mapping[str, Array], shapes: Array) -> dict[str, Any]:
-        """Return the fields of this class that depend on the plane or space, from those of `Simulation.record`."""
+        """Return the fields that differ between plane and space, from the fields of `Simulation.record`."""
         poses, links = fields["poses"], simulation.scene.arm.links
         lengths = np.array([link.span for link in links])
         bows = np.array([link.far.imag for link in links])

@@ -30,19 +30,20 @@ class SpatialTrajectory(Trajectory):
     Attributes:
         start, tip (n, 3): x, y, z of the root of link 0 and of the tip of the last link, m.
         tip_rotation (n, 4): quaternion (w, x, y, z), w >= 0, of the tip's axes: x along the link.
-        tip_velocity (n, 6): m/s and rad/s, both along inertial axes.
-        hinges (n, N-1, 3): positions of joints 1 to N-1, m. joint_angles, joint_rates (n, N): rad and rad/s, about the
-            joints' axes.
-        tip_deflection (n, N, 2): each link's tip along y and z of its root, over the link's length; 0 for rigid links.
-        twist (n, N): rad, rotation of each link's tip relative to its root: component about the root's x axis.
+        tip_velocity (n, 6): velocity, m/s, and angular velocity, rad/s, of the tip, in inertial axes.
+        hinges (n, N-1, 3): positions of joints 1 to N-1, m. joint_angles, joint_rates (n, N): angles, rad, and rates,
+            rad/s, about the joints' axes.
+        tip_deflection (n, N, 2): displacement of each link's tip along y and z of the link's root, divided by the
+            link's length; 0 for rigid links.
+        twist (n, N): rotation of each link's tip relative to its root about the root's x axis, rad.
         link_rotations (n, N, 2, 4): quaternions of each link's root and tip.
         shapes (n, points, 3): points along the chain from root to tip, m.
-        unresolved_damping (n,): J, since the start: work of damping forces in excess of `dissipated`. Strain rates at
-            the ends of steps differ from those within steps in second order of the step. In stiff links with damping,
-            the strain energy absorbs this work and returns it. The balance includes this work.
+        unresolved_damping (n,): work of the damping forces since the start in excess of `dissipated`, J. Strain rates
+            at the ends of steps differ from strain rates within steps by a term of second order in the step. In stiff
+            links with damping, the strain energy absorbs this work and returns it. The balance includes this work.
         q, v (n, rows): positions, rotation vectors and joint angles, and their rates; for rotations v contains angular
-            velocities in the section's own axes, rad/s. For a scene that stays in a plane, the rows are those of the
-            plane (`scene.plane.in_plane`).
+            velocities in the section's own axes, rad/s. For a scene that stays in a plane, the rows are the rows of the
+            run in the plane (`scene.plane.in_plane`).
     """
 
     tip_rotation: Array = field(default_factory=lambda: np.zeros((0, 4)))
@@ -62,7 +63,7 @@ class SpatialTrajectory(Trajectory):
 
     @classmethod
     def read(cls, simulation: Any, fields: Mapping[str, Array], shapes: Array) -> dict[str, Any]:
-        """Return the fields of this class that depend on the plane or space, from those of `Simulation.record`."""
+        """Return the fields that differ between plane and space, from the fields of `Simulation.record`."""
         found = read(simulation.scene.arm, simulation.settings, fields["q"], fields["v"])
         return {"deflection_bound": math.inf, "unresolved_damping": fields["beyond"], **found}
 

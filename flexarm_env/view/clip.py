@@ -18,9 +18,9 @@ from ..validation import Array
 class Pull:
     """A force or torque on a point of the chain.
 
-    name: name in the legend. point: index of the point. values: torques (n,), N m, or forces (n, 2), N, in space
-    (n, 3). limit: largest torque, N m. The largest of the values replaces a limit that is None or exceeded. axis
-    (n, 3): axis of a torque in space.
+    name: name in the legend. point: index of the chain's point on which the force or torque acts. values: torques (n,),
+    N m, or forces (n, 2), N, in space (n, 3). limit: torque limit, N m; the largest torque replaces a limit that is
+    None or exceeded. axis (n, 3): axis of a torque in space.
     """
 
     name: str
@@ -44,19 +44,21 @@ class Clip:
 
     Attributes:
         label: name shown beside other runs. note: one line with the formulation and the outcome.
-        t (n,): s. points (n, P, 2): from root to tip, m. cuts (N + 1,): indices of root, joints and tip.
+        t (n,): times, s. points (n, P, 2): points of the arm from root to tip, m. cuts (N + 1,): indices of the points
+            at root, joints and tip.
         angles (n, N, 2): angles of the tangents at each link's root and tip, rad.
         rigid (n, N): angles of the links' roots in the rigid arm at the same joint angles, rad (`rigid_angles`).
         rest (P, 2): points of the stress-free links, m, each relative to the link's root and tangent there; a joint
             belongs to the link that ends there.
-        curvature (n, P): 1/m, at the points; a joint belongs to the link that ends there.
+        curvature (n, P): curvature at the points, 1/m; a joint belongs to the link that ends there.
         surface: distance from the neutral axis to the surface, m, or None if it is unknown or varies; strain is
             curvature times this distance.
-        target (n, 2): m, or None. polar: whether the target is an angle, so that its distance has no meaning.
+        target (n, 2): target point, m, or None. polar: whether the target is an angle, so that its distance has no
+            meaning.
         pulls: forces and torques. charts: charts in the order shown.
         pinned: whether the root is on a motor. payload: whether the tip carries a payload. walls: outlines of shapes to
             avoid.
-        base (n,): attitude, rad, of a floating base that carries the motor, or None.
+        base (n,): attitude, rad, of the floating base that carries the hub's motor, or None.
     """
 
     label: str
@@ -118,8 +120,9 @@ def magnified(
     tangents, the root and the joint angles do not change. A factor of 1 returns the points unchanged.
 
     Args:
-        points (P, 2): from root to tip, m. cuts (N + 1,): indices of root, joints and tip. angles (N, 2): angles of the
-            tangents at each link's root and tip, rad. rigid (N,), rest (P, 2): see `Clip`. factor: positive.
+        points (P, 2): points of the arm from root to tip, m. cuts (N + 1,): indices of the points at root, joints and
+            tip. angles (N, 2): angles of the tangents at each link's root and tip, rad. rigid (N,), rest (P, 2): see
+            `Clip`. factor: positive.
     Returns:
         (P, 2), m.
     """

@@ -32,7 +32,7 @@ def contact_pulls(plan: Any, views: Sequence[Any], tips: Sequence[int], axes: in
 
 
 def contact_charts(rows: Mapping[str, Array]) -> list[Chart]:
-    """Return charts of contact forces (N) and penetration (mm) from infos by name."""
+    """Return charts of contact forces (N) and penetration (mm) from `rows`, the entries of info by name."""
     if "contact_force" not in rows:
         return []
     forces = {"normal": rows["contact_force"], "friction": rows["contact_friction"]}

@@ -29,7 +29,8 @@ MOST_POINTS = 21
 def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip | SpaceClip:
     """Return the clip of a `Trajectory`.
 
-    curvature: function that returns the curvatures (n, G), 1/m, at places (link, 0 to 1).
+    curvature: function that returns the curvatures (n, G), 1/m, at G places: (link, position along the link from 0 to
+    1).
     """
     scene: Scene = run.scene
     arm = scene.arm
@@ -220,8 +221,8 @@ def of_episode(
 
     Args:
         plan: plan of its environment. views: `batch.View` of each instant. rows: observations and infos by name.
-        rewards: rewards of its steps. label: name of the clip. rate: function that returns the matrix (G, rows) from
-            the state to curvatures, 1/m, at given places.
+        rewards: rewards of the episode's steps. label: name of the clip. rate: function that returns, for G places, the
+            matrix (G, rows) that maps the state to curvatures, 1/m.
     """
     arm: Arm = plan.arm
     energies = {k.removeprefix("energy_"): x for k, x in rows.items() if k.startswith("energy_") or k == "work"}
