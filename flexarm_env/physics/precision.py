@@ -167,8 +167,8 @@ def refusal(most: float, unit: str, settings: Settings, torque: float) -> str:
 def tolerance(given: float, sigma: float, turn: float = math.inf) -> float:
     """Return the Newton tolerance (weighted increment) for an arm of stiffness ratio sigma, at most `given`.
 
-    turn: angle (rad) by which the torques turn a joint in one step. The first increment leaves an error of ten times
-    turn^2.
+    turn: angle (rad) by which the torques turn a joint in one step. The error after the first Newton increment is ten
+    times turn^2.
     """
     return given if min(given, 10.0 * turn**2) * sigma <= SHARE else min(given, max(FINEST, LEFT / sigma))
 

@@ -1,7 +1,7 @@
 """Layouts and records of a chain of geometrically exact beams: coordinates, constants, Newton matrix, factors.
 
 Components that kernels load together (`arithmetic.load_pair`, `load_vector`) are adjacent fields, in that order.
-Positions are in inertial axes; angles are from the inertial x axis unless they are a hinge's.
+Positions are in inertial axes. Angles are from the inertial x axis, except for hinge angles, which are relative.
 """
 
 from typing import Any, NamedTuple

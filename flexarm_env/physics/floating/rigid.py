@@ -76,7 +76,7 @@ def propagate_outward(lane, lever, pose, S, first):
     `lever` is None.
 
     # in, out  pose (5,), `PASSED`: the acceleration is replaced, angle and rates do not change; inertial axes
-    # out      S: ex, ey, rates and near acceleration in the lever's `LEVER_FACTORS`; first: index in S of lever 0's
+    # out      S: ex, ey, rates and near acceleration in `LEVER_FACTORS`; first: index in S of the first `LEVER_FACTORS`
     """
     if lever is not None:
         at, (angle, w, alpha) = _factors_at(first, lever), load_vector(lane, pose, PASSED.angle)
@@ -97,7 +97,7 @@ def transmit_inward(lane, lever, force, weights, S: Lanes, first):
     e: lever, near to far point; J: inertia of the lever's own mass m; alpha: angular acceleration; a_far, a_mid:
     accelerations less gravity at e and e/2. Vectors are in inertial axes. Do nothing without a lever (None).
 
-    # in       S: values of `propagate_outward`; weights: `Weights`; first: index in S of lever 0's `LEVER_FACTORS`
+    # in       S: values of `propagate_outward`; weights: `Weights`; first: index in S of the first `LEVER_FACTORS`
     # in, out  force (3,): force (N) and moment (N m) required at the far point, then at the near point
     # out      S, with weights.with_matrix: n, weighted change of the far acceleration, and `turn`, of `LEVER_FACTORS`
 
@@ -136,7 +136,7 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
     (`Weights`); e: lever; m_far: mass at the far point. Do nothing without a lever (None). Vectors are in inertial
     axes.
 
-    # in       S: `LEVER_FACTORS`, written by `transmit_inward`; first: index in S of the `LEVER_FACTORS` of lever 0
+    # in       S: `LEVER_FACTORS`, written by `transmit_inward`; first: index in S of the first `LEVER_FACTORS`
     # in, out  tail (9,), by rows: force x, y, moment; columns: acceleration x, y (weighted), angle
 
     See theory, section 5, "Rigid ends".
@@ -170,7 +170,7 @@ def with_moment(lane, lever, S, first, arm, flow: Lanes):
 
     n: derivative of the far point's position by the section's angle, inertial axes. Nothing is done if `lever` is None.
     arm: ACROSS selects n. SWEPT is for the transposed matrix, in which n and the derivative of the far point's
-    acceleration are exchanged. first: index in S of lever 0's `LEVER_FACTORS`.
+    acceleration are exchanged. first: index in S of the first `LEVER_FACTORS`.
     """
     if lever is not None:
         x, y = load_pair(lane, S, _factors_at(first, lever) + arm)
@@ -184,7 +184,7 @@ def far_point_change(lane, lever, S, first, arm, flow: Lanes):
         (x, y) += angle times the derivative of the far point's weighted acceleration by the angle
 
     Vectors are in inertial axes. arm: SWEPT selects that derivative; ACROSS (n) is for solutions with the transposed
-    matrix. first: index in S of lever 0's `LEVER_FACTORS`. Nothing is done if `lever` is None.
+    matrix. first: index in S of the first `LEVER_FACTORS`. Nothing is done if `lever` is None.
     """
     if lever is not None:
         x, y = load_pair(lane, S, _factors_at(first, lever) + arm)

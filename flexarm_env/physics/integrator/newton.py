@@ -190,8 +190,7 @@ def newton(lane, model, drive, par, w: Work, slopes, scheme, plain):
     """Solve a step's equations [69]-[82] for q+, v+, a+, b+ and lambda; return 1 in lanes that failed, 0 in others.
 
     Convergence: theta / (1 - theta) |d| < tolerance, with the weighted increment |d| and the contraction theta (theory,
-    section 6). Lanes that have converged, or have failed before (w.flag), keep their bits while the other lanes
-    iterate.
+    section 6). Lanes that have converged, or have failed before (w.flag), do not change while the other lanes iterate.
 
     # model     model, drive, par, scheme; slopes: `NewmarkSlopes` of the step
     # state     w.q, w.v, w.a, w.b: prediction, replaced by the step's end; w.u, w.psi at end; w.q0, w.a0 at start

@@ -202,7 +202,8 @@ def before_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
 
 @kernel
 def after_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
-    """Compute motor rows of x from joint rows: (x_motor + slope x_joint) / pivot; a pinned motor keeps its value.
+    """Compute motor rows of x from joint rows: (x_motor + slope x_joint) / pivot; entries of pinned motors do not
+    change.
 
     slope, pivot: `GEAR` in S. transposed: True for S^T x = b, where gyroscopic columns (in space) act as rows.
     """

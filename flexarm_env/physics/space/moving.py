@@ -29,7 +29,7 @@ def move_vertex(lane, q: Lanes, i, share, d, more):
 
     share: factor on d. d, more: increments of q, whose rotations are in body axes (rad); more is None for zero. The
     rotation becomes exp(q^) exp((share d + more)^). If the increment is zero, as for arms that have converged, the
-    rotation vector keeps its bits.
+    rotation vector does not change, not even by rounding.
     """
     step, turn = share * load_vector(lane, d, i), share * load_vector(lane, d, i + 3)
     if more is not None:
