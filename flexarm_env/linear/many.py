@@ -22,7 +22,7 @@ from ..validation import Array
 from .state_space import LinearModel
 
 AT_ONCE = 3
-"""Number of columns of the matrices that one pass over the lanes computes."""
+"""Number of columns of each arm's matrices, one tangent for each column, that one pass computes."""
 
 
 @dataclass(frozen=True)

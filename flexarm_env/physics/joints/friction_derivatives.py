@@ -73,7 +73,7 @@ def friction_residual_tangents(lane, wide, model, parx, S: Lanes, r, first):
     """Apply the linearized `store_friction` to the tangents of r (n dual rows), with the sticking joints stored in S.
 
     A joint that sticks with a torque within T_C has residual 0 for any other forces. In other joints friction is +-T_C.
-    Lanes with `first` > 1/2 are skipped, because no step precedes their jump.
+    Lanes with `first` > 1/2 start afresh, have no residual before the jump, and are skipped.
     """
     if model.newton.friction is not None:
         many = len(wide) // len(lane)

@@ -202,8 +202,7 @@ def before_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
 
 @kernel
 def after_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
-    """Compute motor rows of x from joint rows: (x_motor + slope x_joint) / pivot; entries of pinned motors do not
-    change.
+    """Compute motor rows of x from joint rows: (x_motor + slope x_joint) / pivot; pinned motors' rows do not change.
 
     slope, pivot: `GEAR` in S. transposed: True for S^T x = b, where gyroscopic columns (in space) act as rows.
     """
