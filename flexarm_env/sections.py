@@ -150,8 +150,7 @@ class Taper:
             self.rectangle(end)
 
     def sides(self, share: Any) -> tuple[Any, Any]:
-        """Return width and thickness, m, at `share`, a fraction (number or array) of the link's length from the root.
-        """
+        """Return width and thickness, m, at `share`, a fraction (number or array) of the link's length."""
         (b0, b1), (h0, h1) = self.widths, self.thicknesses
         return b0 + (b1 - b0) * share, h0 + (h1 - h0) * share
 
@@ -288,8 +287,7 @@ class Link:
         return tuple(sorted({0.0, *inner, *curves.jumps(self.curvature), self.length}))
 
     def along(self, s: Array | float, before: bool = False) -> Properties:
-        """Return the section's properties at places s (m from the root); at a jump after it, or before it if `before`.
-        """
+        """Return the section's properties at places s (m from the root), after a jump, or before it if `before`."""
         s = np.asarray(s, np.float64)
         if isinstance(self.section, Taper):
             return self.section.along(s / self.length)
@@ -320,8 +318,7 @@ class Link:
         return {name: np.interp(s, places, [getattr(section, name) for _, section in points]) for name in ACROSS}
 
     def quadrature(self) -> tuple[Array, Array]:
-        """Return Gauss points and weights for integrals along the link, piece by smooth piece, m from the root and m.
-        """
+        """Return Gauss points (m from the root) and weights (m) for integrals along the link, piece by piece."""
         x, weights = GAUSS
         ends = np.array(self.points)
         # map [-1, 1] to each piece

@@ -1,4 +1,4 @@
-"""Differentiable arms in PyTorch: exact gradients of rewards, observations and states by actions and states.
+"""Differentiable arms in PyTorch: exact gradients of rewards, observations and states by actions and initial states.
 
     from flexarm_env.torch import DifferentiableArms
     arms = DifferentiableArms("FlexibleArm-v0", 64)
@@ -26,11 +26,11 @@ Tensor = torch.Tensor
 
 
 class DifferentiableArms:
-    """n arms of an environment with one state row each; `step` and `observe` have first derivatives.
+    """n arms of an environment. States are tensors (n, S), and `step` and `observe` have first derivatives.
 
     Tensors are float64 on the CPU and share their memory with NumPy. States and actions of another type are converted,
     and their gradients have their own type. Episodes do not end, nothing is drawn at random within an episode, and no
-    derivative crosses a `reset`. The caller decides which arms restart, and replaces their rows by new states
+    derivative crosses a `reset`. The caller decides which arms restart, and replaces their states by new states
     (`torch.where`). Actions are clipped to +-1; derivatives by clipped actions are zero.
 
     Args:
