@@ -79,8 +79,8 @@ def mount(path: str, value: Any) -> Matrix | None:
 def inertia(path: str, value: object) -> Inertia:
     """Validate a moment of inertia or an inertia tensor about a center of mass, kg m^2.
 
-    A tensor must be symmetric, with principal values that a body can have: each is at least 0 and at most the sum of
-    the other two.
+    A tensor must be symmetric, and its principal values must be possible for a body: each principal value is at least 0
+    and at most the sum of the two others.
     """
     if not isinstance(value, list | tuple | np.ndarray):
         return check.number(path, value, "kg m^2", minimum=0.0)

@@ -84,7 +84,7 @@ class Section:
 
 
 ACROSS = {"EI_y": "N m^2", "C_y": "N", "J_y": "kg m", "GJ": "N m^2"}
-"""Fields of a section for motion out of the x-y plane, and their units."""
+"""Names of a section's fields for motion out of the x-y plane, with units."""
 
 
 def _material(E: float, rho: float, G: float, kappa: float) -> tuple[float, float, float, float]:
@@ -178,7 +178,7 @@ ENDS = {
     "root_offset": "m", "tip_offset": "m", "root_mass": "kg", "tip_mass": "kg", "root_inertia": "kg m^2",
     "tip_inertia": "kg m^2",
 }  # fmt: skip
-"""Fields of a link's rigid ends, and their units."""
+"""Names of the fields for a link's rigid ends, with units."""
 
 
 @described
@@ -187,7 +187,7 @@ class Link:
     """A beam with one section, or with sections that vary along it; it is straight, or curved without stress.
 
     Rigid ends (a clamp, a hub's radius) extend from the joint at the link's root to the beam, and from the beam to the
-    next joint or the arm's tip, along the beam's end tangents. Their masses are at their midpoints.
+    next joint or the arm's tip, along the beam's end tangents. The mass of a rigid end is at the end's midpoint.
 
     Args:
         section: a :class:`Section`; a :class:`Taper`; or a sequence of (s, Section), s in m from the root, ascending
@@ -231,7 +231,7 @@ class Link:
         **more: Any,
     ) -> Link:
         """Create a link with a rectangle whose sides vary linearly from root to tip (:class:`Taper`). Equal sides give
-        one Section. more: the other fields of :class:`Link`."""
+        one Section. more: further fields of :class:`Link`."""
         taper = Taper(widths, thicknesses, E, rho, G, kappa)
         even = taper.sides(0.0) == taper.sides(1.0)
         return cls(length, taper.rectangle(0.0) if even else taper, **more)
@@ -371,8 +371,7 @@ class Link:
 
     @property
     def ends(self) -> tuple[tuple[float, float, float], ...]:
-        """Rigid ends at root and tip: (mass in kg, distance of the center from the root joint in m, inertia in kg m^2).
-        """
+        """Rigid ends at root and tip: (mass (kg), distance of the center from the root joint (m), inertia (kg m^2))."""
         root = self.root_mass, 0.5 * self.root_offset, self.root_inertia
         return root, (self.tip_mass, self.span - 0.5 * self.tip_offset, self.tip_inertia)
 

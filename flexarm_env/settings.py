@@ -274,7 +274,7 @@ def steps_in(time: float, dt: float) -> int:
 
 
 def merged(base: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
-    """Return ``base`` overridden by the ``options`` that are not None; entries that these options exclude are removed.
+    """Return ``base`` overridden by the ``options`` that are not None, without entries that an option excludes.
 
     The option modes excludes the mesh options and each mesh option excludes modes. The option multipliers excludes
     frame. The options newmark and rho_inf exclude each other.

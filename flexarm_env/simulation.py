@@ -375,7 +375,7 @@ def simulate(
         error_limit: largest `error_estimate` (fraction of the arm's length) for which the status is "ok".
         time_limit: wall-clock time, s, without compilation; a longer run fails with status "timed_out". Each run for
             the error estimate (usually two, with half as many steps) has the same additional limit.
-        estimate_error: False skips these runs: `error_estimate` is nan; `error_parts` has only energy and notes.
+        estimate_error: False skips these runs: `error_estimate` is nan, `error_parts` has energy and notes.
         options: options of the formulation (`flexarm_env.settings.Settings`), e.g. segments=8, dt=0.01. Steps are
             shorter if a motion or load is faster than dt: at most a sixteenth of a sine's period.
     Returns:

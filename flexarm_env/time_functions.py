@@ -1,4 +1,4 @@
-"""Prescribed functions of time for motions and loads, exact with their first two derivatives.
+"""Prescribed functions of time for motions and loads, with exact first and second derivatives.
 
 A :class:`TimeFunction` is a list of pieces, each a cubic plus one sine, in one float64 array for compiled code. The
 value or a derivative may jump between pieces. A time step must end at these ``kinks`` (docs/theory.md, integration).

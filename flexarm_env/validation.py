@@ -445,6 +445,6 @@ def names_of(kind: Any) -> tuple[str, ...]:
 
 
 def changed(item: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass that differ from their defaults, by name."""
+    """Return a dict of the dataclass fields of `item` whose values differ from the defaults."""
     own = {field.name: (getattr(item, field.name), field.default) for field in dataclasses.fields(item)}
     return {name: value for name, (value, default) in own.items() if value != default}

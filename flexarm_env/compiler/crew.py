@@ -4,10 +4,10 @@ Waking a thread takes longer than a step of a small batch, and a thread that ret
 GIL. Therefore a worker stays in compiled code and polls its board for the next task for a while. The caller polls its
 own board for the end of the task. A thread that has polled without success marks itself ASLEEP on its board, returns to
 Python and blocks on a lock. Another thread that needs a sleeping thread marks the sleeper CALLED, and Python releases
-the lock. Work is distributed by stealing. Each thread begins with its own part of a task and takes half of the rest at
-a time. A thread without work takes work from the ends of other threads' parts, so that no thread waits for a thread
-that the system does not schedule. Parts are taken by compare-and-swap: if two threads try, one succeeds. Threads are
-created at first use, and again after a fork.
+the lock. Work is distributed by stealing. Each thread begins with its own part of a task's groups and takes half of the
+groups that are left at a time. A thread without work takes groups from the ends of other threads' parts, so that no
+thread waits for a thread that the system does not schedule. Parts are taken by compare-and-swap: if two threads try,
+one succeeds. Threads are created at first use, and again after a fork.
 """
 
 import atexit

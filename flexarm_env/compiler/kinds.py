@@ -267,7 +267,7 @@ def is_tuple(item: Any) -> bool:
 
 
 def leaves(item: Any) -> list[Any]:
-    """Return the LLVM values that an item consists of, in order; none for static items."""
+    """Return a list of the LLVM values that an item consists of; the list is empty for static items."""
     if isinstance(item, Value):
         return item.parts(item.count, len(item.tangents))
     if isinstance(item, SCALARS):

@@ -16,12 +16,12 @@ from .crew import Crew
 ARMS_PER_THREAD = 128
 """Number of arms per thread in derivatives. Derivatives use a second thread from twice this number of arms on."""
 SAMPLES = 5
-"""Number of steps of a timing trial; the trial's result is the median of their durations."""
+"""Number of steps of a timing trial, whose result is the median duration of a step."""
 WORK = 30e-6
 """Least duration of a thread's part of a step, s. Waking a thread takes about as long."""
 WORTH = 0.75
-"""Least parallel efficiency (speedup divided by the number of threads) with which threads are used. A lower value means
-that other processes need the processors, or that waking threads takes longer than their part of a step.
+"""Least parallel efficiency (speedup divided by the number of threads) with which threads are used. A lower efficiency
+means that other processes need the processors, or that waking a thread takes longer than the thread's part of a step.
 """
 RARELY, SELDOM = 50.0, 800.0
 """Least and largest time between timing trials, as multiples of the duration of a trial."""
@@ -96,9 +96,9 @@ class Pace:
     def took(self, seconds: float) -> None:
         """Record the duration (s) of a step that ran with `threads` threads, and choose the next number.
 
-        A trial times SAMPLES steps with one thread. From their duration the trial estimates a number of threads and
-        times steps with this number, then with half of this number, and so on, until the speedup per thread is at least
-        WORTH.
+        A trial times SAMPLES steps with one thread. From the median duration the trial estimates a number of threads
+        and times steps with this number, then with half of this number, and so on, until the speedup per thread is at
+        least WORTH.
         """
         # between trials: count down, then begin with one thread
         if self._wait > 0.0:

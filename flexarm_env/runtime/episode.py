@@ -158,7 +158,7 @@ def observe_state(lane, p, first, poses, record, seen):
 
     first: True at the start of an episode, False after a period that record.periods does not count yet.
     # in        poses of the links (inertial axes);  record: target, path, periods done
-    # out       seen (entries, lanes): entries of the task, then those of a moving target
+    # out       seen (entries, lanes): entries of the task, then entries for a moving target
     """
     observe(lane, p.task, poses, record, seen)
     look_ahead(lane, p.reference, p.task, p.period, first, poses, record, seen)

@@ -24,7 +24,7 @@ def _parts(w, record, saved):
 
 @kernel
 def write_parts(parts, kept):
-    """Copy the arrays `parts` into the array `kept`, one after the other."""
+    """Copy the numbers of all arrays in `parts` into the array `kept`, in order."""
     first = 0
     for part in parts:
         for k in range(part.shape[0]):

@@ -181,7 +181,7 @@ def is_starting(lane, s, record: Lanes):
 
 @kernel
 def start_stiff(lane, p, model, par, s, record, saved: Lanes, block, w: Work):
-    """Solve for the accelerations of arms whose episode begins with step s; return 1.0 in their lanes, otherwise 0.0.
+    """Solve for the accelerations of arms whose episode begins with step s; return 1.0 in their lanes, 0.0 in others.
 
     Other lanes keep the accelerations a and b that were saved at the start of the period. In lanes whose episode
     begins, w.u0 is set to w.u, so that no jump of torques follows. block: memory of the group, of which w is a view.
