@@ -105,7 +105,6 @@ class Payload:
 class Motor:
     """An electric motor: torque = torque_constant i, voltage = resistance i + back_emf rate, with the current i in A.
 
-
     Torque (N m) and rate (rad/s) are those of the shaft before the gear.
     """
 

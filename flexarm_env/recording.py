@@ -94,9 +94,8 @@ class Episode:
         return all(np.array_equal(getattr(self, name), getattr(other, name), equal_nan=True) for name in names)
 
     def clip(self, label: str | None = None, env_id: str | None = None) -> Clip | SpaceClip:
-        """Replay the episode and return the clip that a player shows. label: the clip's name; default: the
-        environment's id. env_id: as in `replay`.
-        """
+        """Replay the episode and return the clip that a player shows. label: name of the clip; the default is the
+        environment's id. env_id: as in `replay`."""
         with closing(_make_env(self, env_id, info_level="full")) as env:
             played = [(observation, info, env.unwrapped.snapshot()) for observation, info in _played(env, self)]
             plan, guide = env.unwrapped.plan, env.unwrapped.guide

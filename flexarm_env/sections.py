@@ -376,8 +376,7 @@ class Link:
         return root, (self.tip_mass, self.span - 0.5 * self.tip_offset, self.tip_inertia)
 
     def integral(self, what: str, power: int = 0) -> float:
-        """Return the integral of `what` s^power ds along the beam, s from its root. what: a field of :class:`Section`.
-        """
+        """Return the integral of `what` s^power ds along the beam, s from its root. what: field of :class:`Section`."""
         # closed form for constant sections
         if isinstance(self.section, Section):
             return float(getattr(self.section, what) * self.length ** (power + 1) / (power + 1))
@@ -399,8 +398,7 @@ class Link:
         return self.integral("J")
 
     def series(self, what: str) -> float:
-        """Return the length divided by the integral of ds / stiffness (springs in series). what: name of the stiffness.
-        """
+        """Return the length divided by the integral of ds / stiffness (springs in series). what: name of a stiffness."""
         if isinstance(self.section, Section):
             return float(getattr(self.section, what))
         s, weights = self.quadrature()

@@ -36,7 +36,9 @@ TASK, PART = 8, 16
 not yet computed, packed as task number, next group and end of the groups (21 bits for each group number).
 """
 DONE, STATE = 24, 40
-"""DONE: number of the last task that the worker has helped with. STATE: AWAKE, ASLEEP or CALLED."""
+"""Offsets on a worker's board. DONE: number of the last task that the worker has helped with. STATE: AWAKE, ASLEEP or
+CALLED.
+"""
 FUNCTION, ADDRESS, GROUPS, FINISHED, SUM, RAISED = 0, 1, 2, 48, 49, 50
 """Offsets on the calling thread's board. FUNCTION: address of the compiled function. ADDRESS: argument of the function.
 GROUPS: number of groups of the task. FINISHED: number of groups done. SUM: sum of the values that the function
@@ -46,7 +48,8 @@ OVER = -1
 AWAKE, ASLEEP, CALLED = range(3)
 
 SLEEP, WAKE, END = range(3)
-"""Results of `serve`: block, because no task was published; wake the caller, because the task is done; end the thread.
+"""Results of `serve`. SLEEP: block, since no task was published. WAKE: wake the caller, since the task is done. END:
+end the thread.
 """
 
 CALL, WAIT = -2, -3
@@ -56,7 +59,8 @@ LOOK.
 """
 
 GIVE, RUN, LOOK = range(3)
-"""Stages of `lead`: publish the task, compute the caller's own part of the groups, wait until all groups are computed.
+"""Stages of `lead`. GIVE: publish the task. RUN: compute the caller's own part of the groups. LOOK: wait until all
+groups are computed.
 """
 
 TASKS = 2**20

@@ -52,8 +52,7 @@ class Memory:
         return np.concatenate([state[:, :x], state[:, y:]], axis=1), state[:, x:y]
 
     def joined(self, own: Array, past: Array) -> Array:
-        """Return states (n, S) made of the numbers `own` and the stored observations `past` (the inverse of `parts`).
-        """
+        """Return states (n, S) made of the numbers `own` and the stored observations `past`: inverse of `parts`."""
         if self.frames == 0:
             return own
         return np.concatenate([own[:, : self._first], past, own[:, self._first :]], axis=1)

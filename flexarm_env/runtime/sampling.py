@@ -41,7 +41,7 @@ STRETCH = Layout(
     Field("starts", (), "", "start of the next interval: GOES_ON, AT_KINK or ANEW"),
     Field("points", (), "", "number of centerline points written"),
 )  # fmt: skip
-"""State of a run between two calls of `sample_rows`."""
+"""State of a run of one arm between two calls of `sample_rows`."""
 
 GOES_ON, AT_KINK, ANEW = 0.0, 1.0, 2.0
 """Ways to start an interval. GOES_ON: from the unchanged state. AT_KINK: from consistent velocities and accelerations
