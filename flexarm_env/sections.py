@@ -398,7 +398,7 @@ class Link:
         return self.integral("J")
 
     def series(self, what: str) -> float:
-        """Return the length divided by the integral of ds / stiffness (springs in series). what: name of a stiffness."""
+        """Return the length divided by the integral of ds / stiffness (springs in series). what: a stiffness's name."""
         if isinstance(self.section, Section):
             return float(getattr(self.section, what))
         s, weights = self.quadrature()
