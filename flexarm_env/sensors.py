@@ -228,13 +228,13 @@ class Accelerometer(Law):
 
 @dataclass(frozen=True, kw_only=True)
 class Gyroscope(Law):
-    """Gyroscope at the arm's tip: angular velocity about the tip's axes x, y, z, rad/s; for arms in space."""
+    """Gyroscope at the tip of an arm in space: measures the angular velocity about the tip's axes x, y, z, rad/s."""
 
 
 @described
 @dataclass(frozen=True, kw_only=True)
 class Camera(Law):
-    """Camera: position of the tip, m, along fixed axes; in space also two angles of the tip's x axis, rad.
+    """Camera: measures the tip's position, m, along fixed axes; in space also two angles of the tip's x axis, rad.
 
     The angles are the elevations of the tip's x axis out of the x-z plane towards y, and out of the x-y plane towards
     z, each from -pi/2 to pi/2. The first picture arrives at t = 0. A picture that arrives at t shows the tip at t -
@@ -295,9 +295,10 @@ class Sensors:
     """The sensors of an arm.
 
     Args:
-        encoders: one per joint; a single one for all joints; () for none.
-        strain_gauges: the gauges; their readings are named strain_gauge_1, strain_gauge_2, ... in this order.
-        accelerometer, camera, gyroscope, force, switch: sensor or None; the last two require contacts.
+        encoders: a tuple with one encoder per joint, a single encoder for all joints, or () for none.
+        strain_gauges: the strain gauges, whose readings are named strain_gauge_1, strain_gauge_2, ... in this order.
+        accelerometer, camera, gyroscope, force, switch: a sensor or None. The sensors force and switch require
+            contacts.
     """
 
     encoders: tuple[Encoder, ...] = ()

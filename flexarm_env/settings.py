@@ -126,7 +126,7 @@ class Settings:
             always on for the elastica). A step is not corrected if the correction exceeds 3 % of the arm's length, or
             if none of its Newton increments is below both 1 % of the length and the root of the tolerance.
         nodes: tangent angles per link, 3 to 12, or to 48 where the section jumps or kinks (elastica, default 6).
-        dt: step, s; None: the step of the scene.
+        dt: time step, s, or None for the scene's step.
         rho_inf: spectral radius of generalized-alpha at infinite frequency, 0 to 1 (defaults 0.9, 0.7 and 1.0).
         newmark: (beta, gamma) of plain Newmark, which replaces rho_inf.
         tolerance: tolerance of the Newton iteration, default 1e-10.

@@ -210,7 +210,7 @@ class Cylinder(Shape):
 
     @property
     def axes(self) -> Array:
-        """Axes as columns of a matrix; the third is the cylinder's axis."""
+        """Axes as columns of a matrix. The third column is the cylinder's axis."""
         along = np.subtract(self.end, self.start) / math.dist(self.start, self.end)
         least = np.eye(3)[np.argmin(np.abs(along))]
         first = np.cross(least, along)

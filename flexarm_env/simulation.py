@@ -66,7 +66,7 @@ class Simulation:
         gross: sum of the absolute values of the drives' work, J.
         levels: with a step_tolerance, number of halvings of dt in each past interval. step_error: as in `Trajectory`.
         follow: prescribed number of halvings in each interval, in place of that required by the step_tolerance.
-        deadline: `time.perf_counter()` at which `advance_to` stops with status "timed_out"; None: no limit.
+        deadline: `time.perf_counter()` at which `advance_to` stops with status "timed_out", or None for no limit.
     """
 
     def __init__(self, scene: Scene, settings: Settings, moves: bool = True) -> None:
@@ -316,7 +316,7 @@ class Simulation:
             self._restart(fresh=False)
 
     def observe(self) -> tuple[Array, Array]:
-        """Return link poses (n_links, 12; `physics.layout`; 0 in space) and energies (kinetic, strain, gravity), J."""
+        """Return link poses (n_links, 12), which are zeros in space, and energies (kinetic, strain, gravity), J."""
         self._observe(_NO_POINTS)
         return self._poses.reshape(-1, POSE.end).copy(), self._energies.copy()
 
@@ -370,7 +370,7 @@ def simulate(
 
     Args:
         scene: a `Scene` (see `flexarm_env.scenes.named`).
-        formulation: "floating_frame", "geometrically_exact", "elastica" or "paper"; None: that of the scene.
+        formulation: "floating_frame", "geometrically_exact", "elastica" or "paper"; None for the scene's formulation.
         duration, sample: duration and sampling interval, s; None: the scene's. progress: called with the fraction done.
         error_limit: largest `error_estimate` (fraction of the arm's length) for which the status is "ok".
         time_limit: wall-clock time, s, without compilation; a longer run fails with status "timed_out". Each run for

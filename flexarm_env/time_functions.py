@@ -312,7 +312,7 @@ def steps(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunctio
 def spline_table(
     t: Sequence[float] | Array, psi: Sequence[float] | Array, boundary: str = "not-a-knot"
 ) -> TimeFunction:
-    """Return the C2 cubic spline through the rows; after the last row it has the last value.
+    """Return the C2 cubic spline through the rows (t, psi), with the last value after the last row.
 
     Args:
         t (n,): increasing instants, s. psi (n,): values, rad or m. boundary: "not-a-knot" (default), "natural" (no

@@ -240,8 +240,7 @@ def declared(item: Any, holds: bool | None, lane: Any) -> Any:
 
 
 def lane_tags(item: Any) -> list[Any]:
-    """Return a list of the lane tag (or None) of each array, and of each named tuple with lane arrays, within an item.
-    """
+    """Return a list of the lane tags (or None) of all arrays, and named tuples with lane arrays, within an item."""
     if isinstance(item, Array):
         return [item.lane]
     # named tuples without fields of lanes are the same under every tag

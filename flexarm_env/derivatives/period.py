@@ -291,7 +291,7 @@ class Periods:
 
     # --- derivatives -----------------------------------------------------------------------------
     def jacobians(self, state: Array, action: Array) -> Jacobians:
-        """Return the results of `step` with their derivatives; derivatives by a clipped action are zero."""
+        """Return the results of `step` and the results' derivatives. Derivatives by a clipped action are zero."""
         given = self._put(state, action)
         self._run(self._derivative)
         moved = self._program.jacobian.reshape(self._shape).copy()
