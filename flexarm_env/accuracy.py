@@ -160,8 +160,8 @@ gear's vibration: below x = SLOW the step resolves the vibration, above x = QUIC
 
 
 def clamped(scene: Scene, settings: Settings) -> Settings | None:
-    """Return settings with frames clamped at the segments' roots, if links are stubby and their frames are chords with
-    von Karman coupling. (No mesh removes the error of chords due to shear.) Otherwise return None.
+    """Return settings with frames clamped at the segments' roots, if an arm in the plane has a stubby link and chord
+    frames with von Karman coupling. (No mesh removes the error of chords due to shear.) Otherwise return None.
     """
     along = settings.formulation == "floating_frame" and settings.frame == "chord" and settings.coupling == "von_karman"
     if along and not scene.spatial and any(link.slenderness > STUBBY for link in scene.arm.links):

@@ -32,8 +32,8 @@ BOARD = 64
 """Number of int64 entries of one board. Each worker thread has a board, and the last board is the calling thread's."""
 
 TASK, PART = 8, 16
-"""Offsets on a board. TASK: number of the task to help with (OVER: end the thread). PART: the owner's groups that are
-not yet computed, packed as task number, next group and end of the groups (21 bits for each group number).
+"""Offsets on a board. TASK: number of the task to help with (OVER: end the thread). PART: the owner's groups that no
+thread has taken yet, packed as task number, next group and end of the groups (21 bits for each group number).
 """
 DONE, STATE = 24, 40
 """Offsets on a worker's board. DONE: number of the last task that the worker has helped with. STATE: AWAKE, ASLEEP or
