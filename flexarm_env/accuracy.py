@@ -3,7 +3,7 @@
 The error estimate has four parts, each a fraction of the arm's length:
 
     time_step   half the distance of the tip from a companion run with twice the step. (The error of a second-order
-                method is a third of this distance; the rest is a safety margin.) If the step does not resolve the
+                method is a third of this distance; the remainder is a safety margin.) If the step does not resolve the
                 slowest vibration, or its decay: the whole distance from a run with an eighth of the step. In space up
                 to 1.5 times the distance, if a run with four times the step shows no second order
     mesh        half the distance between the companion with twice the step and another companion, with twice the step
@@ -160,8 +160,8 @@ gear's vibration: below x = SLOW the step resolves the vibration, above x = QUIC
 
 
 def clamped(scene: Scene, settings: Settings) -> Settings | None:
-    """Return settings with frames clamped at the segments' roots, if links are stubby and their frames are chords with
-    von Karman coupling. (No mesh removes the error of chords due to shear.) Otherwise return None.
+    """Return settings with frames clamped at the segments' roots, if an arm in the plane has a stubby link and chord
+    frames with von Karman coupling. (No mesh removes the error of chords due to shear.) Otherwise return None.
     """
     along = settings.formulation == "floating_frame" and settings.frame == "chord" and settings.coupling == "von_karman"
     if along and not scene.spatial and any(link.slenderness > STUBBY for link in scene.arm.links):

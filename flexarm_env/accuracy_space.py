@@ -66,10 +66,10 @@ def witness(scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Set
     longer, meshes with one and with two elements have the same error.
 
     Args:
-        t, tip: instants (n,) s and positions of the tip and its axes (n, 4, 3) m of the run.
+        t: instants of the run, (n,), s. tip: positions of the tip and of the ends of its axes, (n, 4, 3), m.
     Returns:
-        The settings and whether their elements are short enough. None in place of the settings if coarser meshes show
-        all errors.
+        The settings (None if coarser meshes show all errors), and whether the elements of the exact beam are short
+            enough.
     """
     links = [link for link in scene.arm.links if not link.rigid]
     if not scene.spatial or not links:

@@ -1,8 +1,7 @@
 """Many arms of one kind; one compiled call advances all arms by a control period. A single arm is a batch of one.
 
 The arms have one Model and one task in common. Each arm has its own payload, stiffness, damping and torque constant.
-Arms are stored in groups of lanes, which are distributed among threads. An arm's results do not depend on them.
-"""
+Arms are stored in groups of lanes, which are distributed among threads. An arm's results do not depend on them."""
 
 from __future__ import annotations
 
@@ -90,7 +89,7 @@ ALONE_AFTER = 1  # steps after which a single arm's program is compiled, for arm
 
 
 def gauge_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, places: Sequence[Spot]) -> Array:
-    """Return rows (G, n) whose product with q is the curvature (1/m) at each place: (link, 0 root to 1 tip)."""
+    """Return rows (G, n), whose products with q are curvatures (1/m). places: (link, 0 at root to 1 at tip)."""
     assert settings.dt is not None
     scene = standing_scene(arm, settings.dt, gravity)
     return curvature_rows(scene, settings, assembly.assemble(scene, settings), places)
@@ -103,7 +102,7 @@ class Batch:
         arm, settings (with dt), gravity (m/s^2): the mechanical system. n: number of arms.
         task: record of a task. starts: ranges from which starts of episodes are drawn.
         period: control period, s, a multiple of settings.dt. account: whether to record energies, work and dissipation.
-        threads: maximum number; None selects the fastest number by timing (`compiler.pace`).
+        threads: largest number of threads; None selects the fastest number by timing (`compiler.pace`).
         extras: controllers, motors, sensors, moving targets. contacts: the arms' contacts.
         left: error of the tip by mesh and step, divided by the arm's length; inf: unknown. starting: compile starts.
     Attributes:
@@ -242,7 +241,7 @@ class Batch:
         return self._par(i).copy()
 
     def motion(self, i: int) -> tuple[Array, Array, Array]:
-        """Return copies of arm i's coordinates q and rates v (rows,) and its joint torques (N,), N m."""
+        """Return copies of arm i's coordinates q and rates v (rows,) and of its joint torques (N,), N m."""
         return tuple(rows[i].copy() for rows in self.motions()[:3])
 
     def motions(self) -> tuple[Array, Array, Array, Array]:
@@ -263,7 +262,7 @@ class Batch:
 
     def set_starts(self, starts: Starts) -> None:
         """Set the ranges from which the starts of later episodes are drawn; running episodes continue. The call
-        compiles a variant of the program if the new ranges need one."""
+        compiles another program if the new ranges require it."""
         anew = (starts.attainable is None) != (self.starts.attainable is None)
         self.starts, self._alone = starts, self._beside()
         if anew:
@@ -275,8 +274,9 @@ class Batch:
             getattr(self.program.ranges, name)[...] = getattr(ranges, name)
 
     def ask(self, angles: Array, target: Array, vibration: Array) -> None:
-        """Set the next start: joint angles (N,), rad, target (2,) and vibration (1,) or (3,); NaN: draw at random. In
-        space the target is given as joint angles (N,) at which the arm reaches it."""
+        """Set the next episode's start: joint angles (N,), rad, target (2,), vibration (1,) or (3,). NaN is drawn at
+        random. In space the target is given as joint angles (N,) with which the arm reaches the target.
+        """
         asked = {"angles": angles, "target": target, "vibration": np.resize(vibration, 3), "goals": np.zeros(0)}
         if self.arm.spatial:
             asked |= {"target": np.full(2, np.nan), "goals": target}
@@ -326,8 +326,9 @@ class Batch:
         return int(count)
 
     def renew(self, keep: bool = True) -> None:
-        """Let later steps write to a new table; references from outside to the present table stay unchanged. keep: copy
-        the present entries to the new table; otherwise a step must write all entries."""
+        """Let later steps write to a new table; references from outside to the present table stay unchanged. keep:
+        whether to copy the present entries; if False, the next step must write all entries.
+        """
         sheets = self._sheets
         if not sheets[1].is_free():
             sheets[1] = Sheet(np.empty_like(self.table))

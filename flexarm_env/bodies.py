@@ -28,7 +28,7 @@ def vector(path: str, value: object, unit: str = "") -> Vector:
 
 
 def unit_vector(path: str, value: object) -> Vector:
-    """Validate a direction of three numbers and return it with length 1."""
+    """Validate a direction given by three numbers and return the unit vector."""
     given = np.array(vector(path, value))
     largest = float(np.abs(given).max())
     # the norm's squares must neither overflow nor underflow
@@ -79,8 +79,8 @@ def mount(path: str, value: Any) -> Matrix | None:
 def inertia(path: str, value: object) -> Inertia:
     """Validate a moment of inertia or an inertia tensor about a center of mass, kg m^2.
 
-    A tensor must be symmetric, with principal values that a body can have: each is at least 0 and at most the sum of
-    the other two.
+    A tensor must be symmetric, and its principal values must be possible for a body: each principal value is at least 0
+    and at most the sum of the two others.
     """
     if not isinstance(value, list | tuple | np.ndarray):
         return check.number(path, value, "kg m^2", minimum=0.0)
@@ -122,7 +122,7 @@ def mount_field(text: str) -> Any:
 
 
 def tensor(value: Inertia) -> Array:
-    """Return the 3 x 3 inertia tensor; a number means the number times the identity."""
+    """Return the 3 x 3 inertia tensor; a number is multiplied by the identity matrix."""
     return np.array(value) if isinstance(value, tuple) else value * np.eye(3)
 
 
@@ -176,7 +176,7 @@ class RigidLink(Link):
 
     @property
     def uniform(self) -> None:
-        """None, because the link has no section."""
+        """None, because a rigid link has no section."""
         return None
 
     def moment(self, power: int) -> float:
@@ -186,5 +186,5 @@ class RigidLink(Link):
 
     @property
     def rotary(self) -> float:
-        """0, because `moment` contains the whole inertia."""
+        """0, because `moment` contains the link's whole rotary inertia."""
         return 0.0

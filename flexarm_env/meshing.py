@@ -25,7 +25,7 @@ from flexarm_env import validation as check
 from flexarm_env.validation import Array
 
 KINKED = 0.2
-"""Weight of a change of ln EI by 1, relative to the integral of EI^(-1/2) over the whole link."""
+"""Weight of a change of ln EI by 1 in the cell density, whose first term has the integral 1 over the link."""
 
 SAMPLES = 64
 """Number of intervals of a smooth piece in the trapezoidal rule for the density."""
@@ -76,7 +76,7 @@ class Piece(NamedTuple):
 
     @property
     def weight(self) -> float:
-        """The integral of the density over the piece."""
+        """Integral of the cell density over the piece."""
         return float(self.below[-1])
 
     def ends(self, count: int) -> Array:

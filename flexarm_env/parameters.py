@@ -105,7 +105,6 @@ class Payload:
 class Motor:
     """An electric motor: torque = torque_constant i, voltage = resistance i + back_emf rate, with the current i in A.
 
-
     Torque (N m) and rate (rad/s) are those of the shaft before the gear.
     """
 
@@ -233,17 +232,17 @@ class Arm:
 
     Args:
         name: a short word.
-        links: N >= 1 links, root to tip.
+        links: N >= 1 links, from root to tip.
         elbows: N-1 elbows, or () for massless elbows.
         joints: N drives (:class:`Joint`), or () for ideal joints.
         payload: payload at the tip of the last link.
         torque_limits: N positive numbers, N m, or None (no limit).
         joint_limits: N entries, each None or (low, high) in rad (joint 0: the root angle; joint k: the angle of
             link k's root from link k-1's tip), or None (no limits at all).
-        source: origin of the numbers.
-        sensors: sensors of `observation="measured"` and `Trajectory.measured`; None: ideal sensors.
-        base: body that carries the arm in the plane if its root is free; None: no body. If the root is held, the base
-            is held, too.
+        source: text about the origin of the arm's numbers.
+        sensors: sensors for `observation="measured"` and `Trajectory.measured`, or None for ideal sensors.
+        base: body that carries the arm in the plane if the arm's root is free, or None for no body. If the root is
+            held, the base is held, too.
     """
 
     name: str

@@ -94,7 +94,7 @@ class Episode:
         return all(np.array_equal(getattr(self, name), getattr(other, name), equal_nan=True) for name in names)
 
     def clip(self, label: str | None = None, env_id: str | None = None) -> Clip | SpaceClip:
-        """Replay the episode and return the clip that a player shows. label: the clip's name, by default the
+        """Replay the episode and return the clip that a player shows. label: name of the clip; the default is the
         environment's id. env_id: as in `replay`."""
         with closing(_make_env(self, env_id, info_level="full")) as env:
             played = [(observation, info, env.unwrapped.snapshot()) for observation, info in _played(env, self)]
@@ -226,7 +226,7 @@ def replay(episode: Episode, env_id: str | None = None) -> Episode:
 
 
 def frames(episode: Episode, env_id: str | None = None) -> Iterator[NDArray[np.uint8]]:
-    """Yield the T + 1 pictures (height, width, 3) of an episode, for `envs.video.write_film`; env_id as in `replay`."""
+    """Yield the T + 1 pictures (height, width, 3) of an episode, for `envs.video.write_film`. env_id: see `replay`."""
     with closing(_make_env(episode, env_id, render_mode="rgb_array")) as env:
         for _ in _played(env, episode):
             yield np.asarray(env.render())

@@ -86,7 +86,6 @@ COMPARED = (("tip_x", "tip_y"), ("tip_angle",), ("start_angle",))
 class Reference:
     """A reference trajectory: its scene, origin, absolute tolerances and columns.
 
-
     tip_tolerance: largest tip error, m. angle_tolerance: largest error of an angle, rad. columns: a float64 array (n,)
     for each name in :data:`COLUMNS`. The column energy is not compared.
     """

@@ -84,7 +84,7 @@ class Section:
 
 
 ACROSS = {"EI_y": "N m^2", "C_y": "N", "J_y": "kg m", "GJ": "N m^2"}
-"""Fields of a section for motion out of the x-y plane, and their units."""
+"""Names of a section's fields for motion out of the x-y plane, with units."""
 
 
 def _material(E: float, rho: float, G: float, kappa: float) -> tuple[float, float, float, float]:
@@ -150,8 +150,7 @@ class Taper:
             self.rectangle(end)
 
     def sides(self, share: Any) -> tuple[Any, Any]:
-        """Return width and thickness, m, at `share`, a fraction (number or array) of the link's length from the root.
-        """
+        """Return width and thickness, m, at `share`, a fraction (number or array) of the link's length."""
         (b0, b1), (h0, h1) = self.widths, self.thicknesses
         return b0 + (b1 - b0) * share, h0 + (h1 - h0) * share
 
@@ -179,7 +178,7 @@ ENDS = {
     "root_offset": "m", "tip_offset": "m", "root_mass": "kg", "tip_mass": "kg", "root_inertia": "kg m^2",
     "tip_inertia": "kg m^2",
 }  # fmt: skip
-"""Fields of a link's rigid ends, and their units."""
+"""Names of the fields for a link's rigid ends, with units."""
 
 
 @described
@@ -188,7 +187,7 @@ class Link:
     """A beam with one section, or with sections that vary along it; it is straight, or curved without stress.
 
     Rigid ends (a clamp, a hub's radius) extend from the joint at the link's root to the beam, and from the beam to the
-    next joint or the arm's tip, along the beam's end tangents. Their masses are at their midpoints.
+    next joint or the arm's tip, along the beam's end tangents. The mass of a rigid end is at the end's midpoint.
 
     Args:
         section: a :class:`Section`; a :class:`Taper`; or a sequence of (s, Section), s in m from the root, ascending
@@ -232,7 +231,7 @@ class Link:
         **more: Any,
     ) -> Link:
         """Create a link with a rectangle whose sides vary linearly from root to tip (:class:`Taper`). Equal sides give
-        one Section. more: the other fields of :class:`Link`."""
+        one Section. more: further fields of :class:`Link`."""
         taper = Taper(widths, thicknesses, E, rho, G, kappa)
         even = taper.sides(0.0) == taper.sides(1.0)
         return cls(length, taper.rectangle(0.0) if even else taper, **more)
@@ -288,8 +287,7 @@ class Link:
         return tuple(sorted({0.0, *inner, *curves.jumps(self.curvature), self.length}))
 
     def along(self, s: Array | float, before: bool = False) -> Properties:
-        """Return the section's properties at places s (m from the root); at a jump after it, or before it if `before`.
-        """
+        """Return the section's properties at places s (m from the root), after a jump, or before it if `before`."""
         s = np.asarray(s, np.float64)
         if isinstance(self.section, Taper):
             return self.section.along(s / self.length)
@@ -320,8 +318,7 @@ class Link:
         return {name: np.interp(s, places, [getattr(section, name) for _, section in points]) for name in ACROSS}
 
     def quadrature(self) -> tuple[Array, Array]:
-        """Return Gauss points and weights for integrals along the link, piece by smooth piece, m from the root and m.
-        """
+        """Return Gauss points (m from the root) and weights (m) for integrals along the link, piece by piece."""
         x, weights = GAUSS
         ends = np.array(self.points)
         # map [-1, 1] to each piece
@@ -374,14 +371,12 @@ class Link:
 
     @property
     def ends(self) -> tuple[tuple[float, float, float], ...]:
-        """Rigid ends at root and tip: (mass in kg, distance of the center from the root joint in m, inertia in kg m^2).
-        """
+        """Rigid ends at root and tip: (mass (kg), distance of the center from the root joint (m), inertia (kg m^2))."""
         root = self.root_mass, 0.5 * self.root_offset, self.root_inertia
         return root, (self.tip_mass, self.span - 0.5 * self.tip_offset, self.tip_inertia)
 
     def integral(self, what: str, power: int = 0) -> float:
-        """Return the integral of `what` s^power ds along the beam, s from its root. what: a field of :class:`Section`.
-        """
+        """Return the integral of `what` s^power ds along the beam, s from its root. what: field of :class:`Section`."""
         # closed form for constant sections
         if isinstance(self.section, Section):
             return float(getattr(self.section, what) * self.length ** (power + 1) / (power + 1))
@@ -403,8 +398,7 @@ class Link:
         return self.integral("J")
 
     def series(self, what: str) -> float:
-        """Return the length divided by the integral of ds / stiffness (springs in series). what: name of the stiffness.
-        """
+        """Return the length divided by the integral of ds / stiffness (springs in series). what: a stiffness's name."""
         if isinstance(self.section, Section):
             return float(getattr(self.section, what))
         s, weights = self.quadrature()

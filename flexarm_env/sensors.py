@@ -4,10 +4,10 @@ Every sensor reads one or more quantities u(t) by the same law, which `runtime.l
 
     reading = round_to_quantum(gain F u(t - delay) + bias + noise)
 
-F is a low-pass of order 1 or 2 with gain 1 at rest. Gain and bias are constant, or drawn anew for each episode. Noise
-is an independent normal number for each reading. A sensor is read at control instants, or at the samples of a
-trajectory. Between these instants u is linear, and for this u filter and delay are exact. Before an episode u is
-constant.
+F is a low-pass filter of order 1 or 2 with gain 1 at rest. Gain and bias are constant, or drawn anew for each episode.
+The noise of each reading is an independent, normally distributed number. A sensor is read at control instants, or at
+the samples of a trajectory. Between these instants u is interpolated linearly, and filter and delay are exact for the
+interpolated u. Before an episode u is constant.
 """
 
 from __future__ import annotations
@@ -26,9 +26,11 @@ Range = tuple[float, float]
 UNITS, SIDES = ("curvature", "strain"), ("link", "motor")
 MEASURES = ("xy", "xz", "torsion")
 RATE_FREQUENCY = 20.0
-"""Default frequency of the first-order low-pass on an encoder's differences, Hz."""
+"""Default frequency (Hz) of the first-order low-pass filter with which an encoder computes the rate from readings."""
 LARGEST, FINEST = 1e15, 1e-12
-"""Largest gain, bias, noise, quantum or filter damping, and smallest quantum; other values spoil the rounding."""
+"""LARGEST: largest gain, bias, noise, quantum or filter damping. FINEST: smallest quantum. Values beyond these limits
+would make the rounding of readings inexact.
+"""
 
 
 def _constant_or_range(path: str, value: Any) -> float | Range:
@@ -42,7 +44,7 @@ def _constant_or_range(path: str, value: Any) -> float | Range:
 @described
 @dataclass(frozen=True)
 class LowPass:
-    """Low-pass filter w / (s + w) of order 1, or w^2 / (s^2 + 2 damping w s + w^2) of order 2; w = 2 pi frequency."""
+    """Low-pass filter w / (s + w) of order 1, or w^2 / (s^2 + 2 damping w s + w^2) of order 2, w = 2 pi frequency."""
 
     frequency: float = number("corner frequency", "Hz", above=0.0)
     order: int = integer("order of the filter", 1, minimum=1, maximum=2)
@@ -60,7 +62,7 @@ _RANGE = {"if": {"type": "array"}, "then": {"items": {"type": "number"}, "minIte
 @described
 @dataclass(frozen=True, kw_only=True)
 class Law:
-    """Parameters common to all sensors, in the unit of the reading.
+    """Parameters common to all sensors: gain, bias, noise, quantum, delay and filter, in the unit of the reading.
 
     Args:
         low_pass: filter of the quantity before the sensor is read, or None.
@@ -106,26 +108,26 @@ class Law:
 
     @property
     def step(self) -> float:
-        """Resolution of the readings, in their unit; 0: no rounding."""
+        """Resolution of the readings, in the unit of the readings; 0 if readings are not rounded."""
         return self.quantum
 
     @property
     def interval(self) -> float:
-        """Time from one reading to the next, s; 0: a reading at every instant."""
+        """Time from one reading to the next, s; 0 if the sensor is read at every control instant."""
         return 0.0
 
 
 @described
 @dataclass(frozen=True, kw_only=True)
 class Encoder(Law):
-    """Encoder of a joint: its angle, rad, and its rate, rad/s.
+    """Encoder of a joint, which measures the joint's angle, rad, and rate, rad/s.
 
-    The rate is the difference of two readings over the time T between them, through a low-pass of order 1:
+    The rate is the difference of two readings divided by the time T between them, filtered by a low-pass of order 1:
     rate_k = a rate_(k-1) + (1 - a) (reading_k - reading_(k-1)) / T with a = exp(-2 pi rate_frequency T).
 
-    Readings are multiples of 2 pi / counts, with side "motor" divided by the gear ratio. Side "link" is the angle of
-    the link's root relative to the previous tip, side "motor" the motor's angle over the gear ratio; with a rigid gear
-    (`Joint`) both angles are equal.
+    Readings are multiples of 2 pi / counts, divided by the gear ratio for side "motor". Side "link" measures the angle
+    of the link's root relative to the previous tip. Side "motor" measures the motor's angle divided by the gear ratio.
+    With a rigid gear (`Joint`) both angles are equal.
     """
 
     counts: int | None = integer(
@@ -143,7 +145,7 @@ class Encoder(Law):
             raise check.InvalidValue("quantum", self.quantum, "must not be given together with counts")
 
     def behind(self, ratio: float) -> Encoder:
-        """Return the encoder with its resolution at the output of a gear of this ratio."""
+        """Return the encoder with its resolution at the output of a gear with the ratio `ratio`."""
         # on the motor's side an angle of the joint is ratio times finer
         if self.side == "link" or self.counts is None:
             return self
@@ -151,19 +153,20 @@ class Encoder(Law):
 
     @property
     def step(self) -> float:
-        """Resolution of the angle, rad; 0: no rounding."""
+        """Resolution of the angle, rad; 0 if the angle is not rounded."""
         return self.quantum if self.counts is None else 2.0 * math.pi / self.counts
 
 
 @described
 @dataclass(frozen=True, kw_only=True)
 class StrainGauge(Law):
-    """Strain gauge: bending of a link at a place; in space also bending out of the x-y plane, and torsion.
+    """Strain gauge: measures the bending of a link at a place; in space also bending out of the x-y plane and torsion.
 
-    The reading is the curvature (1/m), or the strain, which is curvature times `distance`. It measures "xy": curvature
-    in the x-y plane, positive if the link bends towards y; "xz": in the x-z plane, towards z; "torsion": twist over
-    length, positive about x. In the plane only "xy" is possible. The default distance is half the thickness of the
-    rectangle that has the section's m and J, sqrt(3 J / m), or m and J_y for bending in x-z.
+    The reading is the curvature (1/m), or the strain, which is curvature times `distance`. With measures="xy" the
+    curvature is in the x-y plane, positive if the link bends towards y; with "xz" it is in the x-z plane, positive
+    towards z; with "torsion" it is the twist per length, positive about x. In the plane only "xy" is possible. The
+    default distance is half the thickness of a rectangle with the section's m and J, sqrt(3 J / m), or with m and J_y
+    for "xz".
     """
 
     link: int = integer("number of the link, from 0", 0, minimum=0)
@@ -184,11 +187,11 @@ class StrainGauge(Law):
 
     @property
     def spot(self) -> tuple[int, float, str]:
-        """Link, place and measured component: (link, place, measures)."""
+        """Position and component of the gauge: (link, place on the link from 0 to 1, measures)."""
         return self.link, self.place, self.measures
 
     def per_curvature(self, m: float, J: float) -> float:
-        """Return reading over curvature for a section of mass m (kg/m) and rotary inertia J (kg m) per length.
+        """Return reading / curvature for a section with mass m (kg/m) and rotary inertia J (kg m) per length.
 
         The ratio is 1 for a curvature and the distance from the neutral axis (m) for a strain.
         """
@@ -197,7 +200,7 @@ class StrainGauge(Law):
         return surface(m, J) if self.distance is None else self.distance
 
     def per_curvature_of(self, link: Any) -> float:
-        """Return the ratio reading / curvature (1 or m) at the gauge's place on a `Link`."""
+        """Return the ratio reading / curvature (without unit, or in m) at the gauge's place on a `Link`."""
         s = self.place * link.length
         # section at the gauge; J_y for bending in x-z
         there, across = link.along(s), self.measures == "xz"
@@ -214,27 +217,28 @@ def surface(m: float, J: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Accelerometer(Law):
-    """Accelerometer at the arm's tip: specific force, m/s^2, along the tip's tangent (x) and across it (y).
+    """Accelerometer at the arm's tip: specific force, m/s^2, along the tip's tangent (x) and across the tangent (y).
 
-    Specific force is acceleration less gravity. In space it has three components along the tip's axes. u is the mean of
-    the specific force since the last instant, in the tip's own, turning axes. For any interval, u is 0 in free fall; in
-    a steady spin it is -w^2 r along the tangent and 0 across. The first reading, before which there is no interval, is
-    that of a tip with constant velocity in its own axes; at rest it is -g.
+    Specific force is acceleration minus gravity. In space it has three components along the tip's axes. The measured
+    quantity is the mean specific force since the last instant, in the tip's rotating axes. The mean is 0 in free fall.
+    In a steady spin at rate w and radius r it is -w^2 r along the tangent and 0 across. The first reading, which has no
+    last instant, assumes a constant velocity in the tip's axes; at rest it is -g.
     """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Gyroscope(Law):
-    """Gyroscope at the arm's tip: angular velocity about the tip's axes x, y, z, rad/s; for arms in space."""
+    """Gyroscope at the tip of an arm in space: measures the angular velocity about the tip's axes x, y, z, rad/s."""
 
 
 @described
 @dataclass(frozen=True, kw_only=True)
 class Camera(Law):
-    """Camera: position of the tip, m, along fixed axes; in space also two angles of the tip's x axis, rad.
+    """Camera: measures the tip's position, m, along fixed axes; in space also two angles of the tip's x axis, rad.
 
-    The angles are the elevation of this axis out of the x-z plane towards y, and out of the x-y plane towards z; each
-    is in -pi/2 to pi/2. The first picture arrives at 0. A picture that arrives at t shows the tip at t - delay.
+    The angles are the elevations of the tip's x axis out of the x-z plane towards y, and out of the x-y plane towards
+    z, each from -pi/2 to pi/2. The first picture arrives at t = 0. A picture that arrives at t shows the tip at t -
+    delay.
     """
 
     period: float | None = number(
@@ -244,7 +248,7 @@ class Camera(Law):
 
     @property
     def interval(self) -> float:
-        """Time between pictures, s; 0: a picture at every instant."""
+        """Time between pictures, s; 0 for a picture at every control instant."""
         return self.period or 0.0
 
 
@@ -265,7 +269,7 @@ SINGLES: dict[str, type[Law]] = {
     "accelerometer": Accelerometer, "camera": Camera, "gyroscope": Gyroscope,
     "force": ForceSensor, "switch": ContactSwitch,
 }  # fmt: skip
-"""Sensors of which an arm has at most one, by key."""
+"""Classes of sensors of which an arm has at most one, by key in a table of sensors."""
 
 _OF_CONTACT = {"force": ("tip_force_normal", "tip_force_tangential"), "switch": ("contact_switch",)}
 OF_THE_TIP: dict[bool, dict[str, tuple[str, ...]]] = {
@@ -281,7 +285,9 @@ OF_THE_TIP: dict[bool, dict[str, tuple[str, ...]]] = {
         **_OF_CONTACT,
     },
 }
-"""Names of the readings of sensors at the tip, in the plane (False) and in space (True), in an observation's order."""
+"""Names of the readings of sensors at the tip, for arms in the plane (False) and in space (True), in the order of an
+observation.
+"""
 
 
 @dataclass(frozen=True)
@@ -289,9 +295,10 @@ class Sensors:
     """The sensors of an arm.
 
     Args:
-        encoders: one per joint; a single one for all joints; () for none.
-        strain_gauges: the gauges; their readings are named strain_gauge_1, strain_gauge_2, ... in this order.
-        accelerometer, camera, gyroscope, force, switch: sensor or None; the last two require contacts.
+        encoders: a tuple with one encoder per joint, a single encoder for all joints, or () for none.
+        strain_gauges: the strain gauges, whose readings are named strain_gauge_1, strain_gauge_2, ... in this order.
+        accelerometer, camera, gyroscope, force, switch: a sensor or None. The sensors force and switch require
+            contacts.
     """
 
     encoders: tuple[Encoder, ...] = ()
@@ -316,9 +323,9 @@ class Sensors:
         return self.encoders[joint if len(self.encoders) > 1 else 0]
 
     def readings(self, arm: Any, space: bool = False) -> dict[str, tuple[str, Law]]:
-        """Return the readings on an arm in order: names as in `Trajectory.measured`, each with key path and sensor.
+        """Return a dict of an arm's readings in order: name as in `Trajectory.measured` to (key path, sensor).
 
-        Key paths begin below "sensors". Encoders have their resolution at the gear's output.
+        Key paths begin after "sensors". Encoders have their resolution at the output of the gear.
         """
         found: dict[str, tuple[str, Law]] = {}
         # encoders, then sensors of the tip, then gauges
@@ -333,7 +340,10 @@ class Sensors:
         return found | {f"strain_gauge_{i + 1}": (f"strain_gauges[{i}]", gauge) for i, gauge in gauges}
 
     def check_for(self, links: Sequence[Any], space: bool = True, touches: bool = True) -> None:
-        """Raise ValueError unless an arm (in space or not) can have the sensors; touches: contact forces are known."""
+        """Raise ValueError unless the sensors fit an arm.
+
+        links: the arm's links. space: whether the arm is in space. touches: whether contact forces are computed.
+        """
         for name in () if touches else ("force", "switch"):
             if getattr(self, name) is not None:
                 raise check.InvalidValue(name, getattr(self, name), "must be left out: no contact forces are recorded")
@@ -360,8 +370,8 @@ def from_table(table: Mapping[str, Any]) -> Sensors:
     """Create sensors from a table of a TOML file or an environment's argument. A ValueError names the key path.
 
     encoders: a table for all joints, or a list with one table per joint; {} is an ideal encoder. strain_gauges: a list
-    of places (of link 0), of pairs (link, place), and of tables. Each other sensor (accelerometer, camera, gyroscope,
-    force, switch) is a table. The keys of a table are the arguments of the class.
+    whose entries are places on link 0, pairs (link, place) or tables. Each further sensor (accelerometer, camera,
+    gyroscope, force, switch) is a table. The keys of a table are the arguments of the class.
     """
     check.known_keys("sensors", table, KEYS)
     values: dict[str, Any] = {}
@@ -382,7 +392,7 @@ def from_table(table: Mapping[str, Any]) -> Sensors:
 
 
 def to_table(sensors: Sensors) -> dict[str, Any]:
-    """Return a table, without defaults, from which `from_table` makes equal sensors."""
+    """Return a table, without entries at their defaults, from which `from_table` creates equal sensors."""
     table: dict[str, Any] = {}
     for name, own in vars(sensors).items():
         if isinstance(own, tuple) and own:
@@ -393,7 +403,7 @@ def to_table(sensors: Sensors) -> dict[str, Any]:
 
 
 KEYS = check.names_of(Sensors)
-"""Keys in a table of sensors."""
+"""Permitted keys in a table of sensors."""
 
 S = TypeVar("S", bound=Law)
 

@@ -46,24 +46,26 @@ _DEFAULTS: dict[str, dict[str, Any]] = {
 PRESETS: dict[str, tuple[str, dict[str, Any]]] = {
     "paper": ("floating_frame", {"coupling": "paper", "multipliers": True, "newmark": (0.25, 0.5)}),
 }
-"""Names for a formulation with some of its options. "paper" is the solver of Meek & Liu (1995): frames at the roots of
-the segments, the paper's geometric stiffness [45], Lagrange multipliers, Newmark with beta = 1/4 and gamma = 1/2.
+"""Names for a formulation together with some of its options. "paper" is the solver of Meek & Liu (1995): frames at the
+roots of the segments, the paper's geometric stiffness [45], Lagrange multipliers, Newmark with beta = 1/4 and gamma =
+1/2.
 """
 
 MODAL_BOUND = 0.25
-"""Largest tip deflection over length at which a link reduced to modes is in range (theory, section 4)."""
+"""Largest tip deflection, divided by the link's length, for which a link reduced to modes is valid (theory, section 4).
+"""
 MOST_ELEMENTS = 1000
-"""Largest number of elements per link; with more elements a step's dense or banded matrices are too large."""
+"""Largest number of elements per link. With more elements the dense or banded matrices of a step would be too large."""
 
 MOST_NODES = 48
-"""Largest number of nodes per elastica link, whose matrices are full: 12 per smooth piece (`physics.elastica.chain`).
+"""Largest number of nodes per elastica link, whose matrices are dense: 12 per smooth piece (`physics.elastica.chain`).
 """
 
 MOST_STEPS = 10**5
 """Maximum number of steps in a period that is differentiated."""
 
 MOST_IN_SEGMENT = 32
-"""Largest number of elements per segment of the floating frame, whose matrices are full."""
+"""Largest number of elements per segment of the floating frame. A segment's matrices are dense."""
 
 _MESH = ("segments", "elements", "coupling")
 """Options of the floating frame that are removed if `modes` is given without them."""
@@ -124,7 +126,7 @@ class Settings:
             always on for the elastica). A step is not corrected if the correction exceeds 3 % of the arm's length, or
             if none of its Newton increments is below both 1 % of the length and the root of the tolerance.
         nodes: tangent angles per link, 3 to 12, or to 48 where the section jumps or kinks (elastica, default 6).
-        dt: step, s; None: the step of the scene.
+        dt: time step, s, or None for the scene's step.
         rho_inf: spectral radius of generalized-alpha at infinite frequency, 0 to 1 (defaults 0.9, 0.7 and 1.0).
         newmark: (beta, gamma) of plain Newmark, which replaces rho_inf.
         tolerance: tolerance of the Newton iteration, default 1e-10.
@@ -227,12 +229,12 @@ class Settings:
 
     @property
     def deflection_bound(self) -> float:
-        """Tip deflection over a link's length at which the formulation stops; inf unless whole links have modes."""
+        """Tip deflection divided by a link's length at which a run stops; inf unless whole links have modes."""
         return MODAL_BOUND if self.modes is not None and self.segments in (None, 1) else math.inf
 
     @property
     def period_error(self) -> float:
-        """kappa: the integrator lengthens a period by the fraction kappa (omega h)^2 (theory, section 6)."""
+        """kappa: the integrator lengthens a vibration period by the fraction kappa (omega h)^2 (theory, section 6)."""
         # Newmark, e = gamma - 1/2: kappa = beta/2 - 1/24 - e/4 + e^2/8, at least 0
         # generalized-alpha: kappa = 1/12 + 3/8 ((1 - rho_inf)/(1 + rho_inf))^2
         if self.newmark is not None:
@@ -242,16 +244,16 @@ class Settings:
         return 1.0 / 12.0 + 0.375 * ((1.0 - self.rho_inf) / (1.0 + self.rho_inf)) ** 2
 
     def options(self) -> dict[str, Any]:
-        """Return the options, except None, from which :meth:`make` creates equal settings."""
+        """Return the options that are not None, from which :meth:`make` creates equal settings."""
         names = _DEFAULTS[self.formulation]
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
     def replace(self, **options: Any) -> Settings:
-        """Return settings with some options changed; options that a new option excludes are removed."""
+        """Return settings with some options changed. Old options that exclude a new option are removed."""
         return Settings.make(self.formulation, **merged(self.options(), options))
 
     def dividing(self, period: float | None) -> Settings:
-        """Return settings with the longest step of at most dt that divides a period, s; period None: unchanged."""
+        """Return settings with the longest step of at most dt that divides `period` (s); period None returns `self`."""
         if period is None:
             return self
         assert self.dt is not None
@@ -267,15 +269,15 @@ class Settings:
 
 
 def steps_in(time: float, dt: float) -> int:
-    """Return the number of steps of at most dt (s) in a time (s); round-off of 1e-9 does not add a step."""
+    """Return the number of equal steps of at most dt (s) in `time` (s), with a relative tolerance of 1e-9."""
     return max(1, math.ceil(time / dt * (1.0 - 1e-9)))
 
 
 def merged(base: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
-    """Return ``base`` overridden by the ``options`` that are not None; entries that these options exclude are removed.
+    """Return ``base`` overridden by the ``options`` that are not None, without entries that an option excludes.
 
-    modes excludes the mesh. A mesh option excludes modes. multipliers excludes frame. newmark and rho_inf exclude each
-    other.
+    The option modes excludes the mesh options and each mesh option excludes modes. The option multipliers excludes
+    frame. The options newmark and rho_inf exclude each other.
     """
     given = {name: value for name, value in options.items() if value is not None}
     # options of `base` that the given ones exclude

@@ -1,7 +1,7 @@
 """Shapes that an arm must avoid, in the plane and in space, with signed distances and their gradients.
 
-A distance is measured to the nearest point of the surface, in m; it is negative inside. All distances are exact. If
-several points are equally near, the gradient belongs to one of the points.
+A distance (m) is measured to the nearest point of a shape's surface and is negative inside the shape. All distances are
+exact. If several points of the surface are equally near, the gradient belongs to one of them.
 """
 
 import math
@@ -53,7 +53,7 @@ class Shape:
 
     @property
     def sizes(self) -> Point:
-        """Half of the dimensions along the shape's axes, m; each class defines its dimensions."""
+        """Half of the shape's dimensions along its axes, m. Each class defines which dimensions it has."""
         return ()
 
     def distance(self, points: ArrayLike) -> Array:
@@ -61,11 +61,11 @@ class Shape:
         return self.look(points)[0]
 
     def gradient(self, points: ArrayLike) -> Array:
-        """Return unit vectors (..., d), at points (..., d), in the direction in which the distance increases."""
+        """Return the gradients of the distance at points (..., d): unit vectors (..., d)."""
         return self.look(points)[1]
 
     def look(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Return distances and their gradients."""
+        """Return distances (...,), m, of points (..., d) and the gradients of the distances, (..., d)."""
         given = np.asarray(points, np.float64)
         if given.shape[-1:] != (self.dimension,):
             what = f"must have {self.dimension} numbers along its last axis, as the {self.name} has"
@@ -84,9 +84,9 @@ class Shape:
 
 @dataclass(frozen=True)
 class HalfSpace(Shape):
-    """All points behind a plane (in 2-D: behind a line), for example a wall or a floor.
+    """Half-space: all points behind a plane (in 2-D: behind a line), for example a wall or a floor.
 
-    point: a point of the surface, m. normal: vector towards the free side, of any length.
+    point: a point of the surface, m. normal: vector of any length that points to the free side.
     """
 
     point: Point
@@ -115,7 +115,7 @@ class HalfSpace(Shape):
 
 @dataclass(frozen=True)
 class Sphere(Shape):
-    """A ball (in 2-D: a disc). center, radius: m."""
+    """A ball (in 2-D: a disc). center: position of the center, m. radius: radius, m."""
 
     center: Point
     radius: float
@@ -144,8 +144,8 @@ class Sphere(Shape):
 class Box(Shape):
     """A cuboid (in 2-D: a rectangle).
 
-    center: m. sides: full lengths along its axes, m. turn: rotation of its axes: in 2-D an angle (rad), in space a
-    matrix of three rows or (axis, angle); None: no rotation.
+    center: position of the center, m. sides: full lengths of the sides, m. turn: rotation of the box: in 2-D an angle
+    (rad), in space a matrix of three rows or (axis, angle), None for no rotation.
     """
 
     center: Point
@@ -190,7 +190,7 @@ class Box(Shape):
 
 @dataclass(frozen=True)
 class Cylinder(Shape):
-    """A round bar with flat ends, in space. start, end: end points of its axis, m. radius: m."""
+    """A round bar with flat ends, in space. start, end: end points of the bar's axis, m. radius: its radius, m."""
 
     start: Point
     end: Point
@@ -210,7 +210,7 @@ class Cylinder(Shape):
 
     @property
     def axes(self) -> Array:
-        """Axes as columns of a matrix; the third is the cylinder's axis."""
+        """Axes as columns of a matrix. The third column is the cylinder's axis."""
         along = np.subtract(self.end, self.start) / math.dist(self.start, self.end)
         least = np.eye(3)[np.argmin(np.abs(along))]
         first = np.cross(least, along)

@@ -32,24 +32,24 @@ from .trajectory.space import placed
 from .validation import Array
 
 Start = tuple[float, float, bool]
-"""State at the start of a stretch: time (s), gross work (J), and whether a fresh restart follows."""
+"""State at the start of an interval between samples or kinks: time (s), gross work (J), whether it starts afresh."""
 
 _NO_POINTS = np.zeros((0, 2))
 _NOTHING = np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 2))
 """Instants, table and points of an empty set of samples."""
 _AT = STRETCH.places
 CHUNK = 500
-"""Number of steps between two checks of the work done."""
+"""Number of steps between two checks of the work done by the drives."""
 CHUNKS = 4
-"""Number of chunks until compiled code returns; the time limit and Ctrl-C are checked then."""
+"""Number of chunks of CHUNK steps until compiled code returns. The time limit and Ctrl-C are checked then."""
 CHEAP = 250
 """Largest number of unknowns for which CHUNKS times CHUNK steps take less than a second."""
 ENERGY_LIMIT = 1e3
-"""Largest ratio of a run's energy to the energy accounted for, before the run has diverged (`Simulation.gained`)."""
+"""A run has diverged if its energy exceeds this multiple of the energy accounted for (`Simulation.gained`)."""
 
 
 def fitted_systems(scene: Scene, settings: Settings) -> list[System]:
-    """Return the scene assembled for steps of dt (s); with a step_tolerance, for dt, dt/2, ... dt/32."""
+    """Return the scene's Systems, assembled for steps of dt (s) or, with a step_tolerance, for dt to dt/32."""
     assert settings.dt is not None
     steps = [settings.dt * 0.5**k for k in range(1 if settings.step_tolerance is None else FITS)]
     with check.solvable(scene.arm.name):
@@ -60,13 +60,13 @@ class Simulation:
     """One arm of a scene that is assembled, started consistently and advanced step by step.
 
     Args:
-        scene: a scene. settings: with a dt. moves: False if the arm is only linearized; programs are then smaller.
+        scene: a scene. settings: settings with a dt. moves: False if the arm is only linearized, for smaller programs.
     Attributes:
-        t: time reached, s. status: code of `flexarm_env.physics.model`. work: views of the state (`Work`).
-        gross: work of the drives, J, with both directions counted as positive.
-        levels: with a step_tolerance, the halvings of dt in each past stretch. step_error: see `Trajectory`.
-        follow: prescribed halvings per stretch, which replace those that the tolerance requires.
-        deadline: `time.perf_counter()` at which `advance_to` stops with status "timed_out"; None: no limit.
+        t: time reached, s. status: status code of `flexarm_env.physics.model`. work: views of the state (`Work`).
+        gross: sum of the absolute values of the drives' work, J.
+        levels: with a step_tolerance, number of halvings of dt in each past interval. step_error: as in `Trajectory`.
+        follow: prescribed number of halvings in each interval, in place of that required by the step_tolerance.
+        deadline: `time.perf_counter()` at which `advance_to` stops with status "timed_out", or None for no limit.
     """
 
     def __init__(self, scene: Scene, settings: Settings, moves: bool = True) -> None:
@@ -114,7 +114,7 @@ class Simulation:
         return MESSAGE[self.status].format(t=self.t, h=self.dt, halvings=self.scheme.max_halvings, bound=bound)
 
     def set_torques(self, torques: Array, fresh: bool = True) -> None:
-        """Set the joint torques (N m, one per joint). fresh False: the integrator keeps its filter, as at a kink."""
+        """Set the joint torques (N m). fresh: False to keep the integrator's filtered accelerations, as at a kink."""
         self.work.u0[:] = self.work.u
         self.work.u[: len(torques)] = torques
         self._restart(fresh)
@@ -188,7 +188,7 @@ class Simulation:
         return self._samples(self._stretch(ENERGY_LIMIT), instants, progress)
 
     def sample(self) -> tuple[dict[str, Array], Array]:
-        """Return the fields and points that `record` returns, for the present state only (m = 1)."""
+        """Return the fields and points of `record` for the present state only (m = 1 sample)."""
         return self._samples(self._stretch(), np.array([self.t]), None)
 
     def _samples(
@@ -295,7 +295,7 @@ class Simulation:
         self._restarted = (kept, self._flat.copy(), gross) if fresh else None
 
     def make_consistent(self, model: Any, drive: Drive, flat: Array) -> None:
-        """Make another memory array consistent at t+ with a model and drive, as at a fresh start."""
+        """Make rates and accelerations in the memory `flat` consistent after the present time, as at a start."""
         other = copy(self)
         other.model, other.drive, other._flat = model, drive, flat
         other._make_consistent(fresh=True)
@@ -310,13 +310,13 @@ class Simulation:
             self.gross += abs(float(books[WORK_DONE]) - before)
 
     def restart_at_kink(self) -> None:
-        """Solve for the state at t+ if the present time is a kink."""
+        """Solve for velocities and accelerations just after the present time if that time is a kink."""
         near = bisect_right(self._kinks, self.t)
         if any(abs(k - self.t) <= NEAR * max(1.0, k) for k in self._kinks[max(0, near - 1) : near + 1]):
             self._restart(fresh=False)
 
     def observe(self) -> tuple[Array, Array]:
-        """Return link poses (n_links, 12; `physics.layout`; 0 in space) and energies (kinetic, strain, gravity), J."""
+        """Return link poses (n_links, 12), which are zeros in space, and energies (kinetic, strain, gravity), J."""
         self._observe(_NO_POINTS)
         return self._poses.reshape(-1, POSE.end).copy(), self._energies.copy()
 
@@ -324,7 +324,7 @@ class Simulation:
         observe_arm(SINGLE, self.model, self.par, self.work.q, self.work.v, self._poses, self._energies, points)
 
     def gained(self, start: float) -> bool:
-        """Return whether the energy exceeds ENERGY_LIMIT times the sum of start, gross work (J), losses and gravity."""
+        """Return whether the energy exceeds ENERGY_LIMIT times (start + gross work + losses + gravity energy), J."""
         lost = float(self.work.books[DISSIPATED])
         return bool(uncompiled(has_gained_energy)(*self.observe()[1].tolist(), start, self.gross, lost, ENERGY_LIMIT))
 
@@ -370,12 +370,12 @@ def simulate(
 
     Args:
         scene: a `Scene` (see `flexarm_env.scenes.named`).
-        formulation: "floating_frame", "geometrically_exact", "elastica" or "paper"; None: that of the scene.
-        duration, sample: s; None: the scene's values. progress: called with the fraction done, 0 to 1.
+        formulation: "floating_frame", "geometrically_exact", "elastica" or "paper"; None for the scene's formulation.
+        duration, sample: duration and sampling interval, s; None: the scene's. progress: called with the fraction done.
         error_limit: largest `error_estimate` (fraction of the arm's length) for which the status is "ok".
         time_limit: wall-clock time, s, without compilation; a longer run fails with status "timed_out". Each run for
             the error estimate (usually two, with half as many steps) has the same additional limit.
-        estimate_error: False skips these runs: `error_estimate` is nan; `error_parts` has only energy and notes.
+        estimate_error: False skips these runs: `error_estimate` is nan, `error_parts` has energy and notes.
         options: options of the formulation (`flexarm_env.settings.Settings`), e.g. segments=8, dt=0.01. Steps are
             shorter if a motion or load is faster than dt: at most a sixteenth of a sine's period.
     Returns:

@@ -1,4 +1,4 @@
-"""Prescribed functions of time for motions and loads, exact with their first two derivatives.
+"""Prescribed functions of time for motions and loads, with exact first and second derivatives.
 
 A :class:`TimeFunction` is a list of pieces, each a cubic plus one sine, in one float64 array for compiled code. The
 value or a derivative may jump between pieces. A time step must end at these ``kinks`` (docs/theory.md, integration).
@@ -23,9 +23,9 @@ Array = npt.NDArray[np.float64]
 Side = Literal["right", "left"]
 
 KINK_TOLERANCE = 1e-9
-"""Smallest jump that counts, as a fraction of the magnitude of the function or of its derivative."""
+"""Smallest jump that is a kink, as a fraction of the magnitude of the function or of the derivative that jumps."""
 T0, C0, C1, C2, C3, AMPLITUDE, OMEGA, PHASE, PIECE = range(9)
-"""Columns of ``TimeFunction.pieces``: start (s), cubic, amplitude, frequency (rad/s), phase. PIECE: their number."""
+"""Columns of ``TimeFunction.pieces``: start (s), cubic, amplitude, frequency (rad/s), phase. PIECE: column count."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,7 @@ class TimeFunction:
         return TimeFunction(pieces)
 
     def with_times(self, times: Mapping[float, float]) -> TimeFunction:
-        """Return the function; pieces that begin at a key of ``times`` begin at its value (s) instead."""
+        """Return the function with other starts of pieces. times: dict from old to new starts, s."""
         pieces = self.pieces.copy()
         pieces[:, T0] = [times.get(t, t) for t in pieces[:, T0].tolist()]
         return TimeFunction(pieces, self.kind, self.parameters)
@@ -157,12 +157,12 @@ class TimeFunction:
 
 
 def cubic(c0: Any, c1: Any, c2: Any, c3: Any, s: Any) -> tuple[Any, Any, Any, Any]:
-    """Return c0 + c1 s + c2 s^2 + c3 s^3 and its three derivatives, for arrays or (in compiled code) numbers."""
+    """Return c0 + c1 s + c2 s^2 + c3 s^3 and its first three derivatives, for arrays or numbers (in kernels)."""
     return c0 + s * (c1 + s * (c2 + s * c3)), c1 + s * (2.0 * c2 + 3.0 * s * c3), 2.0 * c2 + 6.0 * s * c3, 6.0 * c3
 
 
 def wave(amplitude: Any, omega: Any, sine: Any, cosine: Any) -> tuple[Any, Any, Any, Any]:
-    """Return amplitude sin(w s + p) and its three derivatives, given sine and cosine of w s + p; numbers or arrays."""
+    """Return amplitude sin(w s + p) and its first three derivatives, given sine and cosine of w s + p."""
     rate = amplitude * omega
     return amplitude * sine, rate * cosine, -(rate * omega * sine), -(rate * omega * omega * cosine)
 
@@ -213,7 +213,7 @@ def pulse(value: float, t_end: float, t_start: float = 0.0) -> TimeFunction:
 
 
 def ramp(rise: float, duration: float, offset: float = 0.0) -> TimeFunction:
-    """Return a ramp from ``offset`` to ``offset + rise`` in ``duration`` (s), then held; the rate jumps at the ends."""
+    """Return a ramp from ``offset`` to ``offset + rise`` in ``duration`` (s), then a constant; the rate jumps twice."""
     rise, duration, offset = _motion(rise, duration, offset)
     rows = [_row(0.0, offset, rise / duration), _row(duration, offset + rise)]
     return _of_pieces("ramp", rows, rise=rise, duration=duration, offset=offset)
@@ -228,7 +228,7 @@ def cycloid(rise: float, duration: float, offset: float = 0.0) -> TimeFunction:
 
 
 def spin_up(rate: float, duration: float, offset: float = 0.0) -> TimeFunction:
-    """Return a spin-up to ``rate`` (rad/s) in T = ``duration`` (s), then held; no kink (Kane, Ryan & Banerjee 1987).
+    """Return the angle of a spin-up to ``rate`` (rad/s) in T = ``duration`` (s), without kink (Kane et al. 1987).
 
     psi = offset + (rate/T) (t^2/2 + (T/2 pi)^2 (cos(2 pi t/T) - 1)) to T, then offset + rate (t - T/2).
     """
@@ -312,11 +312,11 @@ def steps(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunctio
 def spline_table(
     t: Sequence[float] | Array, psi: Sequence[float] | Array, boundary: str = "not-a-knot"
 ) -> TimeFunction:
-    """Return the C2 cubic spline through the rows; after the last row it has the last value.
+    """Return the C2 cubic spline through the rows (t, psi), with the last value after the last row.
 
     Args:
-        t (n,): s, increasing. psi (n,): rad or m.
-        boundary: "not-a-knot" (default), "natural" (no curvature at the ends) or "clamped" (at rest at the ends).
+        t (n,): increasing instants, s. psi (n,): values, rad or m. boundary: "not-a-knot" (default), "natural" (no
+            curvature at the ends) or "clamped" (at rest at the ends).
     Raises:
         ValueError: a row or the boundary is invalid; the message names it.
     """
@@ -334,7 +334,7 @@ def spline_table(
 
 
 _THIRDS = np.array([[1.0, 1.0, 1.0], [2.5, 1.5, 0.5], [19 / 6, 7 / 6, 1 / 6]])
-"""Effect of the third derivatives of three equal sub-intervals on acceleration, rate and value at the end."""
+"""Matrix that maps third derivatives in three equal sub-intervals to acceleration, rate and value at the end."""
 
 
 def hermite_table(

@@ -1,4 +1,4 @@
-"""Differentiable arms in PyTorch: exact gradients of rewards, observations and states by actions and states.
+"""Differentiable arms in PyTorch: exact gradients of rewards, observations and states by actions and initial states.
 
     from flexarm_env.torch import DifferentiableArms
     arms = DifferentiableArms("FlexibleArm-v0", 64)
@@ -26,12 +26,12 @@ Tensor = torch.Tensor
 
 
 class DifferentiableArms:
-    """n arms of an environment with one state row each; `step` and `observe` have first derivatives.
+    """n arms of an environment. States are tensors (n, S), and `step` and `observe` have first derivatives.
 
-    Tensors are float64 on the CPU and share their memory with NumPy. States and actions of another type are converted,
-    and their gradients have their own type. Episodes do not end, nothing is drawn at random within an episode, and no
-    derivative crosses a `reset`. The caller decides which arms restart, and replaces their rows by new states
-    (`torch.where`). Actions are clipped to +-1; derivatives by clipped actions are zero.
+    Tensors are float64 on the CPU and share memory with NumPy arrays. States and actions of another type are converted
+    to float64, and the gradients have the type of the state or action. Episodes do not end, nothing is drawn at random
+    within an episode, and no derivative crosses a `reset`. The caller decides which arms restart, and replaces their
+    states by new states (`torch.where`). Actions are clipped to +-1; derivatives by clipped actions are zero.
 
     Args:
         id: id of an environment of this package. n: number of arms. keywords: keywords of the environment and its
@@ -56,7 +56,7 @@ class DifferentiableArms:
         self.failed, self.past = torch.tensor(self.arms.failed), torch.tensor(self.arms.past)
 
     def reset(self, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> Tensor:
-        """Start episodes as the vector environment does with this seed and these options; return states (n, S)."""
+        """Start episodes as the vector environment does with the same seed and options; return the states (n, S)."""
         return torch.from_numpy(self.arms.reset(seed, options))
 
     def observe(self, state: Tensor) -> Tensor:

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 T = TypeVar("T")
 Array = NDArray[np.float64]
-"""Array: float64 array of any shape. Array32: float32, the type of observations and actions."""
+"""Array: float64 array of any shape. Array32: float32 array, the type of observations and actions."""
 Array32 = NDArray[np.float32]
 
 
 class BadKey(ValueError):
-    """Error at the key path ``path``; :func:`under` lets an outer reader prefix its own key."""
+    """Error with a key path, ``path``. A reader of an outer table adds its own key by :func:`under`."""
 
     def __init__(self, path: str, *more: object) -> None:
         super().__init__(path, *more)
@@ -33,7 +33,7 @@ class BadKey(ValueError):
 
 
 class InvalidValue(BadKey):
-    """Invalid value: ``path`` (key path), ``value``, ``allowed`` (a phrase with the rule)."""
+    """Invalid value. path: key path. value: the value. allowed: a phrase with the rule, such as "must be positive"."""
 
     def __init__(self, path: str, value: object, allowed: str) -> None:
         super().__init__(path, value, allowed)
@@ -44,7 +44,7 @@ class InvalidValue(BadKey):
 
 
 class UnknownKey(BadKey):
-    """Unknown key: ``path`` (its key path), ``allowed`` (the existing keys), ``what`` (noun), ``hint``."""
+    """Unknown key. path: its key path. allowed: the existing keys. what: noun for the message. hint: further text."""
 
     def __init__(self, path: str, allowed: Iterable[str], what: str = "key", hint: str = "") -> None:
         self.allowed, self.what, self.hint = tuple(allowed), what, hint
@@ -62,8 +62,8 @@ class UnknownKey(BadKey):
 
 
 class UnknownArgument(UnknownKey, TypeError):
-    """Unknown keyword argument; also a TypeError, with the words that Python itself uses. `gymnasium.make` raises the
-    error again with its text only; ``path`` is then the whole message."""
+    """Unknown keyword argument; also a TypeError, with the words of Python's own error. `gymnasium.make` raises the
+    error again with the message as its only argument; ``path`` is then the whole message."""
 
     def __init__(self, path: str, allowed: Iterable[str] = (), what: str = "argument", hint: str = "") -> None:
         super().__init__(path, allowed, what, hint)
@@ -73,7 +73,7 @@ class UnknownArgument(UnknownKey, TypeError):
 
 
 class MissingKey(BadKey):
-    """Missing key: ``path`` (its key path) and ``allowed`` (a phrase for the value required there)."""
+    """Missing key. path: its key path. allowed: a phrase for the required value."""
 
     def __init__(self, path: str, allowed: str) -> None:
         super().__init__(path, allowed)
@@ -84,7 +84,7 @@ class MissingKey(BadKey):
 
 
 class Unreadable(BadKey):
-    """Unreadable text: ``path`` (its key path, empty for a text without a key) and ``why``."""
+    """Unreadable text. path: its key path, "" for a text without a key. why: the reason."""
 
     def __init__(self, path: str, why: str) -> None:
         super().__init__(path, why)
@@ -134,7 +134,7 @@ def shown(value: object) -> str:
 
 
 def joined(path: str, key: str) -> str:
-    """Return the key path of ``key`` below ``path``; either may be empty; no dot is before ``[3]`` or after a colon."""
+    """Return the key path "path.key". No dot is added before ``[3]``, after a colon, or if path or key is empty."""
     if not path or not key:
         return path or key
     return path + key if key.startswith("[") or path.endswith(": ") else f"{path}.{key}"
@@ -142,7 +142,7 @@ def joined(path: str, key: str) -> str:
 
 @contextlib.contextmanager
 def under(prefix: str) -> Iterator[None]:
-    """Prefix the key path of an error that is raised inside the ``with`` block by ``prefix``."""
+    """Context manager that adds ``prefix`` to the key path of an error raised inside the ``with`` block."""
     try:
         yield
     except BadKey as error:
@@ -151,13 +151,13 @@ def under(prefix: str) -> Iterator[None]:
 
 
 def in_file(path: str | os.PathLike[str] | None) -> contextlib.AbstractContextManager[None]:
-    """Prefix errors that are raised inside the ``with`` block by the file's path, ``file: key.path``; None: no file."""
+    """Context manager that adds the file's path to errors raised inside the ``with`` block; None adds nothing."""
     return under("" if path is None else f"{os.fspath(path)}: ")
 
 
 @contextmanager
 def solvable(arm: str) -> Iterator[None]:
-    """Turn a singular matrix inside the ``with`` block into InvalidValue; the arm's data span too many magnitudes."""
+    """Context manager that turns a singular matrix into InvalidValue: the arm's data span too many magnitudes."""
     try:
         yield
     except np.linalg.LinAlgError:
@@ -227,13 +227,12 @@ LARGEST = 1e30
 LARGEST. Products of a few larger numbers overflow, and the numbers themselves overflow as float32.
 """
 SIZES = {"m": (1e-9, 1e9), "s": (0.0, LARGEST)}
-"""Smallest and largest magnitude by unit; the default is (1 / LARGEST, LARGEST). Lengths are raised to high powers. A
-time may be short, because the number of a run's steps is limited.
-"""
+"""Smallest and largest magnitude of a number by its unit; the default is (1 / LARGEST, LARGEST). Formulas contain high
+powers of lengths. Times may be short, because the number of steps is limited."""
 
 
 def limits(path: str, value: object, unit: str = "", **bounds: float) -> tuple[float, float]:
-    """Validate two numbers (low, high) with low <= high; the bounds are those of :func:`number`."""
+    """Validate two numbers (low, high) with low <= high. bounds: bounds of both numbers as in :func:`number`."""
     what = f"two numbers{f' ({unit})' if unit else ''}, (low, high)"
     low, high = numbers(path, value, what, 2, unit, **bounds)
     # order of the bounds
@@ -269,7 +268,7 @@ def text(path: str, value: object, *, empty: bool = True) -> str:
 
 
 def choice(path: str, value: object, allowed: Sequence[str]) -> str:
-    """Validate one of the words in ``allowed``."""
+    """Validate a value that must be one of the words in ``allowed``."""
     if not isinstance(value, str) or value not in allowed:
         raise InvalidValue(path, value, "must be one of " + ", ".join(f'"{a}"' for a in allowed))
     return value
@@ -288,7 +287,7 @@ def sequence(path: str, value: object, what: str, length: int | None = None) -> 
 def numbers(
     path: str, value: object, what: str, length: int | None = None, unit: str = "", **bounds: float
 ) -> tuple[float, ...]:
-    """Validate a sequence of numbers and return a tuple; arguments are as in :func:`sequence` and :func:`number`."""
+    """Validate a sequence of numbers and return a tuple. Arguments: as in :func:`sequence` and :func:`number`."""
     given = sequence(path, value, what, length)
     return tuple(number(f"{path}[{i}]", one, unit, **bounds) for i, one in enumerate(given))
 
@@ -331,7 +330,7 @@ def column(path: str, values: object, unit: str = "") -> np.ndarray[Any, np.dtyp
 
 
 Shape = tuple[int | str, ...]
-"""Lengths of the axes; a word means any length from 1 on, the same wherever the word occurs."""
+"""Lengths of an array's axes. A word stands for any length of at least 1, the same wherever the word occurs."""
 
 
 def floats(path: str, values: Any, what: str = "numbers") -> Array:
@@ -346,14 +345,14 @@ def floats(path: str, values: Any, what: str = "numbers") -> Array:
 
 
 def array(path: str, values: object, shape: Shape, what: str = "") -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Validate finite numbers of a shape and return a float64 array; a word in ``shape`` means any length from 1 on."""
+    """Validate an array of finite numbers; return it as float64. A word in ``shape`` is any length from 1 on."""
     result = floats(path, values, f"numbers of shape {_words(shape, {})}{what and ', '}{what}")
     _fits(path, result, "finite", shape, {}, what)
     return result
 
 
 KINDS = {"finite": "fiu", "number": "fiu", "whole": "iu", "flag": "b", "text": "U", "any": "fiubU"}
-"""Kinds of array content, each with the permitted kinds of NumPy's dtype."""
+"""Kinds of array content, each with the permitted values of NumPy's ``dtype.kind``."""
 
 
 def arrays(
@@ -362,10 +361,11 @@ def arrays(
     """Validate the arrays that a table declares, with common lengths, and return the arrays by name.
 
     Args:
-        given: arrays by name. table: for each name a key of :data:`KINDS` and a shape; a shape that ends in "..."
-            permits further axes. sizes: known lengths, by the words in shapes; lengths that are found are added.
+        given: arrays by name. table: for each name a key of :data:`KINDS` and a shape. A shape that ends in "..."
+            permits further axes. sizes: known lengths by the words in shapes. The function adds the lengths that it
+            finds.
     Raises:
-        ValueError: an array is missing or does not fit; the message names the first one.
+        ValueError: an array is missing or has a wrong type or shape; the message names the first such array.
     """
     for name, (kind, shape) in table.items():
         _fits(name, needed("", given, name, f"must be an array of shape {_words(shape, sizes)}"), kind, shape, sizes)
@@ -429,7 +429,8 @@ def needed(path: str, table: Mapping[str, Any], key: str, allowed: str) -> Any:
 
 def made(path: str, kind: type[T], value: object, *, prefix: str | None = None, **must: str) -> T:
     """Create an object of the dataclass ``kind`` from a table of its fields. prefix: key path of errors that the class
-    raises; default ``path``. must: phrases for the required fields."""
+    raises; default ``path``. must: phrases for required fields by name.
+    """
     table = table_of(path, value)
     known_keys(path, table, names_of(kind))
     for key, allowed in must.items():
@@ -444,6 +445,6 @@ def names_of(kind: Any) -> tuple[str, ...]:
 
 
 def changed(item: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass that differ from their defaults, by name."""
+    """Return a dict of the dataclass fields of `item` whose values differ from the defaults."""
     own = {field.name: (getattr(item, field.name), field.default) for field in dataclasses.fields(item)}
     return {name: value for name, (value, default) in own.items() if value != default}

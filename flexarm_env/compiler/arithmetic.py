@@ -348,7 +348,7 @@ def _test(b: Any, sign: str, x: Any, y: Any, said: str) -> tuple[Any, Any, Any]:
 def least(b: Any, sign: str, x: Any, y: Any) -> Any:
     """Emit the code of min(x, y) (sign "<") or max(x, y) (">").
 
-    The result is y if y is less (greater) than x, otherwise x, also for NaN. Lanes are not accepted.
+    The result is y if y is less (greater) than x, otherwise x. It is x if x or y is NaN. Raises Refused for lanes.
     """
     _reckonable(x, y)
     if known(x) and known(y):

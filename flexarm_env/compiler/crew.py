@@ -4,10 +4,10 @@ Waking a thread takes longer than a step of a small batch, and a thread that ret
 GIL. Therefore a worker stays in compiled code and polls its board for the next task for a while. The caller polls its
 own board for the end of the task. A thread that has polled without success marks itself ASLEEP on its board, returns to
 Python and blocks on a lock. Another thread that needs a sleeping thread marks the sleeper CALLED, and Python releases
-the lock. Work is distributed by stealing. Each thread begins with its own part of a task and takes half of the rest at
-a time. A thread without work takes work from the ends of other threads' parts, so that no thread waits for a thread
-that the system does not schedule. Parts are taken by compare-and-swap: if two threads try, one succeeds. Threads are
-created at first use, and again after a fork.
+the lock. Work is distributed by stealing. Each thread begins with its own part of a task's groups and takes half of the
+groups that are left at a time. A thread without work takes groups from the ends of other threads' parts, so that no
+thread waits for a thread that the system does not schedule. Parts are taken by compare-and-swap: if two threads try,
+one succeeds. Threads are created at first use, and again after a fork.
 """
 
 import atexit
@@ -32,11 +32,13 @@ BOARD = 64
 """Number of int64 entries of one board. Each worker thread has a board, and the last board is the calling thread's."""
 
 TASK, PART = 8, 16
-"""Offsets on a board. TASK: number of the task to help with (OVER: end the thread). PART: the owner's groups that are
-not yet computed, packed as task number, next group and end of the groups (21 bits for each group number).
+"""Offsets on a board. TASK: number of the task to help with (OVER: end the thread). PART: the owner's groups that no
+thread has taken yet, packed as task number, next group and end of the groups (21 bits for each group number).
 """
 DONE, STATE = 24, 40
-"""DONE: number of the last task that the worker has helped with. STATE: AWAKE, ASLEEP or CALLED."""
+"""Offsets on a worker's board. DONE: number of the last task that the worker has helped with. STATE: AWAKE, ASLEEP or
+CALLED.
+"""
 FUNCTION, ADDRESS, GROUPS, FINISHED, SUM, RAISED = 0, 1, 2, 48, 49, 50
 """Offsets on the calling thread's board. FUNCTION: address of the compiled function. ADDRESS: argument of the function.
 GROUPS: number of groups of the task. FINISHED: number of groups done. SUM: sum of the values that the function
@@ -46,7 +48,8 @@ OVER = -1
 AWAKE, ASLEEP, CALLED = range(3)
 
 SLEEP, WAKE, END = range(3)
-"""Results of `serve`: block, because no task was published; wake the caller, because the task is done; end the thread.
+"""Results of `serve`. SLEEP: block, since no task was published. WAKE: wake the caller, since the task is done. END:
+end the thread.
 """
 
 CALL, WAIT = -2, -3
@@ -56,7 +59,8 @@ LOOK.
 """
 
 GIVE, RUN, LOOK = range(3)
-"""Stages of `lead`: publish the task, compute the caller's own part of the groups, wait until all groups are computed.
+"""Stages of `lead`. GIVE: publish the task. RUN: compute the caller's own part of the groups. LOOK: wait until all
+groups are computed.
 """
 
 TASKS = 2**20

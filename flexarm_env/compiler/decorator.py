@@ -35,7 +35,7 @@ UNCOMPILED = MODE == "python"
 
 
 class Kernel:
-    """A compiled function of Python's numbers, NumPy arrays and named tuples of these (docs: The compiler).
+    """A compiled function of numbers, NumPy arrays and named tuples of numbers and arrays (docs: The compiler).
 
     function: the Python function. attributes: LLVM attributes of the function. often: whether the kernel is an
     `entry_point`. superword: whether the kernel has the decorator `superword`. forms: compiled specializations, by the
@@ -189,8 +189,9 @@ def entry_point(function: Callable[..., Any]) -> Any:
 def superword(function: Callable[..., Any]) -> Any:
     """Decorate a kernel that applies one operation to many numbers of one arm, as Gaussian elimination does to a row.
 
-    If the kernel is large, LLVM vectorizes these numbers (superword-level parallelism); the bits stay the same. LLVM
-    skips the other large functions of the program, because the search takes long there and gains nothing.
+    If the kernel is large, LLVM combines operations on these numbers into vector instructions (superword-level
+    parallelism), with the same bits. LLVM does not search the program's other large functions for such operations,
+    because the search takes long and finds nothing useful.
     """
     return _by_python_alone(function) if UNCOMPILED else Kernel(function, superword=True)
 

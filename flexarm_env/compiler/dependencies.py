@@ -45,7 +45,8 @@ class Description:
     """Text that describes the dependencies of a program.
 
     Attributes:
-        words: the description: one string for the program's kernel and one for each function that it refers to.
+        words: the description: strings for the kernel, for classes of its arguments, and for each function that the
+            program uses.
         guide: data with which `now` repeats the description: whether each function was compiled, and the global names
             that the function reads. classes: named tuple classes that the program uses, by module and qualified name.
     """
@@ -243,9 +244,9 @@ def _plain(function: Any) -> Any:
 
 
 def key_words(function: Any, shapes: Sequence[Any]) -> list[Any]:
-    """Return the part of the cache key for functions and classes from outside the package, or "" if there are none.
+    """Return the part of the cache key for functions and classes from outside the package, [] if there are none.
 
-    function: the Python function of a kernel. shapes: its argument types (`kinds.described_as`).
+    function: the Python function of a kernel. shapes: the kernel's argument types (`kinds.described_as`).
     """
     words: list[Any] = []
     # registered functions from outside

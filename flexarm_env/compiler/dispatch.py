@@ -79,7 +79,7 @@ class Family:
             choice[:] = [*(one for one in choice if one[0] is not self), (self, function)]
 
     def delegate(self, kind: type, part: str, *functions: Any) -> None:
-        """Register functions for a class that delegates them to its field `part`, whose class has these functions."""
+        """Register functions for a class: calls use the functions registered for the class of its field `part`."""
         self.register(kind)
         for function in functions:
             self.members[kind][function.__name__] = made = OfPart(function, part)

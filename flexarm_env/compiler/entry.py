@@ -58,8 +58,8 @@ def entry(function: Any, placed: Placed, *arguments: int) -> Callable[..., Any]:
 def native(function: Any, placed: Placed, *arguments: int) -> int:
     """Return the address of the machine code of a kernel; 0 if compilation is disabled.
 
-    placed: the named tuple at whose address the kernel is called. arguments: up to two integers, of which only the
-    number matters.
+    placed: the named tuple at whose address the kernel is called. arguments: up to two integers of any value, since
+    only how many integers the kernel takes is used.
     """
     return 0 if UNCOMPILED else _direct(function, placed, arguments).address
 

@@ -67,7 +67,7 @@ class Expressions(Elements):
         return place
 
     def dynamic(self, item: Any) -> Any:
-        """Convert known numbers to LLVM constants, in tuples and named tuples too; lane tags stay static."""
+        """Convert numbers known at compile time to LLVM constants, also within tuples; lane tags are unchanged."""
         if isinstance(item, (Value, Integer, Array, Stored)):
             return item
         if isinstance(item, bool | np.bool_):
@@ -103,7 +103,7 @@ class Expressions(Elements):
         return Array(self.b.gep(table, [zero, zero], inbounds=True), shape, LETTERS[array.dtype.name], True)
 
     def value(self, node: ast.expr) -> Any:
-        """Evaluate an expression: dispatch to `of_<AST node class>`; return its item."""
+        """Evaluate an expression by the method `of_<AST node class>`; return the expression's item."""
         write: Callable[[Any], Any] | None = getattr(self, "of_" + type(node).__name__, None)
         if write is None:
             raise Refused(f"{ast.unparse(node)}: {type(node).__name__} is no expression of kernels")

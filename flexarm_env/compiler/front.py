@@ -24,13 +24,14 @@ DEEPEST = 20
 """Largest depth of nested specializations of one kernel. A greater depth counts as recursion, which is refused."""
 
 LARGE, LARGE_HOT = 160, 350
-"""Largest number of instructions of a function without lanes that LLVM may inline. The second number is for programs of
-an `entry_point`. Results are bitwise the same as without limit. Runs take up to 9 % longer (entry points 1 %), and
-compiling takes 0.83 to 0.9 of the time (entry points 0.85). At a limit of 80, floating frames in space ran 35 % longer.
+"""Largest number of instructions of a function without lanes that LLVM may inline. LARGE_HOT is the limit in programs
+of an `entry_point`, LARGE in all others. Results are bitwise the same as without limit. Runs take up to 9 % longer
+(entry points 1 %), and compiling takes 0.83 to 0.9 of the time (entry points 0.85). At a limit of 80, floating frames
+in space ran 35 % longer.
 """
 
 SPARED = "noimplicitfloat"
-"""LLVM attribute of functions that its superword (SLP) vectorizer skips."""
+"""LLVM attribute of functions that LLVM's superword (SLP) vectorizer skips."""
 
 
 class Module:
@@ -126,7 +127,7 @@ class Module:
             )
 
     def calls(self, code: Any, called: Any) -> None:
-        """Record a call: the stack use of the callee and its own callees adds to the caller's."""
+        """Record a call: the caller's stack use includes that of the callee and of the callee's own callees."""
         room = self._rooms.setdefault(code.name, [0, 0])
         self._check_room(room, room[0], max(room[1], sum(self._rooms.get(called.name, ()))))
 

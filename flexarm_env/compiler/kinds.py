@@ -39,7 +39,7 @@ class Refused(TypeError):
 
 @dataclass(slots=True, eq=False)
 class Integer:
-    """64-bit integer at run time (LLVM i64). If `unsigned` is True, it has the meaning of np.uint64."""
+    """64-bit integer at run time (LLVM i64). If `unsigned` is True, the integer has the meaning of np.uint64."""
 
     value: Any
     unsigned: bool = False
@@ -109,7 +109,7 @@ class Stored:
 SCALARS = (Integer, Truth, Narrow)
 RECORDS = (Record, Stored)
 RUN_TIME = (Value, *SCALARS, Array, *RECORDS)
-"""Classes of symbolic items. Tests against a tuple are several times faster than against a union made in each call."""
+"""Classes of symbolic items. `isinstance` is several times faster with a tuple than with a union made in each call."""
 
 
 class Layout:
@@ -240,7 +240,7 @@ def declared(item: Any, holds: bool | None, lane: Any) -> Any:
 
 
 def lane_tags(item: Any) -> list[Any]:
-    """Return a tuple with the lane tag (or None) of each array and each named tuple within an item."""
+    """Return a list of the lane tags (or None) of all arrays, and named tuples with lane arrays, within an item."""
     if isinstance(item, Array):
         return [item.lane]
     # named tuples without fields of lanes are the same under every tag
@@ -267,7 +267,7 @@ def is_tuple(item: Any) -> bool:
 
 
 def leaves(item: Any) -> list[Any]:
-    """Return the LLVM values that an item consists of, in order; none for static items."""
+    """Return a list of the LLVM values that an item consists of; the list is empty for static items."""
     if isinstance(item, Value):
         return item.parts(item.count, len(item.tangents))
     if isinstance(item, SCALARS):

@@ -25,7 +25,7 @@ class Widen(Exception):
 def joined(one: Any, other: Any) -> Any:
     """Return an item (template) of the type to which two items convert; APART if there is no common type.
 
-    The two items are no numbers known at compile time.
+    Neither item may be a number known at compile time.
 
     An integer or truth value widens to float64, a truth value to an integer, a scalar to lanes, and a number without
     tangents to a number with tangents. Named tuples and tuples are merged part by part.

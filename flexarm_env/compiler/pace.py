@@ -1,8 +1,8 @@
 """Choice of the number of threads for the steps of a batch by timing, up to the number of available processors.
 
 The duration of a step depends on the arms. The gain by a second thread depends on the processor, on other processes and
-on the caller's work between steps. The gain is therefore unknown in advance. Therefore a few single-threaded and
-threaded steps are timed occasionally. Results are bitwise the same for any number of threads.
+on the caller's work between steps. Since the gain is unknown in advance, a few steps with one and with several threads
+are timed occasionally. Results are bitwise the same for any number of threads.
 """
 
 import math
@@ -16,12 +16,13 @@ from .crew import Crew
 ARMS_PER_THREAD = 128
 """Number of arms per thread in derivatives. Derivatives use a second thread from twice this number of arms on."""
 SAMPLES = 5
-"""Number of steps of a timing trial; the trial's result is the median of their durations."""
+"""Number of steps of a timing trial, whose result is the median duration of a step."""
 WORK = 30e-6
 """Least duration of a thread's part of a step, s. Waking a thread takes about as long."""
 WORTH = 0.75
-"""Least parallel efficiency (speedup divided by the number of threads) with which threads are used. A lower value means
-that other processes need the processors, or that waking threads takes longer than their part of a step.
+"""Least parallel efficiency (speedup divided by the number of threads) for the use of several threads. A lower
+efficiency means that other processes need the processors, or that waking a thread takes longer than the thread's part
+of a step.
 """
 RARELY, SELDOM = 50.0, 800.0
 """Least and largest time between timing trials, as multiples of the duration of a trial."""
@@ -80,7 +81,7 @@ def _limit(group: Path) -> float:
 
 
 class Pace:
-    """Chooses the number of threads for the next step, `threads`, from the durations of earlier steps.
+    """Chooses the number of threads for the next step (`threads`) from the durations of earlier steps.
 
     Args:
         most: largest number of threads.
@@ -96,9 +97,9 @@ class Pace:
     def took(self, seconds: float) -> None:
         """Record the duration (s) of a step that ran with `threads` threads, and choose the next number.
 
-        A trial times SAMPLES steps with one thread. From their duration the trial estimates a number of threads and
-        times steps with this number, then with half of this number, and so on, until the speedup per thread is at least
-        WORTH.
+        A trial times SAMPLES steps with one thread. From the median duration the trial estimates a number of threads
+        and times steps with this number, then with half of this number, and so on, until the speedup per thread is at
+        least WORTH.
         """
         # between trials: count down, then begin with one thread
         if self._wait > 0.0:

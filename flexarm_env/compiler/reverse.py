@@ -441,10 +441,10 @@ def _paired(tape: Tape, item: Any, bar: Any) -> Any:
 def vjp_of(function: Any, names: tuple[str, ...], scratch: tuple[str, ...] = ()) -> Any:
     """Return the vector-Jacobian product of a kernel, with the kernel's arguments, then cotangents for each of `names`.
 
-    names: arguments that are arrays, or named tuples of arrays. Cotangents of elements that the function writes are
-    consumed. After the call the cotangents are 0 or, if the old content was read too, the cotangent of the old content.
-    For elements that are only read, contributions are added to their cotangents. The arrays of `names` stay unchanged.
-    scratch: names of arguments that are working memory, whose content matters neither before nor after. If compilation
-    is disabled, the function itself is returned.
+    names: differentiated arguments: arrays, or named tuples of arrays. Cotangents of elements that the function writes
+    are used up. After the call the cotangents are 0 or, if the old content was read too, the cotangent of the old
+    content. For elements that are only read, contributions are added to their cotangents. The arrays of `names` stay
+    unchanged. scratch: names of arguments that are working memory, whose content matters neither before nor after. If
+    compilation is disabled, the function itself is returned.
     """
     return function if UNCOMPILED else Pulled(function, names, scratch)

@@ -103,7 +103,7 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
         self.position_at_end(after)
 
     def copied_room(self, source: Any, words: Any) -> Any:
-        """Emit code that copies `words` 8-byte words from `source` to new scratch memory; return their address."""
+        """Emit code that copies `words` 8-byte words from `source` to new scratch memory; return the new address."""
         thing = _BYTE.as_pointer()
         kind = ir.FunctionType(ir.VoidType(), [thing, thing, WORD, ir.IntType(1)])
         copy = self.taken(words)

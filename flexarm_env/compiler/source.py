@@ -30,7 +30,7 @@ class Source(NamedTuple):
     def placed(self, error: Refused, number: int) -> Refused:
         """Return the error with file, line number and text of the line in its message.
 
-        number: line number within the function's source text. An error that already names a line is returned unchanged.
+        number: number of the line in the file. An error that already names file and line is returned unchanged.
         """
         if error.placed:
             return error

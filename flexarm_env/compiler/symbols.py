@@ -180,12 +180,12 @@ def select_lt(a: Value, b: Value, x: Value, y: Value) -> Value:
 
 
 def absolute(x: Value) -> Value:
-    """Return |x|; tangents: -x' where x < 0, otherwise x' (at 0 the derivative from above)."""
+    """Return |x|. With the tangents x' of x the result's tangents are -x' where x < 0, otherwise x' (also at 0)."""
     return x.call("fabs").having([select_lt(x.alone, x.other(0.0), -slope, slope) for slope in x.tangents])
 
 
 def square_root(x: Value) -> Value:
-    """Return sqrt(x); tangents: x' / (2 sqrt(x)), 0 where the root is 0."""
+    """Return sqrt(x). With the tangents x' of x the result's tangents are x' / (2 sqrt(x)), or 0 where sqrt(x) = 0."""
     result = x.call("sqrt")
     if not x.tangents:
         return result
@@ -196,7 +196,7 @@ def square_root(x: Value) -> Value:
 
 
 def round_even(x: Value) -> Value:
-    """Return the nearest integer as a float64, ties to even; no tangents (derivative 0)."""
+    """Return the nearest integer as a float64, ties to even, without tangents (the derivative is 0)."""
     return x.call("rint")
 
 

@@ -266,7 +266,7 @@ class Tape(Rooms):
         return super().fptrunc(x, kind)
 
     def select(self, test: Any, x: Any, y: Any) -> Any:
-        """Emit a select; the cotangent goes to the chosen operand, -0 to the other operand."""
+        """Emit a select of x or y. The reverse code adds its cotangent to that of the chosen operand."""
         by_x, by_y = (
             lambda g: self.select(self.back(test), g, _all(g.type)),
             lambda g: self.select(self.back(test), _all(g.type), g),

@@ -77,7 +77,7 @@ def store(e: Any, array: Any, k: Any, value: Any) -> None:
 
 
 def put(e: Any, lane: Any, array: Any, k: Any, value: Any) -> None:
-    """Emit array[k] = value for an array of lanes; a value with fewer lanes or tangents is widened.
+    """Emit array[k] = value for an array of lanes; a value with fewer lanes or tangents is broadcast.
 
     Raises Refused if the value has more lanes or tangents than the array.
     """

@@ -188,7 +188,7 @@ class Arms(Periods):
         return rollout(self, state, actions)
 
     def jacobians(self, state: Array, action: Array) -> Jacobians:
-        """Return the results of `step` with their derivatives; derivatives by a clipped action are zero."""
+        """Return the results of `step` and the results' derivatives. Derivatives by a clipped action are zero."""
         return self._each("jacobians", state=state, action=action) if self._parts else super().jacobians(state, action)
 
     def vjp(

@@ -2,7 +2,7 @@
 
 A state then contains the latest `frames` observations of E entries, the oldest first. If observations are delayed, the
 observation consists of the oldest stored entries. A period drops the oldest observation and appends the new one; the
-derivatives of the other stored observations are therefore only shifted.
+derivatives of all other stored observations are therefore only shifted.
 """
 
 from typing import Any
@@ -16,7 +16,7 @@ from ..validation import Array
 
 
 class Memory:
-    """Stored observations of a batch's arms, as part of their states.
+    """Stored past observations of a batch's arms, which are part of the arms' states.
 
     Args:
         batch: the `Batch` of arms. moving: X, the number of a state's moving entries without stored observations.
@@ -39,7 +39,7 @@ class Memory:
         self._batch, self._first, self.moving = batch, moving, moving + self.frames * self.entries
 
     def names(self, own: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the names of a state's entries: the names `own`, with those of stored observations inserted."""
+        """Return the names of a state's entries: `own`, with the names of stored observations inserted."""
         seen = tuple(f"seen[{k}]" for k in range(self.frames * self.entries))
         return own[: self._first] + seen + own[self._first :]
 
@@ -52,9 +52,7 @@ class Memory:
         return np.concatenate([state[:, :x], state[:, y:]], axis=1), state[:, x:y]
 
     def joined(self, own: Array, past: Array) -> Array:
-        """Return states (n, S) composed of the numbers `own` and the stored observations `past`: the inverse of
-        `parts`.
-        """
+        """Return states (n, S) made of the numbers `own` and the stored observations `past`: inverse of `parts`."""
         if self.frames == 0:
             return own
         return np.concatenate([own[:, : self._first], past, own[:, self._first :]], axis=1)
@@ -76,7 +74,7 @@ class Memory:
         return past[:, : self.size].copy()
 
     def after(self, past: Array, seen: Array) -> tuple[Array, Array]:
-        """Append new entries `seen` (n, E) to the stored observations `past`; return these and the observation."""
+        """Append new entries `seen` (n, E) to the stored observations `past`; return past and the observation."""
         if self.frames == 0:
             return past, seen
         past = np.concatenate([past[:, self.entries :], seen], axis=1)

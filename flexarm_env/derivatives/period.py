@@ -108,7 +108,7 @@ class Jacobians(NamedTuple):
         return after, out[:, x : x + entries], out[:, -1]
 
     def vjp(self, state: Array, observation: Array, reward: Array) -> tuple[Array, Array]:
-        """Map cotangents of next state (n, S), observation (n, O) and reward (n,) to those of state and action."""
+        """Map cotangents of next state (n, S), observation (n, O), reward (n,) to cotangents of state and action."""
         x = self._sizes[0]
         given = np.concatenate([state[:, :x], observation, reward[:, None]], axis=1)
         out = (given[:, None, :] @ self.moved)[:, 0]
@@ -291,7 +291,7 @@ class Periods:
 
     # --- derivatives -----------------------------------------------------------------------------
     def jacobians(self, state: Array, action: Array) -> Jacobians:
-        """Return the results of `step` with their derivatives; derivatives by a clipped action are zero."""
+        """Return the results of `step` and the results' derivatives. Derivatives by a clipped action are zero."""
         given = self._put(state, action)
         self._run(self._derivative)
         moved = self._program.jacobian.reshape(self._shape).copy()
@@ -303,7 +303,7 @@ class Periods:
     def vjp(
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
     ) -> tuple[Array, Array]:
-        """Return cotangents (n, S) of states and (n, A) of actions, given those of a period's results.
+        """Return cotangents (n, S) of states and (n, A) of actions from cotangents of a period's results.
 
         state_bar (n, S), observation_bar (n, O), reward_bar (n,): cotangents of state, observation and reward after the
         period.

@@ -28,13 +28,14 @@ CPU = "x86-64-v2"
 CHANGING = (
     "block", "action", "queue", "observation", "table", "reward", "terminated", "truncated", "stream", "request",
 )  # fmt: skip
-"""Arrays of a `tasks.program.Program` that steps and resets write to; all others are constant data."""
+"""Names of the arrays of a `tasks.program.Program` that steps and resets write to. All other arrays are constant data.
+"""
 
 TAKEN = ("example", "m", "c")
 """Names that a library cannot have: the name of its example program, and the names of the C libraries that it uses."""
 
 LAWS = ("model.data", *(f"models.{word}.data" for word in Models._fields))
-"""Arrays of the joints' parameters, which a user of the library may set."""
+"""Names of the arrays of the joints' parameters, which a user of the library may set."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +63,10 @@ def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives
     float64, and the energy balance is computed. There is no time limit: the caller ends an episode.
 
     Args:
-        env: single environment of this package, without a prescribed motion. folder: created if missing. name: C
-            identifier, prefix of all names that the library defines. cpu: LLVM's name of the processor, "native" for
-            this machine; default `CPU`. derivatives: whether to include jvp and vjp of a control period, if the arm has
-            them.
+        env: single environment of this package, without a prescribed motion. folder: output folder, created if missing.
+        name: C identifier, prefix of all names that the library defines. cpu: LLVM's name of the processor, "native"
+            for this machine, or None for `CPU`. derivatives: whether to include jvp and vjp of a control period, if the
+            arm has derivatives.
     Raises:
         ValueError: the environment is not supported, the machine is not Linux on x86-64, or compilation is disabled.
     """

@@ -30,7 +30,7 @@ UNITS: dict[str, dict[str, int]] = {
     "N m": {"kg": 1, "m": 2, "s": -2}, "N m/rad": {"kg": 1, "m": 2, "s": -2, "rad": -1},
     "N m s/rad": {"kg": 1, "m": 2, "s": -1, "rad": -1},
 }  # fmt: skip
-"""Units of variables, as exponents of SI base units."""
+"""Units of the FMU's variables, each with the exponents of the SI base units."""
 
 UNIT = "co-simulation.c"
 """File name of the FMU's C source. The name is not a C identifier and therefore cannot collide with the library's
@@ -43,7 +43,7 @@ step.
 
 
 class Variable(NamedTuple):
-    """One variable of the FMU.
+    """One variable of an FMU: input, output, parameter or time.
 
     kind: table of the C source `fmu.c` that contains the variable. at: index of the variable in this table. start:
     initial value, or None if the variable is computed. least, most: bounds of an input or parameter.
@@ -68,13 +68,14 @@ class Variable(NamedTuple):
 def write_fmu(env: Any, path: Path, name: str, form: str = "3.0", cpu: str | None = None) -> Built:
     """Write an environment's arm with its motors as a co-simulation FMU.
 
-    Inputs are torques (N m), or the actions of another action mode; they are constant over a control period. A
-    communication step is a whole number of periods. The importing tool sets initial state and parameters; nothing is
-    drawn at random except noise, which follows from `seed`. States can be saved and restored. Directional derivatives
-    exist only in the C library (`build.write`).
+    Inputs are torques (N m), or the actions of another action mode, and are constant over a control period. A
+    communication step is a whole number of control periods. The importing tool sets initial state and parameters;
+    nothing is drawn at random except noise, which follows from `seed`. States can be saved and restored. Directional
+    derivatives exist only in the C library (`build.write`).
 
     Args:
-        env, name, cpu: as in `build.write`. path: path of the file. form: version of the standard, a key of `FORMS`.
+        env: single environment of this package. path: path of the file. name: C identifier, name of the model. form:
+            version of the FMI standard, a key of `FORMS`. cpu: LLVM's name of the processor, or None for `build.CPU`.
     Raises:
         ValueError: as `build.write` raises it, or no C compiler is found.
     """
@@ -105,8 +106,8 @@ def write_controller_fmu(
     """Write a controller as a co-simulation FMU with sensor readings as inputs and torques (N m) as outputs.
 
     The readings are the outputs of an arm's FMU. In a communication step the controller acts once per control period,
-    always on the readings at the step's start. The outputs are the torques of the last period. The importing tool steps
-    the controller before the arm.
+    each time on the readings at the start of the communication step. The outputs are the torques of the last control
+    period. The importing tool steps the controller before the arm.
 
     Args:
         controller, slew, elbows, targets: as in `control.in_c.controller_source`. path, form: as in `write_fmu`.

@@ -25,7 +25,7 @@ from ..tasks.program import ENERGIES, INFO, REQUEST, TORQUE_FACTOR
 VERSION = metadata.version("flexarm_env")
 
 MEANINGS = {"further": "costs, payload, push, drawn factors, ...: flexarm_env.tasks.program.FURTHER says where each is"}
-"""Comments on `info` entries whose description in the layout refers to another layout."""
+"""Comments for the C header on `info` entries whose description in the layout `INFO` refers to another layout."""
 
 LEAST = 1e-30
 """Lower bound of all parameters that must be positive, in the parameter's unit."""
@@ -118,7 +118,9 @@ class Source:
         }
 
     def filled(self, file: str, **more: str) -> str:
-        """Return the template `file` filled with this library's values and the values in `more`."""
+        """Return the text of the template `file`, with marks replaced by this library's values and by the values in
+        `more`.
+        """
         return fill(file, self.name, self._known | more)
 
     # --- the numbers ------------------------------------------------------------------------------

@@ -198,7 +198,7 @@ class Wire:
         self._put(Packet(Kind.COMMAND, self.connection, self.sequence, time.time(), tuple(asked.tolist()), flags))
 
     def read(self) -> bool:
-        """Wait for a reading, and store the newest one in the attributes; return whether a reading arrived.
+        """Wait for a reading, and store the newest reading in the attributes; return whether a reading arrived.
 
         Raises:
             ConnectionError: a reading whose size differs from the size announced in the WELCOME.

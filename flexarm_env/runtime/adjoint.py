@@ -1,4 +1,4 @@
-"""Reverse derivative of a control period: transform cotangents of its outcome into those of its state and action.
+"""Reverse derivative of a control period: from cotangents of its results to cotangents of initial state and action.
 
 The period is run once more with the end of each step stored on a tape. After the run the steps are processed in reverse
 order. One reverse pass computes all derivatives of one scalar, for a few times the cost of the period. A block with the
@@ -98,7 +98,7 @@ _vjp_motors = vjp_of(update_motor_torques, ("record", "w"))
 
 @entry_point
 def adjoint(address, first, last):
-    """Compute the cotangents of states and actions of groups first ... last - 1 from the cotangents of their outcomes.
+    """Compute the cotangents of states and actions of groups first ... last - 1 from those of the periods' results.
 
     address: address of a `Derivative` d. The inputs are d.state_bar (cotangent of the state at the end of the period),
     d.observation_bar and d.reward_bar. The outputs are d.state_bar (cotangent of the state at the start of the period),

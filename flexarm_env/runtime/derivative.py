@@ -73,7 +73,6 @@ class Derivative(NamedTuple):
 def step(address, first, last):
     """Advance groups first ... last - 1 by one control period, from d.state and d.action; no derivatives. Returns 0.
 
-
     address: address of a `Derivative` d. The function writes d.after, d.observation, d.reward, d.failed, d.past (1 if a
     joint is beyond its limits, otherwise 0) and, with fitted steps, d.level.
     """
@@ -266,7 +265,7 @@ def _go(lane, p, guide, models, model, parts, layout, block, w, moves, anew):
     """Advance the arms in a block by one control period and observe them, or only observe them where moves is None.
 
     guide: `guided.Guided`, or None. models, model, parts: as in `fitted.move`. anew: as in `guided.follow_motions`.
-    layout: sections of the block, in plain or dual lanes. w: views of the block.
+    layout: offsets of the block's sections, in plain or dual lanes. w: the integrator's views of the block.
     """
     if moves is not None:
         par, poses, record, action, _, _, saved, scratch = sections(layout, block)
@@ -286,7 +285,7 @@ def _go(lane, p, guide, models, model, parts, layout, block, w, moves, anew):
 def close(lane, p, layout, block, w):
     """End a period: move targets, count the period, observe, and replace entries by sensor readings without noise.
 
-    layout: sections of the block, in plain or dual lanes. w: views of the block.
+    layout: offsets of the block's sections, in plain or dual lanes. w: the integrator's views of the block.
     """
     poses, record = block[layout.poses : layout.record], block[layout.record : layout.action]
     move_targets(lane, p.reference, p.task, p.period, record)
@@ -303,7 +302,7 @@ def see(lane, p, layout, block, w):
 
     The reward is written to info.reward. info.truncated becomes 1 where a joint is beyond its limits.
 
-    layout: sections of the block, in plain or dual lanes. w: views of the block.
+    layout: offsets of the block's sections, in plain or dual lanes. w: the integrator's views of the block.
     """
     par, poses, record, action, seen, info, _, _ = sections(layout, block)
     task_poses(lane, p.model, par, w.q, w.v, poses)

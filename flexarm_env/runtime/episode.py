@@ -79,9 +79,9 @@ OUTCOME = (0, 0)
 def step(address, first, last):
     """Advance groups first ... last - 1 by one control period; return the number of arms that the caller must handle.
 
-    A group is the arms in the lanes of one block of memory. address: address of a `tasks.program.Program`. The caller
-    must handle three cases: an arm whose episode has ended; an arm that follows prescribed motions (mode GUIDED); and
-    an arm whose Newton iteration failed in a group of several lanes, which must be repeated alone.
+    address: address of a `tasks.program.Program`. A group consists of the arms in the lanes of one memory block. The
+    caller must handle an arm if its episode has ended, if it follows prescribed motions (mode GUIDED), or if its Newton
+    iteration failed in a group of several lanes and the period must be repeated for this arm alone.
     """
     p = dereference(address)
     count = 0
@@ -158,7 +158,7 @@ def observe_state(lane, p, first, poses, record, seen):
 
     first: True at the start of an episode, False after a period that record.periods does not count yet.
     # in        poses of the links (inertial axes);  record: target, path, periods done
-    # out       seen (entries, lanes): entries of the task, then those of a moving target
+    # out       seen (entries, lanes): entries of the task, then entries for a moving target
     """
     observe(lane, p.task, poses, record, seen)
     look_ahead(lane, p.reference, p.task, p.period, first, poses, record, seen)
@@ -256,7 +256,7 @@ def record_torques(lane, p, par, record: Lanes, w: Work, live, info):
 def record_energies(lane, p, par, w: Work, live, info):
     """Write energies (J), motor angles (rad) and rates (rad/s), both divided by the gear ratio, into `info`.
 
-    Energies, angles and rates are written if p.books is a tag, in lanes where live > 1/2.
+    Energies, angles and rates are written in lanes where live > 1/2, if the batch records energies (p.books is a tag).
     # in        w.q (m, rad), w.v;  w.books, energy account, J;  par, the arms' own parameters
     # scratch   w.y
     # out       info.energies: kinetic, strain, gravity, dissipated, work;  info.motors (2, joints): angles, then rates
@@ -290,10 +290,10 @@ def copy_info(lane, p, g, info: Lanes):
 
 @kernel
 def finish(lane, p, g, w, poses, record, seen, info, saved, outcome):
-    """Write the results of group g that the caller reads; return how many of its arms need the caller.
+    """Write the results of group g that the caller reads; return the number of arms that the caller must handle.
 
-    An arm needs the caller if its episode has ended, if it follows prescribed motions (GUIDED), or if it must be
-    repeated alone. An arm must be repeated if its Newton iteration failed in a group of several lanes, where steps
+    The caller must handle an arm if its episode has ended, if it follows prescribed motions (GUIDED), or if its period
+    must be repeated. A period is repeated if the arm's Newton iteration failed in a group of several lanes, where steps
     cannot be halved. Arms that must be repeated and arms that were not moved are restored from `saved`, the state at
     the start of the period. The mode of an arm that was just reset changes from FRESH to RUNNING. outcome (2, lanes):
     the reward, and 1 where a joint is beyond its limits. seen (entries, lanes): true observation.

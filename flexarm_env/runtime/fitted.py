@@ -103,7 +103,7 @@ def _result(lane, links, saved, scratch):
 
 @kernel
 def open_fit(lane, links, level, record, saved, scratch, w):
-    """Begin the fit of a period or stretch: each arm starts with its last number of halvings; status flags are saved.
+    """Begin the fit of a period: save status flags and set each arm's number of halvings to that of its last period.
 
     # in        saved, the state at the start;  level (lanes,): number of halvings of each arm's last period;  w.flag
     #           links, number of links

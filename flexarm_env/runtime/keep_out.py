@@ -46,8 +46,8 @@ def clearance(keep_out, model, g, lanes, i, q):
 
     Points along the centerline (inertial axes) are checked, or only the tip if keep_out.tip is a tag. The root does not
     move and is not checked. q (n, lanes): coordinates (m, rad) of the group's arms. keep_out.parts: number of parts
-    into which each interval between centerline points is divided. keep_out.rows: tag of n numbers. keep_out.points:
-    scratch memory for the points.
+    into which each interval between centerline points is divided. keep_out.rows: tuple of zeros, one for each of the n
+    coordinates. keep_out.points: scratch memory for the points.
     """
     mine, points = stack(_ONE, keep_out.rows), keep_out.points[g]
     # q of this arm without lanes, because `centerline` is compiled for one arm

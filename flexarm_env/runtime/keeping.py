@@ -24,7 +24,7 @@ def _parts(w, record, saved):
 
 @kernel
 def write_parts(parts, kept):
-    """Copy the arrays `parts` into the array `kept`, one after the other."""
+    """Copy the numbers of all arrays in `parts` into the array `kept`, in order."""
     first = 0
     for part in parts:
         for k in range(part.shape[0]):
@@ -54,20 +54,20 @@ def save_lanes(w, record, saved):
 
 @kernel
 def save_lane(lanes, i, w, record, saved):
-    """Save the state, inputs, energy account and record of lane i (of `lanes`) in `saved`.
+    """Save the state, inputs, energy account and record of lane i of `lanes` lanes in `saved`.
 
     # in        w: q, v, a, b, books, u, psi, reaction;  record, as much as `saved` has room for
-    # out       saved, a `SAVED` in lanes; other lanes stay
+    # out       saved, a `SAVED` in lanes; other lanes are unchanged
     """
     _copy_lane(lanes, i, _parts(w, record, saved), saved, False)
 
 
 @kernel
 def restore_lane(lanes, i, w, saved, record):
-    """Restore the state, inputs, energy account and record of lane i (of `lanes`) from `saved`.
+    """Restore the state, inputs, energy account and record of lane i of `lanes` lanes from `saved`.
 
     # in        saved, a `SAVED` in lanes
-    # out       w: q, v, a, b, books, u, psi, reaction;  record, as much as was saved; other lanes stay
+    # out       w: q, v, a, b, books, u, psi, reaction;  record, as much as was saved; other lanes are unchanged
     """
     _copy_lane(lanes, i, _parts(w, record, saved), saved, True)
 

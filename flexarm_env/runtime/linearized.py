@@ -51,7 +51,7 @@ class Linearization(NamedTuple):
 
 @kernel
 def outputs_of(n):
-    """Return the number of outputs of n links: joint angles and rates, deflections and their rates, tip x and y."""
+    """Return the number of outputs for n links: joint angles and rates, tip deflections and rates, tip x and y."""
     return 4 * n + 2
 
 

@@ -94,9 +94,9 @@ def _amplify(lane, task, amplifier, model, par, action: Lanes, factor, w: Work):
 def command(lane, task, controller, amplifier, model, par, action: Lanes, poses, record: Lanes, w: Work):
     """Write the commanded joint torques of a control period into w.u, N m.
 
-    An amplifier computes the torque if there is one. Otherwise the torque is the action times the torque limit, plus
-    the torque of the PD controllers if there are any. A drawn factor on the torque constant multiplies the torque.
-    amplifier, controller: None if absent.
+    If the joints have an amplifier, the amplifier computes the torque. Otherwise the torque is the action times the
+    torque limit, plus the torque of PD controllers if the joints have PD controllers. A drawn factor on the torque
+    constant multiplies the torque. amplifier, controller: None if absent.
     # in        action (joints, lanes) in [-1, 1];  w.q, w.v;  record.goal, record.torque_factor
     # scratch   poses, w.y
     # out       w.u (joints, lanes)
@@ -181,7 +181,7 @@ def is_starting(lane, s, record: Lanes):
 
 @kernel
 def start_stiff(lane, p, model, par, s, record, saved: Lanes, block, w: Work):
-    """Solve for the accelerations of arms whose episode begins with step s; return 1.0 in their lanes, otherwise 0.0.
+    """Solve for the accelerations of arms whose episode begins with step s; return 1.0 in their lanes, 0.0 in others.
 
     Other lanes keep the accelerations a and b that were saved at the start of the period. In lanes whose episode
     begins, w.u0 is set to w.u, so that no jump of torques follows. block: memory of the group, of which w is a view.

@@ -41,7 +41,7 @@ STRETCH = Layout(
     Field("starts", (), "", "start of the next interval: GOES_ON, AT_KINK or ANEW"),
     Field("points", (), "", "number of centerline points written"),
 )  # fmt: skip
-"""State of a run between two calls of `sample_rows`."""
+"""State of a run of one arm between two calls of `sample_rows`."""
 
 GOES_ON, AT_KINK, ANEW = 0.0, 1.0, 2.0
 """Ways to start an interval. GOES_ON: from the unchanged state. AT_KINK: from consistent velocities and accelerations
@@ -173,8 +173,8 @@ def sample_rows(
     A sample at a kink is the state before the kink, and the next interval starts with AT_KINK. Without kinks every
     interval starts with GOES_ON.
 
-    # model     model, drive: loads and motions as functions of time, or None;  par;  links: their number;  scheme:
-    #           coefficients and Newton tolerance of the integrator
+    # model     model;  drive: loads and motions as functions of time, or None;  par;  links: number of links
+    #           scheme: coefficients and Newton tolerance of the integrator
     # in        instants (s, ascending);  kinks (s, ascending), where loads or motions may jump, or None;  chunk: steps
     #           between sums of the gross work;  books: a tag, (0,), where energies are kept, or None
     # in, out   flat: memory of the integrator's `Work` with n_motions prescribed coordinates;  stretch: a `STRETCH`

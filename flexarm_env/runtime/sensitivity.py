@@ -192,7 +192,7 @@ def pose_rows(lane, model, par, q, v, poses):
     """Write the link poses (`physics.layout.POSES`, inertial axes) of each row of q and v; SINGLE lane only.
 
     # in        q, v (rows, n), m, rad and rates
-    # out       poses (rows, links POSES): root and tip position (m), angle (rad) and their rates
+    # out       poses (rows, links POSES): positions (m) and angles (rad) of each link's root and tip, and their rates
     """
     for k in range(q.shape[0]):
         link_poses(lane, model, par, q[k], v[k], poses[k])
