@@ -201,7 +201,9 @@ def test_estimates_of_shipped_chains_cover_their_trials(
     name: str, form: str, env_id: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A trial in steps of h and h/2 under full bang-bang torques stays below `error_estimate`, or that says 1."""
-    plan = gym.make(env_id, arm=name, formulation=form).unwrapped.plan  # type: ignore[attr-defined]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ResolutionWarning)
+        plan = gym.make(env_id, arm=name, formulation=form).unwrapped.plan  # type: ignore[attr-defined]
     apart: list[float] = []
 
     def first(trial: Any, rule: Any, settings: Settings, finer: Settings, length: float) -> tuple[float, float]:
@@ -217,6 +219,16 @@ def test_estimates_of_shipped_chains_cover_their_trials(
         gym.make(env_id, arm=name, formulation=form)
     assert len(apart) == 1 and apart[0] > 0.0
     assert min(apart[0], 1.0) <= plan.estimate
+
+
+def test_shipped_chains_that_whip_warn_of_a_step_of_the_users_alone() -> None:
+    """Their estimate is 1 whatever the step; a warning names a step that small motions need."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ResolutionWarning)
+        assert gym.make("SpatialFlexArm-v0").reset(seed=0)[1]["error_estimate"] == 1.0
+        assert gym.make("SpatialFlexArm-v0", dt=0.00125).reset(seed=0)[1]["error_estimate"] == 1.0
+    with pytest.warns(ResolutionWarning, match=r"with dt=0.01 s: take dt=0.00\d+ s"):
+        gym.make("SpatialFlexArm-v0", dt=0.01)
 
 
 def test_reward_terms_of_the_user_are_no_part_of_a_trial(monkeypatch: pytest.MonkeyPatch) -> None:

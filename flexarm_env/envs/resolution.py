@@ -122,12 +122,14 @@ def resolve(
     assert settings.dt is not None
     if trial is None:
         error = gain * rule.rules[0].small(settings, settings.dt)
-    estimate = max(rule.estimate(settings, settings.dt), min(1.0, MARGIN * error))
-    # the documentation of packaged arms says which of them whip
+    small = rule.estimate(settings, settings.dt)
+    estimate = max(small, min(1.0, MARGIN * error))
     if trial is not None and MARGIN * error > COARSE:
         return Resolution(settings, estimate, amplified(estimate, formulation))
     told_from = COARSE_IF_GIVEN if "dt" in given or fixed & given.keys() else COARSE
-    return Resolution(settings, estimate, too_coarse(rule, settings, estimate, name, told_from))
+    # no warning of packaged arms that whip: no settings help, and their documentation states the estimate
+    told = small if trial is None else estimate
+    return Resolution(settings, estimate, too_coarse(rule, settings, told, name, told_from))
 
 
 def _of_loop(
