@@ -121,3 +121,8 @@ def test_mistakes_are_told_in_a_sentence(
 ) -> None:
     more = f"--env {ENV} --out {tmp_path / 'run'} --config {file_of(tmp_path, SHORT, ENV)} --eval-episodes 2"
     assert sentence in told(train_ppo.main, [*more.split(), *words.split()], monkeypatch, capsys)
+
+
+def test_the_press_task_has_hyperparameters_of_its_own() -> None:
+    loaded = config.load(None, "ppo", "flexarm/press-v1")
+    assert loaded.around is not None and loaded.n_timesteps == 1_500_000

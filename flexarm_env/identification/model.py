@@ -308,7 +308,7 @@ class Experiment:
         )  # fmt: skip
 
     def _read_at_start(self) -> dict[int, float | None]:
-        """Return the joints that start at their first reading, with the reading's offset."""
+        """Return joints that start at their first reading, with the channel's offset (None: fitted in each run)."""
         inputs, read = self.config.inputs, {c.name: c.offset for c in self.config.outputs}
         known = {} if all(c.moves for c in inputs) else dict(enumerate(self.arm.joint_names))
         driven = [c.joint for c in inputs if c.moves]

@@ -125,8 +125,11 @@ def _literal(text: str) -> Any:
 
 
 def default_path(algorithm: str, env_id: str = "") -> Path:
-    """Return the default file of an algorithm; tasks of the suite have a file of their own."""
-    return HOME / algorithm / ("suite.yml" if env_id.startswith("flexarm/") else "default.yml")
+    """Return an algorithm's default file: suite.yml for tasks of the suite, and press.yml of PPO for `press-v1`."""
+    if not env_id.startswith("flexarm/"):
+        return HOME / algorithm / "default.yml"
+    presses = algorithm == "ppo" and env_id.startswith("flexarm/press-")
+    return HOME / algorithm / ("press.yml" if presses else "suite.yml")
 
 
 def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str] | None = None) -> Config:

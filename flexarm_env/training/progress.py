@@ -155,7 +155,9 @@ def training_program(program: str, train: Callable[[Any], Any], arguments: Any) 
         return fail(f"{what}; what was written before is whole; when that is mended, {then}")
     folder, env = arguments.folder, "" if arguments.env == "FlexibleArm-v0" else f" --env {arguments.env}"
     print(f"{folder}: {describe(progress)}")
-    print(f"next: flexarm evaluate{env} --policy {folder},pd,lqr    or    flexarm view {folder} pd")
+    presses = arguments.config == "press" or arguments.env.startswith("flexarm/press-")
+    beside = "pd,hybrid_force" if presses else "pd,lqr"
+    print(f"next: flexarm evaluate{env} --policy {folder},{beside}    or    flexarm view {folder} pd")
     return 0
 
 
