@@ -68,7 +68,7 @@ def from_toml(source: str | os.PathLike[str]) -> Arm:
     with check.in_file(path):
         if "arm" in table and set(table) <= {"arm", *_BESIDE}:
             with check.under("arm"):
-                return from_table(check.table_of("", table["arm"]))
+                return from_table(check.table_of("", table["arm"]), default_name=path.stem if path else None)
         return from_table(table, default_name=path.stem if path else None)
 
 

@@ -187,3 +187,10 @@ def test_quanser_is_fitted_and_keeps_what_was_not() -> None:
     scene = everything(Scene("straight", arm, duration=1.0, dt=0.01))
     omega = modes(scene, 1, "elastica", clamped=(0, 1)).frequencies[0]
     assert omega / (2 * math.pi) == pytest.approx(1.82, abs=0.01)
+
+
+def test_a_table_of_an_arm_without_a_name_has_that_of_its_file(tmp_path: Path) -> None:
+    text = arms.to_toml(arms.named("strip")).replace('name = "strip"\n', "").replace("[payload]", "[arm.payload]")
+    file = tmp_path / "mine.toml"
+    file.write_text("[arm]\n" + text.replace("[[links]]", "[[arm.links]]").replace("[links.", "[arm.links."), "utf-8")
+    assert arms.from_toml(file).name == "mine"
