@@ -70,8 +70,10 @@ class Rollout:
         """Return the gradient of a scalar, given its gradient with respect to the results of the rollout.
 
         Args:
-            states (T + 1, n, S), observations (T, n, O), rewards (T, n): gradients of the scalar with respect to these
-                results; None stands for zero. For a weighted sum of rewards use `vjp(rewards=weights)`.
+            states: gradient of the scalar with respect to the states, (T + 1, n, S); None stands for zero.
+            observations: gradient with respect to the observations, (T, n, O); None stands for zero.
+            rewards: gradient with respect to the rewards, (T, n); None stands for zero. For a weighted sum of rewards
+                use `vjp(rewards=weights)`.
         """
         by_states = _given("states", states, self.states.shape)
         by_seen = _given("observations", observations, self.observations.shape)
