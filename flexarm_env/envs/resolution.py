@@ -120,7 +120,7 @@ def resolve(
         most = TRIALS_IN_SPACE if arm.spatial else TRIALS
         settings, error = refined(trial, rule.rules[0], settings, finer, at, least, arm.total_length, most)
     assert settings.dt is not None
-    if trial is None:
+    if gain:
         error = gain * rule.rules[0].small(settings, settings.dt)
     small = rule.estimate(settings, settings.dt)
     estimate = max(small, min(1.0, MARGIN * error))
