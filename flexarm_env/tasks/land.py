@@ -2,22 +2,21 @@
 
 import math
 
-from ..compiler import Lanes, absolute, kernel, maximum, select_lt, sincos, size, square_root
+from ..compiler import Lanes, kernel, maximum, select_lt, size, square_root
 from ..physics.arithmetic import decay, minimum, store_where
 from ..physics.layout import POSE
 from .contact_info import CONTACT
-from .press import BEARING, FARTHEST, WIDE_PATH
-from .program import DEFLECTION, PATH, TARGET
+from .press import FARTHEST, WIDE_PATH, target_distances
+from .program import PATH, TARGET
 from .reach import Chain, Reach
 from .stream import uniform
 from .task import (
     TASKS,
-    deflection,
     effort,
     info_of,
     left_of,
     past_limits,
-    put_info,
+    record_deflections,
     record_success,
     record_tip,
     reward_change,
@@ -58,19 +57,9 @@ def land_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lane
     poses of the links, inertial axes; info is written in lanes with live > 1/2. Returns (reward, 1.0 where a joint
     is beyond its limits).
     """
-    n = size(task.links)
-    shaking = 0.0
-    for k in range(n):
-        normal, _, rate, _, _, _, _, _, _ = deflection(lane, poses, k)
-        put_info(lane, live, info, DEFLECTION + k, normal / task.lengths[k])
-        rate = rate / task.lengths[k]
-        shaking = shaking + rate * rate
-    # target less tip (dx, dy; m, inertial axes); e (m): its part along the wall; d: its length over the arm's length
-    o = POSE.end * (n - 1)
-    dx = record[TARGET] - poses[o + POSE.tip_x]
-    dy = record[TARGET + 1] - poses[o + POSE.tip_y]
-    sine, cosine = sincos(record[BEARING])
-    e, d = absolute(cosine * dy - sine * dx), square_root(dx * dx + dy * dy) / task.length
+    shaking = record_deflections(lane, task, poses, live, info)
+    e, d = target_distances(lane, task, poses, record)
+    o = POSE.end * (size(task.links) - 1)
     vx, vy = poses[o + POSE.tip_vx], poses[o + POSE.tip_vy]
     v = square_root(vx * vx + vy * vy)
     # normal force, and the impulse of the period

@@ -4,16 +4,16 @@ from ..compiler import Lanes, absolute, kernel, maximum, select_lt, sincos, size
 from ..physics.arithmetic import decay, minimum, store_where
 from ..physics.layout import POSE
 from .contact_info import CONTACT
-from .program import DEFLECTION, PATH, PATH_AT, PERIODS, PERIODS_ALLOWED, SUCCESS, TARGET
+from .program import PATH, PATH_AT, PERIODS, PERIODS_ALLOWED, SUCCESS, TARGET
 from .reach import Chain, Reach, reach_draw_line, reach_observe
 from .task import (
     TASKS,
-    deflection,
     effort,
     info_of,
     left_of,
     past_limits,
     put_info,
+    record_deflections,
     record_tip,
     reward_change,
     reward_term,
@@ -67,19 +67,8 @@ def press_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lan
     e is at most b. No period of the first third counts as a success. poses: poses of the links, inertial axes; info is
     written in lanes with live > 1/2. Returns (reward, 1.0 where a joint is beyond its limits).
     """
-    n = size(task.links)
-    shaking = 0.0
-    for k in range(n):
-        normal, _, rate, _, _, _, _, _, _ = deflection(lane, poses, k)
-        put_info(lane, live, info, DEFLECTION + k, normal / task.lengths[k])
-        rate = rate / task.lengths[k]
-        shaking = shaking + rate * rate
-    # target less tip (dx, dy; m, inertial axes); e (m): its part along the wall; d: its length over the arm's length
-    o = POSE.end * (n - 1)
-    dx = record[TARGET] - poses[o + POSE.tip_x]
-    dy = record[TARGET + 1] - poses[o + POSE.tip_y]
-    sine, cosine = sincos(record[BEARING])
-    e, d = absolute(cosine * dy - sine * dx), square_root(dx * dx + dy * dy) / task.length
+    shaking = record_deflections(lane, task, poses, live, info)
+    e, d = target_distances(lane, task, poses, record)
     # relative error of the normal force
     commanded, force = maximum(record[FORCE], 1e-300), record[FORCE] * 0.0
     if size(task.further) > 0:
@@ -98,6 +87,18 @@ def press_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lan
     total = total + reward_term(lane, task, live, info, 4, -minimum(shaking, 1.0))
     total = total + reward_term(lane, task, live, info, 5, decay(off * off))
     return reward_change(lane, task, action, record, live, info, total), past_limits(lane, task, poses)
+
+
+@kernel
+def target_distances(lane, task, poses: Lanes, record: Lanes):
+    """Return (e, d): distance of tip and target along the wall, m, and in the plane, divided by the arm's length."""
+    o = POSE.end * (size(task.links) - 1)
+    # target less tip, m, inertial axes
+    dx = record[TARGET] - poses[o + POSE.tip_x]
+    dy = record[TARGET + 1] - poses[o + POSE.tip_y]
+    # BEARING: angle of the wall's normal
+    sine, cosine = sincos(record[BEARING])
+    return absolute(cosine * dy - sine * dx), square_root(dx * dx + dy * dy) / task.length
 
 
 @kernel

@@ -6,7 +6,7 @@ from ..compiler import Lanes, kernel, select_lt, sincos, size, square_root
 from ..physics.arithmetic import decay, minimum
 from ..physics.layout import BASE_POSE, POSE
 from .angles import least_angles, next_angles, sooner_angles
-from .program import DEFLECTION, GOAL, MOVING, PATH, TARGET, TARGET_RATE
+from .program import GOAL, MOVING, PATH, TARGET, TARGET_RATE
 from .stream import uniform
 from .task import (
     TASKS,
@@ -18,7 +18,7 @@ from .task import (
     level,
     of_base,
     past_limits,
-    put_info,
+    record_deflections,
     record_success,
     record_tip,
     reward_attitude,
@@ -95,13 +95,7 @@ def reach_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
     > 1/2). Returns (reward, 1.0 where a joint is beyond its limits).
     """
     n = size(task.links)
-    shaking = 0.0
-    # deflection / L and rate / L of each link (link axes)
-    for k in range(n):
-        normal, _, rate, _, _, _, _, _, _ = deflection(lane, poses, k)
-        put_info(lane, live, info, DEFLECTION + k, normal / task.lengths[k])
-        rate = rate / task.lengths[k]
-        shaking = shaking + rate * rate
+    shaking = record_deflections(lane, task, poses, live, info)
     o = POSE.end * (n - 1)
     vx, vy = poses[o + POSE.tip_vx], poses[o + POSE.tip_vy]
     # tip's way to the target and velocity relative to it, inertial axes

@@ -31,7 +31,7 @@ import numpy as np
 from ..compiler import Family, Lanes, absolute, kernel, select_lt, sincos, size
 from ..physics.arithmetic import clip, minimum, store_where
 from ..physics.layout import BASE_POSE, POSE
-from .program import CLIP, FURTHER, GOAL, HOLD, SUCCESS, TARGET, TIP, info_at
+from .program import CLIP, DEFLECTION, FURTHER, GOAL, HOLD, SUCCESS, TARGET, TIP, info_at
 
 
 class Task(NamedTuple):
@@ -298,6 +298,21 @@ def reward_term(lane, task, live, info, k, value):
     weighted = value * task.weights[k]
     put_info(lane, live, info, info_of(task).terms + k, weighted)
     return weighted
+
+
+@kernel
+def record_deflections(lane, task, poses: Lanes, live, info: Lanes):
+    """Write tip deflections divided by link lengths into info, where live > 1/2; return the shaking, 1/s^2.
+
+    The shaking is the sum of squares of the deflections' rates divided by the links' lengths (links' root axes).
+    """
+    shaking = 0.0
+    for k in range(size(task.links)):
+        normal, _, rate, _, _, _, _, _, _ = deflection(lane, poses, k)
+        put_info(lane, live, info, DEFLECTION + k, normal / task.lengths[k])
+        rate = rate / task.lengths[k]
+        shaking = shaking + rate * rate
+    return shaking
 
 
 @kernel
