@@ -62,7 +62,7 @@ def spread(errors: Array) -> dict[str, float | None]:
 
 
 def worst(row: Row) -> float:
-    """Return the larger error of both kinds of torque at the percentile `SHARE`, % of L."""
+    """Return the larger of the errors under random and bang-bang torques, each at the percentile `SHARE`, % of L."""
     return max(np.inf if row[kind][f"{SHARE:g}"] is None else row[kind][f"{SHARE:g}"] for kind in KINDS)
 
 

@@ -121,7 +121,7 @@ def _status(key: str) -> float:
 def driver(name: str) -> dict[str, Any]:
     """Run a case in its own process; return processor time, s, and peak memory, MB.
 
-    For the case "a further kind" return the memory, MB, by which each further kind of arm enlarges the process.
+    For the case "a further kind" return the additional memory, MB, of a process per additional kind of arm.
     """
     if name != FURTHER:
         CASES[name]()

@@ -167,7 +167,7 @@ STEPS = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
 
 
 def measure(_: argparse.Namespace) -> dict[str, Any]:
-    """Compare converged results of both programs, and measure run time against error."""
+    """Compare converged results of Exudyn and this package, and measure run time against error."""
     rows: list[dict[str, Any]] = []
     checks = []
     for name, scene in scenes().items():

@@ -166,7 +166,7 @@ def arithmetic(threads: int) -> Case:
 
 
 def own_cases(sizes: tuple[int, ...], threads: tuple[int, ...], formulations: tuple[str, ...]) -> list[Case]:
-    """Return the cases of both environments under each formulation with default settings, single and vector."""
+    """Return the cases of each environment and formulation with default settings, single and vector."""
     cases = []
     for env_id, formulation in itertools.product(IDS, formulations):
         options: dict[str, Any] = {} if formulation == DEFAULT_FORMULATION else {"formulation": formulation}
@@ -181,8 +181,8 @@ def own_cases(sizes: tuple[int, ...], threads: tuple[int, ...], formulations: tu
 
 
 def reduced_cases(modes: int, n_envs: int) -> list[Case]:
-    """Return the cases of both environments with links reduced to `modes` modes, under torques within their valid
-    range."""
+    """Return the cases of each environment with links reduced to `modes` modes, and torques within the modes'
+    valid range."""
     cases = []
     for env_id, threads in itertools.product(IDS, (1, 2)):
         label = f"floating_frame, {modes} modes a link"

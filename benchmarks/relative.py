@@ -105,7 +105,7 @@ def rates(relative: Relative) -> dict[str, float]:
 
 
 def tips(relative: Relative, episodes: int) -> list[dict[str, Any]]:
-    """Return the 98 % quantiles of the largest tip error up to each instant, over the reach, of both packages.
+    """Return 98 % quantiles of the largest tip error up to each instant, divided by the reach, of each package.
 
     The reference is a converged exact beam. Each row has torques on all joints or only on shoulder and elbow.
     """

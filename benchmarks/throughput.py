@@ -53,7 +53,7 @@ def memory(env_id: str) -> dict[str, float]:
 
 
 def error(env_id: str, formulation: str, settings: dict[str, Any]) -> str:
-    """Return the tip errors of these settings from the results of `benchmarks.choose_default`."""
+    """Return the tip errors of the timed settings from the results of `benchmarks.choose_default`."""
     found = pages.kept(DOCS / "results", "default_settings")
     wanted = {"order": 2} | settings if formulation == "geometrically_exact" else settings
     wanted = {"formulation": formulation.split(",")[0], **wanted}
