@@ -284,4 +284,4 @@ MORE: dict[str, dict[str, Any]] = {
 }
 
 if __name__ == "__main__":
-    sys.exit(pages.run("stability_envs", __doc__, measured, blocks, more=MORE, workers=cores(), arms=170, seed=7000))
+    sys.exit(pages.run("stability_envs", __doc__, measured, blocks, more=MORE, workers=cores(), arms=170, seed=9000))
