@@ -114,6 +114,9 @@ for _ in range(2):
     env.reset(seed=0)
     env.step(np.zeros((64, 1), np.float32))
 import atexit, threading
+for thread in threading.enumerate():  # as the interpreter does before it calls the exit functions
+    if not thread.daemon and thread is not threading.main_thread():
+        thread.join()
 atexit._run_exitfuncs()
 print([t.name for t in threading.enumerate()])
 """
