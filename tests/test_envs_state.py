@@ -352,7 +352,7 @@ def test_closing_ends_the_threads() -> None:
     rollout(env)
     (own,) = (thread for thread in set(threading.enumerate()) - others if thread.name != "flexarm-compile")
     env.close()
-    own.join(timeout=10.0)
+    own.join(timeout=60.0)
     assert not own.is_alive()
 
 
