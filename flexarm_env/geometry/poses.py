@@ -7,7 +7,7 @@ from ..validation import Array
 
 
 def link_deflection(poses: Array) -> Array:
-    """Return each link's tip deflection, m: the tip's distance from the tangent at the root.
+    """Return each link's tip deflection, m: the signed distance of the tip from the tangent at the root.
 
     poses (..., n_links, 12): poses of links with the fields of `physics.layout.POSES`. The result has shape (...,
     n_links).
