@@ -61,8 +61,8 @@ class Episode:
             of `gymnasium.make`, or None.
         seed: seed of the reset. If it is None, `generator` is the state of the environment's random generator before
             the reset.
-        options: options that were passed to `reset`, or None.
-        observations (T + 1, O), actions (T, N): float32. rewards (T,): float64. terminations, truncations (T,): bool.
+        options: options that were passed to `reset`, or None. observations (T + 1, O), actions (T, N): float32. rewards
+            (T,): float64. terminations, truncations (T,): bool.
         infos: array of each `info` entry by name, with T + 1 rows.
     """
 

@@ -64,9 +64,8 @@ def periods(
     Args:
         env: the environment, with or without wrappers. A vector environment has autoreset mode "NextStep", its default.
             policy: the policy, which is reset at the start of each episode, or of each n episodes. seeds: one seed per
-                episode, None
-            to continue with the environment's generator; the number of seeds is a multiple of n. options: options of
-            all resets.
+            episode, None to continue with the environment's generator; the number of seeds is a multiple of n. options:
+            options of all resets.
     Raises:
         ValueError: the number of seeds is no multiple of n, or the autoreset mode is another one.
     """

@@ -33,10 +33,9 @@ class Hinge:
     """Hinge of a body: `axis` (3,) in the body's axes, SI units.
 
     stiffness: spring stiffness, N m/rad. damping: damping coefficient, N m s/rad. armature: rotor inertia about the
-        hinge's axis, kg m^2. friction: friction torque, N m. joint: index of the arm's joint that the hinge represents;
-        -1: a
-    spring for bending or torsion. limits: lower and upper angle, rad, or None. driven: True if the joint's torque acts
-    on the hinge. place: distance of a spring from the root of the beam, m.
+    hinge's axis, kg m^2. friction: friction torque, N m. joint: index of the arm's joint that the hinge represents; -1:
+    a spring for bending or torsion. limits: lower and upper angle, rad, or None. driven: True if the joint's torque
+    acts on the hinge. place: distance of a spring from the root of the beam, m.
     """
 
     name: str

@@ -48,9 +48,8 @@ class Ringing:
     """A free vibration: damped cosine that was fitted to an interval of a signal.
 
     start: start of the interval, s. frequency: undamped natural frequency, Hz. damping: damping ratio. amplitude:
-        amplitude at
-    the interval's start, in the signal's unit. error: root mean square of the fit's residual, divided by the interval's
-    standard deviation.
+    amplitude at the interval's start, in the signal's unit. error: root mean square of the fit's residual, divided by
+    the interval's standard deviation.
     """
 
     start: float
@@ -163,8 +162,7 @@ class Oscillator:
     f.
 
     frequency: natural frequency f, Hz. damping: damping ratio. gains: gain of each input. For inputs that prescribe
-        angles, the inputs
-    are the accelerations of these angles.
+    angles, the inputs are the accelerations of these angles.
     """
 
     frequency: float

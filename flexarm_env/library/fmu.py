@@ -46,8 +46,7 @@ class Variable(NamedTuple):
     """One variable of an FMU: input, output, parameter or time.
 
     kind: name of the table in the C source `fmu.c` that contains the variable. at: index of the variable in this table.
-        start:
-    initial value, or None if the variable is computed. least, most: bounds of an input or parameter.
+    start: initial value, or None if the variable is computed. least, most: bounds of an input or parameter.
     """
 
     name: str

@@ -73,9 +73,8 @@ class Parameter(NamedTuple):
     """A parameter of the arm that the compiled programs read at run time.
 
     start: value of the parameter in the environment. least, most: permitted range of values. law: index in the array of
-        the joints' parameters, or
-    None for a parameter that the environment draws at reset. at: if `law` is None, index of the parameter in the arm's
-    memory block.
+    the joints' parameters, or None for a parameter that the environment draws at reset. at: if `law` is None, index of
+    the parameter in the arm's memory block.
     """
 
     name: str

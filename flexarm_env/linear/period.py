@@ -49,9 +49,8 @@ def period_tangents(
     """Return the tangents of q and v of some rows after a period of dt (s): two arrays (rows, columns).
 
     starts: tangents of q, v, a of these rows at the start of the period, (rows, columns) each. inputs: indices of
-        entries of u. Each
-    of the last len(inputs) columns is the derivative by one of these inputs. flat, w: the work array and its views; the
-    function advances them to the end of the period.
+    entries of u. Each of the last len(inputs) columns is the derivative by one of these inputs. flat, w: the work array
+    and its views; the function advances them to the end of the period.
     """
     steps, h = steps_of(simulation, dt)
     n, links = starts[0].shape[1], simulation.scene.arm.n_links

@@ -56,10 +56,9 @@ class Wire:
     Attributes:
         period: control period, s. limits (N,): torque limits, N m. scales (M,): scales of the observation's entries.
             watchdog: number of periods without a command after which the server holds the arm. lost: number of packets
-                with readings that never arrived. angles, rates, torques (N,): joint angles (rad), rates (rad/s) and
-                torques (N m) of the
-            last reading. seen (M,): sensor readings in the last packet of the server, SI units. flags, status, time:
-            flags, status and time (s) of the last reading.
+            with readings that never arrived. angles, rates, torques (N,): joint angles (rad), rates (rad/s) and torques
+            (N m) of the last reading. seen (M,): sensor readings in the last packet of the server, SI units. flags,
+            status, time: flags, status and time (s) of the last reading.
     Raises:
         ConnectionError: the server does not answer, or it serves another client.
         OSError: the host does not exist. ValueError: an argument is invalid, or a torque is not finite.
@@ -234,11 +233,10 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
     """Environment of a remote arm, real or simulated: `gymnasium.make("RemoteArm-v0", host=..., port=...)`.
 
     Action (N,): joint torques divided by their limits, within +-1. Observation (M,): sensor readings divided by their
-        scales,
-    as in the environment that the server runs. The remote arm has no task: rewards are 0. `step` sends the torques and
-    waits for the next reading. An episode is truncated if no reading arrives, or if the watchdog or a limit holds the
-    arm. An episode is terminated if the arm has stopped. `info["reason"]` is then one of `REASONS`. `reset` ends the
-    hold of the arm and requests a new start. A simulated arm starts anew; a real arm may ignore the request.
+    scales, as in the environment that the server runs. The remote arm has no task: rewards are 0. `step` sends the
+    torques and waits for the next reading. An episode is truncated if no reading arrives, or if the watchdog or a limit
+    holds the arm. An episode is terminated if the arm has stopped. `info["reason"]` is then one of `REASONS`. `reset`
+    ends the hold of the arm and requests a new start. A simulated arm starts anew; a real arm may ignore the request.
 
     Args:
         host, port: address of `flexarm serve`, or of any other server with the same packets. key: shared secret, or
