@@ -275,10 +275,14 @@ def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | No
         times = [
             (name, *(f"{row[k]:.2f}" for k in ("median", "p99", "most"))) for name, row in own["decisions"].items()
         ]
-        lines += [f"CPU time of a decision for one arm, on one thread, over {TIMED} episodes:", ""]
+        lines += [
+            f"The table has the CPU time of one decision of each controller, for one arm on one thread, over "
+            f"{TIMED} episodes:",
+            "",
+        ]
         lines += [*table("controller | median (ms) | 99th percentile (ms) | most (ms)", times, True), ""]
     for name, found in own["seeds"].items():
-        lines += [f"Seeds of `{name}`:", "", *seeds_table(found), ""]
+        lines += [f"Results of the training seeds of `{name}`:", "", *seeds_table(found), ""]
     return lines + [
         f"![tip error](../figures/control_{family.name}.png)", "",
         f"![learning curves](../figures/control_{family.name}_learning.png)", "",
@@ -286,9 +290,10 @@ def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | No
         f"Controllers named `{DRAWN}` are tuned on randomized arms, and policies named `_robust` are trained on "
         "randomized arms. All other controllers and policies know only the nominal arm.", "",
         *short_table("success, median settling", both), "",
-        f"On the converged exact beam (4 cubic elements a link, 1 ms), the first {FEWER_EPISODES} episodes:", "",
+        f"The same policies on an arm computed by the converged exact beam (4 cubic elements per link, steps of 1 ms), "
+        f"in the first {FEWER_EPISODES} episodes:", "",
         *short_table("policy", own["models"]), "",
-        "With one parameter changed at a time:", "",
+        "The same policies on arms that differ from the nominal arm in one parameter:", "",
         *short_table("policy", own["shifted"]),
     ]  # fmt: skip
 
@@ -300,7 +305,10 @@ def distance(rows: Rows, best: Mapping[str, Any]) -> list[str]:
         (name, f"{row['settling_time_median'] / median:.2f}", f"{row['settling_time_mean'] / mean:.2f}")
         for name, row in rows.items()
     ]
-    known = f"Settling over the best known ([](optimal.md): median {median:.2f} s, mean {mean:.3f} s):"
+    known = (
+        "Settling time of each policy, divided by that of the best known plans "
+        f"([](optimal.md): median {median:.2f} s, mean {mean:.3f} s):"
+    )
     return [known, "", *table("policy | medians | means", ratios, True), ""]
 
 

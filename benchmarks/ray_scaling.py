@@ -236,9 +236,10 @@ def _cost(found: dict[str, Row], bare_us: float) -> list[str]:
     return [
         f"In one process on one core a step takes {without:.0f} µs without RLlib and {alone:.0f} µs with it: RLlib",
         f"takes {1.0 - without / alone:.0%} of the time. Compared with the plain loop, Ray and RLlib take",
-        f"{share[0]:.0%} of an iteration with one runner and {share[1]:.0%} with two. RLlib's own runner samples",
-        f"{times[0]:.1f} (1 runner) and {times[1]:.1f} times (2 runners) as long as the native runner. The",
-        f"environments alone take {bare_us:.2f} µs a step.",
+        f"{share[0]:.0%} of an iteration with one runner and {share[1]:.0%} with two. To collect the",
+        f"same samples, RLlib's own runner takes {times[0]:.1f} times as long as the native runner with one runner,",
+        f"and {times[1]:.1f} times as long with two. Without Ray, policy and learning, a step of the environments",
+        f"takes {bare_us:.2f} µs.",
     ]
 
 

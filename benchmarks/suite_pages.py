@@ -93,10 +93,11 @@ def page(task: suite.Task, players: Path) -> str:
     newer = f"This version of the task is superseded by [`{latest.id}`]({latest.id}.md)."
     later = [] if latest == task else [newer, ""]
     lines = [
-        f"# {task.title}" + (f" (version {task.version})" if later else ""), "", *later, fill(task.hard, WIDTH), "",
+        f"# {task.title}" + (f" (version {task.version})" if later else ""), "", *later,
+        fill(task.hard, WIDTH, break_on_hyphens=False), "",
         *player, *table(f"`{task.id}` | ", facts(task, plan)), "",
         fill(f"{order}: {entries}.", WIDTH, break_on_hyphens=False), "",
-        "The task is the environment that this code makes:", "",
+        "This code makes the environment of the task:", "",
         "```python", "import gymnasium as gym", "", f"env = {keywords(task)}", "```", "",
         "The page [](../suite.md) defines reward and success.",
     ]  # fmt: skip

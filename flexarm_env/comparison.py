@@ -18,7 +18,7 @@ class TipError:
 
     max_tip_error, rms_tip_error: largest and root-mean-square distance, m. max_tip_angle_error, max_start_angle_error:
     largest error of the tip's angle and of the root's angle, rad. time_of_max: instant of the largest error, s.
-    instants: number of compared instants. An error is NaN if the reference does not have the column.
+    instants: number of compared instants. An error is NaN if the reference does not have the column for it.
     """
 
     max_tip_error: float
@@ -39,10 +39,10 @@ def tip_error(
     """Compute the errors of a tip path against a reference table.
 
     Args:
-        t: (n,): increasing instants, s. tip: (n, 3): x and y of the tip in m, and its angle in rad.
+        t (n,): increasing instants, s. tip (n, 3): position x, y of the tip, m, and angle of the tip, rad.
         reference: column t, and the existing columns of tip_x and tip_y, tip_angle, start_angle
-            (`flexarm_env.scenes.reference(NAME).columns`, `read_reference`). start: path of the root, in the form of
-            tip; required for start_angle.
+            (`flexarm_env.scenes.reference(NAME).columns`, `read_reference`). start (n, 3): position and angle of the
+            root, in the form of tip; required for start_angle.
     Raises:
         ValueError: path and reference have no common instant after the first; instants are not interpolated.
     """

@@ -19,7 +19,7 @@ GAUSS = np.polynomial.legendre.leggauss(12)
 
 
 def checked(value: object, length: float) -> Curvature:
-    """Validate a curvature and return it; if all points have one value, return this number.
+    """Validate a curvature and return it; if the curvature is the same at all points, return one number.
 
     Raises:
         ValueError: a value is not a number (1/m), or the points do not run from 0 to `length` (m) in order.
@@ -44,7 +44,7 @@ def check_places(key: str, places: list[float], length: float) -> float:
 
     Places must ascend from 0 to the length; two equal places mark a jump.
 
-    The last place is set to the exact length. key: name in the ValueError, with {} for the index.
+    The last place is set to the exact length. key: key path for the ValueError, with {} in place of the index.
     """
     if places[0] != 0.0:
         raise check.InvalidValue(key.format(0), places[0], "must be 0, the link's root")
@@ -71,17 +71,17 @@ def between(places: Array, s: Array, before: bool) -> tuple[NDArray[np.int64], A
 
 
 def points(curve: Curvature) -> tuple[float, ...]:
-    """Return the places at which the curvature kinks or jumps within a link, m from the root."""
+    """Return the places within a link at which the curvature has a kink or a jump, m from the root."""
     return () if isinstance(curve, float) else tuple(s for s, _ in curve[1:-1])
 
 
 def jumps(curve: Curvature) -> tuple[float, ...]:
-    """Return the places where the curvature jumps, m from the root."""
+    """Return the places within a link at which the curvature jumps, m from the root."""
     return () if isinstance(curve, float) else tuple(s for (s, _), (after, _) in pairwise(curve) if s == after)
 
 
 def along(curve: Curvature, s: Any, before: bool = False) -> Array:
-    """Return the curvature (1/m) at places s (m); at a jump the value after it, or before it if `before` is True."""
+    """Return the curvature (1/m) at places s (m); at a jump the value after the jump (`before`: the value before)."""
     s = np.asarray(s, np.float64)
     if isinstance(curve, float):
         return np.full(s.shape, curve)

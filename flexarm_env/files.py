@@ -1,7 +1,7 @@
 """Read and write users' files: TOML, JSON, CSV, and NPZ archives of arrays.
 
 A file is read as a whole, and nothing in it is executed. Invalid content raises a ValueError that names the file. If
-the operating system cannot open a file, an OSError names it.
+the operating system cannot open a file, an OSError names the file.
 """
 
 import csv
@@ -99,7 +99,7 @@ def _why(error: BaseException) -> str:
 def csv_lines(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], list[list[str]]]:
     """Return a CSV file's column names (first line) and the cells of its other lines; empty lines are skipped.
 
-    A file that ends in .gz is unpacked.
+    A file whose name ends in .gz is decompressed.
 
     Raises:
         OSError: the file cannot be read. ValueError: the file is not a CSV text; the message names the file.
@@ -114,7 +114,7 @@ def csv_lines(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], list[list[
 
 
 def unit_of(column: str) -> str:
-    """Return the unit of a trajectory's column, for example "m" for tip_x, or "" for fractions and quaternions."""
+    """Return the unit of a trajectory's column: "m" for tip_x, for example, and "" for fractions and quaternions."""
     name = column.rstrip("0123456789")
     if name in ("t", "energy"):
         return {"t": "s", "energy": "J"}[name]
@@ -240,7 +240,7 @@ def to_file(flag: str, path: str | os.PathLike[str], endings: tuple[str, ...] = 
     """Return the path of an output file and create its folder, so that an invalid path fails before a long run.
 
     Args:
-        flag: name of the argument in the message. endings: permitted suffixes; () for any.
+        flag: name of the argument for the error message. endings: permitted suffixes; () permits any suffix.
     Raises:
         ValueError: the suffix is not permitted, or the path is a folder.
     """
@@ -318,7 +318,7 @@ def write_npz(path: Path, arrays: Mapping[str, Any]) -> None:
 def imported(path: str, word: str) -> Any:
     """Import the object that `word` names as "module:name"; modules in the current folder are found, too.
 
-    path: key path for the message.
+    path: key path for the error message.
 
     Raises ValueError that begins with `path` if the object cannot be imported.
     """
@@ -335,5 +335,5 @@ def imported(path: str, word: str) -> Any:
 
 
 def in_words(error: BaseException) -> str:
-    """Return an error in one line, with its message cut at 200 characters."""
+    """Return the text of an error in one line, with its message cut at 200 characters."""
     return f"{type(error).__name__}: {' '.join(str(error).split())[:200]}".removesuffix(": ")

@@ -57,11 +57,13 @@ class Episode:
     """An episode of T steps, with the data that are needed to replay it.
 
     Attributes:
-        env_id: the environment's id. env_kwargs: its keywords. max_episode_steps: the argument of make, or None.
-        seed: seed of the reset. If None, `generator` is the state of the environment's generator before the reset.
-        options: options of the reset, or None.
-        observations (T + 1, O), actions (T, N): float32. rewards (T,): float64. terminations, truncations (T,): bool.
-        infos: arrays of `info` entries by name, with T + 1 rows each.
+        env_id: the environment's id. env_kwargs: keyword arguments of the environment. max_episode_steps: this argument
+            of `gymnasium.make`, or None.
+        seed: seed of the reset. If it is None, `generator` is the state of the environment's random generator before
+            the reset.
+        options: options that were passed to `reset`, or None. observations (T + 1, O), actions (T, N): float32. rewards
+            (T,): float64. terminations, truncations (T,): bool.
+        infos: array of each `info` entry by name, with T + 1 rows.
     """
 
     env_id: str
@@ -85,7 +87,7 @@ class Episode:
 
     @property
     def complete(self) -> bool:
-        """Whether the episode was played to its end."""
+        """True if the episode was played to its end."""
         return len(self) > 0 and bool(self.terminations[-1] or self.truncations[-1])
 
     def equals(self, other: Episode) -> bool:
@@ -215,7 +217,7 @@ def replay(episode: Episode, env_id: str | None = None) -> Episode:
         env_id: the episode's id; required for an environment of another package, because a file must not choose what is
             imported.
     Raises:
-        ValueError: env_id is missing, the episode has no steps, or it ends before the last action.
+        ValueError: env_id is missing, the episode has no steps, or the replayed episode ends before the last action.
     """
     _alike([episode])
     env = EpisodeRecorder(_make_env(episode, env_id))
@@ -380,7 +382,8 @@ def to_minari(episodes: Sequence[Episode], dataset_id: str, env_id: str | None =
     Returns:
         The `minari.MinariDataset`; in this data set an interrupted episode ends as truncated.
     Raises:
-        ValueError: no episode, several environments, or an invalid id. ImportError: Minari is not installed.
+        ValueError: there is no episode, the episodes are of several environments, or the id is invalid. ImportError:
+            Minari is not installed.
     """
     with check.needs("a Minari data set", "minari h5py", "data"):
         import minari
@@ -436,7 +439,7 @@ def _plain(path: str, value: Any) -> Any:
 
 
 def _restored(value: Any) -> Any:
-    """Return the value that `_plain` converted to JSON types."""
+    """Return the original value of a value that `_plain` converted to JSON types."""
     if isinstance(value, Mapping):
         if set(value) == {"arm.toml"}:
             text = check.text("arm.toml", value["arm.toml"]) + "\n"  # a text, not a file's name

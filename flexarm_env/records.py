@@ -1,4 +1,4 @@
-"""Fields of frozen dataclasses as data: type, unit, bounds and one sentence of documentation.
+"""Declarations of the fields of frozen dataclasses: type, unit, bounds and one sentence of documentation.
 
     @described
     @dataclass(frozen=True)
@@ -33,7 +33,7 @@ RULE = "rule"
 
 @dataclass(frozen=True)
 class Rule:
-    """Rule for the values of a dataclass field, with the field's documentation.
+    """Rule that the values of a dataclass field must satisfy, with the field's documentation.
 
     Attributes:
         text: one sentence of documentation, without unit and bounds. unit: SI unit, or "" for a number without unit.
@@ -53,7 +53,7 @@ class Rule:
 
     @property
     def allowed(self) -> str:
-        """Phrase for the permitted values, as in error messages: "must be a positive number (kg)"."""
+        """Phrase that states the permitted values in error messages: "must be a positive number (kg)"."""
         try:
             self.check("", object())
         except check.InvalidValue as error:
@@ -90,7 +90,7 @@ def value(
     rule: Callable[[str, Any], Any], json: Mapping[str, Any], text: str, unit: str = "", default: Any = MISSING,
     *, optional: bool = False,
 ) -> Any:  # fmt: skip
-    """Declare a field with a value of any other kind.
+    """Declare a field with a value that is neither a number nor a word.
 
     rule: function that validates the value. json: JSON schema of the value. text: one sentence of documentation.
     """
@@ -133,7 +133,7 @@ def _required(kind: Any) -> list[str]:
 def described(kind: type[T]) -> type[T]:
     """Append the fields with sentence, unit and bounds to the docstring of a class, as its arguments.
 
-    Arguments that the docstring already describes come first. Their descriptions replace the fields' sentences.
+    The descriptions of arguments that the docstring already contains come first and replace the fields' sentences.
     """
     text = inspect.cleandoc(kind.__doc__ or "")
     lines = [] if "\nArgs:\n" in text else ["", "Args:"]

@@ -57,14 +57,14 @@ def make_sb3_vec(
             ended episodes, because Stable-Baselines3 does not read them in other steps.
         vectorization_mode: "vector_entry_point" (the native one), or "sync" or "async" for n_envs single environments.
         wrappers: functions or classes that wrap each single environment, the first one innermost. The native vector
-            environment has no single environments; with wrappers, "vector_entry_point" is therefore "sync".
+            environment has no single environments, so with wrappers "vector_entry_point" means "sync".
         lengths: factors on the links' lengths. The environments are divided among these factors (`envs.lengths`).
         around: a controller whose torques are added to the actions (`flexarm_env.around.AroundControllerVector`).
-        kwargs: keywords of the environment.
+        kwargs: keyword arguments of the environment.
     Returns:
         VecNormalize(VecMonitor(GymnasiumVecEnv)), without the wrappers that are not requested.
     Raises:
-        ValueError: n_envs is below 1, or a native vector environment cannot reset in the step that ends an episode.
+        ValueError: n_envs is below 1, or the native vector environment does not support same-step autoreset.
             Errors of the environment for its keywords are also raised.
     """
     n_envs = check.integer("n_envs", n_envs, minimum=1)
@@ -108,9 +108,9 @@ class GymnasiumVecEnv(VecEnv):
     """Adapter from a Gymnasium VectorEnv in same-step autoreset mode to a VecEnv.
 
     Args:
-        env: the vector environment.
-        info_keys: entries of the environment's info that every step returns. At the end of an episode all entries are
-            returned, with "terminal_observation" and "TimeLimit.truncated".
+        env: the vector environment with same-step autoreset. info_keys: entries of the environment's info that every
+            step returns. At the end of an episode all entries are returned, with "terminal_observation" and
+            "TimeLimit.truncated".
     Raises:
         ValueError: the autoreset mode is not same-step. Stable-Baselines3 requires the first observation of the next
             episode together with the last reward.
@@ -159,11 +159,11 @@ class GymnasiumVecEnv(VecEnv):
         return observations, some
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Store the actions (n_envs, ...) for `step_wait`."""
+        """Store the actions (n_envs, ...), which `step_wait` then applies."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], Infos]:
-        """Step the environments.
+        """Step all environments with the stored actions.
 
         Returns observations, rewards (n,) float32, dones (n,) and infos. Where an episode ended, the observation is the
         first of the next episode.
@@ -276,7 +276,7 @@ class GymnasiumVecEnv(VecEnv):
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Indices = None
     ) -> list[bool]:
-        """Return whether each environment in `indices` has the wrapper.
+        """Return for each environment in `indices` whether it has the wrapper.
 
         The environments of a native vector environment have no wrappers."""
         singles = getattr(self.env, "envs", None)

@@ -77,7 +77,7 @@ class Shape:
         raise NotImplementedError
 
     def to_dict(self) -> dict[str, Any]:
-        """Return a table from which `shape_of` makes an equal shape."""
+        """Return a table (dict) from which `shape_of` makes an equal shape."""
         fields = {name: getattr(self, name) for name in check.names_of(type(self))}
         return {"shape": self.name, **{name: value for name, value in fields.items() if value is not None}}
 
@@ -105,7 +105,7 @@ class HalfSpace(Shape):
 
     @property
     def place(self) -> Point:
-        """A point of the surface, m."""
+        """A point of the half-space's surface, m."""
         return self.point
 
     def _local(self, y: Array) -> tuple[Array, Array]:
@@ -145,7 +145,7 @@ class Box(Shape):
     """A cuboid (in 2-D: a rectangle).
 
     center: position of the center, m. sides: full lengths of the sides, m. turn: rotation of the box: in 2-D an angle
-    (rad), in space a matrix of three rows or (axis, angle), None for no rotation.
+        (rad), in space a rotation matrix or (axis, angle); None for no rotation.
     """
 
     center: Point
@@ -154,7 +154,7 @@ class Box(Shape):
     name: ClassVar[str] = "box"
 
     def __post_init__(self) -> None:
-        """Validate the fields. turn: an angle, rad, in the plane, and a rotation in space."""
+        """Validate the fields of the box. turn: an angle, rad, in the plane, or a rotation in space."""
         center, sides = _point("center", self.center), _point("sides", self.sides)
         if len(center) != len(sides):
             raise check.InvalidValue("sides", self.sides, f"must have {len(center)} numbers, as center has")
@@ -172,7 +172,7 @@ class Box(Shape):
 
     @property
     def axes(self) -> Array:
-        """Axes along the sides, as columns."""
+        """Axes along the sides of the box, as columns of a matrix."""
         if self.turn is None or self.dimension == 3:
             return np.eye(self.dimension) if self.turn is None else np.array(self.turn)
         c, s = math.cos(self.turn), math.sin(self.turn)
@@ -205,12 +205,12 @@ class Cylinder(Shape):
 
     @property
     def place(self) -> Point:
-        """Middle of the axis, m."""
+        """Position of the middle of the cylinder's axis, m."""
         return tuple(0.5 * (a + b) for a, b in zip(self.start, self.end, strict=True))
 
     @property
     def axes(self) -> Array:
-        """Axes as columns of a matrix. The third column is the cylinder's axis."""
+        """Axes of the cylinder as columns of a matrix. The third column is the cylinder's axis."""
         along = np.subtract(self.end, self.start) / math.dist(self.start, self.end)
         least = np.eye(3)[np.argmin(np.abs(along))]
         first = np.cross(least, along)
@@ -219,7 +219,7 @@ class Cylinder(Shape):
 
     @property
     def sizes(self) -> Point:
-        """Radius and half of the length, m."""
+        """Radius and half of the length of the cylinder, m."""
         return self.radius, 0.5 * math.dist(self.start, self.end)
 
     def _local(self, y: Array) -> tuple[Array, Array]:
@@ -239,7 +239,7 @@ def _unit(y: Array) -> tuple[Array, Array]:
 
 
 def _corner(q: Array) -> tuple[Array, Array]:
-    """Return signed distance and gradient in the coordinates of a corner; all of them are negative inside."""
+    """Return signed distance and gradient from coordinates relative to a corner, which are all negative inside."""
     outside, inside = np.maximum(q, 0.0), q.max(axis=-1)
     length, slope = _unit(outside)
     nearest = np.eye(q.shape[-1])[np.argmax(q, axis=-1)]
@@ -263,7 +263,7 @@ def shape_of(path: str, value: Any, dimension: int) -> Shape:
 
 
 def _from_table(path: str, value: Any) -> Shape:
-    """Return the shape of a table, in which `shape` names the class."""
+    """Make a shape from a table, in which the key `shape` names the class."""
     table = check.table_of(path, value)
     kinds: Mapping[str, Any] = {kind.name: kind for kind in SHAPES}
     words = tuple(kinds)

@@ -1,7 +1,8 @@
 """Prescribed functions of time for motions and loads, with exact first and second derivatives.
 
 A :class:`TimeFunction` is a list of pieces, each a cubic plus one sine, in one float64 array for compiled code. The
-value or a derivative may jump between pieces. A time step must end at these ``kinks`` (docs/theory.md, integration).
+value or a derivative may jump between pieces. A time step must end at each such instant, called a *kink*
+(docs/theory.md, integration).
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class TimeFunction:
 
         value(t) = c0 + c1 s + c2 s^2 + c3 s^3 + A sin(w s + p),   s = t - t0,   for t0 <= t < next t0
 
-    The first piece is also valid before its ``t0``, and the last piece extends to infinity. ``kind`` and ``parameters``
+    The first piece is also used before its ``t0``, and the last piece extends to infinity. ``kind`` and ``parameters``
     record how the function was made, as in a TOML file. Two functions are equal if their pieces are equal.
     """
 
@@ -87,12 +88,12 @@ class TimeFunction:
 
     @property
     def start(self) -> float:
-        """Value at t = 0."""
+        """Value of the function at t = 0."""
         return self(0.0)
 
     @property
     def end(self) -> float:
-        """Start (s) of the last piece."""
+        """Instant (s) at which the last piece starts."""
         return float(self.pieces[-1, T0])
 
     @cached_property
@@ -124,7 +125,8 @@ class TimeFunction:
         return tuple(at[jumping].tolist())
 
     def _size(self, order: int) -> float:
-        """Return the largest magnitude of a derivative's terms, at least the value's over a power of the span."""
+        """Return the magnitude of a derivative: its largest term, or the value's magnitude over a power of the
+        duration."""
         p, size = self.pieces, 0.0
         lengths = np.append(np.diff(p[:, T0]), 0.0)
         span = float(p[-1, T0] - p[0, T0])
@@ -143,7 +145,7 @@ class TimeFunction:
         return TimeFunction(pieces)
 
     def with_times(self, times: Mapping[float, float]) -> TimeFunction:
-        """Return the function with other starts of pieces. times: dict from old to new starts, s."""
+        """Return the function with other start times of its pieces. times: dict from old to new start times, s."""
         pieces = self.pieces.copy()
         pieces[:, T0] = [times.get(t, t) for t in pieces[:, T0].tolist()]
         return TimeFunction(pieces, self.kind, self.parameters)
@@ -185,7 +187,7 @@ def _increasing(path: str, t: Array) -> None:
 
 
 def _row(t0: float, c0: float = 0.0, c1: float = 0.0, c2: float = 0.0, c3: float = 0.0, *sine: float) -> list[float]:
-    """Return a row of pieces. sine: amplitude, rate, phase, or no arguments for a row without sine."""
+    """Return one row of `pieces`. sine: amplitude, angular frequency and phase of the sine, if the row has one."""
     return [t0, c0, c1, c2, c3, *(sine or (0.0, 0.0, 0.0))]
 
 
@@ -203,7 +205,8 @@ def constant(value: float) -> TimeFunction:
 
 
 def pulse(value: float, t_end: float, t_start: float = 0.0) -> TimeFunction:
-    """Return ``value`` from ``t_start`` to ``t_end`` (s), otherwise 0. For loads only, because the value jumps."""
+    """Return a pulse: ``value`` from ``t_start`` to ``t_end`` (s), otherwise 0. For loads only, because the value
+    jumps."""
     value = check.number("value", value)
     t_start = check.number("t_start", t_start, "s", minimum=0.0)
     t_end = check.number("t_end", t_end, "s", above=t_start)
@@ -293,8 +296,9 @@ def _with_ends_held(t: Array, y: Array, rows: list[list[float]]) -> list[list[fl
 
 
 def linear_table(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
-    """Return straight lines between the rows t (n,) s and y (n,), n >= 2; then the last value. Each row is a kink.
-    Raises ValueError for fewer rows, and for a row whose time does not increase or whose value is not finite."""
+    """Return straight lines between the rows of t (n,), s, and y (n,), n >= 2; after the last row the last value. Each
+    row is a kink. Raises ValueError for fewer rows, and for a row whose time does not increase or whose value is not
+    finite."""
     time, value = _columns(t, 2, y=y)
     slopes = np.diff(value) / np.diff(time)
     rows = [_row(*row) for row in zip(time[:-1], value[:-1], slopes, strict=True)]
@@ -302,8 +306,9 @@ def linear_table(t: Sequence[float] | Array, y: Sequence[float] | Array) -> Time
 
 
 def steps(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
-    """Return the value y (n,) from each time t (n,) s to the next; 0 before the first. For loads only: the value jumps.
-    Raises ValueError for no row, and for a row whose time does not increase or whose value is not finite."""
+    """Return a step function: y[k] from the time t[k] (s) to the next time t[k + 1], and 0 before the first time. For
+    loads only: the value jumps. Raises ValueError for no row, and for a row whose time does not increase or whose value
+    is not finite."""
     time, value = _columns(t, 1, y=y)
     rows = [_row(*row) for row in zip(time, value, strict=True)]
     return _of_pieces("steps", [_row(0.0), *rows] if time[0] > 0.0 else rows, t=time, y=value)
@@ -346,8 +351,10 @@ def hermite_table(
     """Return cubics with the rows' values and rates (C1); with accelerations, three cubics per interval (C2).
 
     Args:
-        t (n,): s, increasing. psi (n,): rad or m. psi_dot (n,): 1/s. psi_ddot (n,): 1/s^2, or None.
-    After the last row the value is constant; a rate other than 0 makes this row a kink. ValueError names the row.
+        t (n,): increasing instants, s. psi (n,): values, rad or m. psi_dot (n,): first derivatives of the values.
+            psi_ddot (n,): second derivatives of the values, or None.
+    After the last row the value is constant; a rate other than 0 makes this row a kink. Raises ValueError that names
+    the row for an invalid row.
     """
     if psi_ddot is None:
         time, y, v = _columns(t, 2, psi=psi, psi_dot=psi_dot)
@@ -417,11 +424,11 @@ def from_csv(
     """Return :func:`table` of a CSV file whose first line names its columns.
 
     Args:
-        path: the file. interpolation: as in :func:`table`.
+        path: the CSV file. interpolation: as in :func:`table`.
         column: name of the column of values (rad, m, N, N m), so that one file can serve several motions and loads.
             None: the file has only the columns t, psi[, psi_dot[, psi_ddot]]. Other columns are ignored.
         time: column of the instants, s. rate, acceleration: columns of the values' derivatives, if present.
-        scale: factor on values and derivatives (units, gears).
+        scale: factor on values and derivatives, for example for units or a gear ratio.
     Raises:
         ValueError: the message names the file, the column and the row. OSError: the file cannot be read.
     """

@@ -26,12 +26,13 @@ Tensor = torch.Tensor
 
 
 class DifferentiableArms:
-    """n arms of an environment. States are tensors (n, S), and `step` and `observe` have first derivatives.
+    """n arms of an environment with derivatives by PyTorch. States are tensors (n, S), and `step` and `observe` have
+    first derivatives.
 
     Tensors are float64 on the CPU and share memory with NumPy arrays. States and actions of another type are converted
     to float64, and the gradients have the type of the state or action. Episodes do not end, nothing is drawn at random
-    within an episode, and no derivative crosses a `reset`. The caller decides which arms restart, and replaces their
-    states by new states (`torch.where`). Actions are clipped to +-1; derivatives by clipped actions are zero.
+    within an episode, and no derivative crosses a `reset`. To restart arms, the caller replaces their states by new
+    states (`torch.where`). Actions are clipped to +-1; derivatives by clipped actions are zero.
 
     Args:
         id: id of an environment of this package. n: number of arms. keywords: keywords of the environment and its
@@ -39,8 +40,8 @@ class DifferentiableArms:
     Attributes:
         arms: the `Arms`, with names and sizes of states. n: number of arms. observation_space, action_space: spaces of
             one arm.
-        failed (n,) bool: whether the solver failed in the last `step`; results are then NaN.
-        past (n,) bool: whether a joint was beyond its limits, so that the environment would end the episode.
+        failed (n,) bool: True if the solver failed in the last `step`; the results of this arm are then NaN.
+        past (n,) bool: True if a joint is beyond its limits, where the environment would end the episode.
     Raises:
         ValueError: a feature has no derivatives (see `Arms`), or tensors have wrong shapes or are not on the CPU.
     """
@@ -71,12 +72,12 @@ class DifferentiableArms:
         return after, seen, paid
 
     def close(self) -> None:
-        """Stop the threads."""
+        """Stop the threads that step the arms."""
         self.arms.close()
 
 
 def _numbers(name: str, value: Tensor) -> NDArray[np.float64]:
-    """Return a tensor's numbers as float64, without a copy if they already are float64."""
+    """Return a tensor's numbers as a float64 array, without a copy if they already are float64."""
     if not isinstance(value, Tensor) or value.is_complex():
         raise check.InvalidValue(name, value, "must be a tensor of real numbers")
     if value.device.type != "cpu":

@@ -82,7 +82,7 @@ def frequencies(arm: Arm) -> dict[str, float]:
 
 
 def _margins(name: str, setup: Setup) -> Any:
-    """Return the stability margins of a controller with default gains, or None if the arm has no such controller."""
+    """Return the stability margins of a controller with default gains, or None if the arm does not support it."""
     try:
         gains = tuned_gains(name, setup.task, setup.n_joints)
     except check.InvalidValue:

@@ -1,6 +1,6 @@
 """Exit codes and error messages of all commands.
 
-Exit codes: 0 done. 1 the run ended early (its status is in the output), or a check failed. 2 the input is wrong, or
+Exit codes: 0 success. 1 the run ended early (its status is in the output), or a check failed. 2 the input is wrong, or
 something is missing. 3 a run is inaccurate, and --strict was given. 4 `flexarm run` ended early; `ended` in the output
 gives the reason (the watchdog expired, a limit holds the arm, ...). 130 interrupted. An error is one sentence on
 standard error.

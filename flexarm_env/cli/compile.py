@@ -59,7 +59,8 @@ def clean(as_json: bool) -> int:
 
 
 def environments(formulation: str | None) -> Iterator[Use]:
-    """Compile the programs of each environment, single and vector. formulation: None for the default."""
+    """Compile the programs of each environment, single and vector. formulation: beam formulation; None for the
+    default."""
     import gymnasium as gym
 
     options: dict[str, Any] = {} if formulation is None else {"formulation": formulation}
@@ -116,7 +117,7 @@ def _scenes(formulation: str | None) -> Iterator[Use]:
 
 
 def _commands() -> list[Use]:
-    """Return the uses of commands beyond environments and scenes: policies, controllers, gradients."""
+    """Return functions that use features beyond environments and scenes: policies, controllers, gradients."""
     import gymnasium as gym
     import numpy as np
 
@@ -175,7 +176,7 @@ def _commands() -> list[Use]:
 def cache_report(said: list[str]) -> dict[str, Any]:
     """Return the folder of compiled code, whether the folder is writable, and a sentence if it is not.
 
-    said: texts of the warnings that were collected during compilation.
+    said: texts of the warnings that compilation caused.
     """
     from flexarm_env.compiler import UNCOMPILED, objects
 

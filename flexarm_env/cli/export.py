@@ -89,7 +89,7 @@ def _around(args: argparse.Namespace, policy: AroundPolicy, out: Path) -> tuple[
 
 
 def _controller(args: argparse.Namespace, out: Path) -> int:
-    """Export a controller as C source or FMU, depending on the flags; return the exit code."""
+    """Export a controller as C source or as an FMU, depending on the flags; return the exit code."""
     if args.to not in ("c", "fmu"):
         raise check.InvalidValue("--to", args.to, "must be c or fmu for a controller")
     if args.env is None:
@@ -140,7 +140,7 @@ def _arm(args: argparse.Namespace, out: Path) -> int:
 
 
 def _arms() -> tuple[str, ...]:
-    """Return the words that `environment` accepts."""
+    """Return the list of words that the function `environment` accepts."""
     return (*own_ids(), *(task.id for task in suite.tasks(earlier=True)), *arms.names())
 
 

@@ -38,7 +38,7 @@ class Keyboard:
         self.joints, self.held = joints, held
 
     def reset(self, observation: NDArray[np.float32]) -> None:
-        """Do nothing: the keyboard has no memory."""
+        """Do nothing at the start of an episode: keyboard control has no memory."""
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the full torque in the direction of each pressed key; with shift, a smaller torque."""
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def choose(word: str, flag: str = "--policy") -> NamedPolicy:
-    """Return the policy that a word names, or the keyboard. Raises ValueError for an unknown word."""
+    """Return the policy that a word names, or the policy of the keyboard. Raises ValueError for an unknown word."""
     if word == KEYBOARD:
         return NamedPolicy(word, "", {}, _keyboard)
     found = find_policy(word, flag)
@@ -112,7 +112,7 @@ def play(env: Any, player: NamedPolicy, seeds: range, outcomes: list[dict[str, A
 
 
 def _picture(env: Any) -> Iterator[NDArray[np.uint8]]:
-    """Return the present picture; None if there is a window."""
+    """Return the present picture of the environment; None if the environment has a window."""
     if env.render_mode == "rgb_array":
         yield env.render()
 
@@ -129,7 +129,7 @@ def keywords(text: str | None) -> dict[str, Any]:
 
 
 def _environment(args: argparse.Namespace, player: NamedPolicy, mode: str | None) -> Any:
-    """Make the environment, with recording.
+    """Make the environment, with a recorder of its episodes.
 
     The environment's keywords are the policy's keywords; the user's keywords override them.
     """

@@ -18,7 +18,8 @@ class ProgressBar:
         self._drawn = ""
 
     def __call__(self, share: float) -> None:
-        """Draw the bar at a share (0 to 1) of the work with the remaining time; nothing in the first half second."""
+        """Draw the bar at a fraction (0 to 1) of the work, with the remaining time; silent for the first half
+        second."""
         spent = time.monotonic() - self._start
         if not self._visible or spent < self._after:
             return

@@ -119,7 +119,7 @@ def _film(trajectory: Any, path: Path, speed: float) -> Path:
 
 
 def _errors(trajectory: Any, reference: Columns) -> dict[str, Any]:
-    """Return max_tip_error and rms_tip_error; nan with a reason if no instants can be compared."""
+    """Return the entries max_tip_error and rms_tip_error; nan with a reason if no instants can be compared."""
     try:
         return dict(tip_error(trajectory.t, trajectory.tip, reference, trajectory.start).found())
     except ValueError:

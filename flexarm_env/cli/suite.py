@@ -135,7 +135,7 @@ def _best(wanted: Sequence[Task], as_json: bool) -> int:
 
 
 def _summary(results: Results, notes: Mapping[str, str], wanted: Sequence[Task], folder: Path) -> dict[str, Any]:
-    """Return the printed values of a policy."""
+    """Return the values of a policy that the command prints."""
     own = [task for task in wanted if task.id in results.tasks]
     found = {task.id: summary(task, results.tasks[task.id]) | {"note": notes.get(task.id, "")} for task in own}
     return {"policy": results.name, "run": results.run, "file": str(folder / results.file), "tasks": found}

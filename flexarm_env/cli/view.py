@@ -64,7 +64,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _checked(args: argparse.Namespace) -> list[str]:
-    """Return the kind of each run. Raises ValueError for an unknown word, or a flag that no run uses."""
+    """Return the kind of each run that the command shows. Raises ValueError for an unknown word, or a flag that no run
+    uses."""
     kinds = [_kind(word) for word in args.runs]
     for flag, kind in FLAGS.items():
         if getattr(args, flag) is not None and kind not in kinds:
@@ -74,7 +75,7 @@ def _checked(args: argparse.Namespace) -> list[str]:
 
 
 def _kind(word: str) -> str:
-    """Return the kind of run that a word names: "episodes", "trajectory", "scene" or "player"."""
+    """Return the kind of run that a word names: "episodes", "trajectory", "scene" or "player" (policy, controller)."""
     path = Path(word)
     if path.suffix == ".npz" and path.is_file():
         held = npz_names(path, "trajectory, episodes or policy")
@@ -107,7 +108,7 @@ def _clip(word: str, kind: str, seed: int, args: argparse.Namespace, shared: dic
 
 
 def _who(word: str, seed: int) -> NamedPolicy:
-    """Return a player by name; for a suite task, return the best known policy of the episode with this seed."""
+    """Return the policy that a word names; for a suite task, the best known policy of the episode with this seed."""
     if word not in best.known():
         return choose(word, "RUN")
     kept = best.record(task(word))
@@ -142,7 +143,7 @@ def _of_scene(scene: Scene, word: str, args: argparse.Namespace) -> Trajectory:
 def _shared(args: argparse.Namespace, kinds: Sequence[str], seed: int) -> dict[str, Any]:
     """Return id and keywords of the environment in which controllers play.
 
-    The environment is --env, or that of the first named policy. The keywords are this policy's, overridden by
+    The environment is --env, or that of the first named policy. The keywords are those of this policy, overridden by
     --env-kwargs.
     """
     given = keywords(args.env_kwargs)

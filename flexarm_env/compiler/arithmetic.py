@@ -1,11 +1,11 @@
 """Arithmetic of kernels with Python's meaning; operations on operands known at compile time are folded.
 
 Integers have 64 bits and wrap around. Floor division rounds down, and a remainder has the sign of the divisor. Division
-by zero gives 0 for integers (Python raises an error) and NaN for floats. A shift by 64 or more gives 0. The compiler
-evaluates operations on known numbers in Python.
+by zero gives 0 for integers (Python raises an error) and NaN for floats. A shift by 64 or more gives 0. Operations on
+numbers known at compile time are evaluated by Python.
 
-In all functions b is the LLVM IR builder. The operands x and y are items (`kinds`): Python numbers known at compile
-time, or values of run time.
+In all functions b is the LLVM IR builder. The operands x and y are *items* (`kinds`): either Python numbers that are
+known at compile time, or LLVM values that are known at run time.
 """
 
 import math
@@ -50,7 +50,7 @@ def whole_kind(x: Any) -> bool:
 
 
 def number(b: Any, x: Any) -> Value:
-    """Convert x to a `Value` (float64 or lanes). Raises Refused if x is not a number."""
+    """Convert x to a `Value` (float64 or lanes). Raises a compile error (`Refused`) if x is not a number."""
     if isinstance(x, Value):
         return x
     if isinstance(x, Integer):
@@ -83,7 +83,8 @@ def whole(b: Any, x: Any, unsigned: bool = False) -> Any:
 
 
 def truth(b: Any, x: Any) -> Any:
-    """Convert x to a truth value: a bool if x is known, otherwise an LLVM i1. Raises Refused for lanes and arrays."""
+    """Convert x to a truth value: a bool if x is known at compile time, otherwise an LLVM i1. Raises a compile error
+    (`Refused`) for lanes and arrays."""
     if isinstance(x, Truth):
         return x.value
     if isinstance(x, Integer | Narrow) and whole_kind(x):
@@ -101,7 +102,7 @@ def truth(b: Any, x: Any) -> Any:
 def element(b: Any, found: Any, letter: str) -> Any:
     """Convert a loaded array element to an item: float32 becomes float64, uint8 becomes i64, bool becomes i1.
 
-    letter: element type of the array, a key of `kinds.NUMBERS`.
+    letter: letter of the array's element type, a key of `kinds.NUMBERS`.
     """
     if letter in "iu":
         return Integer(found, letter == "u")
@@ -135,7 +136,8 @@ def far_from_exact(x: Any, y: Any) -> bool:
 
 
 def binary(b: Any, op: str, x: Any, y: Any) -> Any:
-    """Emit the code of x op y, where op names an AST operator class (`Add`, `FloorDiv`). Known operands are folded."""
+    """Emit the code of x op y, where op names an AST operator class (`Add`, `FloorDiv`). Python evaluates the operation
+    if both operands are known at compile time."""
     _reckonable(x, y)
     if known(x) and known(y):
         # Python would raise at run time; here it is a compile error
@@ -166,7 +168,8 @@ def binary(b: Any, op: str, x: Any, y: Any) -> Any:
 
 
 def _of_tuples(op: str, x: Any, y: Any) -> Any:
-    """Concatenate two tuples, or repeat a tuple a known number of times. Raises Refused for other operations.
+    """Concatenate two tuples, or repeat a tuple a number of times known at compile time. Raises a compile error
+    (`Refused`) for other operations.
 
     Two tuples that both contain run-time numbers are refused, too: Python would join the tuples, but the sum of vectors
     is meant.
@@ -182,7 +185,8 @@ def _of_tuples(op: str, x: Any, y: Any) -> Any:
 
 
 def _unsigned(x: Any, y: Any) -> bool:
-    """Return whether integer operands are unsigned. Raises Refused for one signed and one unsigned operand."""
+    """Return whether integer operands are unsigned. Raises a compile error (`Refused`) for one signed and one unsigned
+    operand."""
     # known Python integers adapt to the other operand
     kinds = {item.unsigned for item in (x, y) if isinstance(item, Integer)}
     kinds |= {True for item in (x, y) if isinstance(item, np.uint64)}
@@ -192,7 +196,7 @@ def _unsigned(x: Any, y: Any) -> bool:
 
 
 def _wholes(b: Any, op: str, x: Any, y: Any) -> Any:
-    """Emit an integer operation and return an `Integer`; for two truth values only &, | and ^, with a `Truth`."""
+    """Emit an integer operation and return an `Integer`; of two truth values only &, | and ^ return a `Truth`."""
     unsigned = _unsigned(x, y)
     p, q = whole(b, x, unsigned), whole(b, y, unsigned)
     if isinstance(x, Truth) and isinstance(y, Truth):
@@ -212,9 +216,9 @@ def _wholes(b: Any, op: str, x: Any, y: Any) -> Any:
 
 
 def _shifted(b: Any, op: str, p: Any, q: Any, unsigned: bool) -> Any:
-    """Write p << q or p >> q (arithmetic for signed); q >= 64 gives 0, or -1 for negative p shifted right.
+    """Emit p << q or p >> q (arithmetic for signed p); q >= 64 gives 0, or -1 for negative p shifted right.
 
-    The count is clamped, because LLVM's shifts are undefined from 64 places on. LLVM folds constants itself.
+    The count is clamped, because LLVM's shifts are undefined from 64 places on. LLVM evaluates constants itself.
     """
     # unsigned comparison: a negative count is large, too
     few, zero = b.icmp_unsigned("<", q, ir.Constant(WORD, 64)), ir.Constant(WORD, 0)
@@ -224,9 +228,9 @@ def _shifted(b: Any, op: str, p: Any, q: Any, unsigned: bool) -> Any:
 
 
 def _divided(b: Any, op: str, p: Any, q: Any, unsigned: bool) -> Any:
-    """Write integer p // q or p % q, rounded toward minus infinity; 0 for q = 0.
+    """Emit integer p // q or p % q, rounded toward minus infinity; the result for q = 0 is 0.
 
-    LLVM's division is undefined for q = 0 and for -2^63 / -1. In both cases q is replaced by 1.
+    LLVM's division is undefined for q = 0 and for -2^63 / -1. In these two cases q is replaced by 1.
     """
     zero, one = ir.Constant(WORD, 0), ir.Constant(WORD, 1)
     # q = 0 and q = -1 are treated apart
@@ -245,7 +249,7 @@ def _divided(b: Any, op: str, p: Any, q: Any, unsigned: bool) -> Any:
 
 
 def _floored(b: Any, op: str, p: Value, q: Value) -> Value:
-    """Write Python's `//` or `%` of float64, in the order of operations of CPython's float_divmod; q = 0 gives NaN."""
+    """Emit Python's `//` or `%` of float64, in the order of operations of CPython's float_divmod; q = 0 gives NaN."""
     zero = ir.Constant(DOUBLE, 0.0)
     # C's fmod: exact, with the sign of p
     rest = b.frem(p.value, q.value)
@@ -269,7 +273,7 @@ def _floored(b: Any, op: str, p: Value, q: Value) -> Value:
 
 
 def _signed(b: Any, x: Any, sign: Any) -> Any:
-    """Write copysign(x, sign)."""
+    """Emit copysign(x, sign)."""
     function = b.module.declare_intrinsic("llvm.copysign", [DOUBLE], ir.FunctionType(DOUBLE, [DOUBLE, DOUBLE]))
     return b.call(function, [x, sign])
 
@@ -277,7 +281,7 @@ def _signed(b: Any, x: Any, sign: Any) -> Any:
 def _power(b: Any, x: Any, y: Any) -> Any:
     """Emit the code of x ** y: 2 ** n as a shift, float64 by C's pow.
 
-    Raises Refused for lanes, tangents and other integer powers.
+    Raises a compile error (`Refused`) for lanes, tangents and other integer powers.
     """
     if whole_kind(x) and whole_kind(y):
         if known(x) and x == 2:
@@ -315,7 +319,7 @@ def negative(b: Any, x: Any) -> Any:
 def compare(b: Any, op: str, x: Any, y: Any) -> Any:
     """Emit the code of x op y and return a `Truth`, or a bool if x and y are known; op names an AST comparison.
 
-    Raises Refused for lanes.
+    Raises a compile error (`Refused`) for lanes.
     """
     sign, reckoned = COMPARED[op]
     _reckonable(x, y)
@@ -329,10 +333,10 @@ def compare(b: Any, op: str, x: Any, y: Any) -> Any:
 
 
 def _test(b: Any, sign: str, x: Any, y: Any, said: str) -> tuple[Any, Any, Any]:
-    """Write the comparison x sign y; return an LLVM i1 and both operands converted to a common type.
+    """Emit the comparison x sign y; return an LLVM i1 and both operands converted to a common type.
 
-    Two integers are compared as integers; otherwise both become float64, and NaN is unequal to everything. Lanes are
-    refused with the message `said`.
+    Two integers are compared as integers; otherwise both become float64, and NaN is unequal to everything. If an
+    operand has several lanes, the compile error has the message `said`.
     """
     if whole_kind(x) and whole_kind(y):
         unsigned = _unsigned(x, y)
@@ -348,7 +352,8 @@ def _test(b: Any, sign: str, x: Any, y: Any, said: str) -> tuple[Any, Any, Any]:
 def least(b: Any, sign: str, x: Any, y: Any) -> Any:
     """Emit the code of min(x, y) (sign "<") or max(x, y) (">").
 
-    The result is y if y is less (greater) than x, otherwise x. It is x if x or y is NaN. Raises Refused for lanes.
+    The result is y if y is less (greater) than x, otherwise x. If x or y is NaN, the result is x. Raises a compile
+    error (`Refused`) for lanes.
     """
     _reckonable(x, y)
     if known(x) and known(y):

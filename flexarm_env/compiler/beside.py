@@ -11,7 +11,8 @@ T = TypeVar("T")
 
 
 class Beside(Generic[T]):
-    """A value that is computed once: by a thread after `calls` calls of `count`, or by an earlier call of `get`.
+    """A value that is computed once: by a thread after the method `count` was called `calls` times, or earlier by
+    `get`.
 
     With calls = 0 only `get` computes the value. The thread is no daemon thread: LLVM cannot be interrupted, so the
     process waits for the thread before it exits.
@@ -24,7 +25,7 @@ class Beside(Generic[T]):
         self._thread: threading.Thread | None = None
 
     def count(self, make: Callable[[], T]) -> None:
-        """Count a call; call number `calls` starts the thread, which computes the value by calling `make`."""
+        """Count a call; the call with number `calls` starts the thread, which computes the value by calling `make`."""
         if self._left > 0:
             self._left -= 1
             if self._left == 0 and self._found is None:

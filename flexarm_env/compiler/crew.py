@@ -81,7 +81,7 @@ def _publish(board: Any, k: int, value: int) -> None:
 
 
 def _swapped(board: Any, k: int, old: int, new: int) -> bool:
-    """Compare and swap: set board[k] to `new` if it is `old`; return whether it was."""
+    """Compare and swap: set board[k] to `new` if it equals `old`; return True if it did."""
     raise NotImplementedError("threads share work in compiled code alone")
 
 
@@ -92,7 +92,7 @@ def _added(board: Any, k: int, value: int) -> int:
 
 
 def _called(function: int, address: int, first: int, last: int) -> int:
-    """Call the compiled function of three integers at an address (see `entry.native`); return its result."""
+    """Call the compiled function at an address with three integers (see `entry.native`); return its result."""
     raise NotImplementedError("threads share work in compiled code alone")
 
 
@@ -102,26 +102,26 @@ def _at(e: Any, board: Any, k: Any) -> Any:
 
 
 def _on_address(e: Any, function: Any, *words: Any) -> Integer:
-    """Write the call of `_called`: an indirect call of int64(int64, int64, int64)."""
+    """Emit the call of `_called`: an indirect call of int64(int64, int64, int64)."""
     kind = ir.FunctionType(WORD, [WORD] * 3)
     place = e.b.inttoptr(whole(e.b, function), kind.as_pointer())
     return Integer(e.b.call(place, [whole(e.b, word) for word in words]))
 
 
 def _exchange(e: Any, board: Any, k: Any, old: Any, new: Any) -> Truth:
-    """Write the compare and swap of `_swapped`, sequentially consistent."""
+    """Emit the compare and swap of `_swapped`, sequentially consistent."""
     found = e.b.cmpxchg(_at(e, board, k), whole(e.b, old), whole(e.b, new), "seq_cst", "seq_cst")
     return Truth(e.b.extract_value(found, 1))
 
 
 def _sum(e: Any, board: Any, k: Any, value: Any) -> Integer:
-    """Write the atomic addition of `_added`."""
+    """Emit the atomic addition of `_added`."""
     more = whole(e.b, value)
     return Integer(e.b.add(e.b.atomic_rmw("add", _at(e, board, k), more, "seq_cst"), more))
 
 
 def _write(e: Any, board: Any, k: Any, value: Any) -> None:
-    """Write the atomic store of `_publish`."""
+    """Emit the atomic store of `_publish`."""
     e.b.store_atomic(whole(e.b, value), _at(e, board, k), "seq_cst", 8)
 
 
@@ -140,7 +140,8 @@ def _share(boards, me, task):
     """Run the task's function on the thread's own part of the groups, then steal from other threads' parts.
 
     boards: BOARD int64 numbers for each worker, then the caller's; PART of a board: the remaining groups of its owner.
-    me: number of the thread's board. task: number of the task. The function and its argument are on the caller's board.
+    me: number of the thread's board. task: number of the task. The caller's board contains the address of the task's
+        function and the function's argument.
     Returns whether the thread finished the task's last group.
     """
     members, last_one = boards.shape[0] // BOARD, False
@@ -266,7 +267,7 @@ class _Worker:
                 self._board[STATE] = AWAKE
 
     def wake(self) -> None:
-        """Release the worker's lock if the worker has been called while asleep, or about to block."""
+        """Release the worker's lock if another thread has called the worker while it slept or was about to sleep."""
         if self._board[STATE] == CALLED and self._go.locked():
             self._go.release()
 
@@ -285,7 +286,7 @@ _workers: weakref.WeakSet[_Worker] = weakref.WeakSet()
 def _end_all(seconds: float = 2.0) -> None:
     """Stop all threads before the interpreter ends, which frees machine code and arrays that they use.
 
-    seconds: longest wait for each. A forked child has only copies of its parent's threads.
+    seconds: longest time, s, to wait for each thread. A forked child has only copies of its parent's threads.
     """
     running = [worker for worker in tuple(_workers) if worker.thread.is_alive()]
     for worker in running:
@@ -313,7 +314,7 @@ class Crew:
         """Return the sum of function(address, first, last) over parts of range(groups).
 
         function: address of the function's machine code. address: first argument of the function. groups: number of
-        groups.
+            groups of arms.
         """
         # a forked child has the objects, but not the threads
         if self._process != os.getpid():

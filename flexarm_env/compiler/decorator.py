@@ -37,9 +37,9 @@ UNCOMPILED = MODE == "python"
 class Kernel:
     """A compiled function of numbers, NumPy arrays and named tuples of numbers and arrays (docs: The compiler).
 
-    function: the Python function. attributes: LLVM attributes of the function. often: whether the kernel is an
-    `entry_point`. superword: whether the kernel has the decorator `superword`. forms: compiled specializations, by the
-    kinds of the arguments.
+    function: the Python function. attributes: LLVM attributes of the function. often: True if the kernel is an
+        `entry_point`. superword: True if the kernel has the decorator `superword`. forms: compiled versions of the
+        kernel, by the types of the arguments.
     """
 
     run: ClassVar[Callable[[Kernel, Sequence[Any]], Any]]  # `entry.call`
@@ -86,7 +86,8 @@ def completed(
     """Return a value for each parameter name in order, from positional and named arguments and defaults.
 
     word: name of the function for error messages. names: parameter names. defaults: default values by parameter name.
-    items: positional arguments. named: keyword arguments. Raises Refused for a missing, unknown or duplicate argument.
+    items: positional arguments. named: keyword arguments. Raises a compile error (`Refused`) for a missing, unknown or
+        duplicate argument.
     """
     given = list(items)
     # parameters after the positional arguments
@@ -144,8 +145,8 @@ def _run_by_python(function: Callable[..., Any], items: Sequence[Any], named: Ma
 def _check_lanes(function: Callable[..., Any], items: Sequence[Any], named: Mapping[str, Any]) -> None:
     """Raise RuntimeError for a kernel with lane arrays (`lane_arrays`) under a tag of more than one lane.
 
-    Python would index single numbers instead of elements. Kernels without annotations are checked when they load
-    (`lanes`).
+    Python would index single numbers instead of elements. Kernels without annotations raise
+    the same error when they load an element (`lanes.load`).
     """
     if not lane_parameters(function):
         return

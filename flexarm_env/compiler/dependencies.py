@@ -45,8 +45,8 @@ class Description:
     """Text that describes the dependencies of a program.
 
     Attributes:
-        words: the description: strings for the kernel, for classes of its arguments, and for each function that the
-            program uses.
+        words: the description as strings: for the kernel, for the classes of its arguments, and for each function that
+            the program uses.
         guide: data with which `now` repeats the description: whether each function was compiled, and the global names
             that the function reads. classes: named tuple classes that the program uses, by module and qualified name.
     """
@@ -79,7 +79,7 @@ class Description:
 
     @classmethod
     def now(cls, root: Any, shapes: Sequence[Any], chosen: Sequence[str], guide: Sequence[Any]) -> Description:
-        """Describe the same program from today's objects, for comparison with the stored words.
+        """Describe the same program from the objects of this process, for comparison with the stored words.
 
         root: the program's kernel. shapes: the kernel's argument types. chosen: names of the functions in the program
         that `Family` chose by class. guide: `Description.guide` of the stored description. Raises LookupError or
@@ -119,7 +119,7 @@ class Description:
         return "; ".join(parts)
 
     def _value(self, function: Any, name: str, around: dict[str, Any], compiled: bool) -> str:
-        """Describe the object that a name of a function stands for.
+        """Describe the object to which a name in a function refers.
 
         For functions that only Python runs, at compile time, an indescribable object is described by its type.
         """
@@ -135,7 +135,7 @@ class Description:
             return type(item).__qualname__
 
     def _named(self, function: FunctionType) -> str:
-        """Describe a function: by name (the package's own), by file digest (a library's), or by a new label.
+        """Describe a function of this package by its name, of a library by its file's digest, any other by a new label.
 
         Functions with a label are described later, by `_function`.
         """
@@ -287,7 +287,8 @@ def classes_of(shape: Any) -> Iterator[Any]:
 
 
 def _foreign_classes(shapes: Sequence[Any]) -> list[Any]:
-    """Return the named tuple classes in argument types that are from outside the package; they may hold kernels."""
+    """Return the named tuple classes in argument types that are defined outside the package; they may contain
+    kernels."""
     return [cls for cls in classes_of(shapes) if not _is_own_class(cls)]
 
 
@@ -315,7 +316,7 @@ def _is_own_class(cls: Any) -> bool:
 
 
 def _file(function: Any) -> str:
-    """Return the absolute path of a function's file; "" if it is no file, as in a notebook."""
+    """Return the absolute path of the file that defines a function; "" if there is no file, as in a notebook."""
     file = _plain(function).__code__.co_filename if hasattr(_plain(function), "__code__") else ""
     return str(Path(file).absolute()) if file and Path(file).is_file() else ""
 
@@ -337,7 +338,7 @@ def _libraries() -> tuple[str, ...]:
 
 @functools.cache
 def _file_digest(file: str) -> str:
-    """Return the SHA-256 (hex) of a file. Indescribable: it cannot be read."""
+    """Return the SHA-256 (hex) of a file. Raises Indescribable if the file cannot be read."""
     try:
         return hashlib.sha256(Path(file).read_bytes()).hexdigest()
     except OSError:

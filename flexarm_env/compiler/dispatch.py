@@ -15,11 +15,11 @@ _PACKAGE = __name__.split(".")[0]
 
 
 def returns_none(*_: Any) -> None:
-    """Return None for any arguments: the default of a family's function for a class that does not register it."""
+    """Return None for any arguments: default of a family's function for classes without a registered kernel."""
 
 
 class OfPart:
-    """A family's function for a class that delegates the function to one of its fields, `part`."""
+    """Function of a family for a class that delegates this function to one of its fields, `part`."""
 
     def __init__(self, function: Any, part: str) -> None:
         self.function, self.part, self.__module__ = function, part, function.__module__
@@ -29,7 +29,7 @@ class OfPart:
         return self.function(*self._inner(args, getattr))
 
     def written(self, writer: Any, items: list[Any]) -> Any:
-        """Write the call into the kernel that is being compiled.
+        """Emit the call into the kernel that is being compiled.
 
         writer: writer of that kernel. items: arguments of the call.
         """
@@ -72,7 +72,7 @@ class Family:
             self._note(kind, name, function)
 
     def _note(self, kind: type, name: str, function: Any) -> None:
-        """Record a registration in `FOREIGN` where the class or the function is not the package's."""
+        """Record a registration in `FOREIGN` if the class or the function is defined outside the package."""
         if any(str(one.__module__).split(".")[0] != _PACKAGE for one in (kind, function)):
             # a later registration of the family replaces its earlier one
             choice = FOREIGN.setdefault(f"{kind.__module__}.{kind.__qualname__}.{name}", [])

@@ -70,7 +70,7 @@ class Elements:
     def place(self, array: Array, at: Any) -> Any:
         """Return the address of an array element, in row-major order.
 
-        Raises Refused for negative or non-integer indices.
+        Raises a compile error (`Refused`) for negative or non-integer indices.
         """
         steps = at if is_tuple(at) else (at,)
         self._check_index(array, steps)
@@ -122,7 +122,8 @@ class Elements:
         raise Refused(f"{told(item)}[{told(at)}]: elements of arrays; of tuples at known places, or of one kind")
 
     def _chosen(self, items: list[Any], at: Any) -> Any:
-        """Select one of several items of one kind by a run-time index; select the last one if no other matches."""
+        """Select one of several items of the same kind by an index known at run time; an index too large selects the
+        last."""
         found = leaves(items[-1])
         for k, item in enumerate(items[:-1]):
             here = self.b.icmp_signed("==", at, ir.Constant(WORD, k))
@@ -132,7 +133,7 @@ class Elements:
     def put(self, item: Any, at: Any, value: Any) -> None:
         """Emit item[at] = value; the value is converted to the array's element type.
 
-        Raises Refused for lanes, tangents and read-only arrays.
+        Raises a compile error (`Refused`) for lanes, tangents and read-only arrays.
         """
         if not isinstance(item, Array):
             raise Refused(f"{told(item)}: only elements of arrays get values")

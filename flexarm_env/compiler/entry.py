@@ -31,7 +31,7 @@ class Placed:
     """
 
     def __init__(self, value: Any) -> None:
-        """Write the value's words; if nothing is compiled, the address is the value itself."""
+        """Emit the value's words; if nothing is compiled, the address is the value itself."""
         self.value = value  # keeps the arrays alive
         self.address: Any = value
         if UNCOMPILED:
@@ -58,8 +58,8 @@ def entry(function: Any, placed: Placed, *arguments: int) -> Callable[..., Any]:
 def native(function: Any, placed: Placed, *arguments: int) -> int:
     """Return the address of the machine code of a kernel; 0 if compilation is disabled.
 
-    placed: the named tuple at whose address the kernel is called. arguments: up to two integers of any value, since
-    only how many integers the kernel takes is used.
+    placed: the named tuple at whose address the kernel is called. arguments: up to two integers. Only their number
+        matters, not their values.
     """
     return 0 if UNCOMPILED else _direct(function, placed, arguments).address
 
@@ -81,9 +81,10 @@ Arrays = list[NDArray[Any]]
 class _Kept(OrderedDict[int, tuple[Any, Placed, Arrays, list[Any]]]):
     """Cache of placed named tuples by identity.
 
-    An identity is unique as long as the cache holds its tuple. The oldest tuples are dropped.
+    The cache keeps each tuple alive, so that the tuple's identity stays unique. When the cache is full, the oldest
+    tuples are dropped.
 
-    If an array in a tuple has changed its shape or its writability, the tuple is placed anew.
+    If an array in a tuple has changed its shape or its writability, the tuple is written to memory again.
     """
 
     LIMIT = 256

@@ -67,7 +67,7 @@ class Expressions(Elements):
         return place
 
     def dynamic(self, item: Any) -> Any:
-        """Convert numbers known at compile time to LLVM constants, also within tuples; lane tags are unchanged."""
+        """Convert numbers known at compile time to LLVM constants, also within tuples; lane tags stay unchanged."""
         if isinstance(item, (Value, Integer, Array, Stored)):
             return item
         if isinstance(item, bool | np.bool_):
@@ -85,7 +85,8 @@ class Expressions(Elements):
         return item
 
     def parts(self, item: Any) -> Sequence[Any]:
-        """Return the items of a tuple, a range or a named tuple. Raises Refused for any other item."""
+        """Return the items of a tuple, a range or a named tuple. Raises a compile error (`Refused`) for any other
+        item."""
         if isinstance(item, Record | Stored):
             return [self.field(item, name) for name in item.instance_class._fields]
         if isinstance(item, tuple | range):
@@ -178,7 +179,7 @@ class Expressions(Elements):
     def _beside(self, item: Record | Stored, name: str) -> Any:
         """Return a class constant or property of a named tuple.
 
-        Raises Refused if there is no such attribute or if it is a method.
+        Raises a compile error (`Refused`) if there is no such attribute or if it is a method.
         """
         found = getattr(item.instance_class, name, None)
         if isinstance(found, property):
@@ -275,7 +276,7 @@ class Expressions(Elements):
         return result if isinstance(result, bool) else Truth(result)
 
     def _compared(self, op: ast.cmpop, x: Any, y: Any) -> Any:
-        """Compare x with y; `is` is decided at compile time: against None, or between static items."""
+        """Compare x with y; `is` is decided at compile time: it compares with None, or compares static items."""
         if isinstance(op, ast.Is | ast.IsNot):
             if x is not None and y is not None and not (is_static(x) and is_static(y)):
                 raise Refused("`is` asks for None in a kernel")

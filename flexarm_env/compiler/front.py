@@ -37,14 +37,14 @@ SPARED = "noimplicitfloat"
 class Module:
     """LLVM module of one program, with its functions by kernel and argument kinds.
 
-    call: the function `calls.call`, which emits calls. often: whether the program's kernel is an `entry_point`, whose
+    call: the function `calls.call`, which emits calls. often: True if the program's kernel is an `entry_point`, whose
     loops LLVM may unroll. made: dict from (function, argument kinds) to (LLVM function, template of its result). used:
     set of the global names that each Python function reads, for the cache key. invariant: LLVM metadata that marks
     loads from memory that nobody writes to.
     """
 
     def __init__(self, name: str, call: Any, often: bool) -> None:
-        """Make an empty module `name`."""
+        """Make an empty LLVM module with this name."""
         self.call, self.often = call, often
         self.code = ir.Module(name)
         self.made: dict[Any, tuple[Any, Any]] = {}
@@ -104,7 +104,7 @@ class Module:
     def take_room(self, code: Any, count: int) -> None:
         """Add `count` float64 numbers to the stack use of the LLVM function `code`.
 
-        Raises Refused if the function and its callees need more than MOST_ROOM.
+        Raises a compile error (`Refused`) if the function and its callees need more than MOST_ROOM.
         """
         room = self._rooms.setdefault(code.name, [0, 0])
         self._check_room(room, room[0] + count, room[1])
@@ -134,7 +134,7 @@ class Module:
     def spare(self) -> None:
         """Exclude functions that are never inlined from SLP vectorization, except large `superword` kernels.
 
-        Without a large `superword` kernel no function is excluded.
+        If the module has no large `superword` kernel, no function is excluded.
         """
         for code in self.code.functions if self._superword else ():
             if "noinline" in code.attributes and code not in self._superword:
@@ -143,8 +143,8 @@ class Module:
     def text(self) -> str:
         """Return the module as LLVM assembly and remove the instructions of all functions.
 
-        Instructions and blocks refer to each other. Without these cycles Python frees the instructions at once, for
-        less than its garbage collector would take.
+        Instructions and blocks refer to each other in cycles. When the instructions are removed, Python frees them at
+        once, faster than its garbage collector would.
         """
         found = str(self.code)
         for code in self.code.functions:

@@ -1,9 +1,9 @@
 """Guards of the reverse sweep: masks that keep a zero cotangent from becoming NaN in a branch that was not chosen.
 
 In the reverse sweep the operand that a select did not choose gets the cotangent 0, and 0 times an infinite slope is
-NaN. Therefore cotangents that leave the part of the graph used only by that operand are selected once more: unchanged
-if the operand was chosen, otherwise 0. In forward mode guards are not needed, because the select itself selects between
-tangents.
+NaN. The guard therefore selects the cotangents that leave the part of the graph used only by that operand: they stay
+unchanged if the operand was chosen, and become 0 otherwise. In forward mode guards are not needed, because the select
+itself selects between tangents.
 
 A node's *path* lists the conditions under which its cotangent matters. A condition is of one of two kinds: one operand
 of a select was chosen (`Side`), or the node's cotangent is not 0 (`Live`). `Live` is used for a value that several
@@ -44,7 +44,7 @@ class Side:
 class Live:
     """Guard: a node's cotangent is not 0.
 
-    test: LLVM i1 of this comparison, written as soon as the cotangent is known.
+    test: LLVM i1 that is true if the cotangent is not 0; it is written as soon as the cotangent is known.
 
     steep_alone: True if only quotients and roots need the guard, but not products.
     """
@@ -61,7 +61,7 @@ class Guards:
     """Paths of all nodes of a `Tape`, and the guards that are needed.
 
     paths: dict from the id of a node to the guards on its path. used: set of the guards on paths of nodes whose
-    pullback may turn 0 into NaN. Other guards are not needed.
+    pullback may turn 0 into NaN. A guard is needed only in front of such a pullback.
     """
 
     def __init__(self, nodes: Iterable[Any], names: set[int]) -> None:
@@ -94,7 +94,8 @@ class Guards:
         }
 
     def _is_guarded(self, load: Any) -> bool:
-        """Return whether a load may get a zero cotangent because a select or a branch did not choose the load."""
+        """Return whether a load may get the cotangent 0 because a select or a branch did not choose the loaded
+        value."""
         return bool(self.paths[id(load)]) or (load.base in self._names and load.region.is_within_branch())
 
     def side(self, node: Any, pull: Any) -> Path:

@@ -21,9 +21,9 @@ class Image:
     Attributes:
         layout: layout of the named tuple.
         words: the named tuple as 64-bit words, with 0 in place of each array address.
-        pointers: (word, byte) pairs: words[word] must be set to the address of data[byte].
+        pointers: pairs (word, byte); the loader must set words[word] to the address of data[byte].
         data: bytes of all arrays, each of which begins on a cache line.
-        changing: number of leading bytes of data that compiled code may write to.
+        changing: number of bytes at the start of data that compiled code may write to.
         places: dict from the dotted name of an array to (first byte in data, shape, NumPy dtype name).
     """
 

@@ -31,7 +31,7 @@ LETTERS = {"float64": "f", "int64": "i", "uint64": "u", "uint8": "b", "bool": "t
 class Refused(TypeError):
     """Compile error: the source uses something outside the language of kernels.
 
-    placed: whether the error message already names file and line.
+    placed: True if the error message already names file and line.
     """
 
     placed = False
@@ -150,7 +150,7 @@ class Layout:
 
 
 def described_as(part: Any, name: str) -> Any:
-    """Describe the type of an argument or field by a hashable word, tuple or `Layout`.
+    """Describe the type of an argument or field by a hashable value: a word, a tuple or a `Layout`.
 
     None, truth values and numbers are described as "none", "truth", "integer", "unsigned", "number". An array is
     (letter, number of dimensions), with "fixed" as a third entry if it is read-only. A lane tag or size is ("tag",
@@ -220,9 +220,9 @@ def words_of(value: Any) -> list[int]:
 def declared(item: Any, holds: bool | None, lane: Any) -> Any:
     """Return an argument or field as annotated: its indices count elements of all lanes, or single numbers.
 
-    holds: True if the annotation is `Lanes`, False if it is another type, None without annotation. lane: the kernel's
-    lane tag, or None. Raises Refused if `Lanes` annotates an item other than a one-dimensional float64 array, None or a
-    size.
+    holds: True if the argument's annotation is `Lanes`, False for another type, None without annotation. lane: the
+    kernel's lane tag, or None. Raises a compile error (`Refused`) if `Lanes` annotates an item other than a
+    one-dimensional float64 array, None or a size.
     """
     if isinstance(item, Array):
         if holds and (item.letter != "f" or len(item.shape) != 1):

@@ -2,9 +2,9 @@
 
 The argument `lane` of a kernel is a *lane tag*, a tuple of zeros whose length L is the number of arms advanced together
 (`SINGLE` or `EIGHT`). In an array that holds lanes, element k of all L arms lies at `[k*L : (k+1)*L]`. `load(lane,
-array, k)` returns a float64 if L = 1 and an LLVM `<L x double>` otherwise. Arithmetic and the functions below accept
-both types, so the same source is the kernel of a single arm and of a batch. No operation is contracted or reordered.
-Single arms and batches therefore give the same bits, on any x86 or Arm vector unit.
+array, k)` returns a float64 if L = 1 and an LLVM `<L x double>` otherwise. Arithmetic and the functions of this module
+accept both types, so one source serves as the kernel of a single arm and of a batch. No operation is contracted or
+reordered. Single arms and batches therefore give the same bits, on any x86 or Arm vector unit.
 
 With a longer tag, `dual(lane, D)`, the same source becomes the kernel of its derivative (forward mode). Each element is
 followed by D tangents of L numbers each: its derivatives along D directions. Every operation propagates tangents by the
@@ -32,7 +32,7 @@ def dual(lane: tuple[int, ...], tangents: int = 1) -> tuple[int, ...]:
 
 
 def shape(length: int) -> tuple[int, int]:
-    """Return the numbers of lanes and of tangents of a lane tag with `length` zeros."""
+    """Return the number of lanes and the number of tangents of a lane tag with `length` zeros."""
     count = 1 if length % len(EIGHT) else len(EIGHT)
     return count, length // count - 1
 
@@ -189,7 +189,7 @@ _C = (
 def sincos(x):
     """Return (sin x, cos x), x in rad, with the same bits in any lane.
 
-    The error is below 2e-16 for |x| < 1e6 and below 2e-16 |x| for |x| < 1e15. Larger angles give NaN.
+    The error is below 2e-16 for |x| < 1e6 and below 2e-16 |x| for |x| < 1e15. For larger angles the results are NaN.
     """
     # values without tangents; the derivatives are attached at the end
     given = without_tangents(x)

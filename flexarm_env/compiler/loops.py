@@ -13,7 +13,7 @@ from .merging import Names
 def limits_of(node: ast.For, limits: list[Any], keywords: bool) -> tuple[str, Any, Any, Any]:
     """Return (counter name, start, stop, step) of a range loop.
 
-    Raises Refused for tuple targets, a wrong number of arguments, or step 0.
+    Raises a compile error (`Refused`) for tuple targets, a wrong number of arguments, or step 0.
     """
     if not isinstance(node.target, ast.Name):
         raise Refused("a loop over a range counts by one name")
@@ -34,7 +34,7 @@ class Loop:
     """
 
     def __init__(self, nxt: Any, end: Any) -> None:
-        """Make the targets, with no paths to them yet."""
+        """Make the targets; no path leads to a target yet."""
         self.nxt, self.end = nxt, end
         self.nexts: list[Names] = []
         self.ends: list[Names] = []

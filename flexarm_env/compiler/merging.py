@@ -23,7 +23,7 @@ class Widen(Exception):
 
 
 def joined(one: Any, other: Any) -> Any:
-    """Return an item (template) of the type to which two items convert; APART if there is no common type.
+    """Return an item (template) of the type to which both items can be converted; APART if no such type exists.
 
     Neither item may be a number known at compile time.
 

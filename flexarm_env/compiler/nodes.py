@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 class Pull(NamedTuple):
     """Edge from a node to one operand: how the node's cotangent contributes to the operand's cotangent.
 
-    parent: the operand's `Node`. None if the operand is in memory, whose cotangents `apply` itself increments. apply:
+    parent: the operand's `Node`. It is None if the operand is in memory; `apply` itself then increments the cotangents
+        of this memory. apply:
     function that writes the instructions of the pullback: it maps the node's cotangent (LLVM value) to its contribution
     to the operand's cotangent. first: True or False if the node is a select and the operand its first or second choice;
     otherwise None. gathers: True if the pullback mixes lanes (sum of all lanes, insertion or extraction of one lane).
@@ -34,7 +35,7 @@ class Node:
     def __init__(
         self, value: Any, pulls: list[Pull], region: Any, test: Any = None, risky: bool = False, steep: bool = False
     ) -> None:
-        """Record the value with its edges; cotangents are set later, by the reverse sweep."""
+        """Record the value with its edges; the reverse sweep sets the cotangent later."""
         self.value, self.pulls, self.region = value, pulls, region
         self.test, self.risky, self.steep = test, risky, steep
         self.base: int | None = None
@@ -56,7 +57,7 @@ class Region:
     is_branch = False
 
     def __init__(self, tape: Any, code: Any, first: Any) -> None:
-        """Open the region at the basic block `first`, inside the tape's current region."""
+        """Open a region that begins with the basic block `first`, inside the tape's current region."""
         self.tape, self._code, self._begin = tape, code, len(code.blocks)
         self.items: list[Any] = []
         self.kept: dict[int, Any] = {}
@@ -73,7 +74,7 @@ class Region:
     def is_within_branch(self, outer: Region | None = None) -> bool:
         """Return whether the region, or a region that contains it within `outer`, is one side of a branch.
 
-        outer: a region that contains this region; None stands for the whole function.
+        outer: a region that contains this region; None means the whole function.
         """
         here: Any = self
         while here is not None and here is not outer:

@@ -107,7 +107,7 @@ def key_of(function: Any, shapes: Sequence[Any], direct: bool, *target: str) -> 
 
 @cache
 def _former() -> str | None:
-    """Return the folder in Numba's environment variable, with a warning: earlier releases took the cache from it."""
+    """Return the folder in Numba's environment variable, which earlier releases used as the cache, with a warning."""
     folder = os.environ.get(FORMER)
     if folder and not os.environ.get(VARIABLE):
         warnings.warn(f"{FORMER}: is {VARIABLE} now; it is still heeded in this release", FutureWarning, stacklevel=2)
@@ -187,7 +187,8 @@ def load(key: Key) -> tuple[bytes, Any] | None:
 
 
 def _content(path: Path) -> bytes:
-    """Return a file's bytes. OSError: it is missing, no regular file, or others could have written it."""
+    """Return a file's bytes. Raises OSError if the file is missing, is no regular file, or could have been written by
+    other users."""
     # O_NONBLOCK: opening a FIFO must not wait for a writer
     with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
         # status of the open file, not of the path, which could be exchanged
@@ -198,7 +199,7 @@ def _content(path: Path) -> bytes:
 
 
 def _loaded_now(path: Path) -> None:
-    """Renew a file's time of modification, at most once an hour."""
+    """Set a file's time of modification to now, at most once an hour."""
     with contextlib.suppress(OSError):
         if path.stat().st_mtime < time.time() - OFTEN:
             os.utime(path)
@@ -256,7 +257,7 @@ def _depends(key: Key, used: dict[Any, set[str]]) -> Any:
 def _classes(key: Key, depends: Any) -> dict[str, Any]:
     """Return the named tuple classes that a program's result may contain, by "module:qualified name".
 
-    depends: stored description. ValueError and others of `_CHANGED`: a dependency has changed.
+    depends: stored description. Raises ValueError or another error of `_CHANGED` if a dependency has changed.
     """
     classes = {f"{one.__module__}:{one.__qualname__}": one for one in dependencies.classes_of(key.shapes)}
     if depends is not None:
@@ -277,7 +278,8 @@ def _in_words(result: Any) -> Any:
 
 
 def _with_classes(result: Any, classes: dict[str, Any]) -> Any:
-    """Return a result spec with classes in place of their names. LookupError and others: a class is missing."""
+    """Return a result spec with classes in place of their names. Raises LookupError or a similar error if a class is
+    missing."""
     if isinstance(result, str) or result[0] == "known":
         return result
     rest = [_with_classes(one, classes) for one in result[-1]]
@@ -338,7 +340,7 @@ _known_size: dict[Path, int] = {}
 def _make_room(folder: Path, key: Key, written: Path) -> None:
     """Delete superseded, abandoned and, above the limit, least recently used programs after a file was written.
 
-    key: of the written program. written: its path.
+    key: cache key of the written program. written: path of its file.
     """
     # the same kernel compiled from other sources
     for other in list(folder.iterdir()):
@@ -371,7 +373,8 @@ def _make_room(folder: Path, key: Key, written: Path) -> None:
 
 
 def _over(path: Path, key: Key) -> bool:
-    """Return whether a file of the same kernel is from other sources, or is a partial file older than an hour."""
+    """Return True if a file of the same kernel was compiled from other sources, or is a partial file older than an
+    hour."""
     if path.suffix == SUFFIX:
         return not path.name.startswith(f"{key.base}.{key.stamp[:16]}.")
     with contextlib.suppress(FileNotFoundError):

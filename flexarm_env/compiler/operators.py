@@ -46,9 +46,9 @@ def _of_class(item: Any, word: str) -> Any:
 
 
 def binary(writer: Any, op: str, x: Any, y: Any) -> Any:
-    """Emit x op y if x or y is a named tuple: call x's method, otherwise y's reflected method.
+    """Emit x op y for a named tuple x or y: a call of x's method or, if x has none, of y's reflected method.
 
-    Raises Refused if neither method exists.
+    Raises a compile error (`Refused`) if neither method exists.
     """
     own = _of_class(x, f"__{NAMES[op]}__")
     if own is not None:
@@ -61,7 +61,7 @@ def binary(writer: Any, op: str, x: Any, y: Any) -> Any:
 
 
 def negative(writer: Any, x: Any) -> Any:
-    """Emit -x of a named tuple. Raises Refused if the class has no `__neg__`."""
+    """Emit -x of a named tuple. Raises a compile error (`Refused`) if the class has no `__neg__`."""
     found = _of_class(x, "__neg__")
     if found is None:
         raise Refused(f"{told(x)} has no minus")

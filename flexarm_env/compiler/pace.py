@@ -88,14 +88,14 @@ class Pace:
     """
 
     def __init__(self, most: int) -> None:
-        """Begin with a trial of one thread."""
+        """Begin with a trial step on one thread."""
         self.most, self.threads = most, 1
         self._chosen, self._alone = 1, math.inf
         self._times: list[float] = []
         self._spent, self._wait, self._pause = 0.0, -1.0, RARELY
 
     def took(self, seconds: float) -> None:
-        """Record the duration (s) of a step that ran with `threads` threads, and choose the next number.
+        """Record the duration (s) of a step that ran with `threads` threads, and choose the number for the next step.
 
         A trial times SAMPLES steps with one thread. From the median duration the trial estimates a number of threads
         and times steps with this number, then with half of this number, and so on, until the speedup per thread is at
@@ -179,5 +179,5 @@ class Team:
         return count
 
     def close(self) -> None:
-        """End the threads."""
+        """Stop the worker threads."""
         self._crew.close()

@@ -52,7 +52,7 @@ _LOCK = threading.RLock()
 
 
 def _renew_lock() -> None:
-    """Make a new lock in a forked child."""
+    """Replace the lock by a new one in a forked child process."""
     global _LOCK
     _LOCK = threading.RLock()
 
@@ -80,7 +80,7 @@ class Program:
         self.words, self.made, self._spec = _words(spec), made, spec
 
     def result(self, room: Any, begin: int) -> Any:
-        """Return the kernel's result, decoded from the buffer `room`, in which the result begins at byte `begin`."""
+        """Return the kernel's result, decoded from the buffer `room`, where the result begins at byte `begin`."""
         found = iter(struct.unpack_from("q" * self.words, room, begin))
         return _value(self._spec, found)
 
@@ -177,7 +177,7 @@ def _malloc_trim() -> Callable[[int], int]:
 
 
 def _write(module: Any, kernel: Kernel, shapes: Sequence[Any], direct: bool, name: str) -> Any:
-    """Write the program's function: unpack the arguments, call the kernel, pack the result; return its spec.
+    """Emit the program's function: unpack the arguments, call the kernel, pack the result; return its spec.
 
     direct: the arguments are (address of a named tuple, integers), and the result is the returned integer. Otherwise
     they are (address of the packed arguments, address of the result).

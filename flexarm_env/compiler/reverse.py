@@ -34,7 +34,7 @@ class Backward(Writer):
     """Writes a function on a `Tape` for reverse mode, with all called kernels inlined."""
 
     def __init__(self, outer: Any, tape: Tape, function: Any) -> None:
-        """Share the outer writer's LLVM function; function None: a root that only issues calls."""
+        """Write into the outer writer's LLVM function. function: None for a root that only emits calls."""
         self.module, self.code, self.top, self.b = outer.module, outer.code, outer.top, tape
         self.names: Names = {}
         self.lane: Any = None
@@ -79,7 +79,7 @@ class Backward(Writer):
         return self.result
 
     def give(self, item: Any) -> None:
-        """Set the function's result; within a branch, store it in stack slots. Raises Refused within a loop."""
+        """Set the function's result; within a branch, store it in stack slots. Raises `Refused` within a loop."""
         if self.loops:
             raise Refused("a return within a loop has no derivative backwards")
         # the result differs between sides: stack slots carry it
@@ -90,7 +90,7 @@ class Backward(Writer):
     _branched = 0
 
     def bind(self, name: str, item: Any) -> None:
-        """Assign an item to a name. An array with cotangents gets no stack slot: its bar is known at compile time."""
+        """Assign an item to a name. The address of an array's cotangents is known, so it gets no stack slot."""
         if any(isinstance(x, Array) and self.b.has_bar(x.data) for x in _parts(item)):
             self.names[name] = item
         else:
@@ -112,26 +112,26 @@ class Backward(Writer):
             super().block([statement])
 
     def on_While(self, node: ast.While) -> None:
-        """Emit a while loop. Raises Refused if the loop computes differentiated values, whose number is unknown."""
+        """Emit a while loop. Raises `Refused` if the loop computes differentiated values, whose number is unknown."""
         items = len(self.b.region.items)
         super().on_While(node)
         if self.b.active_since(items):
             raise Refused("a while loop of numbers has no derivative backwards: count by range")
 
     def on_Break(self, node: ast.Break) -> None:
-        """Emit a break. Raises Refused in a range loop, whose reverse code runs all iterations."""
+        """Emit a break. Raises a compile error (`Refused`) in a range loop, whose reverse code runs all iterations."""
         if self.loops[-1].ends is None:
             raise Refused("break has no derivative backwards")
         super().on_Break(node)
 
     def on_Continue(self, node: ast.Continue) -> None:
-        """Emit a continue. Raises Refused in a range loop, whose reverse code runs all iterations."""
+        """Emit a continue. Raises `Refused` in a range loop, whose reverse code runs all iterations."""
         if self.loops[-1].ends is None:
             raise Refused("continue has no derivative backwards")
         super().on_Continue(node)
 
     def of_IfExp(self, node: ast.IfExp) -> Any:
-        """Evaluate x if t else y. Raises Refused if an operand is active, since an SSA phi has no reverse rule."""
+        """Evaluate x if t else y. Raises `Refused` if an operand is active, since an SSA phi has no reverse rule."""
         found = super().of_IfExp(node)
         for leaf in leaves(found):
             if isinstance(leaf, ir.PhiInstr) and any(self.b.depends(x) for x, _ in leaf.incomings):
@@ -141,7 +141,7 @@ class Backward(Writer):
     def on_If(self, node: ast.If) -> None:
         """Emit an if statement: both sides as regions of the tape, and the reverse code as an item of the outer region.
 
-        Raises Refused for a return on one side only.
+        Raises a compile error (`Refused`) for a return on one side only.
         """
         test = self.condition(node.test)
         if isinstance(test, bool):
@@ -174,7 +174,7 @@ class Backward(Writer):
                 self.result = self.read("return")
 
     def _either(self, test: Any, ways: Sequence[_Way]) -> None:
-        """Write the reverse of a branch: by the forward condition, the reverse code of one of two sides."""
+        """Emit the reverse of a branch: by the forward condition, the reverse code of one of two sides."""
         tape = self.b
         first = [self.code.append_basic_block("back") for _ in ways]
         test, after = tape.back(test), self.code.append_basic_block("before")
@@ -242,7 +242,7 @@ class _Way(Region):
         self._last = self.tape.block
 
     def brought(self, value: Any) -> Any:
-        """Save a value at the end of the side, load it after the branch; return it as the reverse sweep sees it."""
+        """Save a value at the end of the side and load it after the branch; return the loaded value."""
         tape, slot = self.tape, self.tape.slot(value.type)
         # at the end of the side: the value dominates this point
         with tape.at(self._last):
@@ -259,7 +259,7 @@ class _Turns(Region):
     """
 
     def __init__(self, writer: Backward, turns: Any) -> None:
-        """Allocate turns frames, open the loop with its counter and position the tape in the body."""
+        """Allocate one frame per iteration (`turns`), open the loop with its counter, continue in its body."""
         tape, code = writer.b, writer.code
         self._writer, self._turns, self._size = writer, turns, ir.Constant(WORD, 0)
         self._saved: list[tuple[Any, int]] = []
@@ -286,7 +286,7 @@ class _Turns(Region):
         super().close()
 
     def go_back(self) -> None:
-        """Write the reverse of the loop, from the last iteration to the first.
+        """Emit the reverse of the loop, from the last iteration to the first.
 
         Afterwards the frame size is known: the saves are inserted at the end of each forward iteration.
         """
@@ -319,7 +319,7 @@ class _Turns(Region):
         tape.given_back(frames)
 
     def brought(self, value: Any) -> Any:
-        """Reserve words of the frame for a forward value; return it as loaded in the reverse iteration."""
+        """Reserve words of the frame for a forward value; return the value that the reverse iteration loads."""
         at = self._saved[-1][1] if self._saved else 0
         self._saved.append((value, at + (value.type.count if isinstance(value.type, ir.VectorType) else 1)))
         with self.tape.at(self.entry):
@@ -327,7 +327,7 @@ class _Turns(Region):
 
 
 class _Taken(Slots):
-    """Array in straight-line code: each element is loaded once, kept in a register and stored at the end."""
+    """Array in straight-line code; each element is loaded once, kept in a register and stored at the end."""
 
     def __init__(self, builder: Any, array: Array) -> None:
         super().__init__(builder, array)
@@ -351,7 +351,7 @@ class _Taken(Slots):
 
 
 class _Held(Tracer):
-    """Tracer of straight-line code whose arrays are `_Taken`, for fewer loads, stores and cotangent updates."""
+    """Tracer of straight-line code that keeps array elements in registers (`_Taken`), for fewer loads and stores."""
 
     def __init__(self, writer: Any, lane: tuple[int, ...]) -> None:
         super().__init__(writer, lane)
@@ -366,7 +366,7 @@ class _Held(Tracer):
     def close(self) -> None:
         """Store changed elements, and move the loads to the beginning of the recorded code.
 
-        Their cotangents are then added to memory at the end of the reverse code.
+        Because the loads come first, their cotangents are added to memory at the end of the reverse code.
         """
         items = self.builder.region.items
         # loads first (their pull has no parent), all other nodes in their order
@@ -381,7 +381,7 @@ class Pulled(Straight):
     """The vector-Jacobian product (reverse mode) of a kernel or of straight-line code, callable in kernels."""
 
     def __init__(self, function: Any, names: tuple[str, ...], scratch: tuple[str, ...]) -> None:
-        """names: arguments that have cotangents. scratch: arguments that are working memory."""
+        """names: names of arguments with cotangents. scratch: names of arguments that are working memory."""
         super().__init__(function)
         self._bars, self._scratch = names, scratch
         self.traits = (*names, "scratch", *scratch)
@@ -411,7 +411,7 @@ class Pulled(Straight):
                 writer.module.reset_room(writer.code, room)
 
     def _write(self, writer: Any, tape: Tape, items: list[Any], bars: dict[str, Any]) -> None:
-        """Write the function by a tape, with cotangents beside its arguments, then the reverse sweep."""
+        """Emit the function by a tape, with cotangents beside its arguments, then the reverse sweep."""
         given = []
         for name, item in zip(self.names, items, strict=True):
             item = rebuilt(item, iter(leaves(item)), tape)
@@ -429,7 +429,7 @@ class Pulled(Straight):
 
 
 def _paired(tape: Tape, item: Any, bar: Any) -> Any:
-    """Return an array, or a named tuple of arrays, with its cotangents registered; bar None: scratch."""
+    """Return an array, or a named tuple of arrays, with its cotangents `bar` registered; None for scratch memory."""
     if isinstance(item, Array):
         return Array(tape.argument(item, bar), item.shape, item.letter, item.fixed)
     if isinstance(item, Record):
@@ -441,10 +441,10 @@ def _paired(tape: Tape, item: Any, bar: Any) -> Any:
 def vjp_of(function: Any, names: tuple[str, ...], scratch: tuple[str, ...] = ()) -> Any:
     """Return the vector-Jacobian product of a kernel, with the kernel's arguments, then cotangents for each of `names`.
 
-    names: differentiated arguments: arrays, or named tuples of arrays. Cotangents of elements that the function writes
-    are used up. After the call the cotangents are 0 or, if the old content was read too, the cotangent of the old
-    content. For elements that are only read, contributions are added to their cotangents. The arrays of `names` stay
-    unchanged. scratch: names of arguments that are working memory, whose content matters neither before nor after. If
-    compilation is disabled, the function itself is returned.
+    names: differentiated arguments: arrays, or named tuples of arrays. The call overwrites the cotangents of elements
+    that the function writes. After the call the cotangents are 0 or, if the old content was read too, the cotangent of
+    the old content. For elements that are only read, contributions are added to their cotangents. The arrays of `names`
+    stay unchanged. scratch: names of arguments that are working memory, whose content matters neither before nor after.
+    If compilation is disabled, the function itself is returned.
     """
     return function if UNCOMPILED else Pulled(function, names, scratch)

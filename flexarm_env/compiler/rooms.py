@@ -31,7 +31,7 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
         ir.IRBuilder.store(self, ir.Constant(WORD, 0), self._used)
 
     def slot(self, kind: Any) -> Any:
-        """Allocate a stack slot of the LLVM type `kind`, without cotangent, in the entry block; return its address."""
+        """Allocate a stack slot of the LLVM type `kind` in the entry block, without a cotangent; return its address."""
         return ir.IRBuilder(self._top).alloca(kind)
 
     @contextmanager

@@ -1,8 +1,7 @@
 """Output arrays of compiled code, returned as NumPy views that are created once for each array.
 
-A caller of `step` gets views of an array. If the caller keeps them, the next step writes into another array. Creating a
-view takes longer than copying a number, so each array stores its views. An array is reused, with the same views, when
-no caller holds a reference to any of the views.
+A caller of `step` gets views of an array. When no caller refers to any of these views, the array is reused with the
+same views.
 """
 
 from collections.abc import Iterable, Mapping
@@ -13,7 +12,7 @@ import numpy as np
 
 
 class Sheet:
-    """An array with its views.
+    """An output array with its views.
 
     Attributes:
         array: the array, which owns its memory. address: address of the array's first number. told: dict of results for
@@ -29,7 +28,7 @@ class Sheet:
     def show(self, told: Mapping[str, Any], others: Iterable[Any]) -> None:
         """Set the results and the views of the array that a caller gets.
 
-        told: results by name. others: further views.
+        told: dict of results by name. others: further views.
         """
         self.told, self.others = dict(told), tuple(others)
         # views of this array only: other objects have owners elsewhere
@@ -41,7 +40,8 @@ class Sheet:
         return self.count() == self._alone
 
     def count(self) -> int:
-        """Return the sum of the reference counts of the array and of its views. A slice of a view adds to the sum."""
+        """Return the sum of the reference counts of the array and of its views. The sum also counts slices of the
+        views."""
         return getrefcount(self.array) + sum(map(getrefcount, self._views))
 
 

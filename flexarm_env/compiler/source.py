@@ -18,8 +18,8 @@ _FUTURE = sum({getattr(__future__, name).compiler_flag for name in __future__.al
 class Source(NamedTuple):
     """A kernel's AST, with the information that does not depend on its arguments.
 
-    tree: the function's AST node. file: path of the source file. often: names assigned more than once, which get stack
-    slots. scope: values of global names and of closure variables.
+    tree: the function's AST node. file: path of the source file. often: names that are assigned more than once, which
+        get stack slots. scope: values of global names and of closure variables, by name.
     """
 
     tree: ast.FunctionDef
@@ -30,7 +30,7 @@ class Source(NamedTuple):
     def placed(self, error: Refused, number: int) -> Refused:
         """Return the error with file, line number and text of the line in its message.
 
-        number: number of the line in the file. An error that already names file and line is returned unchanged.
+        number: number of the line in the source file. An error that already names file and line is returned unchanged.
         """
         if error.placed:
             return error
@@ -44,8 +44,8 @@ class Source(NamedTuple):
 def source_of(function: Any) -> Source:
     """Return the `Source` of a Python function, cached.
 
-    Raises Refused for lambdas, async functions, other decorators, starred or keyword-only arguments, functions without
-    source text, and functions whose source text has changed since Python compiled them.
+    Raises a compile error (`Refused`) for lambdas, async functions, other decorators, starred or keyword-only
+    arguments, functions without source text, and functions whose source text has changed since Python compiled them.
     """
     code, name = function.__code__, f"{function.__module__}.{function.__qualname__}"
     at = f"{code.co_filename}:{code.co_firstlineno}"

@@ -36,7 +36,7 @@ _DECLARED = Array | Record | Stored
 
 
 class Slot:
-    """Stack slots of a name that is assigned more than once.
+    """Stack slots for the values of a name that is assigned more than once.
 
     template: item with the common type of the name's values. places: addresses of the slots, one for each LLVM value.
     """
@@ -65,7 +65,7 @@ class Writer(Expressions):
 
     # --- function ----------------------------------------------------------------------------------
     def write(self, items: Sequence[Any]) -> Any:
-        """Write the function's code for arguments of the kinds of `items`; return an item with the type of the result.
+        """Emit the function's code for arguments of the kinds of `items`; return an item with the type of the result.
 
         Every exception during the writing is raised as Refused with file and line of the current statement.
         """
@@ -86,7 +86,7 @@ class Writer(Expressions):
         return self.result
 
     def take(self, items: Sequence[Any]) -> None:
-        """Bind the kernel's parameters to the arguments `items`, as annotations declare them (`lane_arrays`)."""
+        """Bind the kernel's parameters to the arguments `items`, as the annotations declare (`lane_arrays`)."""
         names = [argument.arg for argument in self.source.tree.args.args]
         said = lane_parameters(self.function)
         # the tag of the kernel's lanes: a tuple of zeros
@@ -163,8 +163,8 @@ class Writer(Expressions):
     def read(self, name: str) -> Any:
         """Return the item of a name, searched first among local names, then globals and closure, then built-in names.
 
-        Raises Refused if the name may be unassigned. Global names are recorded for the cache key; global arrays become
-        constants of the program.
+        Raises a compile error (`Refused`) if the name may be unassigned. Global names are recorded for the cache key;
+        global arrays become constants of the program.
         """
         item = self.names.get(name, self)
         if item is self:
@@ -186,7 +186,7 @@ class Writer(Expressions):
     def meet(self, block: Any, ends: Sequence[Names]) -> None:
         """Continue at `block` with the names that denote the same item at the end of all paths to it.
 
-        ends: the names and their items at the end of each path. A block without paths is marked as unreachable.
+        ends: for each path, the names with their items at its end. A block without paths is marked as unreachable.
         """
         self.b.position_at_end(block)
         if not ends:
@@ -388,8 +388,8 @@ class Writer(Expressions):
         self.meet(end, [before, *loop.ends])
 
     def _round(self, body: Sequence[ast.stmt], loop: Loop, before: Names) -> None:
-        """Emit a loop's body once. Raises Refused if a name's static item at the end differs from that before the
-        loop."""
+        """Emit a loop's body once. Raises a compile error (`Refused`) if a name's static item at the end differs from
+        that before the loop."""
         self.loops.append(loop)
         self.block(body)
         self.loops.pop()
@@ -403,7 +403,7 @@ class Writer(Expressions):
                     raise Refused(f"{name!r} changes in the loop, and what it stands for must be known beforehand")
 
     def on_While(self, node: ast.While) -> None:
-        """Emit a while loop. Raises Refused for a condition that is known to be false."""
+        """Emit a while loop. Raises a compile error (`Refused`) for a condition that is known to be false."""
         if node.orelse:
             raise Refused("a loop has no else in a kernel")
         before = self.names

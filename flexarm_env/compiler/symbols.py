@@ -24,7 +24,7 @@ def vector(count: int) -> ir.Type:
 
 
 def broadcast(builder: Any, value: Any, count: int) -> Any:
-    """Write instructions that repeat a scalar in all `count` lanes; return the vector."""
+    """Emit instructions that repeat a scalar in all `count` lanes; return the vector."""
     if count == 1:
         return value
     # LLVM idiom of a splat: insert into lane 0, then shuffle lane 0 to all
@@ -48,7 +48,7 @@ class Value:
     def of(cls, builder: Any, parts: Sequence[Any], count: int) -> Value:
         """Make a Value from LLVM values of `count` lanes.
 
-        parts: the value, then its tangents.
+        parts: LLVM values of the number and of its tangents.
         """
         first, *rest = parts
         return cls(builder, first, count, [cls(builder, part, count) for part in rest])

@@ -4,7 +4,7 @@ A `Tape` writes instructions like any builder. While it records, each instructio
 becomes a `Node` of the current `Region`: a function, a loop body, one side of a branch. `sweep` writes the reverse code
 of a region. Each array has parallel memory for its cotangents (bars). The reverse code of a store moves the array
 element's cotangent to the stored number. The reverse code of a load adds the loaded number's cotangent to the
-element's. `back` returns a forward value in the reverse sweep. In the outermost region the value is still available.
+element's. `back` returns a forward value in the reverse sweep. A value of the outermost region is still available.
 Integers, addresses, cheap arithmetic and loads from unchanged arrays are recomputed. Other values are saved.
 """
 
@@ -73,7 +73,7 @@ class Tape(Rooms):
 
     # --- passes ------------------------------------------------------------------------------------
     def argument(self, array: Any, bar: Any) -> Any:
-        """Return the address of an array, or of its copy if the code writes to it. bar: cotangents, or None."""
+        """Return the address of an array, or of its copy if the code writes to it. bar: its cotangents, or None."""
         slot = self.slot(DOUBLE.as_pointer())
         size = array.shape[0]
         for more in array.shape[1:]:
@@ -102,7 +102,7 @@ class Tape(Rooms):
         self.recording = True
 
     def finish(self) -> None:
-        """Write the reverse sweep, copies of arrays that the forward pass overwrites, and the release of memory."""
+        """Emit the reverse sweep, copies of arrays that the forward pass overwrites, and the release of memory."""
         self.recording, self._end = False, len(self._code.blocks)
         self._guards = Guards(self.nodes.values(), self._names)
         back = self._code.append_basic_block("back")
@@ -173,7 +173,7 @@ class Tape(Rooms):
         self.region = outer
 
     def _pull(self, node: Node, found: Any) -> None:
-        """Pass a node's cotangent `found` to its operands, masked by the guards that each edge leaves (`guards`)."""
+        """Propagate a node's cotangent `found` to its operands, masked by the guards of each edge (`guards`)."""
         live = self._guards.live(node)
         if live is not None:
             live.test = self.fcmp_unordered("!=", found, _all(found.type, 0.0))
@@ -187,7 +187,7 @@ class Tape(Rooms):
                 self._give(pull.parent, self._chosen(guards, pull.apply(found)))
 
     def _chosen(self, guards: list[Any], cotangent: Any) -> Any:
-        """Mask a cotangent by guards: -0 where one does not hold."""
+        """Mask a cotangent by guards: replace it by -0 where a guard is false."""
         for guard in guards:
             cotangent = guard.masked(self, cotangent, _all(cotangent.type))
         return cotangent
@@ -216,7 +216,7 @@ class Tape(Rooms):
         return any(isinstance(item, Node) for item in self.region.items[items:])
 
     def _made(self, value: Any, *pulls: tuple[Any, ...], **about: Any) -> Any:
-        """Record `value` as a node if an operand is active. pulls: (operand, pullback, ...); about: of `Node`."""
+        """Record `value` as a node if an operand is active. pulls: operand, pullback, ...; about: for `Node`."""
         if self.recording:
             kept = [Pull(self.nodes[id(x)], *rest) for x, *rest in pulls if id(x) in self.nodes]
             if kept:
@@ -274,7 +274,7 @@ class Tape(Rooms):
         return self._made(super().select(test, x, y), (x, by_x, True), (y, by_y, False), test=test)
 
     def call(self, function: Any, values: Any) -> Any:
-        """Emit a call. Derivatives: sqrt and fabs; 0 for floor, ceil, rint, fptosi. Others raise Refused."""
+        """Emit a call. Differentiated: sqrt and fabs; 0 for floor, ceil, rint, fptosi. Other calls raise `Refused`."""
         found, name = super().call(function, values), function.name.split(".")
         if not self.recording or not any(id(x) in self.nodes for x in values):
             return found
@@ -376,7 +376,8 @@ class Tape(Rooms):
     def store(self, value: Any, place: Any, align: int | None = None) -> Any:
         """Emit a store. The reverse code adds the cotangent of `place` to the stored number's and sets it to 0.
 
-        Raises Refused if a number that depends on a differentiated input is stored in memory without cotangents.
+        Raises a compile error (`Refused`) if a number that depends on a differentiated input is stored in memory
+        without cotangents.
         """
         made = super().store(value, place, align=align)
         if self.recording:
@@ -394,7 +395,7 @@ class Tape(Rooms):
         return made
 
     def _take(self, place: Any, kind: Any, node: Any) -> None:
-        """Write the reverse of a store: give the bar's cotangent to the stored node, if any, then zero the bar."""
+        """Emit the reverse of a store: add the memory's cotangent to the stored node's, if any, then set it to 0."""
         bar = self._bar(place)
         if node is not None:
             self._give(node, self.load(bar, align=8))

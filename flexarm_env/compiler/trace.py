@@ -51,7 +51,8 @@ class Slots:
         return Value.of(self.builder, [self.builder.load(place, align=8) for place in places], count)
 
     def put(self, k: int, value: Value, count: int, tangents: int) -> None:
-        """Store element k of `count` lanes, with its tangents. Raises Refused for a read-only array."""
+        """Store element k of `count` lanes, with its tangents. Raises a compile error (`Refused`) for a read-only
+        array."""
         self.array.written()
         for part, x in enumerate(value.parts(count, tangents)):
             self.builder.store(x, self.address(k * (1 + tangents) + part, count), align=8)
@@ -107,7 +108,7 @@ class Tracer:
         return lambda *items: function(*map(self.value, items))
 
     def value(self, x: Any) -> Value:
-        """Return x as a `Value`; Python's numbers become constants."""
+        """Return x as a `Value`; a Python number becomes a constant."""
         return x if isinstance(x, Value) else Value(self.builder, ir.Constant(DOUBLE, float(x)), 1)
 
     def slots(self, array: Array) -> Slots:
@@ -233,8 +234,8 @@ def _plain(function: Any) -> Any:
 class Straight:
     """A function that is traced, and therefore inlined, at each call by a kernel.
 
-    when: condition when(arguments by name, writer). If the condition is False, `function` is a kernel and is called
-    instead of traced. traits: strings that are part of the cache key.
+    when: function when(arguments by name, writer) that returns the condition. If the condition is False, `function` is
+    a kernel and is called instead of traced. traits: strings that are part of the cache key.
     """
 
     def __init__(self, function: Any, when: Callable[[dict[str, Any], Any], bool] | None = None) -> None:

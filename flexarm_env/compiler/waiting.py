@@ -32,7 +32,7 @@ compilation.
 
 
 class Task(NamedTuple):
-    """A compilation's name in messages, and the number of programs that it compiles (0: unknown)."""
+    """Name of a compilation for messages, and the number of programs that it compiles (0: unknown)."""
 
     what: str = ""
     programs: int = 0
@@ -120,7 +120,7 @@ def announced(function: Callable[..., Any]) -> Iterator[None]:
 
 
 def _line(function: Callable[..., Any], start: float) -> str:
-    """Return the message for a kernel whose compilation begins at `start` (`time.monotonic`, s)."""
+    """Return the message about a kernel whose compilation began at the time `start` (`time.monotonic`, s)."""
     name, (what, programs) = function.__name__, _task.get() or Task()
     # purpose of the kernel, and its place among the programs of an environment
     part, place = PARTS.get(name, name.strip("_").replace("_", " ")), [*PARTS, name].index(name) + 1

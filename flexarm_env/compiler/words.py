@@ -1,8 +1,8 @@
 """Built-in functions ("words") of the kernel language: each Python function with the emitter of its LLVM instructions.
 
 In uncompiled mode the functions themselves are called. The compiler uses the emitters in `WORDS`. The first argument e
-of an emitter is the writer of the function being compiled, and e.b is the IR builder. The other arguments are items
-(`kinds`).
+of an emitter is the writer of the function being compiled, and e.b is the IR builder. The other arguments of an emitter
+are the items (`kinds`) of the call's arguments.
 """
 
 import math
@@ -19,14 +19,15 @@ from .symbols import DOUBLE, Value, vector
 
 
 def shape_of(lane: Any) -> tuple[int, int]:
-    """Return (number of lanes, number of tangents) of a lane tag. Raises Refused if the item is no lane tag."""
+    """Return (number of lanes, number of tangents) of a lane tag. Raises a compile error (`Refused`) if the item is no
+    lane tag."""
     if not is_tuple(lane) or not is_tag(lane):
         raise Refused(f"{told(lane)} where a lane tag is wanted")
     return lanes.shape(len(lane))
 
 
 def _floats(array: Any) -> Any:
-    """Return the data pointer of an array of float64. Raises Refused for any other item."""
+    """Return the data pointer of an array of float64. Raises a compile error (`Refused`) for any other item."""
     if not isinstance(array, Array) or array.letter != "f":
         raise Refused(f"{told(array)} where an array of float64 is wanted")
     return array.data
@@ -79,7 +80,7 @@ def store(e: Any, array: Any, k: Any, value: Any) -> None:
 def put(e: Any, lane: Any, array: Any, k: Any, value: Any) -> None:
     """Emit array[k] = value for an array of lanes; a value with fewer lanes or tangents is broadcast.
 
-    Raises Refused if the value has more lanes or tangents than the array.
+    Raises a compile error (`Refused`) if the value has more lanes or tangents than the array.
     """
     count, tangents = shape_of(lane)
     x = number(e.b, value)
@@ -142,7 +143,7 @@ def _on_symbols(operation: Any) -> Any:
 
 
 def _external(name: str) -> Any:
-    """Return the emitter of a function of C's math library: scalars without tangents; known numbers are folded."""
+    """Return the emitter of a C math function of scalars without tangents; known numbers are evaluated."""
     function = getattr(math, name)
 
     def word(e: Any, *items: Any) -> Any:
@@ -160,12 +161,12 @@ def _external(name: str) -> Any:
 def _intrinsic(name: str, reckoned: Any, to_whole: bool, flat: bool = True) -> Any:
     """Return the emitter of the LLVM intrinsic `name` (sqrt, floor, ceil).
 
-    reckoned: Python's function for known numbers. to_whole: the result becomes an integer. flat: its derivative is 0;
-    otherwise numbers with tangents are refused.
+    reckoned: Python's function for numbers known at compile time. to_whole: True if the result is converted to an
+        integer. flat: True if the derivative is 0; otherwise numbers with tangents are refused.
     """
 
     def word(e: Any, item: Any) -> Any:
-        """Fold a known number, pass an integer through where an integer is returned, otherwise write the call."""
+        """Evaluate a known number, return an integer unchanged if the result is an integer, otherwise emit the call."""
         if known(item):
             return reckoned(item)
         # floor and ceil of an integer: the integer itself
@@ -181,7 +182,8 @@ def _intrinsic(name: str, reckoned: Any, to_whole: bool, flat: bool = True) -> A
 
 
 def _single(e: Any, item: Any) -> Value:
-    """Return a number without its tangents. Raises Refused for several lanes, which have no single truth value."""
+    """Return a number without its tangents. Raises a compile error (`Refused`) for several lanes, which have no single
+    truth value."""
     value = number(e.b, item).alone
     if value.count > 1:
         raise Refused("lanes are asked for one truth: `select_lt` chooses lane by lane, `max_over_lanes` is a number")
@@ -189,7 +191,7 @@ def _single(e: Any, item: Any) -> Value:
 
 
 def _finite(e: Any, item: Any) -> Any:
-    """Write math.isfinite: |x| < inf as an ordered comparison, false for NaN."""
+    """Emit math.isfinite: |x| < inf as an ordered comparison, false for NaN."""
     if known(item):
         return math.isfinite(item)
     # one comparison covers both infinities and NaN
@@ -198,7 +200,7 @@ def _finite(e: Any, item: Any) -> Any:
 
 
 def _not_a_number(e: Any, item: Any) -> Any:
-    """Write math.isnan: x unordered with itself."""
+    """Emit math.isnan: true if x is unordered with itself."""
     if known(item):
         return math.isnan(item)
     value = _single(e, item).value
@@ -209,7 +211,7 @@ def _extreme(sign: str) -> Any:
     """Return the emitter of min (sign "<") or max (">") of two or more arguments, from the left as in Python."""
 
     def word(e: Any, *items: Any) -> Any:
-        """Fold the arguments pairwise with `arithmetic.least`."""
+        """Combine the arguments pairwise, from the left, with `arithmetic.least`."""
         if len(items) < 2:
             raise Refused("min and max take two arguments or more")
         found = items[0]
@@ -221,7 +223,7 @@ def _extreme(sign: str) -> Any:
 
 
 def _float(e: Any, item: Any) -> Any:
-    """Write float(x)."""
+    """Emit float(x)."""
     return float(item) if known(item) else number(e.b, item)
 
 
@@ -237,7 +239,7 @@ def _length(e: Any, item: Any) -> Any:
 
 
 def _unsigned(e: Any, item: Any) -> Any:
-    """Write np.uint64(x): of an integer the same 64 bits with unsigned meaning; floats are truncated first."""
+    """Emit np.uint64(x): an integer keeps its 64 bits with unsigned meaning; a float is truncated first."""
     if isinstance(item, np.uint64) or (isinstance(item, Integer) and item.unsigned):
         return item
     found = arithmetic.truncated(e.b, item)
@@ -249,7 +251,7 @@ def _unsigned(e: Any, item: Any) -> Any:
 
 
 def _bool(e: Any, item: Any) -> Any:
-    """Write bool(x)."""
+    """Emit bool(x)."""
     found = arithmetic.truth(e.b, item)
     return found if isinstance(found, bool) else Truth(found)
 

@@ -20,7 +20,7 @@ class History:
 
     Args:
         names: entries of `info` to record. Entries that the environment does not have are left out. limit: smallest
-        value of T. actions: record the actions too.
+        value of T. actions: True to record the actions, too.
     """
 
     def __init__(self, *names: str, limit: int = 0, actions: bool = False) -> None:
@@ -31,7 +31,7 @@ class History:
         self._joined: dict[str, NDArray[Any]] = {}
 
     def __call__(self, instant: Instant) -> None:
-        """Store an instant of `periods`."""
+        """Store an instant that the generator `periods` yields."""
         running = np.atleast_1d(instant.running)
         if instant.period == 0:
             self._blocks.append({})
@@ -80,32 +80,32 @@ class History:
 
     @property
     def seeds(self) -> tuple[int | None, ...]:
-        """Seeds of the episodes; None for an episode without a seed."""
+        """Seeds of the n episodes; None for an episode without a seed."""
         return tuple(self._seeds)
 
     @property
     def rewards(self) -> Array:
-        """Rewards (T, n)."""
+        """Rewards of the control periods, (T, n)."""
         return self._array("rewards")
 
     @property
     def actions(self) -> Array:
-        """Actions (T, n, joints)."""
+        """Actions of the control periods, (T, n, joints)."""
         return self._array("actions")
 
     @property
     def running(self) -> NDArray[np.bool_]:
-        """Whether each period (T, n) belongs to its episode."""
+        """Array (T, n) bool: True for the control periods that belong to an episode, False after its end."""
         return np.asarray(self._array("running"), np.bool_)
 
     @property
     def lengths(self) -> NDArray[np.int64]:
-        """Numbers of control periods (n,)."""
+        """Numbers of control periods of the episodes, (n,)."""
         return np.asarray(self.running.sum(axis=0), np.int64)
 
     @property
     def terminated(self) -> NDArray[np.bool_]:
-        """Whether each episode (n,) ended early, by a failure or by passing a limit."""
+        """Array (n,) bool: True for the episodes that ended early, by a failure or beyond a limit."""
         return np.asarray(self._array("terminated").any(axis=0), np.bool_)
 
     def info(self, name: str) -> NDArray[Any]:
@@ -118,7 +118,7 @@ class History:
 
 
 def _padded(rows: NDArray[Any], count: int, filler: Any) -> NDArray[Any]:
-    """Return `count` rows: the given ones, then rows of `filler`; None: `_empty`."""
+    """Return `count` rows: the given rows, then rows of `filler` (None: the value of `_empty`)."""
     more = np.full((count - len(rows), *rows.shape[1:]), _empty(rows) if filler is None else filler, rows.dtype)
     return np.concatenate([rows, more])
 

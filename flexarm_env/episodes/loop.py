@@ -18,7 +18,7 @@ class Policy(Protocol):
     """
 
     def reset(self, observation: NDArray[np.float32]) -> Any:
-        """Begin episodes; by default there is no memory."""
+        """Begin episodes with these first observations; by default the policy has no memory to reset."""
         return
 
     def act(self, observation: NDArray[np.float32]) -> Any:
@@ -27,15 +27,15 @@ class Policy(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Instant:
-    """Start of episodes, or end of a control period.
+    """Data of the start of episodes, or of the end of a control period.
 
     The entries of a vector environment are arrays with one row per episode.
 
     Attributes:
         seeds: seeds of the episodes. period: number of the control period, from 1; 0 at the start. action: action of
             the period; None at the start. observation, reward, terminated, truncated, info: results of the
-            environment's `reset` or `step`; no reward and no end at the start. running: whether the period belongs to
-            the episode; False after the episode's end.
+            environment's `reset` or `step`; no reward and no end at the start. running: True if the period belongs to
+            the episode, False after the episode's end.
     """
 
     seeds: Sequence[int | None]
@@ -56,18 +56,18 @@ Recorder = Callable[[Instant], Any]
 def periods(
     env: Any, policy: Policy, seeds: Sequence[int | None], options: Mapping[str, Any] | None = None
 ) -> Iterator[Instant]:
-    """Play an episode of each seed and yield the start and the end of each control period.
+    """Play one episode for each seed, and yield the start of each episode and the end of each control period.
 
     A single environment plays the episodes in turn. A vector environment of n arms plays n episodes at a time and
     continues until all n have ended; `Instant.running` masks episodes that have ended before.
 
     Args:
-        env: an environment, wrapped or not. A vector environment has autoreset mode "NextStep", its default. policy:
-            policy, reset at the start of each episode, or of each n episodes. seeds: one seed per episode, None to
-            continue with the environment's generator; the number of seeds is a multiple of n. options: options of all
-            resets.
+        env: the environment, with or without wrappers. A vector environment has autoreset mode "NextStep", its default.
+            policy: the policy, which is reset at the start of each episode, or of each n episodes. seeds: one seed per
+            episode, None to continue with the environment's generator; the number of seeds is a multiple of n. options:
+            options of all resets.
     Raises:
-        ValueError: a number of seeds that is no multiple of n, or another autoreset mode.
+        ValueError: the number of seeds is no multiple of n, or the autoreset mode is another one.
     """
     n = getattr(env, "num_envs", None)
     if n is not None:
@@ -116,7 +116,7 @@ def play(
 
 
 class Actions(Policy):
-    """Open-loop policy that plays actions over time, (T, N) of one episode or (T, n, N) of n episodes."""
+    """Open-loop policy that plays given actions: (T, N) for one episode or (T, n, N) for n episodes."""
 
     def __init__(self, actions: NDArray[Any]) -> None:
         self.actions = actions

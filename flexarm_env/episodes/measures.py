@@ -1,7 +1,7 @@
 """Measures of recorded episodes: one value per episode, from a `History`.
 
-docs/measures.md lists them. Functions with an argument `setup` need facts of the environment: `control.Setup.of(env)`.
-Each function names the entries of `info` that the history must have recorded.
+The page docs/measures.md lists these measures. Functions with an argument `setup` need data of the environment:
+`control.Setup.of(env)`. Each function names the entries of `info` that the history must have recorded.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def success(history: History) -> NDArray[np.bool_]:
 
 
 def success_period(history: History) -> NDArray[np.int64]:
-    """Return the first control period (n,), from 1, from which info["is_success"] is true to the end; 0: no success.
+    """Return the control period (n,), from 1, from which info["is_success"] is true until the end; 0: no success.
 
     A task reports success after the tip has stayed within the task's bounds for `hold` periods.
     """
@@ -69,7 +69,8 @@ def effort(history: History, setup: Setup) -> Array:
 
 
 def _sum(rows: Array) -> Array:
-    """Return the sums over time of rows (T, n), in order of time: the same bits for any number of episodes."""
+    """Return the sums (n,) of rows (T, n) over time, added in order of time: the same bits for any number of
+    episodes."""
     # + 0.0: no negative zeros
     total: Array = np.cumsum(rows, axis=0)[-1] + 0.0
     return total
@@ -77,7 +78,7 @@ def _sum(rows: Array) -> Array:
 
 # ------------------------------------------------------------------ the tip
 def tip_errors(history: History, setup: Setup) -> Array:
-    """Return target minus tip at each instant: (T + 1, n, 1), rad, for slews, else (T + 1, n, 2 or 3), m.
+    """Return target minus tip position at each instant: (T + 1, n, 1), rad, for slews, else (T + 1, n, 2 or 3), m.
 
     Positions are in inertial axes; angles continue over full turns. The history must contain `TIP`. After an
     episode's end the errors are nan.
@@ -95,7 +96,7 @@ def tip_errors(history: History, setup: Setup) -> Array:
 
 
 def settling_band(setup: Setup, way: Array | float) -> Array:
-    """Return the largest error of a settled tip, m; for slews in rad, from the slew angles `way` (rad)."""
+    """Return the largest tip error that counts as settled, m; for slews in rad, from the slew angles `way` (rad)."""
     if setup.task == "slew":
         return np.maximum(SLEW_BAND * np.asarray(way), SLEW_BAND_LEAST)
     return np.full(np.shape(way), REACH_BAND * setup.arm.total_length)
@@ -105,7 +106,7 @@ def settling_time(history: History, setup: Setup) -> tuple[Array, NDArray[np.boo
     """Return settling times (n,), s, and whether each episode settled (n,).
 
     The tip has settled when its error stays in `settling_band` to the end of an episode that is not terminated early.
-    Without settling the time is the full duration, T periods. The history must contain `TIP`.
+    If the tip never settles, the time is the full duration of T periods. The history must contain `TIP`.
     """
     errors = np.linalg.norm(tip_errors(history, setup), axis=2)
     steps = len(errors) - 1

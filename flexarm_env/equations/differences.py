@@ -1,6 +1,6 @@
-"""Central differences of sixth order, for values that have no derivatives in dual lanes.
+"""Central differences of sixth order, for values without derivatives by automatic differentiation (dual lanes).
 
-Examples are the points along the chain, which only one lane computes, and all values of code that is not compiled.
+Examples are the points along the chain, and all values that uncompiled code computes.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ WEIGHTS = (1, 3 / 4), (2, -3 / 20), (3, 1 / 60)
 
 
 def derivative(f: Callable[[float], Array], step: float) -> Array:
-    """Return the derivative df/dt at t = 0, from values of f at -3 to 3 steps."""
+    """Return the derivative df/dt at t = 0 from the values of f at t = -3, ..., 3 steps."""
     total: Array = np.zeros(())
     for i, weight in WEIGHTS:
         total = total + weight * (f(i * step) - f(-i * step))

@@ -2,8 +2,8 @@
 
     r(q, v, a, lambda, u) = M(q) a + h(q, v) + Phi_q^T lambda - B u = 0,   Phi(q) = 0
 
-Derivatives are tangents of the residual in dual lanes (`physics.equations`), along directions of the tangent space. The
-directions of a rotation are increments d in the section's own axes. Rotations do not add up: a section with the axes A
+Derivatives are tangents of the residual in dual lanes (`physics.equations`), along directions of the tangent space. For
+a rotation, a direction is an increment d in the section's own axes. Rotations do not add up: a section with the axes A
 exp(d^) has the angular velocity w + d' + w x d, to first order of d. Increments d with time derivatives d', d''
 therefore change rates and accelerations by (`Frame`)
 
@@ -38,7 +38,7 @@ from .reduced import Frame, Point, Reduced, Rows, check_mass
 
 
 class Equations:
-    """Equations of motion of one arm.
+    """Equations of motion of one arm, with their derivatives.
 
     Attributes:
         free: rows of q that can move (no multiplier, not fixed, not prescribed). algebraic: rows of q with multipliers.
@@ -47,9 +47,9 @@ class Equations:
         turned: joints that a torque can turn, each with the position of the angle on which the torque acts. With an
             elastic gear the torque acts on the motor's angle, otherwise on the joint's angle. rows_turned: row of the
             angle on which the torque acts, for every joint.
-        motors: rows of the motors' angles at elastic gears. turning (k, 3): rows of rotation vectors.
+        motors: rows of q with the motors' angles at elastic gears. turning (k, 3): rows of q with rotation vectors.
         names: names of the independent coordinates: "joint0", ... for joints that can turn, "motor0", ... for motors.
-        driven: the prescribed coordinates, in the order of the scene's motions.
+        driven: names of the prescribed coordinates, in the order of the scene's motions.
     """
 
     def __init__(self, simulation: Simulation, stepping: bool = False, driven: bool = False) -> None:
@@ -117,12 +117,12 @@ class Equations:
     def residual(self, point: Point, level: int = 0) -> Array:
         """Return the residual r (n,), in N and N m, at a point.
 
-        level: rows of multipliers contain the constraints (level 0) or their first (1) or second (2) time derivatives.
+        level: selects the rows of multipliers: the constraints (0), or their first (1) or second (2) time derivatives.
         """
         return self._evaluate(point, _none(self.n, len(point.u)), level)[0]
 
     def status(self, q: Array) -> int:
-        """Return the model's status code (`flexarm_env.physics.model`) at coordinates q."""
+        """Return the status code (`flexarm_env.physics.model`) of the arm's model at the coordinates q."""
         zero = np.zeros(self.n)
         none = _none(self.n, len(self._no_inputs))
         return self._evaluate(Point(q, zero, zero, self._no_inputs, self._psi), none, 0)[2]
@@ -170,7 +170,7 @@ class Equations:
         return -self.along(point, u=np.eye(len(point.u))[:, inputs])[self.free]
 
     def moved(self, q: Array, d: Array) -> Array:
-        """Return q (+) d, the coordinates moved by an increment d (n,)."""
+        """Return the coordinates q after an increment d (n,); rotations are composed."""
         found = q.copy()
         uncompiled(retract)(SINGLE, self.model, found, 1.0, d, None)
         return found
@@ -375,7 +375,7 @@ def _none(rows: int, inputs: int) -> Directions:
 
 
 def _dependent(model: object) -> list[int]:
-    """Return the rows that the constraints determine: each joint's next frame, and its angle if the joint is rigid."""
+    """Return the dependent rows: the frame after each joint, and the joint's angle if the joint is rigid."""
     if not isinstance(model, FloatingFrame):
         return []
     rows = []
@@ -386,7 +386,7 @@ def _dependent(model: object) -> list[int]:
 
 
 def _joint_rows(simulation: Simulation) -> dict[int, int]:
-    """Return, for each joint that has one, the row of its angle or of the frame that turns with the joint."""
+    """Return a dict from joints to rows: the row of a joint's angle, or of the frame that turns with the joint."""
     system, model = simulation.system, simulation.model
     rows = {}
     for k in range(simulation.scene.arm.n_links):
@@ -404,7 +404,7 @@ def motor_rows(simulation: Simulation) -> dict[int, int]:
 
 
 def at_rest_of(simulation: Simulation) -> tuple[Equations, Point]:
-    """Return a simulation's equations, and its coordinates as a point of rest under its inputs."""
+    """Return the equations of a simulation, and a point with its coordinates at rest under its inputs."""
     equations, w = Equations(simulation), simulation.work
     zero = np.zeros(equations.n)
     return equations, Point(w.q.copy(), zero, zero, w.u.copy(), w.psi.copy())

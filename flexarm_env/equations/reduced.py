@@ -16,7 +16,7 @@ Rows = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Point:
-    """Coordinates (with multipliers), rates and accelerations (n,), inputs and prescribed values at an instant."""
+    """State of an arm at an instant: coordinates (with multipliers), rates, accelerations (n,), inputs, motions."""
 
     q: Array
     v: Array
@@ -53,7 +53,7 @@ class Reduced:
     d (n,): changes of the independent coordinates. e (n,): changes of the rates of the independent coordinates.
 
     The changes of the rows that can move are dq = lift d, dv = lift e + drift d, da = lift e' + bend_v dv + bend_q dq.
-    frame: `Frame` of the independent coordinates, with which e and e' are computed from d and its time derivatives.
+    frame: the `Frame` of the independent coordinates; it relates e and e' to d and its time derivatives.
     """
 
     M: Array
@@ -104,8 +104,8 @@ ROUND_OFF = 1e-14
 def undamped(M: Array, K: Array) -> tuple[Array, Array]:
     """Return squared frequencies (exactly 0 for rigid motions) and M-normalized shapes of M x'' + K x = 0.
 
-    Stretching frequencies may be 1e8 times the bending frequencies, and their round-off is as large. The low
-    frequencies are therefore computed as the largest eigenvalues of the inverse problem.
+    Frequencies of stretching may be 1e8 times those of bending, and their round-off may exceed the low frequencies. The
+    low frequencies are therefore computed as the largest eigenvalues of the inverse problem.
     """
     from scipy.linalg import eigh
 

@@ -22,10 +22,11 @@ MOST_LEVELS = 100
 def bare(robot: Element) -> tuple[str, list[str]]:
     """Return a URDF text without shapes, and a list of the removed features.
 
-    The files of the shapes need not exist. Each link with a fixed joint remains a body of its own.
+    The files that define the shapes need not exist. A link with a fixed joint remains a separate body.
 
     Raises:
-        ValueError: a kind of joint that an arm does not have, or an invalid limit or number; the message names it.
+        ValueError: a joint is of a kind that an arm does not have, or a limit or number is invalid; the message names
+            it.
     """
     _check_depth(robot)
     left_out: list[str] = []

@@ -1,9 +1,10 @@
 """An arm as a serial chain of rigid bodies joined by hinges: its joints, and springs for bending and torsion.
 
-A flexible link becomes rigid pieces. Springs between the pieces represent the bending compliance of the link. A spring
-at the place s_i replaces the integral of compliance over a cell of the link: 1 / k_i = int ds / EI. If the places are
-Gauss points, and the cells have the lengths of their weights w_i, the stiffness is k_i = EI(s_i) / w_i. Two springs per
-smooth piece then give the exact compliance of the tip under tip loads. Stretch and shear are neglected.
+The chain represents a flexible link by rigid pieces. Springs between the pieces represent the link's bending
+compliance. A spring at the place s_i replaces the integral of compliance over a cell of the link: 1 / k_i = int ds /
+EI. If the places are Gauss points, and the cells have the lengths of their weights w_i, the stiffness is k_i = EI(s_i)
+/ w_i. Two springs per smooth piece then give the exact compliance of the tip under tip loads. Stretch and shear are
+neglected.
 """
 
 from __future__ import annotations
@@ -31,10 +32,10 @@ _Z = np.array(bodies.Z)
 class Hinge:
     """Hinge of a body: `axis` (3,) in the body's axes, SI units.
 
-    stiffness: spring stiffness, N m/rad. damping: damping coefficient, N m s/rad. armature: rotor inertia about this
-    axis, kg m^2. friction: friction torque, N m. joint: index of the arm's joint that the hinge represents; -1: a
-    spring for bending or torsion. limits: lower and upper angle, rad, or None. driven: whether the joint's torque acts
-    on the hinge. place: distance of a spring from the root of the beam, m.
+    stiffness: spring stiffness, N m/rad. damping: damping coefficient, N m s/rad. armature: rotor inertia about the
+    hinge's axis, kg m^2. friction: friction torque, N m. joint: index of the arm's joint that the hinge represents; -1:
+    a spring for bending or torsion. limits: lower and upper angle, rad, or None. driven: True if the joint's torque
+    acts on the hinge. place: distance of a spring from the root of the beam, m.
     """
 
     name: str
@@ -72,7 +73,8 @@ class Body:
 
 @dataclass(frozen=True)
 class Chain:
-    """Bodies from root to tip, and the tip's frame in the last body: `tip` (3,), m, `tip_rotation` (3, 3)."""
+    """Chain of bodies from root to tip. `tip` (3,), m, and `tip_rotation` (3, 3) are the tip's frame in the last
+    body."""
 
     arm: Arm
     bodies: tuple[Body, ...]
@@ -82,7 +84,7 @@ class Chain:
 
     @property
     def hinges(self) -> tuple[Hinge, ...]:
-        """All hinges, root to tip."""
+        """All hinges of the chain, from root to tip."""
         return tuple(hinge for body in self.bodies for hinge in body.hinges)
 
     def stiffened(self, factor: float) -> Chain:
@@ -104,7 +106,8 @@ class _Mass:
         self.mass, self.moment, self.about = 0.0, np.zeros(3), np.zeros((3, 3))
 
     def add(self, mass: float, at: Array, inertia: Array) -> None:
-        """Add a part: center of mass `at` (3,), and inertia (3, 3) about this center, in the frame's axes."""
+        """Add a rigid part with its center of mass `at` (3,) and its inertia (3, 3) about this center, in the frame's
+        axes."""
         self.mass += mass
         self.moment += mass * at
         self.about += bodies.about(inertia, mass, at)
@@ -123,10 +126,10 @@ def chain_of(arm: Arm, segments: int = 4, placement: str = "gauss") -> Chain:
         segments: number of springs of each flexible link, or for placement "between" the number of pieces; 0: rigid
             links.
         placement: places of the springs. "gauss": at Gauss points of each smooth piece of a link. "middle": in the
-            middle of cells of equal length. "between": between pieces of equal length, k = EI / l, the first piece
-            clamped. Chains are often made by hand with the placement "between", which is the least accurate.
+            middle of cells of equal length. "between": between pieces of equal length, with k = EI / l; the first piece
+            is clamped. Chains are often made by hand with the placement "between", which is the least accurate.
     Raises:
-        ValueError: a value out of range; or an arm with backlash or mass_damping, which hinges do not have.
+        ValueError: a value is out of range, or the arm has backlash or mass_damping, which hinges cannot represent.
     """
     segments = check.integer("segments", segments, minimum=0, maximum=200)
     check.choice("placement", placement, PLACEMENTS)
@@ -183,7 +186,7 @@ def _with_mass(body: Body, total: _Mass) -> Body:
 
 
 def _drive(arm: Arm, k: int, joint: Joint, axis: Array) -> tuple[Hinge, ...]:
-    """Return the hinge of joint k; for an elastic gear, the motor's hinge and the gear's spring."""
+    """Return the hinge of joint k, or, for an elastic gear, the hinges of its motor and of its spring."""
     limits = None if arm.joint_limits is None else arm.joint_limits[k]
     own = {"friction": joint.friction_coulomb, "damping": joint.friction_viscous}
     if not joint.elastic:

@@ -13,7 +13,7 @@ from .chain import Chain, chain_of
 
 
 class Posture(NamedTuple):
-    """Chain with all hinge angles at 0, in the ground's axes.
+    """Geometry of a chain with all hinge angles at 0, in the ground's axes.
 
     anchors (h, 3): a point on each hinge's axis, m. axes (h, 3): directions of the hinges. frames (n, 3, 3), origins
     (n, 3), m: axes and origins of the bodies' frames. body_of (h,): index of each hinge's body. tip (3,): position of
@@ -61,7 +61,7 @@ def mass_matrix(chain: Chain) -> Array:
 def chain_modes(chain: Chain, clamped: bool = True) -> tuple[Array, Array]:
     """Return natural frequencies (Hz, ascending) and damping ratios of a chain about its stress-free posture.
 
-    clamped: whether the joints are held (for an elastic gear, the motor is held). Free joints have frequency 0, which
+    clamped: True if the joints are held (for an elastic gear, the motor). Free joints have frequency 0, which
     is omitted. The ratios assume proportional damping.
     """
     hinges = chain.hinges
@@ -94,7 +94,7 @@ def chain_modes(chain: Chain, clamped: bool = True) -> tuple[Array, Array]:
 def tip_compliance(chain: Chain) -> Array:
     """Return the tip's displacement per force, (3, 3) m/N in the ground's axes, about the stress-free posture.
 
-    The joints are held. The matrix is the sum of (axis x lever) (axis x lever)^T / k over all springs.
+    With the joints held, the compliance is the sum of (axis x lever) (axis x lever)^T / k over all springs.
     """
     at, hinges = posture(chain), chain.hinges
     levers = np.cross(at.axes, at.tip - at.anchors)

@@ -85,13 +85,14 @@ def mjcf(
 ) -> str:
     """Write a chain as MJCF.
 
-    Bodies and hinges have their names in the chain. Each joint has a motor, `motor0`, ..., whose control is the torque
-    in N m, clipped to the arm's limit. The site `tip` is the arm's tip, with x along the link. Geoms are for display
-    only and do not collide.
+    Bodies and hinges have the same names as in the chain. Each joint has a motor, `motor0`, ..., whose control is the
+    torque in N m, clipped to the arm's limit. The site `tip` is the arm's tip, with x along the link. Geoms are for
+    display only and do not collide.
 
     Args:
-        gravity: acceleration of gravity, m/s^2. timestep: step, s. integrator: MuJoCo's name of the integrator. None:
-            the step or integrator that `choose_integrator` returns. comments: lines at the top of the file.
+        gravity: acceleration of gravity, m/s^2. timestep: time step, s. integrator: MuJoCo's name of the integrator. If
+            timestep or integrator is None, `choose_integrator` selects it. comments: lines of text at the top of the
+            file.
     """
     chosen, step = choose_integrator(chain)
     if timestep is not None:

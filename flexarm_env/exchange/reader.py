@@ -31,7 +31,7 @@ LEAST_RATIO = 1e-9
 
 @dataclass(frozen=True)
 class Imported:
-    """An arm from a file.
+    """An arm that was read from a file.
 
     Attributes:
         arm: the arm; its links are rigid, except the links requested as flexible.
@@ -77,9 +77,9 @@ def import_arm(
         flexible: sections by the name of a body of the link. The link keeps its mass, distributed evenly along the line
             from joint to joint: the section's m and J are scaled accordingly.
         tau_d: damping time of the flexible links, s.
-        gear_ratio: ratio assumed for joints with armature; their motor inertia is armature / gear_ratio^2.
+        gear_ratio: gear ratio assumed for joints with armature; the motor inertia is then armature / gear_ratio^2.
     Raises:
-        ValueError: the file has an element that a serial chain cannot represent; the message names the element.
+        ValueError: a serial chain cannot represent an element of the file; the message names the element.
             OSError: the file does not exist. ImportError: MuJoCo is not installed.
     """
     gear_ratio = check.number("gear_ratio", gear_ratio, minimum=LEAST_RATIO, maximum=1e9)
@@ -106,7 +106,7 @@ def _three(values: Array) -> tuple[float, float, float]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Suppress MuJoCo's warnings and its file MUJOCO_LOG.TXT; this package validates the same conditions itself."""
+    """Suppress MuJoCo's warnings and its file MUJOCO_LOG.TXT, because this package validates the same conditions."""
     with check.needs("reading of URDF and MJCF files", "mujoco", "mujoco"):
         import mujoco
     before = mujoco.get_mju_user_warning()
@@ -139,7 +139,8 @@ def _model(path: Path) -> tuple[Any, list[str]]:
 
 
 def _frames(parts: tuple[Part, ...], tip: Array) -> list[Array]:
-    """Return each link's axes (3, 3) in the ground's: x to the next joint, z as near the joint's axis as possible."""
+    """Return each link's axes (3, 3) in the ground's axes: x to the next joint, z as near the joint's axis as
+    possible."""
     anchors = [part.anchor for part in parts] + [tip]
     found: list[Array] = []
     for k, part in enumerate(parts):

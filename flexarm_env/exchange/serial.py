@@ -20,10 +20,11 @@ KINDS = ("free", "ball", "slide", "hinge")
 
 @dataclass(frozen=True)
 class Part:
-    """Link of a chain with its joint, in the ground's axes with all angles 0; SI units.
+    """Link of a chain with its joint, in the ground's axes, with all joint angles 0, in SI units.
 
     names: names of the link's bodies. joint: name of the link's joint. anchor (3,): point on the joint's axis. axis
-    (3,): direction of the joint. centre (3,): center of mass. inertia (3, 3): about the center of mass. limits: lower
+    (3,): direction of the joint. centre (3,): center of mass. inertia (3, 3): inertia tensor about the center of mass.
+        limits: lower
     and upper joint angle, rad, or None. torque: torque limit, N m, or None.
     """
 
@@ -149,7 +150,7 @@ class _Reader:
             raise check.InvalidValue(name, "tendon", "must not be there: joints of an arm have motors of their own")
 
     def parts(self, group: list[int]) -> list[Part]:
-        """Return one link for each hinge of the group's first body; all links but the last are massless."""
+        """Return one link for each hinge of a group of fixed bodies; all links but the last are massless."""
         model, data, body = self.model, self.data, group[0]
         first = int(model.body_jntadr[body])
         joints = range(first, first + int(model.body_jntnum[body]))
@@ -197,7 +198,7 @@ class _Reader:
         return total, centre, inertia
 
     def torque(self, j: int) -> float | None:
-        """Return the torque limit of a joint, N m: the smaller one of its own and its motor's; None: no limit."""
+        """Return the torque limit of a joint, N m: the smaller of the joint's and the motor's limit; None: no limit."""
         model, limits = self.model, []
         name = model.joint(j).name or f"joint {j}"
         if model.jnt_actfrclimited[j]:
@@ -256,13 +257,13 @@ class _Reader:
 
 
 def _check_span(path: str, span: Array) -> None:
-    """Raise ValueError for a range whose ends do not increase, since MuJoCo ignores it; two zeros mean no range."""
+    """Raise ValueError for a range whose ends do not increase, which MuJoCo would ignore; two zeros mean no range."""
     if np.any(span) and not span[0] < span[1]:
         raise check.InvalidValue(path, tuple(span.tolist()), "must increase")
 
 
 def _least(path: str, span: Array) -> float:
-    """Return the smaller magnitude of a range's ends. ValueError unless the range contains 0 in its interior."""
+    """Return the smaller magnitude of a range's ends. Raises ValueError unless the range contains 0 in its interior."""
     low, high = map(float, span)
     if not low < 0.0 < high:
         raise check.InvalidValue(path, (low, high), "must reach from below 0 to above: an arm's motors turn both ways")

@@ -21,11 +21,11 @@ RATE = 100.0
 def urdf(chain: Chain, comments: Iterable[str] = ()) -> str:
     """Write a chain without springs as URDF.
 
-    Links and joints have their names in the chain; `base` is the ground and `tip` the arm's tip. The joints have the
-    arm's torque limits as effort, and its joint limits, viscous friction and Coulomb friction.
+    Links and joints have the same names as in the chain; `base` is the ground and `tip` the arm's tip. The joints have
+    the arm's torque limits as effort, and its joint limits, viscous friction and Coulomb friction.
 
     Raises:
-        ValueError: a chain with springs, which URDF does not have (build it with segments=0), or with elastic gears.
+        ValueError: the chain has springs, which URDF lacks (build the chain with segments=0), or elastic gears.
     """
     for hinge in chain.hinges:
         if hinge.stiffness:

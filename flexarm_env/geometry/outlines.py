@@ -37,7 +37,7 @@ _CUBE = [
 
 
 def faces_of(shape: Shape, center: Array, far: float) -> list[Array]:
-    """Return the faces (n, 3), m, of a shape in space, corners anticlockwise seen from outside.
+    """Return the faces of a shape in space, each with its corners (n, 3), m, anticlockwise seen from outside.
 
     A half-space has one square with sides 2 `far`, m, around the point of the half-space nearest to `center`. The
     square's corners are anticlockwise seen from behind.

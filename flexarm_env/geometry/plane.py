@@ -33,8 +33,8 @@ def tip_in_hub_frame(arm: Arm, elbows: Array, bends: Array) -> Array:
 def rigid_times(inertia: Array, to_go: Array, limits: Array) -> Array:
     """Return the minimum time (n,), s, of a rigid arm from rest to rest with synchronized joints.
 
-    The time is 2 sqrt(max_i |I dq|_i / tau_i). inertia (n, N, N): mass matrices I of the rigid arms, kg m^2. to_go (n,
-    N): joint displacements dq, rad. limits (N,): largest torques tau, N m.
+    The minimum time is 2 sqrt(max_i |I dq|_i / tau_i). inertia (n, N, N): mass matrices I of the rigid arms, kg m^2.
+    to_go (n, N): joint displacements dq, rad. limits (N,): largest torques tau, N m.
     """
     load = np.abs(np.einsum("nij,nj->ni", inertia, to_go)) / limits
     times: Array = 2.0 * np.sqrt(load.max(axis=1))

@@ -19,9 +19,9 @@ from ..validation import Array
 
 
 class Ribbons(NamedTuple):
-    """N links at n instants, with P points in total; link k has the points cuts[k] to cuts[k + 1] - 1, root to tip.
+    """Lines of N links at n instants with P points in total; link k has the points cuts[k] ... cuts[k + 1] - 1.
 
-    points (n, P, 3): m. across (n, P, 3): unit vectors along the width, the z axes of sections.
+    points (n, P, 3): points along the links, m. across (n, P, 3): unit vectors along the width, the z axes of sections.
     """
 
     points: Array
@@ -88,7 +88,7 @@ def _at(section: Frame) -> tuple[Array, Array]:
 
 
 def _between(a: Frame, b: Frame, pieces: int) -> tuple[Array, Array]:
-    """Return positions and width directions after section a up to section b, (n, pieces, 3) each."""
+    """Return positions and width directions of the line from section a (excluded) to section b, (n, pieces, 3) each."""
     s = (np.arange(1, pieces + 1) / pieces)[:, None]
     chord = np.linalg.norm(b.r - a.r, axis=1)[:, None, None]
     leaving, reaching = chord * a.A[:, None, :, 0], chord * b.A[:, None, :, 0]
@@ -112,7 +112,7 @@ def cuts_of(points: Array, hinges: Array) -> tuple[int, ...]:
 
 
 def thinned(cuts: Sequence[int], most: int) -> tuple[NDArray[np.intp], tuple[int, ...]]:
-    """Return the indices of at most `most` points per link that are kept, and the `cuts` of the kept points."""
+    """Return the indices of the points to keep, at most `most` per link, and the `cuts` of the kept points."""
     kept = [np.unique(np.linspace(a, b, min(most, b - a + 1)).round().astype(int)) for a, b in pairwise(cuts)]
     places = np.unique(np.concatenate(kept))
     return places, tuple(int(np.searchsorted(places, c)) for c in cuts)

@@ -25,7 +25,7 @@ def tip_at(arm: Arm, angles: Array) -> Array:
 def jacobian(arm: Arm, angles: Array) -> Array:
     """Return the position Jacobian (..., 3, N), m/rad, of the rigid arm's tip, with the columns e_k x (tip - p_k).
 
-    angles (..., N): joint angles, rad. e_k: axis of joint k; p_k: its position, m; inertial axes.
+    angles (..., N): joint angles, rad. In inertial axes, e_k is the axis of joint k and p_k its position, m.
     """
     places, axes, _, tip = frames(arm, angles)
     return np.swapaxes(np.cross(axes, tip[..., None, :] - places), -1, -2)
@@ -61,7 +61,7 @@ def _damped_step(J: Array, off: Array, damping: Array) -> Array:
 
 
 def chain_of(arm: Arm) -> Array:
-    """Return the packed mount, axis and span of all joints for kernels, one `tasks.space_angles.JOINT` per joint."""
+    """Return mount, axis and span of all joints in one array for kernels, one `tasks.space_angles.JOINT` per joint."""
     rows = [
         JOINT.pack({}, mount=mount_of(arm, k).ravel(), axis=axis_of(arm, k), span=link.span)
         for k, link in enumerate(arm.links)
@@ -81,7 +81,7 @@ def _off(arm: Arm, angles: Array, points: Array) -> Array:
 
 
 def beyond_reach(arm: Arm, points: Array) -> int | None:
-    """Return the index of the first point (n, 3) that is not finite or beyond the rigid tip's reach, or None."""
+    """Return the index of the first of n points (n, 3) that is not finite or out of the rigid tip's reach, or None."""
     lost = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if lost.size:
         return int(lost[0])
@@ -114,7 +114,7 @@ def lost_at(
     """Return the index of the first point of a path (n, 3), m, that the rigid tip cannot reach; None if there is none.
 
     The joints move from angles `start` (N,), rad, within their limits, like the goal posture of a moving target. seek,
-    follow: the functions of `INVERSE`, uncompiled.
+    follow: functions of `INVERSE`, without compilation.
     """
     limits = np.array([(-np.inf, np.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links])
     known = chain_of(arm), (0,) * arm.n_links, arm.total_length, limits.ravel()
@@ -193,7 +193,8 @@ def holding(
 ) -> tuple[Array, Array]:
     """Compute gravity torques (n, N), N m, and joint inertia (n, N, N), kg m^2, of the rigid arm with its rotors.
 
-    gravity (3,): m/s^2. angles (n, N): joint angles, rad. parts: result of `lumps(arm)`, or None to compute it.
+    gravity (3,): gravitational acceleration, m/s^2. angles (n, N): joint angles, rad. parts: result of `lumps(arm)`, or
+        None to compute it.
     """
     places, axes, links, _ = frames(arm, angles)
     torques, inertia = np.zeros(angles.shape), np.zeros((*angles.shape, arm.n_links))

@@ -1,8 +1,9 @@
 """Consistency tests of a log's columns: wrong gains, delayed readings, a clock with a wrong rate.
 
-Each test adds one more parameter e to a finished fit. To first order the value of e is the last component of -(K'K)^-1
-K' r, where r are the residuals and K = [J, g] their derivatives by the fitted parameters and by e. A log is suspect if
-e is significant, which means that it exceeds `CERTAIN` half widths of its 95 % interval, and large enough to matter.
+Each test adds one parameter e, such as an error of a gain, to a finished fit. To first order the value of e is the last
+component of -(K'K)^-1 K' r, where r are the residuals and K = [J, g] their derivatives by the fitted parameters and by
+e. A log is suspect if e is significant, which means that it exceeds `CERTAIN` half widths of its 95 % interval, and
+large enough to matter.
 """
 
 from __future__ import annotations
@@ -35,9 +36,9 @@ class Deviation:
     """Estimated deviation of a column from its description in the config.
 
     Attributes:
-        value: the deviation, as a relative error or in s. half: half width of its 95 % interval. least: smallest
-            deviation that matters.
-        sentence: description with numbers. remedy: advice.
+        value: the estimated deviation, as a relative error or in s. half: half width of its 95 % confidence interval.
+            least: smallest deviation that matters in practice.
+        sentence: description of the deviation with numbers. remedy: advice to the user.
     """
 
     value: float
@@ -60,7 +61,7 @@ each run's residuals (kept, outputs)."""
 def deviations(problem: Problem, z: Array) -> list[Deviation]:
     """Estimate the errors of each output's gain and delay and of the logs' clock, the most significant error first.
 
-    Fitted gains and delays are omitted. z (p,): fitted parameters in units of their sizes.
+    Gains and delays that are parameters of the fit are omitted. z (p,): fitted parameters in units of their sizes.
     """
     J, errors = problem.slopes(z), problem.errors(z)
     found = []
@@ -74,7 +75,8 @@ def deviations(problem: Problem, z: Array) -> list[Deviation]:
 
 
 def _sentence(pattern: str, value: float, half: float) -> str:
-    """Fill in the value in ms (pattern with "[ms]") or % ("[%]"), and the word for its sign ("{less|more}")."""
+    """Return a sentence from a pattern: insert the value in ms at "[ms]" or in % at "[%]", and the word for its sign at
+    "{less|more}"."""
     scale, unit = (1e3, "ms") if "[ms]" in pattern else (100.0, "%")
     less, more = pattern[pattern.index("{") + 1 : pattern.index("}")].split("|")
     pattern = pattern.replace(f"[{unit}]", f"{scale * abs(value):.3g} +- {scale * half:.2g} {unit}")
@@ -104,9 +106,9 @@ def _of_outputs(problem: Problem, z: Array) -> Iterator[Candidate]:
 
 
 def _of_one(problem: Problem, k: int, changes: list[Array]) -> list[Array]:
-    """Return derivatives of each run's residuals (kept, outputs) if only output k changes.
+    """Return the derivative of each run's residuals (kept samples, outputs) by an error of output k alone.
 
-    changes (n,): change of the output in each run.
+    changes: for each run the change (n,) of the output.
     """
     blocks, outputs = [], problem.experiment.config.outputs
     for run, change in zip(problem.runs, changes, strict=True):
@@ -119,7 +121,8 @@ def _of_one(problem: Problem, k: int, changes: list[Array]) -> list[Array]:
 
 
 def _of_clock(problem: Problem, z: Array) -> Candidate:
-    """Return the candidate for a clock that is fast by e: the residuals' derivative by a stretched time axis."""
+    """Return the `Candidate` for a clock that is fast by the fraction e. The derivative of the residuals is that of a
+    stretched time axis."""
     longer = [dataclasses.replace(run, t=run.t * (1.0 + CLOCK_STEP)) for run in problem.runs]
     pairs = zip(Problem(problem.experiment.anew(), longer).errors(z), problem.errors(z), strict=True)
     column = problem.experiment.config.time.column

@@ -38,10 +38,10 @@ class Channel:
     Args:
         name: name of the input ("joint0", "motor0", "torque0", "current0", "voltage0") or of the reading
             ("strain_gauge_1", "hub_angle", ...; `Trajectory.measured`).
-        column: name of the column in the file. factor: SI value per unit of the column, times a gain. offset: column's
-            value at an SI value of 0; None (outputs only): a constant of each run that is fitted. shift: delay of the
-            column, s; positive or negative.
-        low_pass: cut-off, Hz, of a zero-phase second-order Butterworth filter; None: no filter.
+        column: name of the column in the log file. factor: SI value per unit of the column, times a gain. offset: value
+            of the column where the SI value is 0. If None (outputs only), a constant is fitted for each run. shift:
+            delay of the column, s; positive or negative.
+        low_pass: cut-off frequency, Hz, of a zero-phase second-order Butterworth filter; None for no filter.
     """
 
     name: str
@@ -63,21 +63,22 @@ class Channel:
 
     @property
     def moves(self) -> bool:
-        """Whether an input prescribes an angle."""
+        """True if an input prescribes an angle, False if it is a torque, current or voltage."""
         return self.kind in ("joint", "motor")
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """Parameter to be fitted.
+    """Parameter that is fitted.
 
     Args:
         path: key path in the arm ("links[0].section.EI"), in its sensors ("sensors.strain_gauge_1.gain"), or in
             the experiment ("loads[0].force_x", "gravity[0]", "inputs.joint0.gain", "outputs.hub_angle.shift").
-        name: short name. low, high: bounds of the value. start: initial value of the fit; None: the arm's value.
-        prior: mean and standard deviation from prior knowledge, or None. size: scale of a significant change; None: the
-            magnitude of the initial value. nuisance: whether the parameter belongs to the fitted logs only and keeps
-            its initial value in all others.
+        name: short name for reports. low, high: bounds of the value. start: initial value of the fit; None for the
+            arm's value.
+        prior: mean and standard deviation from prior knowledge, or None. size: change of the value that is significant;
+            None for the magnitude of the initial value. nuisance: True if the parameter is fitted for the training logs
+            only and keeps its initial value in all other logs.
     """
 
     path: str
@@ -92,10 +93,10 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Config:
-    """Contents of the config file.
+    """Contents of the configuration file of a fit.
 
     time: column of the instants. start: initial state of a run, as in a `Scene`. skip: time, s, at the start of a run
-    in which readings are not compared.
+        during which readings are not compared.
     """
 
     time: Channel
@@ -117,7 +118,7 @@ class Config:
     def chosen(self, names: tuple[str, ...] | None = None) -> tuple[Parameter, ...]:
         """Return the parameters to be fitted.
 
-        names: names or key paths of the parameters; None: the parameters that the config selects.
+        names: names or key paths of the parameters; None for the parameters that the config selects.
         """
         wanted = self.fit if names is None else names
         known = {key: p for p in self.parameters for key in (p.name, p.path)}
@@ -148,7 +149,7 @@ def read_config(source: str | os.PathLike[str] | Config, arm: Arm) -> Config:
 
 
 def _config(table: dict[str, Any], arm: Arm) -> Config:
-    """Build the Config from the file's table; ValueError that names key path and value."""
+    """Build the Config from the file's table; raise ValueError that names the key path and the value."""
     check.known_keys("", table, _KEYS)
     n = arm.n_links
     # inputs: one channel per driven joint
@@ -209,7 +210,7 @@ def _leaves_the_plane(experiment: Mapping[str, Any]) -> bool:
 
 
 def _channels(what: str, table: Mapping[str, Any], offsets: bool) -> tuple[Channel, ...]:
-    """Read a table of channels, "inputs" or "outputs"; offsets: whether offsets may be fitted."""
+    """Read a table of channels, "inputs" or "outputs". offsets: True if offsets may be fitted."""
     entries = check.table_of(what, check.needed("", table, what, "must be a table of channels and their columns"))
     if not entries:
         raise check.InvalidValue(what, entries, "must name at least one channel")
@@ -217,9 +218,9 @@ def _channels(what: str, table: Mapping[str, Any], offsets: bool) -> tuple[Chann
 
 
 def _channel(path: str, name: str, entry: Any, offsets: bool, keys: tuple[str, ...] = _CHANNEL) -> Channel:
-    """Read one channel: a column's name, or a table.
+    """Read one channel, which is given as the name of a column or as a table.
 
-    offsets: whether offset = "fit" is allowed and the default. keys: accepted keys.
+    offsets: True if offset = "fit" is allowed, which is then the default. keys: names of the accepted keys.
     """
     table = {"column": entry} if isinstance(entry, str) else check.table_of(path, entry)
     check.known_keys(path, table, keys)

@@ -41,13 +41,13 @@ FAR = 3.0
 
 @dataclass(frozen=True)
 class Resolved:
-    """Fit with known discretization error.
+    """Result of a fit whose discretization error has been estimated.
 
     Attributes:
-        problem: the problem with the last step and mesh. fit: the fit, with z (p,) corrected for the shifts.
-            uncertainty: intervals that include the remaining shifts. shifts: shifts (p,) by "step" and by "mesh", in
-            the parameters' sizes. coarse: names of parameters whose shift by step or mesh still exceeds their interval
-            after all refinements.
+        problem: the least-squares problem with the final step and mesh. fit: the fit, whose z (p,) is corrected for the
+            shifts. uncertainty: intervals that include the remaining shifts. shifts: shifts (p,) by "step" and by
+            "mesh", in the parameters' sizes. coarse: names of the parameters that still shift by more than their
+            interval, after all refinements.
     """
 
     problem: Problem
@@ -58,7 +58,8 @@ class Resolved:
 
 
 def resolve(solver: Solver, found: Fit) -> Resolved:
-    """Refine step and mesh of a fit as far as its intervals require. Fits of arms in space are not refined."""
+    """Refine step and mesh of a fit until their error is small compared with the confidence intervals. Fits of arms in
+    space are not refined."""
     problem, z, left = solver.problem, found.z, dict(MOST)
     if problem.experiment.config.space:
         return Resolved(problem, found, uncertainty(problem, z), {}, ())
@@ -108,8 +109,8 @@ def refined(problem: Problem, kind: str) -> Problem:
 def _shift(problem: Problem, z: Array, kind: str) -> Array:
     """Predict the change of z (p,) to dt = 0, or to the exact mesh; 0 if the companion model fails.
 
-    The change is -FACTOR (J'J)^-1 J' d for the parameters that are not at a bound. d: residuals of the companion minus
-    the model's.
+    The change is -FACTOR (J'J)^-1 J' d for the parameters that are not at a bound. d: residuals of the companion model
+    minus residuals of the model.
     """
     finer = refined(problem, kind)
     here, there = (np.concatenate([e.ravel() for e in one.errors(z)]) for one in (problem, finer))

@@ -42,12 +42,12 @@ TRIES = 8
 
 @dataclass(frozen=True)
 class Excitation:
-    """Excitation signal and its simulated effect.
+    """Excitation torques and the simulated motion that they cause.
 
-    Attributes: t (n,): instants, s, evenly spaced. torques (n, N): torques, N m, each constant until the next instant.
-            band: lowest and highest frequency, rad/s. modes (M,): frequencies of the arm's modes in the band with free
-            joints, rad/s. angle: largest joint rotation of the arm and the perturbed arms, rad. deflection: largest tip
-            deflection divided by its link's length.
+    Attributes: t (n,): instants, s, evenly spaced. torques (n, N): joint torques, N m, each constant until the next
+            instant. band: lowest and highest frequency, rad/s. modes (M,): frequencies of the arm's modes in the band
+            with free joints, rad/s. angle: largest joint rotation of the arm and the perturbed arms, rad. deflection:
+            largest tip deflection divided by its link's length.
     """
 
     t: Array
@@ -72,16 +72,16 @@ def excite(
     """Design torques that excite an arm within bounds, for `flexarm run FILE.csv --to HOST:PORT` or any other player.
 
     Args:
-        arm: approximate model of the arm; also a name or a TOML file. The arm starts straight, at rest, without
+        arm: approximate model of the arm: an `Arm`, a name or a TOML file. The arm starts straight, at rest, without
             gravity.
-        seconds: duration. rate: frequency at which torques change, Hz. modes: number of flexible modes in the band,
-            whose upper limit is a fifth of the rate. most_angle: largest joint rotation to either side, rad.
-            most_torque: largest motor torque, N m; default: half of each joint's limit. drawn: number of perturbed arms
-            for which the bounds must hold too; their EI, tip masses, hub inertia and damping vary each by factors up to
-            `spread`. most_deflection: largest tip deflection divided by its link's length. seed: seed of phases and
-            perturbed arms. options: options of the solver, as in `simulate`.
+        seconds: duration of the signal, s. rate: frequency at which torques change, Hz. modes: number of flexible modes
+            in the band, whose upper limit is a fifth of the rate. most_angle: largest joint rotation to either side,
+            rad. most_torque: largest motor torque, N m; default: half of each joint's limit. drawn: number of perturbed
+            arms for which the bounds must hold too; their EI, tip masses, hub inertia and damping vary each by factors
+            up to `spread`. most_deflection: largest tip deflection divided by its link's length. seed: seed of phases
+            and perturbed arms. options: options of the solver, with the names that `simulate` uses.
     Raises:
-        ValueError: an invalid value; an arm without torque limits and no most_torque.
+        ValueError: a value is invalid, or the arm has no torque limits and most_torque is not given.
     """
     given = arms.resolve(arm)
     if given.spatial:
@@ -129,7 +129,8 @@ def excite(
 def _motion(t: Array, joints: int, low: float, high: float, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """Generate angles, rates, accelerations (n, joints) of a rigid arm, at rest at both ends, largest angle 1.
 
-    t (n,): s. low, high: band, rad/s. Angles are sums of sin(w t + phase) / w^2 under a smooth window.
+    t (n,): instants, s. low, high: lower and upper end of the frequency band, rad/s. Angles are sums of sin(w t +
+        phase) / w^2, multiplied by a smooth window.
     """
     length = t[-1]
     wanted = np.geomspace(low, high, LINES * joints) * length / (2.0 * np.pi)

@@ -54,15 +54,16 @@ class Problem:
         return (low - start) / size, (high - start) / size
 
     def values(self, z: Array) -> Array:
-        """Convert z (p,) to parameter values in their own units."""
+        """Convert z (p,) to parameter values in the units of the parameters."""
         return np.asarray(self.experiment.start + self.sizes * z)
 
     def errors(self, z: Array) -> list[Array]:
-        """Return each run's residuals (kept, outputs), (prediction - log) / deviation of the log, without offsets."""
+        """Return each run's residuals (kept samples, outputs): (prediction - log) / standard deviation of the log,
+        without offsets."""
         return [self._of_run(z, run) for run in self.runs]
 
     def _of_run(self, z: Array, run: Run) -> Array:
-        """Return the errors of one run (kept, outputs); see `errors`."""
+        """Return the residuals of one run (kept samples, outputs), as `errors` defines them."""
         predicted = self.experiment.predict(self.values(z), run)
         columns = []
         for channel in self.experiment.config.outputs:
@@ -73,7 +74,8 @@ class Problem:
         return np.array(columns).T
 
     def slopes(self, z: Array, careful: bool = False) -> Array:
-        """Return the derivatives (n, p) of all errors by z, runs concatenated; careful: see `Experiment.slopes`."""
+        """Return the derivatives (n, p) of all residuals by z, with the runs concatenated. careful: as in
+        `Experiment.slopes`."""
         blocks = []
         for run in self.runs:
             columns, found = [], self.experiment.slopes(self.values(z), run, self.sizes, careful)
@@ -85,12 +87,13 @@ class Problem:
         return np.concatenate(blocks)
 
     def priors(self, z: Array) -> Array:
-        """Return prior residuals (p,): (value - mean) / deviation for parameters with a prior, otherwise 0."""
+        """Return the residuals (p,) of the priors: (value - mean) / deviation for parameters with a prior, otherwise
+        0."""
         known = zip(self.experiment.parameters, self.values(z), strict=True)
         return np.array([0.0 if p.prior is None else (x - p.prior[0]) / p.prior[1] for p, x in known])
 
     def residuals(self, z: Array, noise: float) -> Array:
-        """Return all errors, followed by the priors' residuals times `noise`, in one vector."""
+        """Return one vector with the residuals of all runs, followed by the priors' residuals times `noise`."""
         return np.concatenate([*(e.ravel() for e in self.errors(z)), noise * self.priors(z)])
 
     def jacobian(self, z: Array, noise: float) -> Array:
@@ -103,11 +106,12 @@ class Problem:
 
 @dataclass(frozen=True)
 class Fit:
-    """Result of a fit.
+    """Result of a least-squares fit.
 
-    z (p,): best parameters, see `Problem`. cost: sum of squared residuals. starts: costs reached from all initial
-    guesses. evaluations: number of evaluations. ended: the optimizer's message. runs: number of simulations.
-    by_differences: parameters differentiated by finite differences of whole runs, with the reason.
+    z (p,): best parameters, scaled as in `Problem`. cost: sum of squared residuals. starts: final costs of the fits
+        from all initial guesses. evaluations: number of evaluations of the residuals. ended: the optimizer's final
+        message. runs: number of simulations.
+    by_differences: parameters whose derivatives are finite differences of whole runs, with the reason.
     """
 
     z: Array
@@ -125,7 +129,8 @@ class Solver:
     def __init__(
         self, problem: Problem, *, progress: Callable[[float], None] | None = None, state: Path | None = None
     ) -> None:
-        """Prepare a fit. progress: called with the completed share. state: file of the saved state, or None."""
+        """Prepare a fit. progress: function that is called with the completed fraction of the fit. state: file of the
+        saved state, or None."""
         self.problem, self.progress, self.state_file = problem, progress, state
         self.config = problem.experiment.config
         self.count, self.done = 0, 0.0
@@ -159,7 +164,8 @@ class Solver:
         return Fit(z, cost, tuple(costs), self.count, ended, own.runs, dict(own.by_differences))
 
     def _starts(self) -> list[Array]:
-        """Return initial guesses z: the config's values twice (the second time with short horizons), then random."""
+        """Return initial guesses z: the config's values twice (the second time for short horizons), then random
+        values."""
         low, high = self.problem.bounds
         rng = np.random.default_rng(self.config.seed)
         n = len(low)
@@ -176,7 +182,8 @@ class Solver:
         return self._search(problem, z, float(errors.std()), most)
 
     def _least_squares(self, z: Array, noise: float, most: int, share: float = 1.0) -> tuple[Array, float, str]:
-        """Fit from z with at most `most` evaluations; return z, cost and message. share: fitted part of the runs."""
+        """Fit from z with at most `most` evaluations; return z, cost and message. share: fraction of each run that is
+        fitted."""
         problem = self.problem
         if share < 1.0:
             problem = Problem(problem.experiment, [run.until(share) for run in problem.runs])
@@ -185,7 +192,7 @@ class Solver:
     def _search(self, problem: Problem, z: Array, noise: float, most: int) -> tuple[Array, float, str]:
         """Minimize the problem's residuals from z by a trust-region reflective method; return z, cost and message.
 
-        noise: weight of the priors. most: largest number of evaluations.
+        noise: weight of the priors' residuals. most: largest number of evaluations of the residuals.
         """
         from scipy.optimize import least_squares
 
@@ -196,7 +203,8 @@ class Solver:
             return problem.residuals(x, noise)
 
         def slopes(x: Array) -> Array:
-            """Return the Jacobian of the residuals at x; during the final fit also save x."""
+            """Return the Jacobian of the residuals at the parameters x; during the final fit also save x to the state
+            file."""
             # the final fit saves every iterate, so that it can be resumed
             if len(self.state["starts"]) == self.config.starts:  # the last fit, from the best of them
                 self.state["best"] = x.tolist()
@@ -217,7 +225,8 @@ class Solver:
             self.progress(self.done)
 
     def _key(self) -> str:
-        """Hash the problem and its data, so that a saved state of another problem is ignored."""
+        """Return a hash of the problem and its data, by which a saved state of another problem is recognized and
+        ignored."""
         config = self.config
         # config, arm, parameters, then all data
         seed = repr((config, self.problem.experiment.arm, self.problem.experiment.parameters)).encode()
@@ -228,7 +237,7 @@ class Solver:
         return digest.hexdigest()
 
     def _read(self) -> dict[str, Any]:
-        """Read the saved state, or a fresh one if there is none for this problem."""
+        """Return the saved state, or a new state if no file has a state of this problem."""
         fresh: dict[str, Any] = {"key": self.key, "starts": []}
         if self.state_file is None or not self.state_file.is_file():
             return fresh
@@ -239,6 +248,6 @@ class Solver:
         return kept if isinstance(kept, dict) and kept.get("key") == self.key else fresh
 
     def _keep(self) -> None:
-        """Save the state if the solver has a file for it."""
+        """Save the state of the fit, if a file for it was given."""
         if self.state_file is not None:
             write_whole(self.state_file, json.dumps(self.state).encode())

@@ -24,10 +24,11 @@ SATURATED = 4
 
 @dataclass(frozen=True)
 class Run:
-    """Log in SI units.
+    """Log of one measured run, in SI units.
 
-    stem: file name without ending. t (n,): instants, s, from 0, evenly spaced. inputs, outputs: values (n,) by name.
-    kept (n,): mask of the samples that are compared.
+    stem: file name without ending. t (n,): instants, s, evenly spaced from 0 on. inputs, outputs: values (n,) of each
+        channel by name.
+    kept (n,): True for the samples that are compared with predictions.
     """
 
     stem: str
@@ -96,7 +97,7 @@ def read_run(path: str | os.PathLike[str], config: Config) -> Run:
 
 
 def _numbers(where: str, k: int, channel: Channel, lines: list[list[str]]) -> Array:
-    """Parse column k (n,); raise BadLog for a cell that is not a finite number."""
+    """Return the numbers (n,) of column k; raise BadLog for a cell that is not a finite number."""
     values = np.empty(len(lines))
     for i, line in enumerate(lines):
         cell = line[k].strip() if k < len(line) else ""
@@ -138,7 +139,7 @@ def _even(where: str, column: str, t: Array) -> float:
 def _prepared(where: str, channel: Channel, values: Array, t: Array) -> Array:
     """Convert a channel's values to SI, filter them, and shift them in time.
 
-    values (n,): values of the column. t (n,): s.
+    values (n,): values of the column. t (n,): instants, s.
     """
     values = channel.factor * (values - (channel.offset or 0.0))
     period = t[1]

@@ -40,15 +40,15 @@ _LOAD = {"link": 0, "end": "tip", "force_x": 0.0, "force_y": 0.0, "force_z": 0.0
 
 
 class Experiment:
-    """An arm with its sensors, its loads in addition to the log's inputs, and the parameters to be found.
+    """An arm with its sensors, with loads that act in addition to the log's inputs, and with parameters to be fitted.
 
     A joint without prescribed angle starts at its first reading, which has the same error as later readings. If the
-    reading has a known offset (offset = 0.0), each fitted log's initial angle is a parameter too. logs: stems of logs.
+    reading has a known offset (offset = 0.0), each log's initial angle is fitted too. logs: names of the fitted logs.
 
     Attributes:
         parameters (p,): the requested parameters, then the initial angles. start (p,): their initial values.
-        runs: number of simulations. refinements: how often the config's time step ("step") was halved and its mesh
-            refined ("mesh"). by_differences: parameters differentiated by differences of whole runs, and why.
+        runs: number of simulations. refinements: how often the config's time step was halved ("step") and its mesh
+            refined ("mesh"). by_differences: why the derivative by a parameter is a difference of runs, by parameter.
     """
 
     def __init__(self, arm: Arm, config: Config, parameters: Sequence[Parameter], logs: Sequence[str] = ()) -> None:
@@ -97,7 +97,7 @@ class Experiment:
                 self._check_bound(k, f'parameters."{p.path}".{end}', getattr(p, end))
 
     def _check_bound(self, k: int, path: str, bound: float) -> None:
-        """Raise ValueError unless the arm exists with parameter k at this bound."""
+        """Raise ValueError if the arm's description is invalid with parameter k at this bound."""
         values = self.start.copy()
         values[k] = bound
         try:
@@ -109,7 +109,7 @@ class Experiment:
         return zip(self.parameters, self._places, strict=True)
 
     def _sensor_names(self) -> dict[str, tuple[Any, ...]]:
-        """Map names of readings to places in the table of sensors."""
+        """Return a dict from the names of readings to their places in the table of sensors."""
         found = self.config.sensors
         assert found is not None
         names: dict[str, tuple[Any, ...]] = {
@@ -142,7 +142,7 @@ class Experiment:
         return arms.from_table({key: value for key, value in self.table(values).items() if key not in own})
 
     def elsewhere(self, values: Array) -> Array:
-        """Return the values (p,) for logs that were not fitted: nuisance parameters at their start."""
+        """Return the values (p,) for logs that were not fitted: nuisance parameters have their initial values."""
         return np.where([p.nuisance for p in self.parameters], self.start, values)
 
     def predict(self, values: Array, run: Run) -> dict[str, Array]:
@@ -150,7 +150,7 @@ class Experiment:
         return self._read(self._played(values, run), values, run)
 
     def _read(self, played: Played | None, values: Array, run: Run) -> dict[str, Array]:
-        """Return the readings of a simulation, by output (n,); None, a failed one, reads `LOST`."""
+        """Return the readings (n,) of each output of a simulation; `LOST` for a failed simulation (None)."""
         if played is None:
             far = LOST * np.sign(run.t - run.t.mean())
             return {name: far * y.std() for name, y in run.outputs.items()}
@@ -159,7 +159,7 @@ class Experiment:
     def slopes(self, values: Array, run: Run, sizes: Array, careful: bool = False) -> dict[str, Array]:
         """Return derivatives (n, p) of each output of `predict` by value / size of the parameters; 0 if a run fails.
 
-        They are computed by `derivatives.Run`, else by finite differences of whole runs (careful: of fourth order).
+        They come from `derivatives.runs` or from finite differences of whole runs (careful: of fourth order).
         """
         found = {name: np.zeros((len(run.t), len(values))) for name in run.outputs}
         played = self._played(values, run)
@@ -180,7 +180,7 @@ class Experiment:
         return found
 
     def _tangent(self, played: Played, here: Any, values: Array, run: Run, k: int, step: float) -> dict[str, Array]:
-        """Return the readings' derivative (n,) by parameter k, by output: readings of `played`'s tangent motion."""
+        """Return the derivative (n,) of each output's readings by parameter k, from the tangent motion of a run."""
         around = self._around(values, k, step)
         others = [self._simulation(self._at(values, k, offset), run) for offset, _ in around]
         # sensor parameters do not change the motion
@@ -199,7 +199,7 @@ class Experiment:
         return total
 
     def _around(self, values: Array, k: int, step: float) -> list[tuple[float, float]]:
-        """Return offsets of parameter k and difference weights: central, or one-sided second-order next to a bound."""
+        """Return offsets of parameter k and weights of a difference formula: central, or one-sided next to a bound."""
         p = self.parameters[k]
         up, down = values[k] + step <= p.high, values[k] - step >= p.low
         if up and down:
@@ -216,7 +216,7 @@ class Experiment:
     def _difference(
         self, here: Mapping[str, Array], values: Array, run: Run, k: int, sizes: Array, careful: bool
     ) -> dict[str, Array]:
-        """Return the readings' derivative (n,) by parameter k over its size, by output: differences of whole runs."""
+        """Return the derivative (n,) of each output's readings by parameter k / size, as a difference of whole runs."""
         p, step = self.parameters[k], STEP * sizes[k]
 
         def at(times: float) -> dict[str, Array]:
@@ -231,7 +231,7 @@ class Experiment:
         return {name: (y - here[name]) / (ahead * STEP) for name, y in at(ahead).items()}
 
     def _readings(self, trajectory: Trajectory, table: Mapping[str, Any], run: Run) -> dict[str, Array]:
-        """Return the outputs' readings (n,) of a trajectory, with the channels' gain and delay."""
+        """Return the readings (n,) of each output for a trajectory, with the channels' gains and delays."""
         sensors = trajectory.scene.arm.sensors
         assert sensors is not None
         read = trajectory.measured(_quiet(sensors, run.outputs))
@@ -263,7 +263,7 @@ class Experiment:
         return Simulation(scene, in_steps(scene, self.settings(scene), scene.duration, run.period))
 
     def _played(self, values: Array, run: Run) -> Played | None:
-        """Return the simulation of a run; the last one of each log is cached."""
+        """Return the simulation of a run; the last simulation of each log is cached."""
         key, at = (run.stem, len(run.t)), values.tobytes()
         if self._kept.get(key, (None, None))[0] != at:
             self._kept[key] = at, self._play(values, run)
@@ -328,7 +328,7 @@ class Experiment:
 
 
 def _drive(arm: Arm, k: int, kind: str) -> tuple[float, Arm]:
-    """Return the joint torque per unit of torque, current or voltage, and the arm, with back-emf as motor friction."""
+    """Return the joint torque per unit of an input, and the arm, in which back-emf is modeled as motor friction."""
     joint = arm.joint(k)
     if kind == "torque":
         return 1.0, arm
@@ -390,7 +390,7 @@ def _place(path: str, sensors: Mapping[str, tuple[Any, ...]], arm: Arm) -> tuple
 
 
 def _check_place(path: str, place: Sequence[Any], table: Any) -> None:
-    """Raise ValueError unless the table has such a place, or the place is optional and absent."""
+    """Raise ValueError unless the table has an entry at this place, or the entry is optional and absent."""
     where = ""
     for word in place:
         if table is None:
@@ -439,7 +439,7 @@ def _lists(table: Any) -> Any:
 
 
 def _whole(arm: Arm, config: Config) -> dict[str, Any]:
-    """Return all numbers of an arm and its sensors by key path, defaults included."""
+    """Return a dict from key paths to all numbers of an arm and its sensors, including default values."""
     table: dict[str, Any] = _lists(dataclasses.asdict(dataclasses.replace(arm, sensors=config.sensors)))
     joints = [dataclasses.asdict(arm.joint(k) if arm.joints else Joint()) for k in range(arm.n_links)]
     for i, link in enumerate(arm.links):

@@ -24,9 +24,9 @@ from .uncertainty import Direction, Uncertainty
 
 @dataclass(frozen=True)
 class Prediction:
-    """Prediction of one run by one model: for each output readings (n,), VAF (%) and NRMSE (%).
+    """Prediction of one run by one model: readings (n,), VAF (%) and NRMSE (%) of each output.
 
-    VAF: variance accounted for. NRMSE: root mean square error divided by the log's standard deviation.
+    VAF: variance accounted for, %. NRMSE: root mean square error divided by the log's standard deviation.
     """
 
     run: Run
@@ -41,16 +41,18 @@ class Identification:
 
     Attributes:
         arm: the fitted arm, with the sensors of the given arm. given: the given arm.
-        parameters: fitted parameters. values (p,): their values. start (p,): the given arm's values.
-        uncertainty: uncertainty of the values. verdict: "good", or a sentence on why the fit should not be trusted.
+        parameters: descriptions of the fitted parameters. values (p,): fitted values of the parameters. start (p,):
+            values of the parameters in the given arm.
+        uncertainty: uncertainty of the fitted values. verdict: "good", or a sentence that explains why the fit should
+            not be trusted.
         train, held_out: predictions of the fitted and the held-out runs by the fitted arm, held-out runs with nuisance
             parameters at their initial values. unfitted, baseline: predictions of the same runs, fitted runs first, by
             the given arm and by one oscillator per output. oscillators: frequency (Hz) and damping ratio of each
             oscillator, by output.
         frequencies, damping: frequencies (Hz) and damping ratios of the fitted arm while the prescribed joints are
-            held. seen: ringing measured in the runs, by output.
-        fit: record of the fit. ranges: factors for `randomization`. experiment: the fitted model, with the joints'
-            initial angles of the logs. files: files of the runs.
+            held. seen: free vibrations measured in the runs (`Ringing`), by output.
+        fit: result of the least-squares fit. ranges: ranges of factors for the environments' option `randomization`.
+            experiment: the fitted model, with the initial joint angles of the logs. files: log files of the runs.
     """
 
     arm: Arm
@@ -81,7 +83,7 @@ class Identification:
 
     @property
     def good(self) -> bool:
-        """Whether the fit can be trusted."""
+        """True if the fit can be trusted (the verdict is "good")."""
         return self.verdict == "good"
 
     def save(self, folder: str | os.PathLike[str]) -> None:
@@ -98,7 +100,7 @@ class Identification:
                 draw(row, figure.subplots(2 * len(names), 1, sharex=True, height_ratios=[2, 1] * len(names)))
 
     def lines(self) -> dict[str, Any]:
-        """Return the entries of the command's output by name; only names of held-out runs' entries have no prefix."""
+        """Return the entries of the command's output by name. Entries of held-out runs have names without a prefix."""
         worth = self.uncertainty
         told: dict[str, Any] = {"verdict": self.verdict}
         # parameters with their 95 % half widths
@@ -244,7 +246,8 @@ def _correlations(result: Identification) -> str:
 
 
 def _vibration(result: Identification) -> str:
-    """Format a table of frequencies (Hz) and damping ratios: fitted arm, oscillators, and measured ringing."""
+    """Format a table of frequencies (Hz) and damping ratios of the fitted arm, of the oscillators and of measured
+    vibrations."""
     rows = [(f"fitted arm, mode {k + 1}, prescribed joints held", f"{f:.3f}", f"{z:.4f}", "")
             for k, (f, z) in enumerate(zip(result.frequencies, result.damping, strict=True))]  # fmt: skip
     rows += [(f"one oscillator, {name}", f"{f:.3f}", f"{z:.4f}", "") for name, (f, z) in result.oscillators.items()]

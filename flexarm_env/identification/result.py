@@ -43,13 +43,15 @@ def identify(
     """Fit an arm to logs and evaluate the arm on other logs.
 
     Args:
-        arm: initial guess: an Arm, a name, a TOML file. config: a TOML file or its text.
+        arm: initial guess of the arm: an `Arm`, a name or a TOML file. config: configuration of the fit: a TOML file or
+            its text.
         data, hold_out: CSV files for the fit and for the evaluation. fit: names or key paths of the parameters to fit;
-            None: the config's. out: a folder for `Identification.save`; an interrupted fit resumes from there.
+            None for the parameters that the config selects. out: folder for `Identification.save`, from which an
+            interrupted fit resumes.
         progress: function that is called with the completed share of the fit, 0 to 1.
     Raises:
-        ValueError: an invalid value, with its key path. BadLog (a ValueError): an unusable log, with file, column and
-            row. OSError: a file that cannot be read or written.
+        ValueError: a value is invalid; the message names its key path. BadLog (a ValueError): a log is unusable; the
+            message names file, column and row. OSError: a file cannot be read or written.
     """
     given = arms.resolve(arm)
     setup = read_config(config, given)
@@ -180,7 +182,7 @@ def _verdict(resolved: Resolved, train: Sequence[Prediction], baseline: Sequence
 def _swapped(problem: Problem, best: Fit) -> str:
     """Return a sentence on two columns whose exchange would fit better, or "".
 
-    The parameters are adjusted to the exchange to first order.
+    For the exchanged columns the parameters are adjusted to first order.
     """
     pairs = combinations(problem.experiment.config.outputs, 2)
     # only outputs of the same kind can be confused
@@ -189,7 +191,7 @@ def _swapped(problem: Problem, best: Fit) -> str:
         return ""
 
     def errors(runs: Sequence[Run], z: Array) -> Array:
-        """Concatenate the errors of runs at z."""
+        """Return the residuals of several runs at the parameters z, concatenated."""
         return np.concatenate([e.ravel() for e in Problem(problem.experiment, runs).errors(z)])
 
     J = problem.slopes(best.z)
@@ -208,7 +210,8 @@ def _swapped(problem: Problem, best: Fit) -> str:
 
 # ------------------------------------------------------------------------------------------------- randomization
 def _ranges(parameters: Sequence[Parameter], values: Array, worth: Uncertainty) -> dict[str, tuple[float, float]]:
-    """Return randomization factors on the fitted arm: for each key, the widest 95 % interval of its parameters."""
+    """Return ranges of factors on the fitted arm for `randomization`: for each key, the widest 95 % interval of its
+    parameters."""
     kinds = {"EI": "EI", "payload": "mass", "damping": "tau_d", "torque_constant": "torque_constant"}
     found: dict[str, tuple[float, float]] = {}
     for p, value, half in zip(parameters, values, worth.half, strict=True):

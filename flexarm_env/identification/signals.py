@@ -13,9 +13,10 @@ from .log import Run
 
 
 def vaf(measured: Array, predicted: Array) -> float:
-    """Return the variance accounted for, %: 100 (1 - var(measured - predicted) / var(measured)), whatever the offset.
+    """Return the variance accounted for, %: 100 (1 - var(measured - predicted) / var(measured)), independent of any
+    offset.
 
-    Raises ValueError for a constant log, or a prediction of another length, as does `nrmse`.
+    Raises ValueError if the log is constant, or if the prediction has another length; `nrmse` does the same.
     """
     measured, predicted = _comparable(measured, predicted)
     return float(100.0 * (1.0 - np.var(measured - predicted) / np.var(measured)))
@@ -44,11 +45,11 @@ def _comparable(measured: Array, predicted: Array) -> tuple[Array, Array]:
 # -------------------------------------------------------------------------------------------- ringing, free decay
 @dataclass(frozen=True)
 class Ringing:
-    """Damped cosine fitted to an interval of a signal.
+    """A free vibration: damped cosine that was fitted to an interval of a signal.
 
-    start: start of the interval, s. frequency: undamped frequency, Hz. damping: damping ratio. amplitude: amplitude at
-    the interval's start, in the signal's unit. error: root mean square of the fit's residual, divided by the interval's
-    standard deviation.
+    start: start of the interval, s. frequency: undamped natural frequency, Hz. damping: damping ratio. amplitude:
+    amplitude at the interval's start, in the signal's unit. error: root mean square of the fit's residual, divided by
+    the interval's standard deviation.
     """
 
     start: float
@@ -104,9 +105,9 @@ def free_decay(t: Array, y: Array, *, periods: float = 4.0, high: float = np.inf
     Args:
         t (n,): instants, s, evenly spaced. y (n,): vibration signal, in any unit. periods: vibration periods per
             interval.
-        high: upper limit of the frequency, Hz.
+        high: upper limit of the vibration's frequency, Hz.
     Raises:
-        ValueError: fewer than two intervals, or no vibration.
+        ValueError: the record has fewer than two intervals, or no vibration.
     """
     t, y = check.column("t", t, "s"), check.column("y", y)
     if len(t) != len(y) or len(t) < 20:
@@ -135,7 +136,8 @@ STILL = 0.02
 
 
 def read_off(run: Run, name: str) -> list[Ringing]:
-    """Fit the ringing of an output in every interval in which the run's inputs are still for at least 1.5 s."""
+    """Fit the free vibration of an output in every interval in which the run's inputs are constant for at least 1.5
+    s."""
     # intervals with all inputs still
     still = np.ones(len(run.t), bool)
     for values in run.inputs.values():
@@ -159,8 +161,8 @@ class Oscillator:
     """Linear oscillator y'' + 2 damping w y' + w^2 y = (sum of gains times inputs), with the sensor's filter; w = 2 pi
     f.
 
-    frequency: f, Hz. damping: damping ratio. gains: gain of each input. For inputs that prescribe angles, the inputs
-    are the accelerations of these angles.
+    frequency: natural frequency f, Hz. damping: damping ratio. gains: gain of each input. For inputs that prescribe
+    angles, the inputs are the accelerations of these angles.
     """
 
     frequency: float
@@ -176,7 +178,7 @@ class Oscillator:
 def _through(run: Run, frequency: float, damping: float, law: Law) -> Array:
     """Filter each input by the oscillator with unit gain and by the sensor's low-pass, (n, inputs).
 
-    frequency: Hz. damping: ratio. law: law of the sensor.
+    frequency: natural frequency, Hz. damping: damping ratio. law: description of the sensor that reads the output.
     """
     from scipy.signal import cont2discrete, lfilter, ss2tf
 
@@ -206,7 +208,8 @@ def _through(run: Run, frequency: float, damping: float, law: Law) -> Array:
 
 
 def oscillator(runs: list[Run], name: str, law: Law) -> Oscillator:
-    """Fit one oscillator to an output of all runs, without offsets; law: law of the output's sensor.
+    """Fit one oscillator to an output of all runs, without offsets; law: description of the sensor that reads the
+    output.
 
     A grid over the frequency (25 values, 0.3 to 30 Hz) is followed by least squares in log frequency and log damping.
     """
@@ -215,7 +218,8 @@ def oscillator(runs: list[Run], name: str, law: Law) -> Oscillator:
     target = np.concatenate([y - y.mean() for y in (run.outputs[name][run.kept] for run in runs)])
 
     def solved(x: Array) -> tuple[Array, Array]:
-        """Return the relative residual, and the gains, which are linear; x: log frequency and log damping ratio."""
+        """Return the relative residual and the gains, for which the problem is linear. x: logarithms of frequency and
+        damping ratio."""
         tables = [_through(run, float(np.exp(x[0])), float(np.exp(x[1])), law)[run.kept] for run in runs]
         table = np.concatenate([columns - columns.mean(axis=0) for columns in tables])
         gains = np.linalg.lstsq(table, target, rcond=None)[0]

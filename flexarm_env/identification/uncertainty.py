@@ -31,9 +31,9 @@ SMALLEST = 1e-7
 
 @dataclass(frozen=True)
 class Direction:
-    """Combination of parameter changes in units of their sizes; the largest change is 1.
+    """Linear combination of parameter changes, in units of the parameters' sizes, whose largest change is 1.
 
-    deviation: 95 % half width of the combination, in units of the largest change.
+    deviation: half width of the 95 % interval of the combination, in units of the largest change.
     """
 
     shares: dict[str, float]
@@ -42,17 +42,17 @@ class Direction:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Uncertainty of a fit.
+    """Uncertainty of the parameters of a fit.
 
     Attributes:
         half (p,): half widths of the 95 % intervals, in the parameters' units. correlation (p, p): correlation matrix.
         condition: condition number of the residuals' derivatives by value / size of the parameters. at_bound: names of
-            parameters at a bound; they have no interval (nan).
+            the parameters whose fitted value is at a bound; their interval is nan.
         unidentifiable: names of the parameters that the logs do not determine, at a bound or not. directions: changes
             of several parameters with almost no effect. identifiable: for each direction, the best known combination of
             the same parameters.
-        noise: root mean square of the residuals, divided by the readings' standard deviation. samples: equivalent
-            number of independent residuals.
+        noise: root mean square of the residuals, divided by the readings' standard deviation. samples: number of
+            independent residuals that would give the same information.
     """
 
     half: Array
@@ -120,7 +120,8 @@ def interval_of_last(J: Array, errors: Sequence[Array]) -> tuple[float, float]:
 
 
 def _with_priors(problem: Problem, free: NDArray[np.intp], covariance: Array) -> Array:
-    """Return standard deviations of the free parameters, in their sizes, from the logs and the priors together.
+    """Return the standard deviations of the free parameters, in units of their sizes, from the logs and the priors
+    together.
 
     covariance: covariance from the logs alone. Information matrices are added: (C^-1 + diag(1 / s^2))^-1.
     """
@@ -137,8 +138,8 @@ def _with_priors(problem: Problem, free: NDArray[np.intp], covariance: Array) ->
 def _covariance(J: Array, errors: Sequence[Array], noise2: float) -> tuple[Array, float, float, float]:
     """Return the covariance (p, p) of the parameters by the sandwich formula, from J (n, p) and each run's residuals.
 
-    noise2: mean squared residual. Further results: degrees of freedom, condition of J, and the number of residuals that
-    amount to one independent residual.
+    noise2: mean squared residual. Further results: degrees of freedom, condition number of J, and the number of
+        correlated residuals that carry the information of one independent residual.
     """
     p = J.shape[1]
     _, values, right = np.linalg.svd(J, full_matrices=False)
@@ -169,7 +170,7 @@ def _covariance(J: Array, errors: Sequence[Array], noise2: float) -> tuple[Array
 def _long_run(scores: Sequence[Array]) -> tuple[Array, float]:
     """Return the long-run covariance S (p, p) of the scores with Bartlett weights, and its degrees of freedom.
 
-    scores: (samples, p) of each run.
+    scores: scores (samples, p) of each run.
     """
     n = sum(len(g) for g in scores)
     numerator = denominator = 0.0
@@ -197,7 +198,8 @@ def _directions(
 ) -> tuple[tuple[Direction, ...], tuple[Direction, ...]]:
     """Find unidentifiable combinations of parameters, and for each the best known combination of the same parameters.
 
-    covariance (p, p): in units of the parameters' sizes. quantile: 97.5 % quantile of Student's t.
+    covariance (p, p): covariance in units of the parameters' sizes. quantile: 97.5 % quantile of Student's t
+        distribution.
     """
     values, vectors = np.linalg.eigh(covariance)
     blind, told = [], []

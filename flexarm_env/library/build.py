@@ -40,11 +40,11 @@ LAWS = ("model.data", *(f"models.{word}.data" for word in Models._fields))
 
 @dataclass(frozen=True)
 class Built:
-    """Result of `write`.
+    """Files that `write` has written.
 
     folder: the library's folder. name: prefix of all C names. files: names of the files in the folder. objects: names
-    of the object files with compiled programs. source: the generated texts. library: name of the shared object, or None
-    if it could not be linked. why: the reason if `library` is None.
+    of the object files with compiled programs. source: the generated C texts. library: name of the shared object, or
+    None if it could not be linked. why: the reason why `library` is None.
     """
 
     folder: Path
@@ -59,8 +59,8 @@ class Built:
 def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives: bool = True) -> Built:
     """Write an environment's arm and task as a C library into a folder.
 
-    The library computes the same bits as the environment, with the same arm, random streams and task. Actions are
-    float64, and the energy balance is computed. There is no time limit: the caller ends an episode.
+    The library returns the same bits as the environment, with the same arm, random numbers and task. Actions are
+    float64, and the energy balance is computed. The library has no time limit: the calling program ends an episode.
 
     Args:
         env: single environment of this package, without a prescribed motion. folder: output folder, created if missing.

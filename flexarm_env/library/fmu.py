@@ -45,8 +45,8 @@ step.
 class Variable(NamedTuple):
     """One variable of an FMU: input, output, parameter or time.
 
-    kind: table of the C source `fmu.c` that contains the variable. at: index of the variable in this table. start:
-    initial value, or None if the variable is computed. least, most: bounds of an input or parameter.
+    kind: name of the table in the C source `fmu.c` that contains the variable. at: index of the variable in this table.
+    start: initial value, or None if the variable is computed. least, most: bounds of an input or parameter.
     """
 
     name: str
@@ -77,7 +77,7 @@ def write_fmu(env: Any, path: Path, name: str, form: str = "3.0", cpu: str | Non
         env: single environment of this package. path: path of the file. name: C identifier, name of the model. form:
             version of the FMI standard, a key of `FORMS`. cpu: LLVM's name of the processor, or None for `build.CPU`.
     Raises:
-        ValueError: as `build.write` raises it, or no C compiler is found.
+        ValueError: for the reasons of `build.write`, or because no C compiler is found.
     """
     _check_form(form)
     with tempfile.TemporaryDirectory() as folder:
@@ -112,7 +112,7 @@ def write_controller_fmu(
     Args:
         controller, slew, elbows, targets: as in `control.in_c.controller_source`. path, form: as in `write_fmu`.
     Raises:
-        ValueError: as `controller_source` raises it, or no C compiler is found.
+        ValueError: for the reasons of `controller_source`, or because no C compiler is found.
     """
     _check_form(form)
     check_name(name)
@@ -131,7 +131,7 @@ def write_controller_fmu(
 
 
 class _About(NamedTuple):
-    """Head of the model description: name, FMI version, description, control period (s), stop time (s)."""
+    """Attributes of an FMU's model description: name, FMI version, description, control period (s), stop time (s)."""
 
     name: str
     form: str
@@ -151,8 +151,8 @@ def _pack(
 ) -> None:
     """Compile the FMU's C source in the folder of `files`, and zip it with the model description to `path`.
 
-    part: C text with the types and functions of arm or controller. inside: file that the source includes, which is not
-    compiled separately. code: C text whose hash is the token, FMI's identity check.
+    part: C text with the types and functions of the arm or controller. inside: name of the file that the C source
+        includes and that is not compiled separately. code: C text whose hash is the token, FMI's identity check.
     """
     name, folder = about.name, files[0].parent
     token = hashlib.sha256(code.encode()).hexdigest()[:32]

@@ -72,9 +72,9 @@ def fill(file: str, name: str, known: Mapping[str, Any]) -> str:
 class Parameter(NamedTuple):
     """A parameter of the arm that the compiled programs read at run time.
 
-    start: value in the environment. least, most: permitted range. law: index in the array of the joints' parameters, or
-    None for a parameter that the environment draws at reset. at: if `law` is None, index of the parameter in the arm's
-    memory block.
+    start: value of the parameter in the environment. least, most: permitted range of values. law: index in the array of
+    the joints' parameters, or None for a parameter that the environment draws at reset. at: if `law` is None, index of
+    the parameter in the arm's memory block.
     """
 
     name: str
@@ -92,14 +92,15 @@ class Source:
 
     Args:
         env: environment. name: prefix of all C names. worlds: memory images of the programs for steps and, if present,
-            for derivatives. periods: the `Periods` with derivatives, or None. absent: reason for missing derivatives.
-            symbols: C names of the programs. cpu: name of the processor for the comment in the header.
+            for derivatives. periods: object that computes derivatives (`Periods`), or None. absent: reason why
+            derivatives are missing. symbols: C names of the programs. cpu: name of the processor for the comment in the
+            header.
     """
 
     def __init__(
         self, env: Any, name: str, worlds: Sequence[Image], periods: Any, absent: str, symbols: Sequence[str], cpu: str
     ) -> None:
-        """Store the arguments (see the class) and the layout of a link's pose."""
+        """Store the arguments, which the class describes, and the memory layout of a link's pose."""
         self.env, self.name, self.worlds, self.periods = env, name, worlds, periods
         self.absent, self.symbols, self.cpu = absent, symbols, cpu
         self.batch, self.plan, self.setup = env.unwrapped.batch, env.unwrapped.plan, Setup.of(env)
@@ -167,7 +168,7 @@ class Source:
 
     @property
     def point(self) -> bool:
-        """Whether the target is a point in the plane (m) and not an angle (rad)."""
+        """True if the target is a point in the plane (m), False if it is an angle (rad)."""
         return not self.spatial and len(self.batch.task.targets) > 1
 
     @property
@@ -243,7 +244,8 @@ class Source:
         return found
 
     def _laws(self, world: int, first: str) -> list[int]:
-        """Return the byte offsets of the joints' parameters in each model of a world; first: prefix pattern."""
+        """Return the byte offsets of the joints' parameters in each model of a memory image (world). first: pattern of
+        the names' prefix."""
         known = self.worlds[world].places.items()
         return [place[0] for key, place in known if re.fullmatch(rf"{first}(model|models\.\w+)\.data", key)]
 
@@ -297,7 +299,8 @@ class Source:
         return "\n".join(rows)
 
     def _torques(self, file: str) -> str:
-        """Return the C function `NAME_step_torques` (inputs in N m), or "" if actions are not torques."""
+        """Return the text of the C function `NAME_step_torques`, with inputs in N m, or "" if actions are not
+        torques."""
         if self.plan.action_mode != "torque":
             return ""
         declared = "int NAME_step_torques(NAME_arm *arm, const double torque[UPPER_JOINTS])"
@@ -341,7 +344,8 @@ class Source:
         )  # fmt: skip
 
     def _tables(self) -> Iterator[str]:
-        """Yield the C arrays of each world (words, pointers to relocate, and data), then a table of the worlds."""
+        """Yield the C text of each memory image (words, pointers to relocate, and data), then of a table of the
+        images."""
         rows = []
         for k, world in enumerate(self.worlds):
             # pointers: word `word` is to hold the address of byte `byte` of the data

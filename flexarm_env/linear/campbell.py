@@ -21,8 +21,8 @@ class Campbell:
     """The n lowest frequencies of an arm in steady rotation, at each of m spins.
 
     Attributes:
-        spins (m,): rad/s.
-        frequencies (m, n): rad/s, in the frame that rotates with the arm (`Modes.frequencies`).
+        spins (m,): spin rates, rad/s. frequencies (m, n): rad/s, in the frame that rotates with the arm
+            (`Modes.frequencies`).
         at_rest (m, n): rad/s, in the fixed frame. With the frequency f in the rotating frame the values are f + spin
             for circles in the direction of the spin (`Modes.whirl` 1), spin - f for circles against it, and f if no
             point moves across the axis. For a positive spin, positive values are forward whirl and negative values are

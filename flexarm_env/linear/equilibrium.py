@@ -1,12 +1,13 @@
 """Static equilibrium under gravity and constant loads, and steady rotation, by continuation from the unloaded arm.
 
-If no joint can turn, the loads (and the square of the spin) are increased in steps. The tangent of the path predicts
-the next equilibrium, and Newton's iteration corrects the prediction. If the result is unstable or far from the
+If no joint can turn, the loads (and the square of the spin rate) are increased in steps. The tangent of the path
+predicts the next equilibrium, and Newton's iteration corrects the prediction. If the result is unstable or far from the
 prediction, the load step is halved, so that the path stays on its branch. A perfectly symmetric unstable equilibrium,
-such as a straight column above its critical load, is followed along the unstable branch. If the path ends, or if joints
-can turn, implicit steps reduce the potential energy: each step minimizes the potential plus s/2 |q - q_before|^2, in
-the norm of the mass matrix, by Newton's method. The factor s decreases after successful steps, so that the last steps
-are pure Newton steps. The steps end in a stable equilibrium, unless the arm starts in an unstable one.
+such as a straight column above its critical load, is followed along the unstable branch. If this path of equilibria
+ends, or if joints can turn, implicit steps reduce the potential energy instead: each step minimizes the potential plus
+s/2 |q - q_before|^2, in the norm of the mass matrix, by Newton's method. The factor s decreases after successful steps,
+so that the last steps are pure Newton steps. The steps end in a stable equilibrium, unless the arm starts in an
+unstable one.
 """
 
 import warnings
@@ -60,12 +61,13 @@ class UnstableEquilibrium(UserWarning):
 
 
 class Equilibrium(Simulation):
-    """A Simulation at rest at t = 0, returned by `static_equilibrium`.
+    """Static equilibrium of an arm: a Simulation at rest at t = 0, returned by `static_equilibrium`.
 
     Attributes:
         stability: stability of the equilibrium, with the joints held or free according to `hold_joints`.
-        followed: share of the loads up to which the continuation from the unloaded arm succeeded. 1.0: all of the
-            loads; below 1.0: the arm snaps through at this share of the loads; 0.0: joints turn freely.
+        followed: share of the loads up to which the continuation from the unloaded arm succeeded. The value is 1.0 for
+            all of the loads. If it is below 1.0, the arm snaps through at this share of the loads. It is 0.0 if joints
+            turn freely.
     """
 
     stability: Stability
@@ -82,19 +84,19 @@ def static_equilibrium(
 ) -> Equilibrium:
     """Compute the static equilibrium of an arm under gravity and constant loads; time-dependent loads are ignored.
 
-    With held joints the equilibrium is followed from the unloaded arm while all loads grow together. With free joints
-    the equilibrium is a minimum of the potential energy; an initial state in equilibrium is kept, even if it is
-    unstable (an upright arm). In space the search starts from the unloaded arm under the whole load. Above the buckling
-    load its result may differ from the equilibrium that grows with the load, and may be unstable. Scenes with
-    `start="held"` give no warning in this case.
+    With held joints the function follows the equilibrium from the unloaded arm while all loads grow in proportion. With
+    free joints the function returns a minimum of the potential energy. If the initial state is an equilibrium, it
+    returns this state, even if it is unstable (an upright arm). In space the function starts from the unloaded arm
+    under the whole load. Above the buckling load the result may differ from the equilibrium that grows with the load,
+    and may be unstable. Scenes with `start="held"` give no warning in this case.
 
     Args:
-        scene: the scene; motions keep their values at t = 0.
+        scene: the scene with the arm and its loads; prescribed motions keep their values at t = 0.
         formulation, options: as for `simulate`.
-        hold_joints: True: joints stay at their initial angles; holding torques replace the scene's joint torques, and
-            an elastic gear is held at its motor. False: joints turn freely, without Coulomb friction.
-        require_stable: what to do if the equilibrium is unstable (a straight column above its critical load). None:
-            warn; True: raise NoEquilibrium; False: return the equilibrium without a warning.
+        hold_joints: if True, joints stay at their initial angles; holding torques replace the scene's joint torques,
+            and an elastic gear is held at its motor. If False, joints turn freely, without Coulomb friction.
+        require_stable: reaction to an unstable equilibrium (a straight column above its critical load). None: warn.
+            True: raise NoEquilibrium. False: return the equilibrium without a warning.
     Returns:
         A Simulation of the same arm at rest, at t = 0, with its `stability`; `joint_torques()` returns the holding
         torques, N m, which continue to act.
@@ -102,7 +104,7 @@ def static_equilibrium(
         ValueError: an option is not allowed. NoEquilibrium: no equilibrium was found, or (with require_stable) it is
             unstable; the message gives the reason.
     Warns:
-        UnstableEquilibrium: see require_stable.
+        UnstableEquilibrium: the equilibrium is unstable (see require_stable).
     """
     if not isinstance(hold_joints, bool):
         raise check.InvalidValue("hold_joints", hold_joints, "must be True or False")
@@ -165,7 +167,7 @@ def warn_unstable(stability: Stability, refuse: bool) -> None:
 
 
 def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
-    """Return the scene with motions held at t = 0, without time-dependent loads, and with `changes` to its fields."""
+    """Return the scene with motions fixed at t = 0, without time-dependent loads, and with `changes` to its fields."""
 
     def kept(load: Load) -> bool:
         steady = all(len(f.pieces) == 1 and not f.pieces[0, 2:6].any() for f in load.functions)
@@ -204,7 +206,8 @@ def find_rest(equations: Equations, start: Point, held: Sequence[int], spin: flo
 
 @dataclass(frozen=True)
 class _Found:
-    """Result of Newton's iteration: the point, its last A, G and B, and whether it is a minimum of the potential."""
+    """Result of Newton's iteration: the point, its matrices A, G and B, and whether it is a minimum of the
+    potential."""
 
     point: Point
     A: Array
@@ -214,7 +217,7 @@ class _Found:
 
 
 class _Search:
-    """Newton's iteration for coordinates, multipliers and holding torques under a share of the loads."""
+    """Newton's iteration for coordinates, multipliers and holding torques under a fraction (share) of the loads."""
 
     def __init__(self, equations: Equations, start: Point, held: Sequence[int], spin: float) -> None:
         self.full, self.spin, self.held = equations, spin, list(held)
@@ -226,18 +229,18 @@ class _Search:
         self.spent = 0
 
     def take(self, share: float) -> None:
-        """Set the present share of the loads."""
+        """Set the fraction of the loads that acts."""
         self.share, self.e = share, self.full.under(share)
 
     def at(self, point: Point, q: Array) -> Point:
-        """Return the point moved to q, with the loads and the rotation of the present share."""
+        """Return the point moved to the coordinates q, with the present fraction of the loads and of the rotation."""
         v, a = self.e.rotating(q, self.spin * np.sqrt(self.share))
         u = self.share * self.loads
         u[self.held] = point.u[self.held]
         return replace(point, q=q, v=v, a=a, u=u)
 
     def follow(self, start: Point) -> tuple[Point, float]:
-        """Follow the equilibrium from the unloaded start; return the last one and its share of the loads."""
+        """Follow the equilibrium from the unloaded start; return the last equilibrium and its fraction of the loads."""
         self.take(0.0)
         q = start.q.copy()
         q[self.e.algebraic] = 0.0
@@ -273,7 +276,7 @@ class _Search:
         return found.point, 1.0
 
     def check(self, point: Point, start: Point, share: float) -> None:
-        """Raise NoEquilibrium if the path leaves the formulation's range, winds up, or takes too long."""
+        """Raise NoEquilibrium if the path leaves the formulation's valid range, winds up a link, or takes too long."""
         if self.e.status(point.q) != OK:
             raise NoEquilibrium(out_of_range(self.e.model, f", from {share:.3g} of the loads on"))
         if self.size((point.q - start.q)[self.e.free]) > _TURNS * 2.0 * np.pi:
@@ -319,11 +322,11 @@ class _Search:
         )
 
     def size(self, x: Array) -> float:
-        """Return the largest weighted entry of a move of the rows that can move, rad or arm lengths."""
+        """Return the largest weighted entry of a displacement of the movable coordinates, in rad or arm lengths."""
         return float(np.abs(x[: self.e.free.size] * self.weight).max(initial=0.0))
 
     def residual(self, point: Point) -> Array:
-        """Return r (n,), N and N m, at the point's q under the present share of loads and spin."""
+        """Return the residual r (n,), N and N m, at the point's q under the present fraction of loads and spin."""
         return self.e.residual(self.at(point, point.q))
 
     def inertia(self, point: Point) -> Array:
@@ -337,14 +340,15 @@ class _Search:
         return e.along(here, q=ways, v=frame.V @ ways, a=frame.W @ ways)[e.free]
 
     def borders(self, point: Point) -> tuple[Array, Array]:
-        """Return the derivatives G of the constraints and B of the held joints' torques for the rows that can move."""
+        """Return the derivatives G of the constraints and B of the held joints' torques, for the movable
+        coordinates."""
         e, here = self.e, self.at(point, point.q)
         return e.constraint_slopes(here), e.input_slopes(here, e.inputs[self.columns])
 
     def solve(self, A: Array, G: Array, B: Array, left: Array) -> Array:
         """Solve the bordered system, scaled to the stiffness; return the move of coordinates, multipliers and torques.
 
-        left: residual of the first rows; that of the other rows is 0.
+        left: residual of the first rows; the residual of the other rows is 0.
         """
         f, g, h = A.shape[0], G.shape[0], B.shape[1]
         scale = float(np.abs(A).max(initial=0.0))
@@ -363,7 +367,7 @@ class _Search:
         return np.asarray(x, np.float64)
 
     def moved(self, point: Point, x: Array, share: float = 1.0) -> Point:
-        """Return the point after a move x; its coordinates move by the fraction `share` of their part of x."""
+        """Return the point after a displacement x; the coordinates move by the fraction `share` of their part of x."""
         e, f, g = self.e, self.e.free.size, self.e.algebraic.size
         q, u = point.q.copy(), point.u.copy()
         q[e.free] += share * x[:f]
@@ -372,7 +376,7 @@ class _Search:
         return self.at(replace(point, u=u), q)
 
     def tangent(self, found: _Found) -> Array:
-        """Return the change of coordinates, multipliers and torques per change of the share (r is linear)."""
+        """Return the derivatives of coordinates, multipliers and torques by the fraction of the loads."""
         return self.solve(found.A, found.G, found.B, self.change(found.point, 1.0))
 
     def change(self, point: Point, other: float) -> Array:
@@ -384,7 +388,7 @@ class _Search:
         return np.asarray(change[self.e.free], np.float64)
 
     def on_a_ridge(self, found: _Found) -> bool:
-        """Return whether the loads push an unstable equilibrium to no side: its lean is at most `_LEAN`."""
+        """Return True if the loads push an unstable equilibrium to no side: its deviation is at most `_LEAN`."""
         within = self.within(found.G)
         inner = within.T @ found.A @ within
         squares, shapes = np.linalg.eigh(0.5 * (inner + inner.T))
@@ -416,12 +420,12 @@ class _Search:
         return None
 
     def within(self, G: Array) -> Array:
-        """Return an orthonormal basis (f, .) of the moves that constraints and held joints permit."""
+        """Return an orthonormal basis (f, .) of the displacements that constraints and held joints permit."""
         walls = np.vstack([G, self.angles])
         return np.asarray(np.linalg.qr(walls.T, mode="complete")[0][:, len(walls) :], np.float64)
 
     def convex(self, A: Array, G: Array) -> bool:
-        """Return whether A is positive definite for the moves that constraints and held joints permit."""
+        """Return whether A is positive definite for the displacements that constraints and held joints permit."""
         within = self.within(G)
         inner = within.T @ A @ within
         scale = np.sqrt(np.abs(inner.diagonal())) + 1e-300

@@ -64,7 +64,7 @@ def compiled(system: System) -> bool:
 
 
 class Linearizer:
-    """Computes linear models of n arms of one kind.
+    """Computes linear models of n arms that differ only in state and parameters.
 
     The constructor takes an assembled system, its settings (with dt), the number n of arms, the number of links, and
     the period in s (None for continuous models)."""
@@ -123,9 +123,9 @@ class Linearizer:
 
 
 def _places(model: Any, work: int, stride: int, names: str, count: int, skip: int = 0) -> NDArray[np.int64]:
-    """Return the places of rows of a work array in a block with `stride` lanes.
+    """Return the indices of rows of a work array in a memory block with `stride` lanes.
 
-    The places of `count` numbers that follow the array at a distance `skip` are also returned.
+    The indices of `count` numbers that follow the array at a distance `skip` are also returned.
     """
     w = uncompiled(unpack)((0,) * stride, model, np.arange(work * stride, dtype=np.float64), 0)
     rows = [getattr(w, name)[::stride].astype(np.int64) for name in names]

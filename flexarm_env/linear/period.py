@@ -1,7 +1,7 @@
 """Derivative of the solver's steps in a period, with tangents in dual lanes.
 
-The steps are differentiated exactly as computed, including multipliers and the period correction. Rotations are
-included as well; their dependence on the Newton iterates is of second order of the rotation in a step.
+The steps are differentiated exactly as computed, including multipliers and the period correction. Rotations in space
+are included, too, except for an effect of the Newton iterates of second order in a step's rotation.
 """
 
 from typing import Any
@@ -24,7 +24,7 @@ SHARP = 1e-12
 
 
 def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
-    """Return a copy of the simulation's state with consistent accelerations at t+, as work array and its views."""
+    """Return a copy of the state with consistent accelerations just after t, as a work array with its views."""
     work, n_motions = simulation.work, simulation.n_motions
     flat: Array = np.zeros(sum(view.size for view in work))
     w: Work = uncompiled(unpack)(SINGLE, model, flat, n_motions)
@@ -34,7 +34,7 @@ def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
 
 
 def steps_of(simulation: Simulation, dt: float) -> tuple[int, float]:
-    """Return the number and length of the solver's steps in a period, s; ValueError if the period contains a kink."""
+    """Return the number and the length (s) of the steps in a period; raise ValueError if the period contains a kink."""
     end = simulation.t + dt
     kinks = [t for t in simulation.scene.kinks if simulation.t + 1e-12 < t < end - 1e-12]
     if kinks:
@@ -48,9 +48,9 @@ def period_tangents(
 ) -> tuple[Array, Array]:
     """Return the tangents of q and v of some rows after a period of dt (s): two arrays (rows, columns).
 
-    starts: tangents of q, v, a of these rows at the start, (rows, columns) each. inputs: indices of entries of u. Each
-    of the last len(inputs) columns is the derivative by one of these inputs. flat, w: the work array and its views; the
-    function advances them to the end of the period.
+    starts: tangents of q, v, a of these rows at the start of the period, (rows, columns) each. inputs: indices of
+    entries of u. Each of the last len(inputs) columns is the derivative by one of these inputs. flat, w: the work array
+    and its views; the function advances them to the end of the period.
     """
     steps, h = steps_of(simulation, dt)
     n, links = starts[0].shape[1], simulation.scene.arm.n_links
@@ -79,7 +79,7 @@ def _scheme_of(simulation: Simulation) -> Scheme:
 
 
 def _advance(of: Simulation, flat: Array, w: Work, at: float, h: float) -> None:
-    """Advance by a step of h from t = at; raise RuntimeError if the step fails or the solver halves it."""
+    """Advance by a step of h (s) from t = at; raise RuntimeError if the step fails or the solver halves it."""
     scheme = _scheme_of(of)
     advance(SINGLE, of.model, of.drive, of.par, flat, of.n_motions, at, h, 1, scheme, (0,))
     if w.flag[0] != OK:
@@ -91,7 +91,7 @@ def _advance(of: Simulation, flat: Array, w: Work, at: float, h: float) -> None:
 
 
 class _Dual:
-    """Copies of an arm's work array, one per lane; each lane has the tangents of all numbers in one direction."""
+    """Copies of an arm's work array in the lanes of a vector; each lane has the tangents along one direction."""
 
     def __init__(self, simulation: Simulation, w: Work, tangents: dict[str, Array]) -> None:
         """Copy the work array. tangents: (rows, columns) by field of the array, at most one column per lane."""
@@ -112,15 +112,15 @@ class _Dual:
         )
 
     def _numbers(self, name: str) -> Array:
-        """Return values and tangents (rows, 2, lanes) of a field of the work array, a view."""
+        """Return a view of the values and tangents (rows, 2, lanes) of a field of the work array."""
         return np.asarray(getattr(self.work, name)).reshape(-1, 2, len(WIDEST))
 
     def tangents(self, name: str) -> Array:
-        """Return the tangents (rows, lanes) of a field of the work array, a view."""
+        """Return a view of the tangents (rows, lanes) of a field of the work array."""
         return self._numbers(name)[:, 1]
 
     def step(self, torques: Array, t: float, h: float) -> None:
-        """Advance by a step of h from t under joint torques (N,)."""
+        """Advance by a step of h (s) from the time t (s) under joint torques (N,), N m."""
         own = self.simulation
         self._numbers("u")[: len(torques), 0] = torques[:, None]
         advance(self.lane, own.model, self.drive, self.par, self.flat, own.n_motions, t, h, 1, _scheme_of(own), None)

@@ -38,20 +38,21 @@ COMPLEX_STEP = 1e-100
 
 
 def gauge_name(link: int, place: float, measures: str = "xy") -> str:
-    """Return the name of a gauge's output, such as "curvature0@0.5", from link and place, 0 (root) to 1 (tip).
+    """Return the name of a gauge's output, such as "curvature0@0.5", from the link and the place (0: root, 1: tip).
 
-    measures: one of `sensors.MEASURES`: "xy" or "xz" for bending in this plane, or "torsion".
+    measures: strain that the gauge measures, one of `sensors.MEASURES`: "xy" or "xz" for bending in this plane, or
+        "torsion".
     """
     what = {"xy": "curvature", "xz": "curvature_z", "torsion": "torsion"}[measures]
     return f"{what}{link}@{place:g}"
 
 
 class ArmAtPoint:
-    """Matrices, names and values from which the `LinearModel` of a simulation about its present state is made.
+    """Matrices, names and values that make up the `LinearModel` of a simulation about its present state.
 
     Attributes:
-        names: names of the coordinates. inputs, x, u, rate: see `LinearModel`. A, B: matrices of the continuous model.
-            still: M, C, K of the coordinates that are not prescribed.
+        names: names of the coordinates. inputs, x, u, rate: as in `LinearModel`. A, B: matrices of the continuous
+            model. still: mass, damping and stiffness matrices of the coordinates that are not prescribed.
     """
 
     def __init__(self, simulation: Simulation, stepping: bool, motions: bool) -> None:
@@ -78,7 +79,7 @@ class ArmAtPoint:
         self.still = reduced.among([i for i in range(n) if i not in driven])
 
     def period(self, dt: float) -> tuple[Array, Array, Array]:
-        """Return A, B and the state after a period dt (s) of the solver's steps, without prescribed coordinates.
+        """Return A, B and the state after a period dt (s) that the solver steps, without prescribed coordinates.
 
         Call this method only once, because it advances the solver.
         """
@@ -98,7 +99,8 @@ class ArmAtPoint:
         return change[:, : 2 * n], change[:, 2 * n :], after
 
     def _increments(self, q: Array) -> Array:
-        """Return the matrix (f, f) from changes of coordinates to increments at q; they differ for rotations."""
+        """Return the matrix (f, f) that maps changes of coordinates to increments at q; the two differ for
+        rotations."""
         free, found = self._equations.free, np.eye(self._equations.n)
         for i in self._equations.turning:
             found[np.ix_(i, i)] = rotations.slope(q[i])

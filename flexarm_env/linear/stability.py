@@ -25,9 +25,10 @@ class Stability:
     """Stability of an arm at rest, with its present joint conditions.
 
     Attributes:
-        smallest: lowest squared frequency mu, rad^2/s^2, of K x = mu M x without the held joints; infinite if no
+        smallest: smallest squared frequency mu, rad^2/s^2, of K x = mu M x with the held joints fixed; infinite if no
             coordinate can move.
-        negative: number of negative mu. neutral: number of mu that are 0 to round-off (freely turning joints).
+        negative: number of negative squared frequencies mu. neutral: number of mu that are 0 to round-off (freely
+            turning joints).
     """
 
     smallest: float
@@ -46,7 +47,7 @@ class Stability:
 
 
 def at_rest(equations: Equations, point: Point, held: Sequence[int] = ()) -> Stability:
-    """Return the stability of a point of rest with the joints `held` fixed.
+    """Return the stability of an arm at rest with the joints `held` fixed.
 
     Raises ValueError if a coordinate has no inertia.
     """
@@ -69,12 +70,12 @@ def moving(equations: Equations, held: Sequence[int]) -> list[int]:
 
 
 def growing(eigenvalues: Complex) -> int:
-    """Return the number of growing eigenvalues; a conjugate pair, of which one member is given, counts once."""
+    """Return the number of growing eigenvalues; a conjugate pair, represented by one member, counts once."""
     return int((eigenvalues.real > GROWS * np.abs(eigenvalues)).sum())
 
 
 def eigenpairs(M: Array, C: Array, K: Array) -> tuple[Complex, Complex]:
-    """Return eigenvalues and eigenvectors of M x'' + C x' + K x = 0, one of each conjugate or rigid pair.
+    """Return eigenvalues and eigenvectors of M x'' + C x' + K x = 0, one member of each conjugate or rigid pair.
 
     The returned member of a conjugate pair has a positive imaginary part. All eigenvalues are computed in the basis of
     the undamped modes. In this basis the inertia is 1 and the symmetric part of the stiffness is diagonal.
@@ -95,7 +96,7 @@ def eigenpairs(M: Array, C: Array, K: Array) -> tuple[Complex, Complex]:
 
 
 def _damped(squares: Array, K: Array, C: Array) -> tuple[Complex, Complex]:
-    """Return the 2n eigenvalues of x'' + C x' + K x = 0, by magnitude, and their vectors x; K is about diag(squares).
+    """Return the 2n eigenvalues of x'' + C x' + K x = 0, sorted by magnitude, and vectors x; K is about diag(squares).
 
     The fast poles of a damped stiff beam are up to 1e14 times as large as the slow poles, and the round-off of the fast
     poles would hide the slow poles. The slow poles are therefore computed from the inverse problem, (A - shift)^-1, in

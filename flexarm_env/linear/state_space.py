@@ -30,17 +30,19 @@ class LinearModel:
     `A, B, C, D = model` unpacks the matrices.
 
     Attributes:
-        A (2n, 2n), B (2n, m), C (p, 2n), D (p, m).
-        states: n independent coordinates, then their rates: "joint0", ..., "joint0_rate", ...; SI. In space they are
-            coordinates of the tangent space. For a rotation ("link0.rx1", ...) they are increments in the section's own
-            axes, from 0 at the point, and its angular velocity there.
-        inputs: torques of the joints that can turn and are not prescribed, "torque0", ..., N m. With `motions`, the
-            accelerations of prescribed coordinates follow, "joint0_acceleration", ..., rad/s^2 or m/s^2.
-        outputs: "joint0" ... (rad), their rates, "deflection0" ... (each link's tip normal to its root's tangent, m),
-            their rates, "tip_x", "tip_y" (m). Elastic gears add "motor0", "motor0_rate", ...; `gauges` add
-            "curvature0@0", ... (1/m). In space there are "deflection0_y", "deflection0_z", "twist0" (rad), "tip_z";
-            "curvature_z0@0" in x-z, "torsion0@0".
-        x, u, y: operating point. rate: x' at this point; with dt, the state one period later.
+        A (2n, 2n), B (2n, m), C (p, 2n), D (p, m): matrices of the model.
+        states: names of the states: n independent coordinates, then their rates: "joint0", ..., "joint0_rate", ...; SI.
+            In space they are coordinates of the tangent space. For a rotation ("link0.rx1", ...) they are increments in
+            the section's own axes, from 0 at the point, and its angular velocity there.
+        inputs: names of the inputs: "torque0", ..., the torques of the joints that can turn and are not prescribed, N
+            m. With `motions`, the accelerations of prescribed coordinates follow, "joint0_acceleration", ..., rad/s^2
+            or m/s^2.
+        outputs: names of the outputs: "joint0" ... (rad), their rates, "deflection0" ... (each link's tip normal to its
+            root's tangent, m), their rates, "tip_x", "tip_y" (m). Elastic gears add "motor0", "motor0_rate", ...;
+            `gauges` add "curvature0@0", ... (1/m). In space there are "deflection0_y", "deflection0_z", "twist0" (rad),
+            "tip_z"; "curvature_z0@0" in x-z, "torsion0@0".
+        x, u, y: states, inputs and outputs at the operating point. rate: x' at this point; with dt, the state one
+            period later.
         t: time of the operating point, s. dt: period, s; None for the continuous model.
         growing: number of unstable motions of the continuous model, with free joints; 0 if the model is stable.
             Eigenvalues of A that are 0 except for round-off (as in a stiff beam) do not count.
@@ -66,7 +68,8 @@ class LinearModel:
 
     @property
     def eigenvalues(self) -> NDArray[np.complex128]:
-        """Eigenvalues of A: rad/s (continuous model) or multipliers of one period."""
+        """Eigenvalues of A, in rad/s for a continuous model; of a model with dt, the factors of growth in one
+        period."""
         return np.asarray(np.linalg.eigvals(self.A), np.complex128)
 
 
@@ -83,16 +86,18 @@ def linearize(
     """Compute the linear model of an arm about a point of its motion.
 
     Args:
-        target: a Simulation, linearized at its present state, torques and parameters (and not changed); or a Scene,
-            linearized at its start. For a Simulation at rest under gravity use `static_equilibrium`.
+        target: a Simulation, which is linearized at its present state, torques and parameters and does not change; or a
+            Scene, which is linearized at its start. For a Simulation at rest under gravity use `static_equilibrium`.
         formulation, options: as for `simulate`; for a Scene only.
         discrete: period, s, during which the torques are constant; None for the continuous model.
-        method: "solver": the derivative of the solver's steps in a period along the motion; the period begins with new
-            accelerations, and steps last at most the settings' dt. "zoh": the exponential of the continuous model.
-        motions: True: prescribed coordinates and their rates are states, and their accelerations are inputs (continuous
-            model, or method "zoh"). False: the model does not contain prescribed coordinates.
-        gauges: (link, place from 0 at its root to 1 at its tip) of each curvature among the outputs; a curvature times
-            half the thickness is a strain. In space a third entry is one of `sensors.MEASURES`.
+        method: method for discrete models. "solver" computes the derivative of the solver's steps in a period along the
+            motion; the period begins with new accelerations, and steps last at most the settings' dt. "zoh" computes
+            the matrix exponential of the continuous model.
+        motions: if True, prescribed coordinates and their rates are states, and their accelerations are inputs
+            (continuous model, or method "zoh"). If False, the model does not contain prescribed coordinates.
+        gauges: one pair (link, place) for each curvature among the outputs, with the place from 0 at the link's root to
+            1 at its tip; a curvature times half the thickness is a strain. In space a third entry is one of
+            `sensors.MEASURES`.
     Returns:
         The LinearModel. The model does not include Coulomb friction.
     Raises:
@@ -131,7 +136,7 @@ def linearize(
 
 
 def _places(gauges: object, links: Sequence[Link], space: bool) -> list[Any]:
-    """Return the checked places of gauges."""
+    """Validate the links and places of gauges, and return them."""
     found: list[Any] = []
     for i, entry in enumerate(check.sequence("gauges", gauges, "pairs (link, place)")):
         count = 3 if space and isinstance(entry, list | tuple) and len(entry) == 3 else 2

@@ -62,15 +62,15 @@ def modes(
     """Compute natural frequencies, damping ratios and mode shapes of an arm about a point of its motion.
 
     Args:
-        target: a Scene: modes about its equilibrium with the joints held at their initial angles
-            (`static_equilibrium`). A Simulation: modes about its present state.
+        target: a Scene, for modes about its equilibrium with the joints held at their initial angles
+            (`static_equilibrium`); or a Simulation, for modes about its present state.
         n: largest number of modes.
         formulation, options: as for `simulate`; for a Scene only.
-        spin: rad/s, about the root of a pinned Scene without gravity; its loads are not used. The modes are those of
-            the arm in steady rotation, which stretches and bends it, in the rotating frame.
-        clamped: False: joints that are not prescribed or rigid can turn, with constant torques. True: the hub is held
-            ("clamped modes"). A list: indices of the joints that are held. With an elastic gear, the motor's side is
-            held. Coulomb friction is not included.
+        spin: spin rate, rad/s, about the root of a pinned Scene without gravity; the scene's loads are not used. The
+            modes are those of the arm in steady rotation, which stretches and bends it, in the rotating frame.
+        clamped: which joints are held. False: no joint; joints that are not prescribed or rigid turn under constant
+            torques. True: the hub ("clamped modes"). A list: the joints with these indices. With an elastic gear, the
+            motor's side is held. Coulomb friction is not included.
     Returns:
         The Modes.
     Raises:
@@ -110,7 +110,7 @@ held."""
 def _point_in_space(
     target: Simulation | Scene, formulation: str | None, options: dict[str, Any], spin: float, held: list[int]
 ) -> Found:
-    """Return equations, point and stability for the modes of an arm in space."""
+    """Return the equations, the operating point and the stability for the modes of an arm in space."""
     if isinstance(target, Simulation):
         simulation = simulation_of(target, formulation, options)
         if spin != 0.0 or simulation.work.v.any():
@@ -128,7 +128,7 @@ def _point_in_space(
 def _point_in_plane(
     target: Simulation | Scene, formulation: str | None, options: dict[str, Any], spin: float, held: list[int]
 ) -> Found:
-    """Return equations, point and stability for the modes of an arm in the plane."""
+    """Return the equations, the operating point and the stability for the modes of an arm in the plane."""
     if isinstance(target, Simulation):
         if spin != 0.0:
             raise check.InvalidValue("spin", spin, "must be given with a Scene; a Simulation brings its own motion")
@@ -187,10 +187,10 @@ def _check_rotors(scene: Scene, held: list[int]) -> None:
 
 
 def _shape(equations: Equations, q: Array, vector: Complex) -> tuple[Array, float]:
-    """Return displacements of the chain's points due to a complex change of the rows that can move, and the whirl.
+    """Return displacements of points along the chain for a complex mode of the movable coordinates, and the whirl.
 
-    The displacements are those at the phase of the largest one; their largest length is 1. Whirl: see `Modes`; it is
-    NaN in the plane and if the points do not move across the first joint's axis.
+    The displacements are those at the phase of the largest one; their largest length is 1. The whirl (see `Modes`) is
+    NaN in the plane, and if the points do not move across the first joint's axis.
     """
     weight, free = equations.model.weight, equations.free
     whole = np.zeros(equations.n, np.complex128)

@@ -50,8 +50,9 @@ def plot_trajectory(
     states the factor.
 
     Args:
-        trajectory: a run. path: the file to write. reference: a table (`scenes.reference(NAME).columns`) whose tip
-            path is drawn as dots. shapes: number of shapes. title: None: scene and formulation.
+        trajectory: a run. path: the file to write. reference: a table (`scenes.reference(NAME).columns`) whose tip path
+            is drawn as dots. shapes: number of deformed shapes. title: title of the figure; None for the names of scene
+            and formulation.
     Returns:
         The path.
     Raises:
@@ -90,8 +91,8 @@ def plot_comparison(
     The line of the first run is wide and all further lines are dashed, so that coinciding lines are all visible.
 
     Args:
-        trajectories: runs by their labels. path: the file to write. reference: a table; None: the first run. title:
-            title of the figure.
+        trajectories: runs by their labels. path: the file to write. reference: reference table; None for the first run.
+            title: title of the figure.
     Returns:
         The path.
     Raises:
@@ -215,7 +216,7 @@ def plot_all(
 
     Args:
         trajectory: a run. folder: folder of the figures, created if missing. reference: see `plot_trajectory`.
-        ending: png, pdf or svg.
+        ending: format of the figures: png, pdf or svg.
     Returns:
         The paths, without the spectrum if too few samples follow the last kink.
     """
@@ -234,7 +235,7 @@ def plot_all(
 
 # ------------------------------------------------------------------ parts
 def _title(trajectory: Trajectory, title: str | None) -> str:
-    """Return the given title; without one, scene, formulation and options."""
+    """Return the given title, or a title with scene, formulation and options."""
     if title is not None:
         return title
     settings = trajectory.settings
@@ -251,7 +252,7 @@ def _last_drive(trajectory: Trajectory) -> float:
 
 
 def _stages(trajectory: Trajectory) -> list[NDArray[np.intp]]:
-    """Return the samples of each panel: all, or driven and free motion separately if the shapes would overlap."""
+    """Return the samples of each panel: one panel, or panels for driven and free motion if shapes would overlap."""
     t, everything = trajectory.t, np.arange(trajectory.t.size)
     stop = _last_drive(trajectory)
     moved = float(np.ptp(trajectory.start[:, :2], axis=0).max())
@@ -284,7 +285,7 @@ def _draw_shapes(
 ) -> None:  # fmt: skip
     """Draw the arm at `count` instants, the path of its tip, and a reference's tip.
 
-    chosen: sampled rows that are shown. size: size of the figure, inches. factor: factor on the deflections.
+    chosen: indices of the samples that are shown. size: size of the figure, inches. factor: factor on the deflections.
     """
     t = trajectory.t[chosen]
     times = np.linspace(t[0], t[-1], min(count, t.size))
@@ -314,7 +315,7 @@ def _draw_shapes(
 def _label_times(axes: Any, shapes: Array, times: Array, free: bool, size: tuple[float, float]) -> None:
     """Label each shape with its time where the label covers least; omit labels that would overlap.
 
-    free: whether labels may be at either end of a shape. size: size of the panel, inches.
+    free: True if a label may be at either end of a shape. size: size of the panel, inches.
     """
     drawn = shapes.reshape(-1, 2)
     point = float(np.max(np.ptp(drawn, axis=0) / (np.array(size) * 72.0 * 0.8)))  # m
@@ -336,7 +337,7 @@ def _label_times(axes: Any, shapes: Array, times: Array, free: bool, size: tuple
 
 
 def _label_places(points: Array, gap: float, both_ends: bool) -> Iterator[Array]:
-    """Return places for a shape's label, the best first: around its tip and, for a free body, its other end."""
+    """Return possible positions of a shape's label, best first: around its tip and, for a free body, its other end."""
     ends = [(points[-1], points[max(0, len(points) - 4)])]
     if both_ends:
         ends.append((points[0], points[min(3, len(points) - 1)]))
@@ -348,7 +349,7 @@ def _label_places(points: Array, gap: float, both_ends: bool) -> Iterator[Array]
 
 
 def _draw_deflection(axes: Any, trajectory: Trajectory) -> None:
-    """Draw each link's tip deflection over its length against time."""
+    """Draw each link's tip deflection, divided by the link's length, against time."""
     n_links = trajectory.tip_deflection.shape[1]
     for k, bend in enumerate(trajectory.tip_deflection.T):
         axes.plot(trajectory.t, bend, color=COLORS[k % len(COLORS)], label=f"link {k + 1}")
@@ -360,7 +361,7 @@ def _draw_deflection(axes: Any, trajectory: Trajectory) -> None:
 
 
 def _floor(axes: Any) -> None:
-    """Prevent zero distances from stretching a logarithmic axis."""
+    """Limit a logarithmic axis so that distances of zero do not extend its range."""
     values = np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in axes.lines] or [np.ones(1)])
     values = values[np.isfinite(values)]
     if values.size:
@@ -380,8 +381,9 @@ def _peaks(amplitude: Array) -> list[int]:
 def plot_campbell(found: Campbell, path: str | os.PathLike[str], title: str = "") -> Path:
     """Plot natural frequencies over spin rate, with the line of one vibration per turn; returns `path`.
 
-    Whirl frequencies refer to the fixed frame. If some motion is neither forward nor backward whirl (the arm
-    is not a body of revolution), all frequencies are in the rotating frame. Unstable spins are marked at the bottom.
+    Whirl frequencies refer to the fixed frame. If some mode is neither forward nor backward whirl (the arm is not a
+    body of revolution), all frequencies refer to the rotating frame. Marks at the bottom show the spin rates at which
+    the arm is unstable.
     """
     spins, rests = np.abs(found.spins), np.isfinite(found.at_rest).all()
     values = np.abs(found.at_rest if rests else found.frequencies)

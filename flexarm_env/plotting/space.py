@@ -56,7 +56,7 @@ def _frame(axes: Any, trajectory: Any) -> float:
 
 
 def _draw_shapes(axes: Any, trajectory: Any, count: int) -> None:
-    """Draw shapes at even times, later shapes darker, with shadows on the ground, and the tip's path."""
+    """Draw shapes at evenly spaced times (later shapes darker), their shadows on the ground, and the tip's path."""
     points = trajectory.shapes
     ground = _frame(axes, trajectory)
     chosen = np.unique(np.linspace(0, len(points) - 1, count).round().astype(int))
@@ -72,7 +72,7 @@ def _draw_shapes(axes: Any, trajectory: Any, count: int) -> None:
 
 
 def _path(trajectory: Any) -> Any:
-    """Return the tip's path (n, 3), m: cubic between recorded instants by its velocities."""
+    """Return the tip's path (n, 3), m: a cubic between recorded instants that matches the tip's velocities."""
     tip, step = trajectory.tip, np.diff(trajectory.t)[:, None, None]
     a, b, s = tip[:-1, None], tip[1:, None], np.linspace(0.0, 1.0, 8, endpoint=False)[:, None]
     left, right = step * trajectory.tip_velocity[:-1, None, :3], step * trajectory.tip_velocity[1:, None, :3]

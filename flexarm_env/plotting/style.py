@@ -1,4 +1,4 @@
-"""Common style and elements of all figures."""
+"""Style and elements that all figures share."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ _STYLE: Any = {
 
 @contextmanager
 def styled_figure(path: str | os.PathLike[str], width: float, height: float, title: str = "") -> Iterator[Figure]:
-    """Open a styled figure, width by height inches, in a `with` block; it is written to `path` at the end.
+    """Open a figure of width by height inches for a `with` block, at whose end it is written to `path`.
 
     Raises ValueError for a path without a picture's ending.
     """

@@ -51,14 +51,14 @@ class Wire:
     """UDP connection to a server of an arm, with the packets of `remote.packet`.
 
     Args:
-        host, port: address of the server. key: shared secret, or None for unsigned packets. timeout: longest wait for a
-            reading, s; None for ten periods.
+        host, port: address of the server. key: shared secret for signatures, or None for unsigned packets. timeout:
+            longest wait for a reading, s; None for ten periods.
     Attributes:
         period: control period, s. limits (N,): torque limits, N m. scales (M,): scales of the observation's entries.
-            watchdog: number of periods without a command after which the server holds the arm. lost: number of readings
-            that never arrived. angles, rates, torques (N,): joint angles (rad), rates (rad/s) and torques (N m) of the
-            last reading. seen (M,): sensor readings of the last reading, SI units. flags, status, time: flags, status
-            and time (s) of the last reading.
+            watchdog: number of periods without a command after which the server holds the arm. lost: number of packets
+            with readings that never arrived. angles, rates, torques (N,): joint angles (rad), rates (rad/s) and torques
+            (N m) of the last reading. seen (M,): sensor readings in the last packet of the server, SI units. flags,
+            status, time: flags, status and time (s) of the last reading.
     Raises:
         ConnectionError: the server does not answer, or it serves another client.
         OSError: the host does not exist. ValueError: an argument is invalid, or a torque is not finite.
@@ -70,7 +70,7 @@ class Wire:
         key: shared secret of at least 16 bytes, or None. timeout: longest wait for a reading, s; None: ten periods.
 
         Raises:
-            ConnectionError: no server answers. ValueError: a wrong key, port or timeout.
+            ConnectionError: no server answers. ValueError: the key, the port or the timeout is invalid.
         """
         self.key, self.sequence, self._last = checked(key), 0, 0
         self.connection, self.lost = secrets.randbits(64), 0
@@ -139,9 +139,9 @@ class Wire:
     def _take(self, until: float, *kinds: Kind, wait: bool = True) -> Packet | None:
         """Return the next packet of the given kinds that arrives before `until` (monotonic clock, s), or None.
 
-        All other packets are dropped, as are readings of another connection or out of order. wait=False: consider only
-        packets that have already arrived. A packet of another protocol version is returned as kind OTHER_VERSION, with
-        that version in place of the sequence number.
+        All other packets are dropped, as are readings of another connection or out of order. wait: if False, only
+        packets that have already arrived are considered. A packet of another protocol version is returned as kind
+        OTHER_VERSION, with that version in place of the sequence number.
         """
         while (left := until - time.monotonic()) > 0.0:
             # a wait is rounded up to whole ms, hence 0 for none
@@ -201,7 +201,7 @@ class Wire:
         """Wait for a reading, and store the newest reading in the attributes; return whether a reading arrived.
 
         Raises:
-            ConnectionError: a reading whose size differs from the size announced in the WELCOME.
+            ConnectionError: the size of a reading differs from the size that the WELCOME announced.
         """
         # wait for one reading, then empty the queue without waiting; gaps in the numbers count as lost
         until, n, newest = time.monotonic() + self.timeout, len(self.limits), None
@@ -232,11 +232,11 @@ class Wire:
 class RemoteArmEnv(gym.Env[Array32, Array32]):
     """Environment of a remote arm, real or simulated: `gymnasium.make("RemoteArm-v0", host=..., port=...)`.
 
-    Action (N,): torques divided by their limits, within +-1. Observation (M,): sensor readings divided by their scales,
-    as in the environment that the server runs. The remote arm has no task: rewards are 0. `step` sends the torques and
-    waits for the next reading. An episode is truncated if no reading arrives, or if the watchdog or a limit holds the
-    arm. An episode is terminated if the arm has stopped. `info["reason"]` is then one of `REASONS`. `reset` ends the
-    hold of the arm and requests a new start. A simulated arm starts anew; a real arm may ignore the request.
+    Action (N,): joint torques divided by their limits, within +-1. Observation (M,): sensor readings divided by their
+    scales, as in the environment that the server runs. The remote arm has no task: rewards are 0. `step` sends the
+    torques and waits for the next reading. An episode is truncated if no reading arrives, or if the watchdog or a limit
+    holds the arm. An episode is terminated if the arm has stopped. `info["reason"]` is then one of `REASONS`. `reset`
+    ends the hold of the arm and requests a new start. A simulated arm starts anew; a real arm may ignore the request.
 
     Args:
         host, port: address of `flexarm serve`, or of any other server with the same packets. key: shared secret, or
@@ -257,14 +257,15 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array32, dict[str, Any]]:
-        """End the hold, request a new start, and return the first observation and info. `options` must be empty."""
+        """End the hold of the arm, request a new start of the episode, and return the first observation and info.
+        `options` must be empty."""
         super().reset(seed=seed)
         if options:
             raise check.InvalidValue("options", options, "must be left out: a remote arm has none")
         return self.arm(RESET)
 
     def arm(self, flags: int = 0) -> tuple[Array32, dict[str, Any]]:
-        """End the hold of the arm in its present state; return the first observation and info.
+        """End the hold of the arm without moving it; return the first observation and info.
 
         flags: `RESET` requests a new start of the arm.
 
@@ -371,12 +372,12 @@ def run_policy(
     """Drive an arm by a policy for `seconds` and return a summary: steps, seconds, lost (readings) and ended.
 
     policy: object with `reset(observation)` and `act(observation)`, or a function of observations. The first action may
-    take longer than the watchdog waits, for example because the policy designs a controller. The arm is then held. The
-    function ends the arm's hold and calls the policy again, at most `TRIES` times. `ended` is "time", one of `REASONS`,
-    "angle" or "rate".
+    take longer than the watchdog waits, for example because the policy designs a controller. The server then holds the
+    arm. In this case `drive` ends the hold and calls the policy again, at most `TRIES` times. `ended` is "time", one of
+    `REASONS`, "angle" or "rate".
 
-    most_angle (rad), most_rate (rad/s): limits of every joint. If a joint exceeds a limit, the run ends. The server
-    holds the arm when the environment is closed.
+    most_angle (rad), most_rate (rad/s): limits of every joint. If a joint exceeds one of these limits, the run ends.
+    The server holds the arm when the environment is closed.
     """
     for name, value in (("seconds", seconds), ("most_angle", most_angle), ("most_rate", most_rate)):
         bound(name, value)

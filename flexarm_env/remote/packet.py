@@ -148,7 +148,7 @@ def checked(key: bytes | None) -> bytes | None:
     """Validate a shared key and return it; None means that packets are not signed.
 
     Raises:
-        ValueError: the key is no bytes object, or it is shorter than `SHORTEST` bytes and therefore easy to guess.
+        ValueError: the key is not a bytes object, or it is shorter than `SHORTEST` bytes and therefore easy to guess.
     """
     if key is not None and (not isinstance(key, bytes) or len(key) < SHORTEST):
         of = f"{type(key).__name__} of {len(key)}" if isinstance(key, bytes | str) else type(key).__name__
@@ -166,7 +166,7 @@ def datagrams(host: str, port: int, least: int) -> Iterator[socket.socket]:
     """Open a UDP socket for an address, in a `with` block; the socket is closed if the block raises.
 
     Args:
-        host: name or IPv4 address. port: number from `least` to 65535.
+        host: host name or IPv4 address. port: port number from `least` to 65535.
     Raises:
         ValueError: invalid host or port. OSError: the system rejects the address; the message names it.
     """

@@ -78,16 +78,16 @@ class Limits:
 
 @dataclass
 class Session:
-    """Protocol and control loop of a served arm, without socket and clock: handles packets and advances periods.
+    """Protocol and control loop of a served arm: answers packets and advances control periods; no socket, no clock.
 
     Args:
-        env: single environment of this package whose actions are torques. limits: the `Limits`. key: shared secret, or
-            None for unsigned packets. hold: "zero" torque or "angles" held by PD. seed: seed of resets.
+        env: single environment whose actions are torques. limits: limits on commands and motion. key: shared secret, or
+            None: unsigned packets. hold: "zero" or "angles": a held arm has no torque or PD control. seed: of resets.
     Attributes:
         row: time (s) and readings at the start of the last period, and the torques applied in it. counts: number of
             packets by `Refusal`, "accepted", "challenged", "busy", "missing" (gaps in the client's sequence numbers).
-        held: whether the arm is held until a command with `ARM`. reason: reason for holding. peer: client's address.
-            status: 0.0, or the code that stopped the arm. period: number of the last. notice: on the client's version.
+        held: whether the arm is held until a command with `ARM`. reason: why the arm is held. peer: the client's
+            address. status: 0.0 or a failure code. period: number of the last. notice: message on the client's version.
     """
 
     env: Any
@@ -97,7 +97,7 @@ class Session:
     seed: int | None = None
 
     def __post_init__(self) -> None:
-        """Validate the fields, design the holding PD, and compile the first period."""
+        """Validate the fields, design the PD controller that holds the arm, and compile the code of a period."""
         plan = getattr(getattr(self.env, "unwrapped", None), "plan", None)
         if plan is None or plan.action_mode != "torque" or plan.arm.base is not None:
             what = "must be a single environment of this package, action_mode 'torque', its root held"
@@ -205,9 +205,8 @@ class Session:
     def _cookie_for(self, address: Any, hello: int, back: int = 0) -> tuple[float, float]:
         """Return the cookie of an address and HELLO number: 64 bits of an HMAC, as two whole numbers below 2^32.
 
-        The HMAC covers address, HELLO, time span (`back` spans ago) and the count of connections, under a secret of
-        this session. Nothing is stored until a sender returns its cookie. Because of the count each cookie opens one
-        connection, and its replay opens none.
+        The HMAC covers address, HELLO, time span (`back` spans ago) and the count of connections, so that each
+        cookie opens one connection. Its key is a secret of this session. Nothing is stored for a sender without cookie.
         """
         span = int(self.period * self.plain.dt / COOKIE_LIFE) - back
         text = repr((address, hello, span, self._connections)).encode()
@@ -215,7 +214,7 @@ class Session:
         return float(int.from_bytes(made[:4], "little")), float(int.from_bytes(made[4:8], "little"))
 
     def _other_version(self, content: bytes, address: Any) -> bytes | None:
-        """Answer a HELLO of another version by a head of this one, which is no larger; None for any other packet."""
+        """Answer a HELLO of another protocol version by a header of this version; return None for any other packet."""
         version, kind = version_of(content)
         if kind != Kind.HELLO:
             return None
@@ -229,7 +228,7 @@ class Session:
     def _packed(
         self, kind: Kind, sequence: int, numbers: tuple[float, ...], flags: int, connection: int | None = None
     ) -> bytes:
-        """Return the bytes of a packet of this session, with the arm's time. connection=None: that of the peer."""
+        """Return the bytes of a packet of this session, with the arm's time. connection: None for the peer's number."""
         number = self.connection if connection is None else connection
         return pack(Packet(kind, number, sequence, self.period * self.plain.dt, numbers, flags), self.key)
 
@@ -332,8 +331,9 @@ class Server:
     """Real-time UDP server of a session.
 
     Args:
-        session: the arm. host, port: address of the socket, port 0 for any free port. Other hosts than loopback require
-            a key, or `insecure`. log: CSV file, one row per period. tell: function called once with `Session.notice`.
+        session: the served arm. host, port: address of the socket; port 0 selects any free port. A host other than
+            loopback requires a key, or `insecure`. log: CSV file (a row per period). tell: function called with
+            `Session.notice`.
     Attributes:
         times: (due, begun, finished) of the last 100,000 periods, in s of the monotonic clock.
         missed: number of periods that were skipped because they had passed before they could begin.
@@ -347,7 +347,7 @@ class Server:
     tell: Callable[[str], None] | None = None
 
     def __post_init__(self) -> None:
-        """Bind the socket; a host beyond this machine needs a key, or insecure=True."""
+        """Bind the socket; a host other than this machine requires a key, or insecure=True."""
         if self.host not in LOOPBACK and self.session.key is None and not self.insecure:
             raise check.InvalidValue("host", self.host, "must be this machine, unless a key or insecure is given")
         with datagrams(self.host, self.port, 0) as self.socket:

@@ -53,7 +53,7 @@ class Trajectory:
     """A recorded run of n instants and N links, SI units. At a kink it contains the values just before the kink.
 
     Attributes:
-        scene, settings: input of the run. t (n,): times, s.
+        scene, settings: the scene and the solver settings of the run. t (n,): recorded instants, s.
         start, tip (n, 3): x, y (m) and angle (rad) of the root of link 0 and of the tip of the last link.
         tip_velocity (n, 3): rates of `tip`, m/s and rad/s. hinges (n, N-1, 2): positions of joints 1 to N-1, m.
         joint_angles, joint_rates (n, N): angles, rad, and rates, rad/s, of the joints: joint 0 relative to the x axis
@@ -66,15 +66,14 @@ class Trajectory:
         kinetic, strain_energy, gravity (n,): energies, J.
         dissipated, work (n,): dissipated energy, and work of the drives, since the start, J.
         shapes (n, points, 2): points along the chain from root to tip, m.
-        q, v (n, rows): the state and its rate; names (rows,): names of the rows.
-        status: "ok", "inaccurate", or the failure that ended the run. message: a sentence about the status.
+        q, v (n, rows): coordinates and their rates; names (rows,): names of the coordinates.
+        status: "ok", "inaccurate", or the name of the failure that ended the run. message: a sentence about the status.
         steps, iterations, factorizations, halvings: numbers of time steps, Newton iterations, factored matrices and
             halved steps. cpu_seconds: CPU time of the run's thread, without compilation.
         notes: known errors of the formulation by name, as fractions of the arm's length.
         error_estimate: estimated error of the tip, a fraction of the arm's length (`flexarm_env.accuracy`); nan if the
             run ended early or the error was not estimated. error_parts: the parts of the estimate, by name.
-        deflection_bound: tip_deflection at which the formulation stops; infinite unless whole links are reduced to
-            modes.
+        deflection_bound: tip_deflection at which a run ends; infinite unless whole links are reduced to modes.
         step_levels: with a step_tolerance, number of halvings of dt in each interval between samples and kinks.
         step_error: largest remaining error in an interval between samples and kinks, divided by the arm's length; 0
             without a step_tolerance.
@@ -137,7 +136,7 @@ class Trajectory:
 
     @property
     def finished(self) -> bool:
-        """Whether the run reached its end, even if it is inaccurate."""
+        """True if the run reached its end, even if its result is inaccurate."""
         return self.status in ("ok", "inaccurate")
 
     @property
@@ -154,7 +153,8 @@ class Trajectory:
 
     @property
     def turned_over(self) -> float:
-        """Energy with which the balance is compared, J: gross work, initial energy, exchange with gravity."""
+        """Reference energy for the balance, J: the sum of gross work, initial energy and energy exchanged with
+        gravity."""
         return self.gross_work + float(self.kinetic[0] + self.strain_energy[0] + np.ptp(self.gravity))
 
     def strain(self, link: int, place: float, distance: float | None = None) -> Array:
@@ -181,7 +181,7 @@ class Trajectory:
     # --- to be looked at ---------------------------------------------------------------------------
     @classmethod
     def read(cls, simulation: Any, fields: Mapping[str, Array], shapes: Array) -> dict[str, Any]:
-        """Return the fields that differ between plane and space, from the fields of `Simulation.record`."""
+        """Return the fields that differ between plane and space, from the fields that `Simulation.record` returns."""
         poses, links = fields["poses"], simulation.scene.arm.links
         lengths = np.array([link.span for link in links])
         bows = np.array([link.far.imag for link in links])
@@ -236,7 +236,7 @@ class Trajectory:
             Readings by name, (n,) each, SI: `hub_angle`, `hub_rate`, `elbow_angle`, ... (rad, rad/s),
             `tip_acceleration_x`, `_y` (m/s^2), `camera_x`, `_y` (m), `strain_gauge_1`, ... (1/m, or strain).
         Raises:
-            ValueError: there are fewer than two samples, they are not evenly spaced, or arrays are inconsistent.
+            ValueError: there are fewer than two samples, the samples are not evenly spaced, or arrays are inconsistent.
         """
         self.check_arrays()
         arm = self.scene.arm
@@ -316,7 +316,8 @@ class Trajectory:
             raise check.InvalidValue(f"t[{at}]", self.t[at], "must be later than the instant before")
 
     def to_npz(self, path: str | os.PathLike[str]) -> None:
-        """Write all arrays, status, settings and the scene's TOML text, completely or not at all. Raises OSError."""
+        """Write an .npz file with all arrays, status, settings and the scene's TOML text, completely or not at all.
+        Raises OSError."""
         known: dict[str, Any] = {name: getattr(self, name) for name in (*self.arrays, "error_estimate", "status")}
         known |= {"scene": self.scene.to_toml(), "names": np.array(self.names)}
         known |= {"formulation": self.settings.formulation, "options": json.dumps(self.settings.options())}

@@ -25,18 +25,18 @@ _QUATERNION = "wxyz"
 class SpatialTrajectory(Trajectory):
     """A recorded run of n instants and N links in space, SI units.
 
-    The attributes below differ from those of :class:`Trajectory`.
+    The following attributes differ from those of :class:`Trajectory`.
 
     Attributes:
         start, tip (n, 3): x, y, z of the root of link 0 and of the tip of the last link, m.
-        tip_rotation (n, 4): quaternion (w, x, y, z), w >= 0, of the tip's axes: x along the link.
+        tip_rotation (n, 4): quaternion (w, x, y, z), w >= 0, of the tip's axes, whose x axis points along the link.
         tip_velocity (n, 6): velocity, m/s, and angular velocity, rad/s, of the tip, in inertial axes.
         hinges (n, N-1, 3): positions of joints 1 to N-1, m. joint_angles, joint_rates (n, N): angles, rad, and rates,
             rad/s, about the joints' axes.
         tip_deflection (n, N, 2): displacement of each link's tip along y and z of the link's root, divided by the
             link's length; 0 for rigid links.
         twist (n, N): rotation of each link's tip relative to its root about the root's x axis, rad.
-        link_rotations (n, N, 2, 4): quaternions of each link's root and tip.
+        link_rotations (n, N, 2, 4): quaternions (w, x, y, z) of the axes at each link's root and tip.
         shapes (n, points, 3): points along the chain from root to tip, m.
         unresolved_damping (n,): work of the damping forces since the start in excess of `dissipated`, J. Strain rates
             at the ends of steps differ from strain rates within steps by a term of second order in the step. In stiff
@@ -125,7 +125,7 @@ SpatialTrajectory.arrays = {
 def placed(run: Trajectory, scene: Scene) -> Trajectory:
     """Convert a run to space if it was computed in the plane of its scene (`scene.computed`).
 
-    Other runs do not change."""
+    A run that was computed in space is returned unchanged."""
     flat = in_plane(scene)
     if flat is None:
         return run

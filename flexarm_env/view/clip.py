@@ -16,11 +16,11 @@ from ..validation import Array
 
 @dataclass(frozen=True)
 class Pull:
-    """A force or torque on a point of the chain.
+    """A force or torque on a point of the arm over time.
 
-    name: name in the legend. point: index of the chain's point on which the force or torque acts. values: torques (n,),
-    N m, or forces (n, 2), N, in space (n, 3). limit: torque limit, N m; the largest torque replaces a limit that is
-    None or exceeded. axis (n, 3): axis of a torque in space.
+    name: name in the legend. point: index of the point of the arm on which the force or torque acts. values: torques
+        (n,), N m, or forces (n, 2), in space (n, 3), N. limit: torque limit, N m. If it is None or exceeded, the
+        largest torque is used instead. axis (n, 3): axis of a torque in space.
     """
 
     name: str
@@ -32,7 +32,8 @@ class Pull:
 
 @dataclass(frozen=True)
 class Chart:
-    """Curves over time on common axes. title: title with unit. series: values (n,) by the curve's name."""
+    """A chart: curves over time on common axes. title: title of the chart, with unit. series: values (n,) of each curve
+    by its name."""
 
     title: str
     series: Mapping[str, Array]
@@ -40,24 +41,24 @@ class Chart:
 
 @dataclass(frozen=True)
 class Clip:
-    """A run as shown by the player: n instants, N links, P points; SI units.
+    """Data of a simulated run for the player, at n instants, for N links and P points of the arm, in SI units.
 
     Attributes:
-        label: name shown beside other runs. note: one line with the formulation and the outcome.
+        label: name of the run in the player. note: one line of text with the formulation and the outcome of the run.
         t (n,): times, s. points (n, P, 2): points of the arm from root to tip, m. cuts (N + 1,): indices of the points
             at root, joints and tip.
         angles (n, N, 2): angles of the tangents at each link's root and tip, rad.
         rigid (n, N): angles of the links' roots in the rigid arm at the same joint angles, rad (`rigid_angles`).
         rest (P, 2): points of the stress-free links, m, each relative to the link's root and tangent there; a joint
-            belongs to the link that ends there.
-        curvature (n, P): curvature at the points, 1/m; a joint belongs to the link that ends there.
+            belongs to the link that ends there. curvature (n, P): curvature at the points, 1/m; a joint belongs to the
+            link that ends there.
         surface: distance from the neutral axis to the surface, m, or None if it is unknown or varies; strain is
             curvature times this distance.
-        target (n, 2): target point, m, or None. polar: whether the target is an angle, so that its distance has no
-            meaning.
-        pulls: forces and torques. charts: charts in the order shown.
-        pinned: whether the root is on a motor. payload: whether the tip carries a payload. walls: outlines of shapes to
-            avoid.
+        target (n, 2): position of the target, m, or None. polar: True if the target is an angle, so that a distance
+            from it has no meaning.
+        pulls: forces and torques on the arm. charts: charts in the order in which they are shown.
+        pinned: True if a motor holds the root. payload: True if the tip carries a payload. walls: outlines of the
+            shapes to avoid.
         base (n,): attitude, rad, of the floating base that carries the hub's motor, or None.
     """
 
@@ -101,10 +102,10 @@ def thinner(clip: Any, names: Sequence[str], step: int) -> Any:
 
 
 def rigid_angles(joints: ArrayLike, turns: ArrayLike) -> Array:
-    """Return the angles (..., N), rad, at the roots of the links of the rigid arm.
+    """Return the angles (..., N), rad, from the x axis to the roots of the links of the rigid arm.
 
-    joints (..., N): joint angles; joint 0 from the x axis, joint k from the tip of link k - 1. turns (N,): angle from
-    root to tip of each stress-free link; 0 for straight links.
+    joints (..., N): joint angles, rad; joint 0 is measured from the x axis, joint k from the tip of link k - 1. turns
+        (N,): angle, rad, between the tangents at root and tip of each stress-free link; 0 for straight links.
     """
     before = np.concatenate([[0.0], np.cumsum(turns)[:-1]])
     return np.asarray(np.cumsum(joints, axis=-1) + before)
@@ -113,7 +114,7 @@ def rigid_angles(joints: ArrayLike, turns: ArrayLike) -> Array:
 def magnified(
     points: ArrayLike, cuts: Sequence[int], angles: ArrayLike, rigid: ArrayLike, rest: ArrayLike, factor: float
 ) -> Array:
-    """Return the chain with its deflection multiplied by a factor.
+    """Return the points of the arm with its deflection multiplied by a factor.
 
     The deflection is the difference from the rigid arm at the same joint angles. The factor multiplies each link's
     deflection from its root's tangent, and the angle by which its bending turns the following links. Lengths along the
@@ -122,7 +123,7 @@ def magnified(
     Args:
         points (P, 2): points of the arm from root to tip, m. cuts (N + 1,): indices of the points at root, joints and
             tip. angles (N, 2): angles of the tangents at each link's root and tip, rad. rigid (N,), rest (P, 2): see
-            `Clip`. factor: positive.
+            `Clip`. factor: positive factor on the deflection.
     Returns:
         (P, 2), m.
     """

@@ -16,10 +16,10 @@ def obstacles_of(plan: Any) -> list[Shape]:
 
 
 def contact_pulls(plan: Any, views: Sequence[Any], tips: Sequence[int], axes: int) -> list[Pull]:
-    """Return the contact force on each point that may touch, as a `Pull` on the tip of its link.
+    """Return the contact force on each point that may touch an obstacle, as a `Pull` on the tip of its link.
 
-    views: `batch.View` of each instant. tips: for each link, the index of the chain's point at the link's tip. axes: 2
-    or 3.
+    views: `batch.View` of each instant. tips: for each link, the index of the clip's point at the link's tip. axes:
+        number of coordinates, 2 in the plane or 3 in space.
     """
     links = sorted({k for contact in plan.contacts for k in contact.links(plan.arm)})
     found = []

@@ -32,10 +32,10 @@ class Player:
     """A page that plays clips over each other or side by side.
 
     Args:
-        clips: at least one, with different labels. title: title of the page; default the labels.
-        most_bytes: largest size of the page; instants of longer runs are omitted evenly to meet it.
+        clips: at least one, with different labels. title: title of the page; by default the labels of the clips.
+        most_bytes: largest size of the page in bytes; of longer runs, instants are omitted evenly until the page fits.
     Raises:
-        ValueError: no clip, or clips that do not fit even with two instants each.
+        ValueError: there is no clip, or the clips are too large even with two instants each.
     """
 
     def __init__(
@@ -44,7 +44,8 @@ class Player:
         """Pack clips for the page; omit instants until the page has at most most_bytes.
 
         Raises:
-            ValueError: no clips, planar and spatial clips together, or most_bytes too small for two instants.
+            ValueError: there is no clip, planar and spatial clips are mixed, or most_bytes is too small for two
+                instants.
         """
         if not clips:
             raise check.InvalidValue("clips", clips, "must hold at least one")
@@ -186,7 +187,7 @@ def _packed(kind: str, values: NDArray[Any]) -> dict[str, Any]:
 def _short(values: Array) -> dict[str, Any]:
     """Pack values as 16-bit integers between their minimum and maximum; 0 is exact if it lies between.
 
-    -32768 stands for NaN.
+    The integer -32768 represents NaN.
     """
     good = np.isfinite(values)
     low, high = (float(np.min(values[good])), float(np.max(values[good]))) if good.any() else (0.0, 0.0)

@@ -77,7 +77,7 @@ def _note(settings: Settings, ended: str) -> str:
 
 
 def _common(arm: Arm, bend: Array, torque: Array, energies: Mapping[str, Array], shown: Any) -> list[Chart]:
-    """Return the charts of deflections, torques and energies. shown: function that selects torques."""
+    """Return the charts of deflections, torques and energies. shown: function that selects the torques to show."""
     links = [f"link {k + 1}" for k in range(arm.n_links)] if arm.n_links > 1 else ["tip"]
     deflection = Chart("tip deflection / length", dict(zip(links, bend.T, strict=True)))
     return [deflection, *_forces(arm, torque, energies, shown)]
@@ -93,7 +93,7 @@ def _joints(arm: Arm) -> list[str]:
 
 
 def shapes_of(run: Any, frames: Any, factor: float) -> Array:
-    """Return points (n, points, 2), m, of a trajectory at given samples, with deflections times the factor."""
+    """Return points (n, points, 2), m, of a trajectory at given samples, with deflections multiplied by a factor."""
     shapes: Array = run.shapes[frames]
     if factor == 1.0:
         return shapes
@@ -104,7 +104,7 @@ def shapes_of(run: Any, frames: Any, factor: float) -> Array:
 
 
 def turns_of(arm: Arm) -> Array:
-    """Return the angles (N,), rad, from root to tip of each stress-free link."""
+    """Return the angles (N,), rad, between the tangents at root and tip of each stress-free link."""
     return np.array([link.turn for link in arm.links])
 
 
@@ -170,7 +170,7 @@ def _loads(scene: Scene, cuts: Sequence[int], t: Array) -> list[Pull]:
 
 
 def _reference_error(run: Any) -> list[Chart]:
-    """Return a chart of the tip's distance from the scene's reference, if it has one."""
+    """Return a chart of the tip's distance from the reference trajectory of a scene that has one."""
     name = run.scene.name
     if name not in scenes.reference_names() or run.scene != scenes.named(name):
         return []
@@ -220,7 +220,8 @@ def of_episode(
     """Return the clip of an episode.
 
     Args:
-        plan: plan of its environment. views: `batch.View` of each instant. rows: observations and infos by name.
+        plan: the environment's plan (`envs`), which defines its observation and arm. views: `batch.View` of each
+            instant. rows: observations and infos by name.
         rewards: rewards of the episode's steps. label: name of the clip. rate: function that returns, for G places, the
             matrix (G, rows) that maps the state to curvatures, 1/m.
     """

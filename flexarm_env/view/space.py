@@ -23,7 +23,7 @@ from .contact import contact_pulls, obstacles_of
 
 @dataclass(frozen=True)
 class SpaceClip:
-    """A run in space as shown by the player: n instants, N links, P points; SI units.
+    """Data of a simulated run in space for the player, at n instants, for N links and P points of the arm, in SI units.
 
     Attributes:
         label, note, t, pulls, charts, pinned, payload: see `Clip`; forces are (n, 3).
@@ -63,7 +63,7 @@ def _clip(
     arm: Arm, found: Ribbons, A: Array, torque: Array, joints: Array | None, loads: Sequence[PointLoad] = (),
     further: Sequence[Pull] = (), **more: Any,
 ) -> SpaceClip:  # fmt: skip
-    """Return a clip with its loads and further forces as pulls.
+    """Return a clip with point loads and further forces as arrows (`Pull`).
 
     A (n, N, 3, 3): axes of the links' roots. joints (n, N): angles of the rigid arm that is drawn too, or None.
     """
@@ -93,8 +93,8 @@ def _bending(arm: Arm, deflection: Array, twist: Array) -> list[Chart]:
 def of_run(run: Any, label: str | None, note: str, charts: Sequence[Chart]) -> SpaceClip:
     """Return the clip of a `SpatialTrajectory`.
 
-    charts: charts of torques and energies, shown after the charts of deflection and twist. label: None: the scene's
-    name.
+    charts: charts of torques and energies, shown after the charts of deflection and twist. label: name of the clip;
+        None for the scene's name.
     """
     scene: Scene = run.scene
     far = 0.7 * scene.arm.total_length
@@ -110,7 +110,7 @@ def of_run(run: Any, label: str | None, note: str, charts: Sequence[Chart]) -> S
 
 
 def _loads(loads: Sequence[PointLoad], cuts: Sequence[int], t: Array) -> list[Pull]:
-    """Return the point loads as pulls on roots and tips, in global axes."""
+    """Return the point loads on roots and tips as arrows (`Pull`), in global axes."""
     pulls = []
     for load in loads:
         point = cuts[load.link] if load.end == "root" else cuts[load.link + 1] - 1
