@@ -220,7 +220,7 @@ def judged(policy: Any, env: Any, model: Any, seed: int) -> tuple[bool, float, f
     plan = env.unwrapped.plan
     arm, target = plan.arm, float(info["target"])
     hub = float(np.arctan2(observation[0], observation[1]))
-    rate_scale = float(np.sqrt(arm.torque_limits[0] * (np.pi / 2.0) / rigid_inertia(arm, np.zeros((1, 0)))[0, 0, 0]))
+    rate_scale = float(np.sqrt(arm.torque_limits[0] * (np.pi / 2.0) / rigid_inertia(arm, np.zeros((1, 1)))[0, 0, 0]))
     data, length, period = mujoco.MjData(model), arm.total_length, plan.period
     data.joint("joint0").qpos[:] = hub
     steps = round(period / model.opt.timestep)

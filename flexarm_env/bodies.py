@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -137,6 +137,22 @@ def about(I: Array, mass: float, arm: Array) -> Array:
     The result is I + mass (arm^T arm E - arm arm^T), kg m^2, with the identity matrix E.
     """
     return np.asarray(I + mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm)))
+
+
+class Body(NamedTuple):
+    """A rigid body fixed to a section of an arm."""
+
+    mass: float  # kg
+    centre: Array  # m (3,): center of mass from the section's origin, section axes
+    inertia: Array  # kg m^2 (3, 3): about the center of mass, section axes
+
+
+def combined_body(parts: list[Body]) -> Body:
+    """Combine bodies fixed to one section in one body: total mass, common center, inertia about this center."""
+    mass = sum(part.mass for part in parts)
+    centre = sum((part.mass * part.centre for part in parts), np.zeros(3)) / mass if mass > 0.0 else np.zeros(3)
+    inertia = sum((about(p.inertia, p.mass, p.centre - centre) for p in parts), np.zeros((3, 3)))
+    return Body(mass, centre, inertia)
 
 
 _STIFF = Section(EI=1.0, EA=1.0, C=1.0, m=1.0)

@@ -57,10 +57,8 @@ class Episode:
     """An episode of T steps, with the data that are needed to replay it.
 
     Attributes:
-        env_id: the environment's id. env_kwargs: keyword arguments of the environment. max_episode_steps: this argument
-            of `gymnasium.make`, or None.
-        seed: seed of the reset. If it is None, `generator` is the state of the environment's random generator before
-            the reset.
+        env_id, env_kwargs, max_episode_steps: the arguments of `gymnasium.make`; the last one may be None.
+        seed: seed of the reset. If it is None, `generator` is the random generator's state before the reset.
         options: options that were passed to `reset`, or None. observations (T + 1, O), actions (T, N): float32. rewards
             (T,): float64. terminations, truncations (T,): bool.
         infos: array of each `info` entry by name, with T + 1 rows.
@@ -382,8 +380,7 @@ def to_minari(episodes: Sequence[Episode], dataset_id: str, env_id: str | None =
     Returns:
         The `minari.MinariDataset`; in this data set an interrupted episode ends as truncated.
     Raises:
-        ValueError: there is no episode, the episodes are of several environments, or the id is invalid. ImportError:
-            Minari is not installed.
+        ValueError: no episode, several environments, or an invalid id. ImportError: Minari is not installed.
     """
     with check.needs("a Minari data set", "minari h5py", "data"):
         import minari

@@ -1,19 +1,25 @@
-"""Arm with rigid links in the plane: reach, inertia, Coriolis torques, and time scales derived from them.
+"""Arm with rigid links, in the plane and in space: kinematics, inertia, Coriolis torques, weight and time scales.
 
-The angle alpha_k is the absolute angle of the tangent at link k's root, rad. Positions are complex numbers x + i y: a
-link that spans a from joint to joint contributes a exp(i alpha_k).
+Angles are joint angles (n, N), rad. `bodies` lists the arm's masses; inertia, Coriolis torques and weight are sums over
+these bodies. In the plane the sums do not depend on the joint angles and are evaluated once (`link_inertia`,
+`mass_moments`). Planar positions are complex numbers x + i y: a link that spans a from joint to joint contributes
+a exp(i alpha_k), with the absolute angle alpha_k of the tangent at link k's root.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .bodies import about_z
-from .parameters import Arm
+from . import curves
+from . import validation as check
+from .bodies import Body, Inertia, RigidLink, combined_body, tensor
+from .parameters import Arm, Link, Taper
+from .rotations import matrices
+from .sections import ACROSS, Section
 from .validation import Array
 
 ComplexOrReal = NDArray[Any]
@@ -41,30 +47,262 @@ def largest_force(arm: Arm) -> float:
     return float(min(np.array(arm.torque_limits) / levers))
 
 
-def link_inertia(arm: Arm) -> ComplexOrReal:
-    """Return the constants C (N, N), kg m^2, of the inertia matrix M for the links' absolute angles alpha.
+# ---------------------------------------------------------------------- kinematics
+def mount_of(arm: Arm, k: int) -> Array:
+    """Return the rotation matrix of joint k at angle 0: root axes of link k to axes of the section before the joint."""
+    mount = arm.hub_mount if k == 0 else arm.elbow(k).mount
+    return np.eye(3) if mount is None else np.array(mount)
 
-    The matrix is M_jk = Re C_jk exp(-i (alpha_j - alpha_k)). A body (link, elbow, motor or payload) has the position
-    sum_j a_j exp(i alpha_j), summed over the links up to the body. The body adds m conj(a_j) a_k to C, and its own
-    inertia to the entry of the link with which it turns. C is real if all bodies lie on straight lines from joint to
-    joint.
+
+def axis_of(arm: Arm, k: int) -> Array:
+    """Return the axis of joint k, a unit vector in the axes of the root of link k."""
+    return np.array(arm.hub_axis if k == 0 else arm.elbow(k).axis)
+
+
+def frames(arm: Arm, angles: Array) -> tuple[Array, Array, Array, Array]:
+    """Return positions (m) and axes of the joints, link axes and tip position (m) of the rigid arm.
+
+    angles: rad, (..., N). Returns (..., N, 3), (..., N, 3), (..., N, 3, 3) with link axes as columns, and (..., 3), all
+    along inertial axes with the root at the origin. Link axes are those of the link's root.
+    """
+    A, r = np.broadcast_to(np.eye(3), (*angles.shape[:-1], 3, 3)), np.zeros((*angles.shape[:-1], 3))
+    places, axes, links = [], [], []
+    for k, link in enumerate(arm.links):
+        # A_k = A mount exp(axis theta); r_(k+1) = r + A far
+        axis = axis_of(arm, k)
+        A = A @ mount_of(arm, k) @ matrices(angles[..., k, None] * axis)
+        places.append(r)
+        axes.append(A @ axis)
+        links.append(A)
+        if link.curved:
+            r, A = r + A @ _in_axes(link.far), A @ _turn(link)
+        else:
+            r = r + link.span * A[..., 0]
+    return np.stack(places, -2), np.stack(axes, -2), np.stack(links, -3), r
+
+
+def tip_at(arm: Arm, angles: Array) -> Array:
+    """Return the rigid arm's tip position (..., 3), m, inertial axes, at joint angles (..., N), rad."""
+    return frames(arm, angles)[3]
+
+
+def jacobian(arm: Arm, angles: Array) -> Array:
+    """Return the position Jacobian (..., 3, N), m/rad, of the rigid arm's tip, with the columns e_k x (tip - p_k).
+
+    angles (..., N): joint angles, rad. e_k: axis of joint k; p_k: its position, m; inertial axes.
+    """
+    places, axes, _, tip = frames(arm, angles)
+    return np.swapaxes(np.cross(axes, tip[..., None, :] - places), -1, -2)
+
+
+def _in_axes(place: complex) -> Array:
+    """Return a position x + i y, m, in a link's axes as a vector (3,)."""
+    return np.array([np.real(place), np.imag(place), 0.0])
+
+
+def _turn(link: Link) -> Array:
+    """Return the rotation matrix from tip axes to root axes of a stress-free link."""
+    return matrices(np.array([0.0, 0.0, link.turn]))
+
+
+# --------------------------------------------------------------------------- bodies
+def bodies(arm: Arm) -> Iterator[tuple[int, Body]]:
+    """Yield each body of the rigid arm: index of the link whose joint moves it, and the `Body` in that link's axes.
+
+    Bodies are hub, elbows, rigid ends, beams, rigid links and payload. Rotors of motors are not included.
+    """
+    for k, link in enumerate(arm.links):
+        # hub, or elbow: mass and left inertia belong to the link before, the right inertia to this one
+        if k == 0:
+            yield 0, Body(0.0, np.zeros(3), tensor(arm.hub_inertia))
+        else:
+            elbow, before = arm.elbow(k), arm.links[k - 1]
+            yield k - 1, Body(elbow.mass, _in_axes(before.far), _at_tip(before, elbow.inertia_left))
+            yield k, Body(0.0, np.zeros(3), tensor(elbow.inertia_right))
+        if isinstance(link, RigidLink):
+            yield k, Body(link.mass, np.array(link.centre), tensor(link.inertia))
+            continue
+        # rigid ends
+        if link.rigid_ends:
+            for mass, along, inertia in link.ends:
+                place = complex(link.place(along - link.root_offset)) if link.curved else along
+                yield k, Body(mass, _in_axes(place), tensor(inertia))
+        yield k, _beam(link)
+    # payload, off the tip where it is eccentric
+    last, held = arm.links[-1], arm.payload
+    tip = _in_axes(last.far + held.lever * np.exp(1j * last.turn) if held.eccentric else last.far)
+    tip[2] = (*held.offset, 0.0)[2]
+    yield arm.n_links - 1, Body(held.mass, tip, _at_tip(last, held.inertia))
+
+
+def _at_tip(link: Link, inertia: Inertia) -> Array:
+    """Return an inertia given in the axes of a link's tip as a tensor in the axes of the link's root, kg m^2."""
+    turned = link.curved and isinstance(inertia, tuple)
+    return np.asarray(_turn(link) @ tensor(inertia) @ _turn(link).T) if turned else tensor(inertia)
+
+
+def _beam(link: Link) -> Body:
+    """Return a link's stress-free beam as a rigid body in the axes of the link's root."""
+    rotary, across = link.rotary, _rotary_across(link)
+    if link.curved:
+        s, weights = link.quadrature()
+        masses, z = weights * link.along(s).m, link.place(s)
+        centre = complex(masses @ z / masses.sum())
+        # second moments of mass about the center; sections turned by the tangent's angle
+        away, tangent = z - centre, np.exp(1j * curves.angle(link.curvature, s))
+        J = weights * link.along(s).J
+        xx = masses @ away.imag**2 + J @ tangent.real**2
+        yy = masses @ away.real**2 + J @ tangent.imag**2
+        xy = J @ (tangent.real * tangent.imag) - masses @ (away.real * away.imag)
+        zz = float(masses @ abs(away) ** 2) + rotary
+        inertia = np.array([[xx + across, xy, 0.0], [xy, yy + across, 0.0], [0.0, 0.0, zz]])
+        return Body(link.mass, _in_axes(centre), inertia)
+    if link.uniform is not None and not link.rigid_ends:
+        middle, swing = 0.5 * link.length, link.mass * link.length**2 / 12.0
+    else:
+        middle = link.moment(1) / link.mass if link.mass else 0.0
+        swing = link.moment(2) - link.mass * middle**2
+        middle = link.root_offset + middle
+    return Body(link.mass, _in_axes(middle), np.diag([rotary + across, swing + across, swing + rotary]))
+
+
+def _rotary_across(link: Link) -> float:
+    """Return the integral of J_y along a beam, kg m^2; 0 for sections of the plane, which lack J_y."""
+    if isinstance(link.section, Taper):
+        known = True
+    else:
+        sections = [link.section] if isinstance(link.section, Section) else [section for _, section in link.section]
+        known = all(getattr(section, name) is not None for section in sections for name in ACROSS)
+    if not known:
+        return 0.0
+    s, weights = link.quadrature()
+    return float(weights @ link.across(s)["J_y"])
+
+
+def link_bodies(arm: Arm) -> list[Body]:
+    """Return one body for each link: all bodies that the link's joint moves, and no later joint."""
+    found: list[list[Body]] = [[] for _ in arm.links]
+    for k, body in bodies(arm):
+        found[k].append(body)
+    return [combined_body(parts) for parts in found]
+
+
+# ------------------------------------------------------------------------- dynamics
+def weight_and_inertia(
+    arm: Arm, gravity: Array, angles: Array, parts: Sequence[Body] | None = None
+) -> tuple[Array, Array]:
+    """Compute gravity torques (n, N), N m, and joint inertia (n, N, N), kg m^2, of the rigid arm with its rotors.
+
+    gravity (3,): m/s^2. angles (n, N): joint angles, rad. parts: result of `link_bodies(arm)`, or None to compute it.
+    """
+    places, axes, links, _ = frames(arm, angles)
+    torques, inertia = np.zeros(angles.shape), np.zeros((*angles.shape, arm.n_links))
+    inertia += np.diag([arm.joint(k).rotor for k in range(arm.n_links)])
+    for k, part in enumerate(link_bodies(arm) if parts is None else parts):
+        moved = slice(k + 1)
+        # e_j x (center - p_j), velocity of the center by joint rate; joint axes in link axes
+        swing = _cross(axes[:, moved], (places[:, k] + links[:, k] @ part.centre)[:, None] - places[:, moved])
+        own = axes[:, moved] @ links[:, k]
+        # holding torque -m (e x r) . g; inertia m s s' + e' J e
+        torques[:, moved] -= part.mass * swing @ gravity
+        inertia[:, moved, moved] += part.mass * swing @ np.swapaxes(swing, 1, 2)
+        inertia[:, moved, moved] += own @ part.inertia @ np.swapaxes(own, 1, 2)
+    return torques, inertia
+
+
+def rigid_inertia(arm: Arm, angles: Array) -> Array:
+    """Return the inertia matrices (n, N, N), kg m^2, with rotors, at joint angles (n, N), rad."""
+    angles = _joints("angles", arm, angles)
+    return weight_and_inertia(arm, np.zeros(3), angles)[1] if arm.spatial else _planar_inertia(arm, angles)
+
+
+def coriolis(arm: Arm, angles: Array, rates: Array) -> Array:
+    """Return the Coriolis and centrifugal torques (n, N), N m, at joint angles, rad, and rates, rad/s, (n, N) each.
+
+    These torques are the joint torques minus inertia matrix times joint accelerations. Gyroscopic moments of rotors are
+    not included.
+    """
+    angles = _joints("angles", arm, angles)
+    if arm.spatial:
+        return _coriolis(arm, angles, rates)
+    # rates of the absolute angles, squared
+    squares = np.cumsum(rates, axis=1) ** 2
+    C, turned = link_inertia(arm), _differences(arm, angles)
+    pulls = C.real * np.sin(turned) - C.imag * np.cos(turned)
+    return _of_joints(np.einsum("njk,nk->nj", pulls, squares), 1)
+
+
+def _coriolis(arm: Arm, angles: Array, rates: Array) -> Array:
+    """Return `coriolis` by recursion from the root: accelerations of the links at joint accelerations 0."""
+    places, axes, links, tip = frames(arm, angles)
+    ends = np.concatenate([places[:, 1:], tip[:, None]], axis=1)
+    spin, growth, a = np.zeros((3, len(angles), 3))
+    torques = np.zeros(angles.shape)
+    for k, part in enumerate(link_bodies(arm)):
+        # omega_k = omega + e q', omega_k' = omega' + omega x e q'
+        turn = axes[:, k] * rates[:, k, None]
+        growth, spin = growth + _cross(spin, turn), spin + turn
+        # force m r'' on the body, and moment J omega' + omega x J omega about its center, inertial axes
+        lever, J = links[:, k] @ part.centre, links[:, k] @ part.inertia @ np.swapaxes(links[:, k], 1, 2)
+        force = part.mass * (a + _swept(growth, spin, lever))
+        moment = (J @ growth[..., None])[..., 0] + _cross(spin, (J @ spin[..., None])[..., 0])
+        # torque e_j . ((r - p_j) x force + moment) of joints 0 ... k
+        levers = (places[:, k] + lever)[:, None] - places[:, : k + 1]
+        torques[:, : k + 1] += (axes[:, : k + 1] * (_cross(levers, force[:, None]) + moment[:, None])).sum(axis=-1)
+        a = a + _swept(growth, spin, ends[:, k] - places[:, k])
+    return torques
+
+
+def _swept(growth: Array, spin: Array, lever: Array) -> Array:
+    """Return the acceleration omega' x r + omega x (omega x r), m/s^2, at a lever r (m) of a turning body."""
+    return _cross(growth, lever) + _cross(spin, _cross(spin, lever))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return the cross product of vectors (..., 3), without the call overhead of `numpy.cross`."""
+    (ax, ay, az), (bx, by, bz) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], -1)
+
+
+def _joints(path: str, arm: Arm, angles: Array) -> Array:
+    """Validate the shape (n, N) of joint angles."""
+    angles = np.asarray(angles, np.float64)
+    if angles.ndim != 2 or angles.shape[1] != arm.n_links:
+        raise check.InvalidValue(f"shape of {path}", angles.shape, f"must be (n, {arm.n_links}): one a joint")
+    return angles
+
+
+# ------------------------------------------------------------- sums in the plane
+def link_inertia(arm: Arm) -> ComplexOrReal:
+    """Return the constants C (N, N), kg m^2, of a planar arm's inertia matrix M for the links' absolute angles alpha.
+
+    The matrix is M_jk = Re C_jk exp(-i (alpha_j - alpha_k)). A body has the position sum_j a_j exp(i alpha_j), summed
+    over the links up to the body. The body adds m conj(a_j) a_k to C, and its own inertia to the entry of the link with
+    which it turns. C is real if all bodies lie on straight lines from joint to joint.
     """
     ends = _link_ends(arm)
     total = np.zeros((arm.n_links, arm.n_links), ends.dtype)
-    for mass, last, along, inertia in _bodies(arm, ends):
-        levers = _levers(ends, last, along)
-        total[:, :] += mass * np.outer(levers.conj(), levers)
-        total[last, last] += inertia
+    for last, body in bodies(arm):
+        levers = _levers(ends, last, body)
+        total[:, :] += body.mass * np.outer(levers.conj(), levers)
+        total[last, last] += body.inertia[2, 2]
     return total
 
 
 def mass_moments(arm: Arm) -> ComplexOrReal:
-    """Return the vector S (N,), kg m: the sum of the bodies' mass times position is sum_k S_k exp(i alpha_k)."""
+    """Return the vector S (N,), kg m: in the plane the bodies' mass times position sums to sum_k S_k exp(i alpha_k)."""
     ends = _link_ends(arm)
     total = np.zeros(arm.n_links, ends.dtype)
-    for mass, last, along, _ in _bodies(arm, ends):
-        total += mass * _levers(ends, last, along)
+    for last, body in bodies(arm):
+        total += body.mass * _levers(ends, last, body)
     return total
+
+
+def _planar_inertia(arm: Arm, angles: Array) -> Array:
+    """Return `rigid_inertia` of a planar arm: sums of M_jk over the links beyond both joints."""
+    rotors = np.diag([arm.joint(k).rotor for k in range(arm.n_links)])
+    C, turned = link_inertia(arm), _differences(arm, angles)
+    return _of_joints(_of_joints(C.real * np.cos(turned) + C.imag * np.sin(turned), 1), 2) + rotors
 
 
 def _link_ends(arm: Arm) -> ComplexOrReal:
@@ -72,61 +310,22 @@ def _link_ends(arm: Arm) -> ComplexOrReal:
 
     The numbers are complex, x + i y, or real if all bodies lie on straight lines from joint to joint.
     """
-    bent = any(link.curved for link in arm.links)
-    kind: Any = np.complex128 if arm.payload.eccentric or bent else np.float64
+    bent = any(link.curved for link in arm.links) or any(body.mass and body.centre[1] for _, body in bodies(arm))
+    kind: Any = np.complex128 if bent else np.float64
     return np.array([link.far for link in arm.links], kind)
 
 
-def _levers(ends: ComplexOrReal, last: int, along: complex) -> ComplexOrReal:
-    """Return the levers a_j, (N,) m, of a body at `along` (m) in the axes of link `last`.
-
-    The body's position is sum a_j exp(i alpha_j), with the absolute angles alpha of the links.
-    """
+def _levers(ends: ComplexOrReal, last: int, body: Body) -> ComplexOrReal:
+    """Return the levers a_j, (N,) m, of a body on link `last`: its position is sum a_j exp(i alpha_j)."""
     levers = np.where(np.arange(len(ends)) < last, ends, 0.0)
-    levers[last] = along
+    x, y, _ = body.centre.tolist()
+    levers[last] = complex(x, y) if np.iscomplexobj(ends) else x
     return levers
 
 
-def _bodies(arm: Arm, lengths: ComplexOrReal) -> Iterator[tuple[float, int, complex, float]]:
-    """Yield the data of each body of the arm.
-
-    The data of a body are its mass (kg), the index of the link with which it turns, its position in this link's axes
-    (m), and its own inertia (kg m^2).
-
-    lengths: far joint of each link in the axes of its root, m. Rotors of motors are not included.
-    """
-    for k, link in enumerate(arm.links):
-        # hub, or elbow: mass and left inertia belong to the link before, the right inertia to this one
-        if k == 0:
-            yield 0.0, 0, 0.0, about_z(arm.hub_inertia)
-        else:
-            elbow = arm.elbow(k)
-            yield elbow.mass, k - 1, lengths[k - 1], about_z(elbow.inertia_left)
-            yield 0.0, k, 0.0, about_z(elbow.inertia_right)
-        # rigid ends
-        if link.rigid_ends:
-            for mass, along, inertia in link.ends:
-                yield mass, k, complex(link.place(along - link.root_offset)) if link.curved else along, inertia
-        # the flexible part: uniform, curved, or varying along a straight line
-        if link.uniform is not None and not link.rigid_ends:
-            yield link.mass, k, 0.5 * link.length, link.mass * link.length**2 / 12.0 + link.rotary
-        elif link.curved:
-            s, weights = link.quadrature()
-            masses, z = weights * link.along(s).m, link.place(s)
-            centre = complex(masses @ z / masses.sum())
-            yield link.mass, k, centre, float(masses @ abs(z - centre) ** 2) + link.rotary
-        else:
-            middle = link.moment(1) / link.mass if link.mass else 0.0
-            inertia = link.moment(2) - link.mass * middle**2 + link.rotary
-            yield link.mass, k, link.root_offset + middle, inertia
-    # payload, off the tip where it is eccentric
-    tip = lengths[-1] + arm.payload.lever * np.exp(1j * arm.links[-1].turn) if arm.payload.eccentric else lengths[-1]
-    yield arm.payload.mass, arm.n_links - 1, tip, about_z(arm.payload.inertia)
-
-
-def _differences(arm: Arm, elbows: Array) -> Array:
-    """Return alpha_j - alpha_k, (n, N, N) rad, from elbow angles (n, N - 1) rad; curved links add their own angle."""
-    elbows = np.asarray(elbows, np.float64)
+def _differences(arm: Arm, angles: Array) -> Array:
+    """Return alpha_j - alpha_k, (n, N, N) rad, from joint angles (n, N) rad; curved links add their own angle."""
+    elbows = angles[:, 1:]
     if any(link.curved for link in arm.links):
         elbows = elbows + [link.turn for link in arm.links[:-1]]
     alpha = np.concatenate([np.zeros((len(elbows), 1)), np.cumsum(elbows, axis=1)], axis=1)
@@ -138,29 +337,13 @@ def _of_joints(values: Array, axis: int) -> Array:
     return np.flip(np.cumsum(np.flip(values, axis), axis), axis)
 
 
-def rigid_inertia(arm: Arm, elbows: Array) -> Array:
-    """Return the inertia matrices for joint angles, (n, N, N), kg m^2, with rotors, at elbow angles (n, N - 1), rad."""
-    rotors = np.diag([arm.joint(k).rotor for k in range(arm.n_links)])
-    C, turned = link_inertia(arm), _differences(arm, elbows)
-    return _of_joints(_of_joints(C.real * np.cos(turned) + C.imag * np.sin(turned), 1), 2) + rotors
-
-
-def coriolis(arm: Arm, elbows: Array, rates: Array) -> Array:
-    """Return the Coriolis and centrifugal torques (n, N), N m, at joint rates (n, N), rad/s.
-
-    These torques are the joint torques minus inertia matrix times joint accelerations. elbows (n, N - 1): elbow angles,
-    rad. rates (n, N): joint rates, rad/s.
-    """
-    # rates of the absolute angles, squared
-    squares = np.cumsum(rates, axis=1) ** 2
-    C, turned = link_inertia(arm), _differences(arm, elbows)
-    pulls = C.real * np.sin(turned) - C.imag * np.cos(turned)
-    return _of_joints(np.einsum("njk,nk->nj", pulls, squares), 1)
-
-
 def inertia_beyond(arm: Arm, joint: int) -> float:
-    """Return the inertia (kg m^2) about a joint of the straight arm from that joint to the tip, rotor included."""
-    return float(rigid_inertia(arm, np.zeros((1, arm.n_links - 1)))[0, joint, joint])
+    """Return the inertia (kg m^2) about a joint of the straight arm from that joint to the tip, rotor included.
+
+    The joint's axis is the z axis of the link beyond it. In space the axes of all later links are aligned with that
+    link's axes.
+    """
+    return float(_planar_inertia(arm, np.zeros((1, arm.n_links)))[0, joint, joint])
 
 
 def rate_scale(arm: Arm, joint: int) -> float:

@@ -1,8 +1,7 @@
 """Prescribed functions of time for motions and loads, with exact first and second derivatives.
 
 A :class:`TimeFunction` is a list of pieces, each a cubic plus one sine, in one float64 array for compiled code. The
-value or a derivative may jump between pieces. A time step must end at each such instant, called a *kink*
-(docs/theory.md, integration).
+value or a derivative may jump between pieces, at a *kink*. A time step must end there (docs/theory.md, integration).
 """
 
 from __future__ import annotations
@@ -125,8 +124,7 @@ class TimeFunction:
         return tuple(at[jumping].tolist())
 
     def _size(self, order: int) -> float:
-        """Return the magnitude of a derivative: its largest term, or the value's magnitude over a power of the
-        duration."""
+        """Return a derivative's magnitude: its largest term, or the value's magnitude over a power of the duration."""
         p, size = self.pieces, 0.0
         lengths = np.append(np.diff(p[:, T0]), 0.0)
         span = float(p[-1, T0] - p[0, T0])
@@ -205,8 +203,7 @@ def constant(value: float) -> TimeFunction:
 
 
 def pulse(value: float, t_end: float, t_start: float = 0.0) -> TimeFunction:
-    """Return a pulse: ``value`` from ``t_start`` to ``t_end`` (s), otherwise 0. For loads only, because the value
-    jumps."""
+    """Return a pulse: ``value`` from ``t_start`` to ``t_end`` (s), otherwise 0. For loads only: the value jumps."""
     value = check.number("value", value)
     t_start = check.number("t_start", t_start, "s", minimum=0.0)
     t_end = check.number("t_end", t_end, "s", above=t_start)
@@ -296,9 +293,8 @@ def _with_ends_held(t: Array, y: Array, rows: list[list[float]]) -> list[list[fl
 
 
 def linear_table(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
-    """Return straight lines between the rows of t (n,), s, and y (n,), n >= 2; after the last row the last value. Each
-    row is a kink. Raises ValueError for fewer rows, and for a row whose time does not increase or whose value is not
-    finite."""
+    """Return straight lines between the rows of t (n,), s, and y (n,), n >= 2; after them the last value. Each row is a
+    kink. Raises ValueError for fewer rows, a time that does not increase, or a value that is not finite."""
     time, value = _columns(t, 2, y=y)
     slopes = np.diff(value) / np.diff(time)
     rows = [_row(*row) for row in zip(time[:-1], value[:-1], slopes, strict=True)]
@@ -306,9 +302,8 @@ def linear_table(t: Sequence[float] | Array, y: Sequence[float] | Array) -> Time
 
 
 def steps(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
-    """Return a step function: y[k] from the time t[k] (s) to the next time t[k + 1], and 0 before the first time. For
-    loads only: the value jumps. Raises ValueError for no row, and for a row whose time does not increase or whose value
-    is not finite."""
+    """Return a step function: y[k] from time t[k] (s) to t[k + 1], and 0 before t[0]. For loads only: the value jumps.
+    Raises ValueError for no row, a time that does not increase, or a value that is not finite."""
     time, value = _columns(t, 1, y=y)
     rows = [_row(*row) for row in zip(time, value, strict=True)]
     return _of_pieces("steps", [_row(0.0), *rows] if time[0] > 0.0 else rows, t=time, y=value)
@@ -353,8 +348,7 @@ def hermite_table(
     Args:
         t (n,): increasing instants, s. psi (n,): values, rad or m. psi_dot (n,): first derivatives of the values.
             psi_ddot (n,): second derivatives of the values, or None.
-    After the last row the value is constant; a rate other than 0 makes this row a kink. Raises ValueError that names
-    the row for an invalid row.
+    After the last row the value is constant; a rate other than 0 makes it a kink. A ValueError names an invalid row.
     """
     if psi_ddot is None:
         time, y, v = _columns(t, 2, psi=psi, psi_dot=psi_dot)

@@ -56,7 +56,7 @@ ROOMS: dict[str, set[str]] = {
     "sensors": {"validation", "records"},
     "shapes": {"validation", "bodies"},
     "parameters": {"validation", "records", "sections", "bodies", "sensors"},
-    "rigid": {"validation", "bodies", "parameters"},
+    "rigid": {"validation", "curves", "rotations", "sections", "bodies", "parameters"},
     "settings": {"validation"},
     "files": {"validation"},
     "time_functions": {"validation", "files"},

@@ -14,7 +14,7 @@ from flexarm_env.control import lqr, shaping, time_optimal
 from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.catalogue import gains_from, tuned_gains
 from flexarm_env.control.pd import PDGains
-from flexarm_env.geometry import plane
+from flexarm_env.geometry import inverse, plane
 from flexarm_env.rigid import coriolis, rigid_inertia
 from flexarm_env.training import episodes, export_policy, tune
 from tests.differences import central
@@ -42,15 +42,15 @@ def reach():
 # ------------------------------------------------------------------ the arm as controllers know it
 @pytest.mark.parametrize("elbow", [-2.0, 0.0, 1.0])
 def test_rigid_inertia_is_that_of_the_linear_model(elbow):
-    inertia = rigid_inertia(TWO, np.array([[elbow]]))[0]
+    inertia = rigid_inertia(TWO, np.array([[0.3, elbow]]))[0]
     assert arm_model(TWO, (elbow,)).inertia == pytest.approx(inertia, rel=1e-6)
 
 
 def test_coriolis_torques_follow_from_the_inertia():
-    elbow, rates = np.array([[0.7]]), np.array([[1.3, -0.6]])
-    slope, v = central(lambda s: rigid_inertia(TWO, elbow + s)[0], 1e-5, 2), rates[0]
+    angles, rates = np.array([[-0.4, 0.7]]), np.array([[1.3, -0.6]])
+    slope, v = central(lambda s: rigid_inertia(TWO, angles + s * np.array([0.0, 1.0]))[0], 1e-5, 2), rates[0]
     expected = slope @ v * v[1] - 0.5 * np.array([0.0, v @ slope @ v])
-    assert coriolis(TWO, elbow, rates)[0] == pytest.approx(expected, rel=1e-7)
+    assert coriolis(TWO, angles, rates)[0] == pytest.approx(expected, rel=1e-7)
 
 
 def test_frequencies_of_the_free_strip():
@@ -75,7 +75,7 @@ def test_goal_angles_reach_the_target_within_limits():
     angles = np.stack([rng.uniform(-3, 3, n), rng.uniform(-2.5, 2.5, n)], axis=1)
     radius, bearing = rng.uniform(0.3, 0.95, n), rng.uniform(-3, 3, n)
     target = np.stack([radius * np.cos(bearing), radius * np.sin(bearing)], axis=1)
-    goal = plane.goal_angles(TWO, angles, target, np.ones((n, 2)))
+    goal = inverse.goal_angles(TWO, angles, target, np.ones((n, 2)))
     tip = plane.tip_in_hub_frame(TWO, goal[:, 1:], np.zeros((n, 2)))
     turn = goal[:, 0] - angles[:, 0]
     c, s = np.cos(turn), np.sin(turn)

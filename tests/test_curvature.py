@@ -106,7 +106,7 @@ def test_a_link_behind_a_bent_one_begins_where_that_ends() -> None:
 def test_rigid_inertia() -> None:
     """Of stiff bent links against the kinetic energy that the elastica starts with."""
     scene = dataclasses.replace(swung(), loads=(), gravity=None)
-    inertia = rigid.rigid_inertia(scene.arm, np.array([[scene.initial_value("joint1")]]))[0]
+    inertia = rigid.rigid_inertia(scene.arm, np.array([[0.0, scene.initial_value("joint1")]]))[0]
     turning = dataclasses.replace(scene, rates=(2.0, 3.0))
     begun = assemble(turning, turning.settings("elastica", nodes=12))
     kinetic = uncompiled(energy)(SINGLE, begun.model, begun.par, begun.q0, begun.v0)[0]

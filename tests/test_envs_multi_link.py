@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from flexarm_env import arms, control
 from flexarm_env.batch import GOAL
-from flexarm_env.geometry.plane import goal_of
+from flexarm_env.geometry.inverse import goal_of
 from flexarm_env.tasks import angles as inverse
 from tests.env_tools import MULTI as ID
 from tests.env_tools import assert_same, successes

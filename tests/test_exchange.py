@@ -60,7 +60,7 @@ def test_a_chain_has_the_inertia_of_its_arm(name: str, segments: int) -> None:
     # a rotor behind an elastic gear turns by itself
     rotors = np.diag([arm.joint(k).rotor for k in range(arm.n_links)])
     own = mass_matrix(chain)[np.ix_(driven, driven)] - rotors
-    rigid = rigid_inertia(arm, np.zeros((1, arm.n_links - 1)))[0] - rotors
+    rigid = rigid_inertia(arm, np.zeros((1, arm.n_links)))[0] - rotors
     assert np.abs(own - rigid).max() < 1e-12 * np.abs(rigid).max()
     assert sum(body.mass for body in chain.bodies) == pytest.approx(arm.mass, rel=1e-12)
 
@@ -192,8 +192,8 @@ def test_an_urdf_comes_back_as_the_same_rigid_arm(tmp_path: Path, capsys: pytest
     found, own = arms.resolve(back), arms.named("de_luca_siciliano")
     assert all(isinstance(link, RigidLink) for link in found.links)
     assert found.torque_limits == own.torque_limits and found.joint_limits == own.joint_limits
-    elbows = np.array([[0.7]])
-    assert rigid_inertia(found, elbows) == pytest.approx(rigid_inertia(own, elbows), rel=1e-9)
+    angles = np.array([[-0.2, 0.7]])
+    assert rigid_inertia(found, angles) == pytest.approx(rigid_inertia(own, angles), rel=1e-9)
 
 
 @pytest.mark.parametrize(

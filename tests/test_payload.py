@@ -62,7 +62,7 @@ def test_rigid_arm_with_an_offset() -> None:
     """Inertia and Coriolis torques of two rigid links against Lagrange's equations of the payload's place alone."""
     arm = Arm("a", (Link(0.6, STRIP), Link(0.4, STRIP)), payload=PAYLOAD)
     light = dataclasses.replace(arm, payload=Payload())
-    elbow, rates = np.array([[0.7]]), np.array([[0.4, -1.1]])
+    angles, rates = np.array([[0.3, 0.7]]), np.array([[0.4, -1.1]])
 
     def place(joints: Any) -> Any:
         second = joints[0] + joints[1]
@@ -73,12 +73,12 @@ def test_rigid_arm_with_an_offset() -> None:
     q, h = np.array([0.3, 0.7]), 1e-5
     jacobian = np.array([(place(q + h * e) - place(q - h * e)) / (2 * h) for e in np.eye(2)]).T
     inertia = PAYLOAD.mass * jacobian.T @ jacobian + PAYLOAD.inertia
-    found = (rigid.rigid_inertia(arm, elbow) - rigid.rigid_inertia(light, elbow))[0]
+    found = (rigid.rigid_inertia(arm, angles) - rigid.rigid_inertia(light, angles))[0]
     np.testing.assert_allclose(found, inertia, rtol=1e-6)
     h = 1e-4
     swept = (place(q + h * rates[0]) - 2.0 * place(q) + place(q - h * rates[0])) / h**2
     torque = PAYLOAD.mass * jacobian.T @ swept
-    found = (rigid.coriolis(arm, elbow, rates) - rigid.coriolis(light, elbow, rates))[0]
+    found = (rigid.coriolis(arm, angles, rates) - rigid.coriolis(light, angles, rates))[0]
     np.testing.assert_allclose(found, torque, rtol=1e-5)
 
 

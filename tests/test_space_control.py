@@ -9,15 +9,14 @@ import pytest
 
 from benchmarks.space_control import MEASURED
 from flexarm_env import arms, control, shapes
-from flexarm_env.control import lqg, optimal, shaping
+from flexarm_env.control import lqg, optimal
 from flexarm_env.control.catalogue import tuned_gains
 from flexarm_env.control.dynamics import SpatialDynamics, dynamics
 from flexarm_env.control.replay import finer
 from flexarm_env.control.space import held_model, rest
-from flexarm_env.geometry.space import holding, tip_at
 from flexarm_env.linear.state_space import held
-from flexarm_env.physics.space.reading import frames, tips
-from flexarm_env.rigid import coriolis, rigid_inertia
+from flexarm_env.physics.space.reading import tips
+from flexarm_env.rigid import frames, tip_at, weight_and_inertia
 from tests.differences import central
 
 ID = "SpatialFlexArm-v0"
@@ -33,7 +32,8 @@ def test_regulator_and_filter_about_a_bent_rest(name: str, keywords: dict[str, A
     d, size = controller.design(own), len(own.A)
     joints, rates = (np.array([own.rows[f"joint{k}{end}"] for k in range(3)]) for end in ("", "_rate"))
     assert joints @ own.rigid == pytest.approx(np.eye(3), abs=1e-6)
-    turned = central(lambda s: holding(controller.setup.arm, controller.gravity, angles + s * np.eye(3))[0], 1e-4, 2)
+    arm, gravity = controller.setup.arm, controller.gravity
+    turned = central(lambda s: weight_and_inertia(arm, gravity, angles + s * np.eye(3))[0], 1e-4, 2)
     weight, left = own.B @ turned.T, own.A @ own.rigid - own.rigid
     for rows in (joints, rates):  # its weight is held wherever it is turned to, but for what it bends by
         assert np.linalg.norm(rows @ left) < 0.3 * np.linalg.norm(rows @ weight)
@@ -41,20 +41,6 @@ def test_regulator_and_filter_about_a_bent_rest(name: str, keywords: dict[str, A
     assert np.abs(np.linalg.eigvals(own.A - own.B @ d.K[:, :size])).max() < 1.0
     fading = np.abs(np.linalg.eigvals(d.A - d.A @ d.L[-1] @ d.C))  # all but biases, which are given none to walk
     assert np.sort(fading)[size + 2] < 0.9999
-
-
-@pytest.mark.parametrize("name", ["de_luca_siciliano", "two_link_geared", "three_strips"])
-def test_inertia_and_coriolis_torques_of_an_arm_of_the_plane(name: str) -> None:
-    """As the plane's rigid arm has them, rotors and rotary inertia included."""
-    arm, rng = arms.named(name), np.random.default_rng(0)
-    sections = [replace(one.section, EI_y=1.0, C_y=1.0, J_y=0.3, GJ=1.0) for one in arm.links]
-    arm = replace(arm, links=tuple(replace(one, section=s) for one, s in zip(arm.links, sections, strict=True)))
-    angles, rates = rng.uniform(-2.0, 2.0, (2, 5, arm.n_links))
-    none = np.zeros(3)
-    assert holding(arm, none, angles)[1] == pytest.approx(rigid_inertia(arm, angles[:, 1:]), rel=1e-9, abs=1e-12)
-    found = shaping.coriolis_in_space(arm, none, angles, rates)
-    wanted = coriolis(arm, angles[:, 1:], rates)
-    assert found == pytest.approx(wanted, abs=1e-7 * np.abs(wanted).max())
 
 
 def test_inertia_of_the_rigid_arm_is_that_of_its_boxes() -> None:
@@ -81,7 +67,7 @@ def test_inertia_of_the_rigid_arm_is_that_of_its_boxes() -> None:
         there = [places[k] + points @ axes[k].T for places, _, axes, _ in ends]
         speeds = 0.5 * (there[0] - there[1]) / eps
         energy += 0.5 * link.mass * weights @ (speeds**2).sum(axis=1)
-    inertia = holding(arm, np.zeros(3), angles[None])[1][0]
+    inertia = weight_and_inertia(arm, np.zeros(3), angles[None])[1][0]
     assert 0.5 * rates @ inertia @ rates == pytest.approx(energy, rel=1e-6)
 
 
@@ -120,7 +106,7 @@ def test_gains_of_pd_have_a_margin() -> None:
     for goal in rng.uniform([-2.0, -1.2, -1.2], [2.0, 1.2, 1.2], (6, 3)):
         free, joints, A = held_model(arm, gravity, goal)
         rates = np.array([free.C[free.outputs.index(f"joint{k}_rate")] for k in range(3)])
-        inertia = np.diag(np.diag(holding(arm, gravity, goal[None])[1][0]))
+        inertia = np.diag(np.diag(weight_and_inertia(arm, gravity, goal[None])[1][0]))
         A, B = held(A, free.B, controller.setup.control_dt)
         for more in (1.0, 1.6):
             spring, damper = more * gains.rate**2 * inertia, more * 2.0 * gains.ratio * gains.rate * inertia

@@ -12,9 +12,8 @@ from gymnasium.utils.env_checker import check_env
 
 import flexarm_env as fx
 from flexarm_env import arms, control
-from flexarm_env.geometry.space import holding
-from flexarm_env.physics.space.reading import frames, links
-from flexarm_env.rigid import rate_scale
+from flexarm_env.physics.space.reading import links
+from flexarm_env.rigid import frames, rate_scale, weight_and_inertia
 from flexarm_env.rotations import matrices, of_quaternions, vectors
 from tests import space_answers as answers
 from tests.env_tools import assert_pair_same, pair
@@ -345,7 +344,7 @@ def test_weight_and_inertia_of_the_rigid_arm() -> None:
         middle = 0.5 * (places[0, 2] + tip[0])
         return 9.81 * 0.3935 * float(0.5 * (places[0, 1] + places[0, 2])[2] + middle[2])
 
-    torques, inertia = holding(ARM, gravity, angles)
+    torques, inertia = weight_and_inertia(ARM, gravity, angles)
     for k in range(3):
         step = eps * np.eye(3)[k]
         assert torques[0, k] == pytest.approx((height(angles + step) - height(angles - step)) / (2 * eps), abs=1e-6)

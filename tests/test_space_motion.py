@@ -11,8 +11,8 @@ import pytest
 
 import flexarm_env as fx
 from flexarm_env import arms, time_functions
-from flexarm_env.geometry.space import angles_at, beyond_reach, tip_at
-from flexarm_env.rigid import rate_scale
+from flexarm_env.geometry.inverse import angles_at, beyond_reach
+from flexarm_env.rigid import rate_scale, tip_at
 from flexarm_env.rotations import matrices, of_quaternions
 from flexarm_env.tasks.program import GOAL
 from tests import space_answers as answers

@@ -14,7 +14,7 @@ from flexarm_env.batch import FURTHER
 from flexarm_env.envs.options import plan
 from flexarm_env.envs.space import SPACE
 from flexarm_env.envs.task import REACH, SLEW
-from flexarm_env.geometry.space import holding
+from flexarm_env.rigid import tip_at, weight_and_inertia
 from flexarm_env.tasks.starts import FACTOR
 from tests.refusals import refuses, says
 
@@ -108,7 +108,8 @@ def test_weak_motors_in_space_hold_what_is_drawn() -> None:
         )
         env.reset(seed=0)
         goals = np.array([env.unwrapped.batch.record(i)[-3:] for i in range(60)])
-        return float((np.abs(holding(arm, gravity, goals)[0]) > np.array(arm.torque_limits)).any(axis=1).mean())
+        needed = np.abs(weight_and_inertia(arm, gravity, goals)[0])
+        return float((needed > np.array(arm.torque_limits)).any(axis=1).mean())
 
     assert share(1) > 0.2 and share(2) == 0.0
     weaker = dataclasses.replace(arm, torque_limits=(20.0, 1e-3, 1e-3))
@@ -144,7 +145,7 @@ def test_heavier_payloads_are_held_too() -> None:
 
 def test_two_joints_in_space_find_their_targets() -> None:
     """J J' of two joints has no full rank: for some targets of a long arm the steps raised LinAlgError."""
-    from flexarm_env.geometry.space import angles_at, tip_at
+    from flexarm_env.geometry.inverse import angles_at
 
     three, rng = arms.named("three_dof"), np.random.default_rng(0)
     for joints in ((0, 1), (1, 2)):
@@ -158,22 +159,22 @@ def test_two_joints_in_space_find_their_targets() -> None:
 
 def test_of_several_postures_the_one_that_motors_hold_is_taken() -> None:
     """Both elbows reach a point; near the base, with the upper arm up, less is asked of the shoulder."""
-    from flexarm_env.geometry.space import angles_at, tip_at
+    from flexarm_env.geometry.inverse import angles_at
 
     arm = arms.named("three_dof")
     gravity, rng, weaker = (0.0, 0.0, -9.81), np.random.default_rng(1), 0
     for _ in range(60):
         angles = rng.uniform(-1.2, 1.2, 3)
-        needed = np.abs(holding(arm, np.array(gravity), angles[None])[0][0])
+        needed = np.abs(weight_and_inertia(arm, np.array(gravity), angles[None])[0][0])
         weak = dataclasses.replace(arm, torque_limits=tuple((needed + 0.01).tolist()))
         found = angles_at(weak, tip_at(arm, angles), gravity)
         assert found is not None
-        assert (
-            np.abs(holding(weak, np.array(gravity), found[None])[0][0]) <= np.array(weak.torque_limits) + 1e-9
-        ).all()
+        held = np.abs(weight_and_inertia(weak, np.array(gravity), found[None])[0][0])
+        assert (held <= np.array(weak.torque_limits) + 1e-9).all()
         blind = angles_at(weak, tip_at(arm, angles))
         assert blind is not None
-        weaker += bool((np.abs(holding(weak, np.array(gravity), blind[None])[0][0]) > weak.torque_limits).any())
+        lost = np.abs(weight_and_inertia(weak, np.array(gravity), blind[None])[0][0])
+        weaker += bool((lost > weak.torque_limits).any())
     assert weaker > 0
 
 

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..geometry.plane import goal_angles, tip_in_hub_frame, wrapped
+from ..geometry.inverse import goal_angles
+from ..geometry.plane import tip_in_hub_frame, wrapped
 from ..parameters import Arm
 from ..rigid import rigid_inertia
 from ..sensors import Sensors
@@ -349,7 +350,7 @@ class Controller(ABC):
         arm = self.setup.arm
         # target in hub axes, m; of two inverse-kinematics solutions the one reached sooner at full torque
         target = tip_in_hub_frame(arm, signals.angles[:, 1:], signals.bends) + signals.error
-        inertia = rigid_inertia(arm, signals.angles[:, 1:])
+        inertia = rigid_inertia(arm, signals.angles)
         rates = np.sqrt(self.limits / np.diagonal(inertia, axis1=1, axis2=2))
         return goal_angles(arm, signals.angles, target, rates)
 

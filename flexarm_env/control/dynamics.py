@@ -16,11 +16,10 @@ from .. import arms
 from .. import validation as check
 from ..batch import MODE, PERIODS, RUNNING, Batch, Chain, Reach, Slew, SpaceReach, Starts, Task
 from ..derivatives import Periods
-from ..geometry.space import holding
 from ..parameters import Arm
 from ..physics.elastica.chain import chain
 from ..physics.space.reading import links, read, shapes
-from ..rigid import rigid_inertia
+from ..rigid import rigid_inertia, weight_and_inertia
 from ..settings import Settings
 from ..validation import Array
 from .arm_model import arm_model
@@ -157,7 +156,7 @@ class Dynamics:
 
     def inertia(self, angles: Array) -> Array:
         """Return the rigid arm's inertia about its joints (m, N, N), kg m^2, at joint angles (m, N), rad."""
-        return rigid_inertia(self.arm, angles[:, 1:])
+        return rigid_inertia(self.arm, angles)
 
     @property
     def first(self) -> float:
@@ -322,7 +321,7 @@ class SpatialDynamics(Dynamics):
         """Find static rests as fixed points of a period, by Newton's method; see `Dynamics.still`."""
         x, n = self.unbent(angles), self.n_inputs
         u, half = np.zeros((len(x), n)), self.half
-        u[:] = holding(self.arm, np.array(self.gravity), x[:, self.joints])[0] / self.limits
+        u[:] = weight_and_inertia(self.arm, np.array(self.gravity), x[:, self.joints])[0] / self.limits
         weight = np.repeat([1.0 / self.period, 1.0], half)
         for _ in range(NEWTON):
             A, B = self.jacobians(x, u)
@@ -353,10 +352,6 @@ class SpatialDynamics(Dynamics):
             controls[k] = np.clip(held - (K @ (x - home)[:, :, None])[:, :, 0], -1.0, 1.0)
             x = self.advance(x, controls[k])
         return controls
-
-    def inertia(self, angles: Array) -> Array:
-        """Return the rigid arm's inertia about its joints (m, N, N), kg m^2, at joint angles (m, N), rad."""
-        return holding(self.arm, np.array(self.gravity), angles)[1]
 
     @cached_property
     def first(self) -> float:

@@ -267,7 +267,7 @@ class Impedance(PressController):
         gains, n = self.gains, self.setup.n_joints
         off, holding = self._rest(view, 0.0, 0.0)
         jacobian = self.chain.jacobian(self.goal, self._bends)
-        inverse = np.linalg.inv(rigid_inertia(self.setup.arm, self.goal[:, 1:]))
+        inverse = np.linalg.inv(rigid_inertia(self.setup.arm, self.goal))
         found = holding
         for direction, stiffness in ((view.along, gains.along), (view.normal, gains.across)):
             lever = (jacobian * direction[:, :, None]).sum(axis=1)

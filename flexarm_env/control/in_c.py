@@ -16,8 +16,7 @@ import numpy as np
 
 from .. import validation as check
 from ..bodies import vector
-from ..physics.space.build import axis_of, mount_of
-from ..rigid import link_inertia
+from ..rigid import axis_of, link_inertia, mount_of
 from ..validation import Array
 from .arm_model import GRID, postures
 from .base import Controller
@@ -164,8 +163,8 @@ def _in_space(own: Controller, targets: Points | None) -> dict[str, Any]:
         "limit": own.limits, "scale": np.array(own.setup.scales), "length": [link.span for link in arm.links],
         "hinge": [axis_of(arm, k) for k in range(N)], "mount": [mount_of(arm, k) for k in range(N)],
         "rotor": [arm.joint(k).rotor for k in range(N)],
-        "carrier": [float(k) for k, _ in parts], "mass": [part.mass for _, part in parts],
-        "centre_of": [part.centre for _, part in parts], "tensor": [part.inertia for _, part in parts],
+        "carrier": [float(k) for k in range(N)], "mass": [part.mass for part in parts],
+        "centre_of": [part.centre for part in parts], "tensor": [part.inertia for part in parts],
         "gravity": own.gravity, "target": where, "rest": angles, "rest_torque": torques,
         "TARGETS": len(points), "BODIES": len(parts),
     }  # fmt: skip

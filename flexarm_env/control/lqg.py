@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.space import holding
 from ..linear.point import gauge_name
 from ..linear.state_space import held
 from ..parameters import Arm
@@ -118,7 +117,7 @@ def plant(setup: Setup, posture: tuple[float, ...]) -> Plant:
     # lowest nonzero frequency
     first = float(np.sqrt(np.sort(-np.linalg.eigvals(stiffness).real)[n]))
     rows = dict(zip(free.outputs, free.C, strict=True))
-    inertia = rigid_inertia(setup.arm, np.array([posture or (0.0,) * (n - 1)]))[0]
+    inertia = rigid_inertia(setup.arm, np.array([(0.0, *(posture or (0.0,) * (n - 1)))]))[0]
     return Plant(period.A, period.B, rows, rigid, inertia, first, free.states, _shown(setup.arm, rows))
 
 
@@ -335,7 +334,7 @@ def plant_in_space(setup: Setup, gravity: Array, angles: Array) -> tuple[Plant, 
     squares = np.sort(-np.linalg.eigvals(A[size:, :size]).real)
     first = float(np.sqrt(squares[n])) if size > n else 1.0 / setup.control_dt
     # zero-order hold over a control period
-    discrete, inertia = held(A, free.B, setup.control_dt), holding(arm, gravity, angles[None])[1][0]
+    discrete, inertia = held(A, free.B, setup.control_dt), rigid_inertia(arm, angles[None])[0]
     return Plant(*discrete, rows, rigid, inertia, first, free.states, _shown(arm, rows)), y
 
 

@@ -254,7 +254,7 @@ class MPC(Controller):
 
     def _inertia(self) -> Array:
         """Return the inertia (n, N, N), kg m^2, of the rigid arm at its goal."""
-        return rigid_inertia(self.setup.arm, self.goal[:, 1:])
+        return rigid_inertia(self.setup.arm, self.goal)
 
     def _give_up(self, chosen: NDArray[np.bool_]) -> None:
         """Discard the plans of the chosen arms (mask): set torques and gains to zero."""

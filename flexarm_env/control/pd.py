@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import validation as check
-from ..geometry.space import holding
 from ..parameters import Arm
+from ..rigid import weight_and_inertia
 from ..validation import Array
 from .arm_model import arm_model
 from .base import Controller, Gains, Setup, Signals
@@ -153,6 +153,6 @@ class SpatialPD(AboutRest):
         angles, rates (N,): joint angles, rad, and filtered rates, rad/s.
         """
         # gravity compensation, and gains scaled by the joint's inertia
-        weight, inertia = holding(self.setup.arm, self.gravity, angles[None], self.bodies)
+        weight, inertia = weight_and_inertia(self.setup.arm, self.gravity, angles[None], self.bodies)
         found: Array = weight[0] + np.diag(inertia[0]) * self._pull(wanted - angles, rates)
         return found

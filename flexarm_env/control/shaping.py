@@ -14,7 +14,6 @@ import numpy as np
 
 from .. import validation as check
 from ..geometry.plane import rigid_times
-from ..geometry.space import holding
 from ..parameters import Arm
 from ..rigid import coriolis, rigid_inertia
 from ..validation import Array
@@ -150,6 +149,15 @@ class Shaped(Controller):
         left = self.move * (1.0 - done)[:, None]
         return left, self.move * rate[:, None], self.move * ((later - rate) / dt)[:, None]
 
+    def inverse_dynamics(self, left: Array, rates: Array, accelerations: Array) -> Array:
+        """Return the rigid arm's torques I qdd + Coriolis (n, N), N m, along the reference, without weight.
+
+        left, rates, accelerations (n, N): see `reference`.
+        """
+        arm, angles = self.setup.arm, self.goal - left
+        found: Array = np.einsum("nij,nj->ni", rigid_inertia(arm, angles), accelerations)
+        return found + coriolis(arm, angles, rates)
+
 
 class ShapedPD(Shaped):
     """PD control along a shaped reference with the rigid arm's inverse dynamics as feedforward.
@@ -166,16 +174,13 @@ class ShapedPD(Shaped):
         """Design each arm's shaper at its goal's posture and begin the arm's reference."""
         arm = self.setup.arm
         shapers = [closed_loop_shaper(arm, self.gains, self.kind, posture) for posture in postures(self.goal)]
-        inertia = rigid_inertia(arm, self.goal[:, 1:])
+        inertia = rigid_inertia(arm, self.goal)
         self.shape(shapers, rigid_times(inertia, to_go, self.gains.effort * self.limits), to_go)
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
         """Return feedforward plus PD torques (n, N), N m: I qdd + Coriolis + kp error + kd rate error."""
         left, rates, accelerations = self.reference()
-        # inverse dynamics of the rigid arm along the reference
-        angles = self.goal - left
-        inertia = rigid_inertia(self.setup.arm, angles[:, 1:])
-        forward = np.einsum("nij,nj->ni", inertia, accelerations) + coriolis(self.setup.arm, angles[:, 1:], rates)
+        forward = self.inverse_dynamics(left, rates, accelerations)
         torques: Array = forward + self.kp * (to_go - left) + self.kd * (rates - signals.rates)
         return torques
 
@@ -199,7 +204,7 @@ def shaper_in_space(arm: Arm, gravity: Array, gains: SpatialShapedGains, kind: s
     """
     free, joints, A = held_model(arm, gravity, angles)
     N, filter_rate = arm.n_links, 1.0 / gains.lag
-    inertia = np.diag(np.diag(holding(arm, gravity, angles[None])[1][0]))
+    inertia = np.diag(np.diag(rigid_inertia(arm, angles[None])[0]))
     rates = np.array([free.C[free.outputs.index(f"joint{k}_rate")] for k in range(N)])
     # PD gains scaled by the joints' inertia
     spring, damper = gains.rate**2 * inertia, 2.0 * gains.ratio * gains.rate * inertia
@@ -207,22 +212,6 @@ def shaper_in_space(arm: Arm, gravity: Array, gains: SpatialShapedGains, kind: s
     filtered = np.hstack([filter_rate * rates, -filter_rate * np.eye(N)])
     closed = np.vstack([np.hstack([A - free.B @ spring @ joints, -free.B @ damper]), filtered])
     return cascade(closed, kind, gains.modes)
-
-
-def coriolis_in_space(arm: Arm, gravity: Array, angles: Array, rates: Array) -> Array:
-    """Return Coriolis and centrifugal torques (n, N), N m, of the rigid arm: (dM/dt) v - 1/2 grad(v' M v).
-
-    angles (n, N): joint angles, rad. rates v (n, N): joint rates, rad/s. M: inertia about the joints; its derivatives
-    are central differences.
-    """
-    step, N = 1e-5, arm.n_links
-    # directions: each joint alone, then the rates
-    ways = np.concatenate([np.eye(N)[:, None] * np.ones((1, len(angles), 1)), rates[None]])
-    ends = [holding(arm, gravity, (angles + sign * step * ways).reshape(-1, N))[1] for sign in (1.0, -1.0)]
-    slopes = ((ends[0] - ends[1]) / (2.0 * step)).reshape(N + 1, -1, N, N)
-    grown = np.einsum("nij,nj->ni", slopes[N], rates)
-    found: Array = grown - 0.5 * np.einsum("knij,ni,nj->nk", slopes[:N], rates, rates)
-    return found
 
 
 class SpatialShapedPD(Shaped, SpatialPD):
@@ -243,9 +232,6 @@ class SpatialShapedPD(Shaped, SpatialPD):
     def torques(self, signals: Signals, to_go: Array) -> Array:
         """Return holding torque, rigid feedforward I qdd + Coriolis and PD torques, (n, N), N m."""
         left, rates, accelerations = self.reference()
-        arm, angles = self.setup.arm, self.goal - left
-        # inverse dynamics of the rigid arm along the reference
-        inertia = holding(arm, self.gravity, angles, self.bodies)[1]
-        moved = np.einsum("nij,nj->ni", inertia, accelerations) + coriolis_in_space(arm, self.gravity, angles, rates)
+        moved = self.inverse_dynamics(left, rates, accelerations)
         found: Array = self.forward(to_go) + moved + self.pulled(signals, to_go - left, rates)
         return found

@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry.space import approach, holding, jacobian, lumps, tip_at
+from ..geometry.inverse import approach
 from ..linear import Equilibrium, LinearModel, linearize, static_equilibrium
 from ..parameters import Arm
 from ..physics.gauges import Spot
-from ..physics.space.reading import frames, tips
+from ..physics.space.reading import tips
+from ..rigid import frames, jacobian, link_bodies, tip_at, weight_and_inertia
 from ..scene import Scene
 from ..validation import Array
 from .base import Controller, Setup, Signals
@@ -45,7 +46,7 @@ def held_model(
     joints = free.C[[free.outputs.index(f"joint{k}") for k in range(arm.n_links)]]
     # derivative of the rigid holding torques by the joint angles
     step = 1e-4 * np.eye(arm.n_links)
-    ends = [holding(arm, gravity, angles + sign * step)[0] for sign in (1.0, -1.0)]
+    ends = [weight_and_inertia(arm, gravity, angles + sign * step)[0] for sign in (1.0, -1.0)]
     return free, joints, free.A + free.B @ ((ends[0] - ends[1]).T / 2e-4) @ joints
 
 
@@ -59,7 +60,7 @@ class AboutRest(Controller):
         """Store gravity and the rigid arm's bodies."""
         super().__init__(setup)
         self.gravity = np.array(setup.gravity or (0.0, 0.0, 0.0))
-        self.bodies = lumps(setup.arm)
+        self.bodies = link_bodies(setup.arm)
         self._rests: dict[bytes, tuple[float, Array, Array]] = {}
 
     def _rest(self, angles: Array) -> tuple[Array, Array]:
@@ -130,7 +131,7 @@ class AboutRest(Controller):
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
         """Store the rigid inertia at the goal and the torque difference between flexible and rigid rest."""
-        weight, self.inertia = holding(self.setup.arm, self.gravity, self.goal, self.bodies)
+        weight, self.inertia = weight_and_inertia(self.setup.arm, self.gravity, self.goal, self.bodies)
         self.torque = self.torque - weight
 
     def forward(self, to_go: Array) -> Array:
@@ -138,5 +139,5 @@ class AboutRest(Controller):
 
         to_go (n, N): joint angles of the goal minus present joint angles, rad.
         """
-        found: Array = self.torque + holding(self.setup.arm, self.gravity, self.goal - to_go, self.bodies)[0]
+        found: Array = self.torque + weight_and_inertia(self.setup.arm, self.gravity, self.goal - to_go, self.bodies)[0]
         return found

@@ -10,9 +10,9 @@ import numpy as np
 from .. import validation as check
 from ..batch import GOAL, Attainable, Starts, Task, attainable, draw_attainable, first_unattainable
 from ..compiler import uncompiled
-from ..geometry.space import INVERSE, chain_of, holding, lost_at, lumps
+from ..geometry.inverse import INVERSE, chain_of, lost_at
 from ..parameters import Arm
-from ..rigid import mass_moments
+from ..rigid import link_bodies, mass_moments, weight_and_inertia
 from .features import Frame
 from .targets import Pair
 
@@ -233,18 +233,15 @@ def _in_space(frame: Frame, arm: Arm, starts: Starts, torques: np.ndarray) -> At
     gravity = np.array(frame.gravity or (0.0, 0.0, 0.0))
     if not gravity.any():
         return None
-    ranges, parts = np.array(starts.target), lumps(arm)
+    ranges, parts = np.array(starts.target), link_bodies(arm)
     drawn = np.random.default_rng(0).uniform(ranges[:, 0], ranges[:, 1], (SAMPLES, arm.n_links))
     corners = np.array([*itertools.product(*ranges[:6])])
     rest = np.broadcast_to(ranges[6:].mean(axis=1), (len(corners), max(0, arm.n_links - 6)))
-    needed = np.abs(holding(arm, gravity, np.concatenate([drawn, np.hstack([corners, rest])]), parts)[0]) / torques
+    tried = np.concatenate([drawn, np.hstack([corners, rest])])
+    needed = np.abs(weight_and_inertia(arm, gravity, tried, parts)[0]) / torques
     if needed.max() <= _SURE:
         return None
     if needed[:SAMPLES].max(axis=1).min() > 1.0:
         raise _none(starts, arm, gravity)
-    bodies = np.zeros((arm.n_links, 4))
-    for k, part in parts:
-        bodies[k, 0] += part.mass
-        bodies[k, 1:] += part.mass * part.centre
-    bodies[:, 1:] /= np.maximum(bodies[:, :1], 1e-300)
-    return Attainable(bodies.ravel(), gravity, torques, chain_of(frame.arm))
+    bodies = np.concatenate([(part.mass, *part.centre) for part in parts])
+    return Attainable(bodies, gravity, torques, chain_of(frame.arm))

@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import validation as check
 from ..batch import CONTACT, FURTHER, Cost, Extras, KeepOut, PayloadChange, Pushes, Starts, gauge_table, packed
-from ..geometry.space import chain_of
+from ..geometry.inverse import chain_of
 from ..parameters import Arm
 from ..physics.gauges import over
 from ..rigid import reach

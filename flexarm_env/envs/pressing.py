@@ -10,7 +10,7 @@ import numpy as np
 from .. import sensors as description
 from .. import validation as check
 from ..batch import Land, LandChain, Press, PressChain, Starts
-from ..geometry.plane import goal_angles
+from ..geometry.inverse import goal_angles
 from ..parameters import Arm
 from ..rigid import largest_force
 from ..scene import Contact, contacts_of

@@ -14,7 +14,7 @@ from numpy.polynomial import legendre
 from .. import rotations
 from ..bodies import Inertia, RigidLink, tensor
 from ..parameters import Arm
-from ..physics.space.build import axis_of, mount_of
+from ..rigid import axis_of, mount_of
 from ..sections import Link
 from ..settings import Settings
 from ..validation import Array

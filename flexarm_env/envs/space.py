@@ -11,9 +11,9 @@ import numpy as np
 
 from .. import validation as check
 from ..batch import SpaceReach, Starts, Task
-from ..geometry.space import angles_at, beyond_reach, tip_at
+from ..geometry.inverse import angles_at, beyond_reach
 from ..parameters import Arm
-from ..rigid import rate_scale
+from ..rigid import rate_scale, tip_at
 from ..time_functions import TimeFunction
 from ..validation import Array
 from .targets import POINT, Pair, Target, coordinates

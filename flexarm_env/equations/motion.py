@@ -28,9 +28,9 @@ from ..physics.floating.layout import LINK, MULTIPLIERS, SIZE, START
 from ..physics.layout import BASE_POSE, POSE, SPACE_POSE
 from ..physics.model import FloatingFrame
 from ..physics.protocol import State, centerline, retract
-from ..physics.space.build import axis_of, mount_of
 from ..physics.space.layout import AXES
 from ..physics.space.reading import read
+from ..rigid import axis_of, mount_of
 from ..simulation import Simulation
 from ..validation import Array
 from .differences import derivative, step_along

@@ -1,1 +1,1 @@
-"""Geometry of arms: inverse kinematics in the plane and in space, rigid statics in space, and shapes to draw."""
+"""Geometry of arms: inverse kinematics, deflections from poses, and shapes to draw."""

@@ -161,7 +161,7 @@ def _motion(t: Array, joints: int, low: float, high: float, rng: np.random.Gener
 def _torques(arm: Arm, motion: tuple[Array, Array, Array], angle: float) -> Array:
     """Return the inverse dynamics of the rigid arm (n, N), N m, for a motion scaled to a largest angle `angle`, rad."""
     q, v, a = (angle * x for x in motion)
-    torques: Array = np.einsum("njk,nk->nj", rigid_inertia(arm, q[:, 1:]), a) + coriolis(arm, q[:, 1:], v)
+    torques: Array = np.einsum("njk,nk->nj", rigid_inertia(arm, q), a) + coriolis(arm, q, v)
     return torques
 
 

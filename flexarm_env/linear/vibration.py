@@ -9,8 +9,8 @@ import numpy as np
 from .. import validation as check
 from ..equations import Equations, Point, at_rest_of, point_of
 from ..equations.differences import derivative, step_along
-from ..physics.space.build import axis_of, mount_of
 from ..rest import NoEquilibrium
+from ..rigid import axis_of, mount_of
 from ..scene import Scene
 from ..simulation import Simulation
 from ..validation import Array

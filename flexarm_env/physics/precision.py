@@ -20,7 +20,7 @@ import numpy as np
 
 from .. import validation as check
 from ..parameters import Arm
-from ..rigid import inertia_beyond, rigid_inertia
+from ..rigid import inertia_beyond
 from ..scene import JointTorque, PointLoad, Scene
 from ..scene.drives import FORCES
 from ..sections import Link
@@ -226,7 +226,7 @@ def moving(scene: Scene) -> float:
     The torque is infinite if no torque turns the arm by `STILL` in the scene's time.
     """
     arm, reach = scene.arm, scene.arm.total_length
-    inertia = float(rigid_inertia(arm, np.zeros((1, arm.n_links - 1)))[0, 0, 0])
+    inertia = inertia_beyond(arm, 0)
     mass = arm.payload.mass + sum(link.mass for link in arm.links)
     t = np.union1d(np.linspace(0.0, scene.duration, FASTEST), [k for k in scene.kinks if k <= scene.duration])
     # T (N m): I w^2 of the spin at the start; m g L; loads, with forces at the arm's reach; prescribed motions

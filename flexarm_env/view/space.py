@@ -12,8 +12,8 @@ from .. import validation as check
 from ..geometry.outlines import faces_of
 from ..geometry.ribbons import Ribbons, ribbons, ribbons_of, sides
 from ..parameters import Arm
-from ..physics.space.build import axis_of
 from ..physics.space.reading import links, straight
+from ..rigid import axis_of
 from ..rotations import matrices, of_quaternions, turned
 from ..scene import PointLoad, Scene
 from ..validation import Array

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ... import bodies, curves, rotations
 from ... import validation as check
-from ...bodies import RigidLink
+from ...bodies import Body, RigidLink, combined_body
 from ...compiler import uncompiled
 from ...parameters import Arm, Elbow, Joint, Link, Motor, Payload, Section, Taper
+from ...rigid import axis_of, mount_of
 from ...scene import PointLoad, Scene
 from ...sections import ACROSS, ENDS
 from ...settings import Settings, default_options
@@ -44,22 +45,6 @@ X = np.array([1.0, 0.0, 0.0])
 
 # strains kappa_x, kappa_y, kappa_z, section axes
 AXES_OF_STRAINS = ("twist", "bend_y", "bend_z")
-
-
-class Body(NamedTuple):
-    """A rigid body fixed to a section."""
-
-    mass: float  # kg
-    centre: Array  # m (3,): center of mass from the section's origin, section axes
-    inertia: Array  # kg m^2 (3, 3): about the center of mass, section axes
-
-
-def combined_body(parts: list[Body]) -> Body:
-    """Combine bodies fixed to one section in one body: total mass, common center, inertia about this center."""
-    mass = sum(part.mass for part in parts)
-    centre = sum((part.mass * part.centre for part in parts), np.zeros(3)) / mass if mass > 0.0 else np.zeros(3)
-    inertia = sum((bodies.about(p.inertia, p.mass, p.centre - centre) for p in parts), np.zeros((3, 3)))
-    return Body(mass, centre, inertia)
 
 
 def packed(one: Body, there: bool = False) -> Array:
@@ -99,17 +84,6 @@ def far_body(arm: Arm, k: int) -> Body:
     else:
         parts.append(Body(link.root_mass, -0.5 * link.root_offset * X, bodies.tensor(link.root_inertia)))
     return combined_body(parts)
-
-
-def mount_of(arm: Arm, k: int) -> Array:
-    """Return the rotation matrix of joint k at angle 0: root axes of link k to axes of the section before the joint."""
-    mount = arm.hub_mount if k == 0 else arm.elbow(k).mount
-    return np.eye(3) if mount is None else np.array(mount)
-
-
-def axis_of(arm: Arm, k: int) -> Array:
-    """Return the axis of joint k, a unit vector in the axes of the root of link k."""
-    return np.array(arm.hub_axis if k == 0 else arm.elbow(k).axis)
 
 
 def flags(found: Iterable[Any]) -> NDArray[np.int64] | None:

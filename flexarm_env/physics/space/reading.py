@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...parameters import Arm, Link
+from ...rigid import axis_of, frames, mount_of
 from ...rotations import back, matrices, quaternions, slope, turned, vectors
 from ...settings import Settings
-from .build import axis_of, count_elements, count_rows, levers, mount_of, names_of, polynomials, tip_lever
+from .build import count_elements, count_rows, levers, names_of, polynomials, tip_lever
 from .elastica_build import _link, grid
 from .layout import AXES
 from .strained_layout import STRAINED
@@ -144,25 +145,6 @@ def _angle_rows(arm: Arm, settings: Settings) -> tuple[list[int], list[int]]:
     elastic = [k for k in range(arm.n_links) if arm.joint(k).elastic]
     behind = dict(zip(elastic, range(len(names), len(names) + len(elastic)), strict=True))
     return joints, [behind.get(k, row) for k, row in enumerate(joints)]
-
-
-def frames(arm: Arm, angles: Array) -> tuple[Array, Array, Array, Array]:
-    """Return positions (m) and axes of the joints, link axes and tip (m) of the rigid arm at joint angles.
-
-    angles: rad, (..., N). Returns (..., N, 3), (..., N, 3), (..., N, 3, 3) with link axes as columns, and (..., 3), all
-    along inertial axes with the root at the origin.
-    """
-    A, r = np.broadcast_to(np.eye(3), (*angles.shape[:-1], 3, 3)), np.zeros((*angles.shape[:-1], 3))
-    places, axes, links = [], [], []
-    for k, link in enumerate(arm.links):
-        # A_k = A mount exp(axis theta); r_(k+1) = r + L A e_x (straight links)
-        axis = axis_of(arm, k)
-        A = A @ mount_of(arm, k) @ matrices(angles[..., k, None] * axis)
-        places.append(r)
-        axes.append(A @ axis)
-        links.append(A)
-        r = r + link.span * A[..., 0]
-    return np.stack(places, -2), np.stack(axes, -2), np.stack(links, -3), r
 
 
 def straight(arm: Arm, angles: Array) -> Array:

@@ -1,4 +1,8 @@
-"""Rigid arms in space: forward and inverse kinematics, weight and inertia."""
+"""Inverse kinematics: joint angles at which the rigid arm's tip is at a point.
+
+The solutions for planar arms are analytic or those of two equations for any number of links (`goal_of`). In space the
+angles follow from damped least squares (`approach`, `angles_at`).
+"""
 
 import itertools
 import math
@@ -6,10 +10,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..bodies import tensor
-from ..parameters import Arm, Link
-from ..physics.space.build import Body, X, axis_of, far_body, mount_of, near_body, tip_end, tip_lever
-from ..physics.space.reading import frames
+from ..parameters import Arm
+from ..rigid import axis_of, jacobian, mount_of, tip_at, weight_and_inertia
+from ..tasks.angles import least_angles, sooner_angles
 from ..tasks.space_angles import JOINT, follow_point, seek_point
 from ..validation import Array
 
@@ -17,27 +20,56 @@ MOST_FOLLOWED, LOST = 500, 1e-3
 """Largest number of path points that are followed; distance, divided by the arm's length, of a lost path."""
 
 
-def tip_at(arm: Arm, angles: Array) -> Array:
-    """Return the rigid arm's tip position (..., 3), m, inertial axes, at joint angles (..., N), rad."""
-    return frames(arm, angles)[3]
+def limits_of(arm: Arm) -> Array:
+    """Return the lower and upper limit of each joint, (N, 2) rad; infinite for joints without limits."""
+    return np.array([(-np.inf, np.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links], float)
 
 
-def jacobian(arm: Arm, angles: Array) -> Array:
-    """Return the position Jacobian (..., 3, N), m/rad, of the rigid arm's tip, with the columns e_k x (tip - p_k).
+# -------------------------------------------------------------------------- in the plane
+def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, angles: Array) -> Array:
+    """Return joint angles (N,), rad, with which the tip of a straight-link arm is at (x, y), m, relative to its root.
 
-    angles (..., N): joint angles, rad. In inertial axes, e_k is the axis of joint k and p_k its position, m.
+    The environments choose the same solution as this function. x, y: target in inertial axes. lengths (N,): lengths of
+    the links, m. rates (N,): speed factors of the joints; a joint's time is proportional to sqrt(|angle|) / rate.
+    limits (2 N,), rad: lower and upper limit of each joint in turn. angles (N,): present joint angles, rad. With two
+    links the function returns the solution with the shorter time, with more links the solution with the least sum of
+    squares of the angles (`tasks.angles`). If the point is out of reach, the arm points along the line to the point.
     """
-    places, axes, _, tip = frames(arm, angles)
-    return np.swapaxes(np.cross(axes, tip[..., None, :] - places), -1, -2)
+    goal: Array = angles.copy()
+    if len(lengths) == 2:
+        sooner_angles(lengths, rates, limits, float(x), float(y), goal)
+    else:
+        least_angles(lengths, limits, float(x), float(y), goal)
+    return goal
 
 
+def goal_angles(arm: Arm, angles: Array, target: Array, rates: Array) -> Array:
+    """Compute joint angles (n, N), rad, that place the rigid arm's tip at the target.
+
+    With two links, the solution with the shorter time is chosen; with more links, the solution with the least sum of
+    squares of the angles (`tasks.angles`). The hub angle is unwrapped to the nearest turn.
+
+    Args:
+        angles (n, N): present joint angles, rad. target (n, 2): target of the tip, m, in hub axes at these angles.
+        rates (n, N): speed factors, for two links only; a joint turns by x in a time proportional to sqrt(|x|) / rate.
+    A target out of reach is approached along the line to the target. Joint limits are kept, and no elbow turns past pi.
+    """
+    lengths, limits = np.array([link.span for link in arm.links]), limits_of(arm).ravel()
+    # target from hub axes to inertial axes
+    hub = angles[:, 0]
+    x = np.cos(hub) * target[:, 0] - np.sin(hub) * target[:, 1]
+    y = np.sin(hub) * target[:, 0] + np.cos(hub) * target[:, 1]
+    return np.array([goal_of(lengths, rates[i], limits, x[i], y[i], angles[i]) for i in range(len(angles))])
+
+
+# ------------------------------------------------------------------------------ in space
 def approach(arm: Arm, angles: Array, points: Array) -> Array:
     """Return joint angles (..., N), rad, that bring the rigid tip nearest to points, by damped least squares.
 
     angles: initial guess of the joint angles, rad. points (..., 3): target positions, m, inertial axes. Joint limits
     are enforced by clipping.
     """
-    limits = np.array([(-np.inf, np.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links])
+    limits = limits_of(arm)
     for _ in range(60):
         J, off = jacobian(arm, angles), points - tip_at(arm, angles)
         # damping proportional to the remaining distance; steps of at most 0.5 rad
@@ -116,7 +148,7 @@ def lost_at(
     The joints move from angles `start` (N,), rad, within their limits, like the goal posture of a moving target. seek,
     follow: functions of `INVERSE`, without compilation.
     """
-    limits = np.array([(-np.inf, np.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links])
+    limits = limits_of(arm)
     known = chain_of(arm), (0,) * arm.n_links, arm.total_length, limits.ravel()
     angles = np.array(start, np.float64)
     seek(*known, tuple(points[0].tolist()), angles)
@@ -146,66 +178,8 @@ def angles_at(arm: Arm, point: Array, gravity: Sequence[float] | None = None) ->
     turned = np.where(np.isinf(limits), (found + np.pi) % (2.0 * np.pi) - np.pi, found)
     squares = (turned**2).sum(axis=1)
     if gravity is not None and arm.torque_limits is not None:
-        held = (np.abs(holding(arm, np.array(gravity), turned)[0]) <= np.array(arm.torque_limits)).all(axis=1)
+        needed = np.abs(weight_and_inertia(arm, np.array(gravity), turned)[0])
+        held = (needed <= np.array(arm.torque_limits)).all(axis=1)
         squares = np.where(held | (not held.any()), squares, np.inf)
     best: Array = turned[np.argmin(squares)]
     return best
-
-
-def lumps(arm: Arm) -> list[tuple[int, Body]]:
-    """Return the rigid arm's bodies: (index of the link whose joint moves the body, `Body` in the link's root axes)."""
-    found = []
-    for k, link in enumerate(arm.links):
-        # bodies at the link's root: the joint's far body, and the flexible part
-        far, parts = far_body(arm, k), []
-        root = (0.0 if link.rigid else link.root_offset) * X
-        parts.append(Body(far.mass, far.centre + root, far.inertia))
-        if not link.rigid and link.mass:
-            parts.append(_beam(link, root))
-        # at the last section: the next joint's near body, or the link's tip piece
-        tip = link.span * X - tip_lever(link)  # where its last section is
-        near = near_body(arm, k + 1) if k + 1 < arm.n_links else tip_end(link)
-        parts.append(Body(near.mass, tip + near.centre, near.inertia))
-        found += [(k, part) for part in parts]
-    held = arm.payload
-    at = arm.links[-1].span * X + np.array((*held.offset, 0.0)[:3])
-    found.append((arm.n_links - 1, Body(held.mass, at, tensor(held.inertia))))
-    return [(k, part) for k, part in found if part.mass > 0.0 or part.inertia.any()]
-
-
-def _beam(link: Link, root: Array) -> Body:
-    """Return a straight beam as a rigid body: mass, center and inertia in the link's axes; root: its start, m."""
-    s, weights = link.quadrature()
-    # center of mass, and second moments of mass about it
-    middle = link.moment(1) / link.mass
-    swing, flat, across = link.moment(2) - middle * link.moment(1), link.rotary, float(weights @ link.across(s)["J_y"])
-    return Body(link.mass, root + middle * X, np.diag([flat + across, swing + across, swing + flat]))
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Return the cross product of vectors (..., 3), without the call overhead of `numpy.cross`."""
-    (ax, ay, az), (bx, by, bz) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], -1)
-
-
-def holding(
-    arm: Arm, gravity: Array, angles: Array, parts: list[tuple[int, Body]] | None = None
-) -> tuple[Array, Array]:
-    """Compute gravity torques (n, N), N m, and joint inertia (n, N, N), kg m^2, of the rigid arm with its rotors.
-
-    gravity (3,): gravitational acceleration, m/s^2. angles (n, N): joint angles, rad. parts: result of `lumps(arm)`, or
-        None to compute it.
-    """
-    places, axes, links, _ = frames(arm, angles)
-    torques, inertia = np.zeros(angles.shape), np.zeros((*angles.shape, arm.n_links))
-    inertia += np.diag([arm.joint(k).rotor for k in range(arm.n_links)])
-    for k, part in lumps(arm) if parts is None else parts:
-        moved = slice(k + 1)
-        # e_j x (center - p_j), velocity of the center by joint rate; joint axes in link axes
-        swing = _cross(axes[:, moved], (places[:, k] + links[:, k] @ part.centre)[:, None] - places[:, moved])
-        own = axes[:, moved] @ links[:, k]
-        # holding torque -m (e x r) . g; inertia m s s' + e' J e
-        torques[:, moved] -= part.mass * swing @ gravity
-        inertia[:, moved, moved] += part.mass * swing @ np.swapaxes(swing, 1, 2)
-        inertia[:, moved, moved] += own @ part.inertia @ np.swapaxes(own, 1, 2)
-    return torques, inertia
