@@ -346,8 +346,7 @@ def hermite_table(
     """Return cubics with the rows' values and rates (C1); with accelerations, three cubics per interval (C2).
 
     Args:
-        t (n,): increasing instants, s. psi (n,): values, rad or m. psi_dot (n,): first derivatives of the values.
-            psi_ddot (n,): second derivatives of the values, or None.
+        t (n,): increasing instants, s. psi (n,): values, rad or m. psi_dot, psi_ddot (n,): their derivatives, or None.
     After the last row the value is constant; a rate other than 0 makes it a kink. A ValueError names an invalid row.
     """
     if psi_ddot is None:
