@@ -44,7 +44,7 @@ def check_places(key: str, places: list[float], length: float) -> float:
 
     Places must ascend from 0 to the length; two equal places mark a jump.
 
-    The last place is set to the exact length. key: key path for the ValueError, with {} in place of the index.
+    The last place is set to the exact length. key: key path for error messages, with {} in place of the index.
     """
     if places[0] != 0.0:
         raise check.InvalidValue(key.format(0), places[0], "must be 0, the link's root")

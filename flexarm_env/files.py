@@ -163,7 +163,7 @@ The header is matched and not evaluated, because it may contain any expression.
 def npz_names(path: str | os.PathLike[str], what: str) -> tuple[str, ...]:
     """Return the names of the arrays in an .npz file. Raises the errors of :func:`read_npz`.
 
-    what: noun for messages, for example "trajectory".
+    what: noun for error messages, for example "trajectory".
     """
     with _archive(path, what) as archive:
         return tuple(name.removesuffix(".npy") for name in archive.namelist())
@@ -175,7 +175,8 @@ def read_npz(path: str | os.PathLike[str], what: str, most: int | None = None) -
     Each array's size is checked against its header before memory is allocated.
 
     Args:
-        what: noun for messages, for example "trajectory". most: largest unpacked size in bytes, or None.
+        what: noun for error messages, for example "trajectory". most: largest unpacked size in bytes, or None for no
+            limit.
     Raises:
         OSError: the file cannot be read. ValueError: invalid content; the message names the file.
     """
@@ -301,8 +302,8 @@ def table(columns: str, rows: Iterable[Iterable[object]] = (), numbers: bool = F
     """Return the lines of a Markdown table.
 
     Args:
-        columns: heads of the columns, separated by " | ". rows: cells of each row. numbers: whether to align all
-            columns except the first to the right.
+        columns: heads of the columns, separated by " | ". rows: cells of each row. numbers: True to align all columns
+            except the first to the right.
     """
     rule = "|---|" + ("---:|" if numbers else "---|") * columns.count(" | ")
     return [f"| {columns} |", rule, *("| " + " | ".join(map(str, row)) + " |" for row in rows)]

@@ -38,7 +38,7 @@ class Rule:
     Attributes:
         text: one sentence of documentation, without unit and bounds. unit: SI unit, or "" for a number without unit.
         check: function of key path and value that returns the value to store, or raises `InvalidValue`. json: JSON
-            schema of the value. optional: whether the value None is permitted.
+            schema of the value. optional: True if the value None is permitted.
     """
 
     text: str

@@ -48,21 +48,22 @@ def make_sb3_vec(
 
     Args:
         env_id: a registered id, such as "FlexibleArm-v0". n_envs: number of environments.
-        seed: environment i starts with seed + i at the first reset; None: the operating system provides seeds.
-        monitor: whether to wrap in VecMonitor (episode returns and lengths, `is_success`); a string is the path of the
-            monitor's file.
-        normalize: whether to wrap in VecNormalize; a mapping contains keywords of VecNormalize, e.g. {"norm_reward":
-            False, "gamma": 0.98}.
+        seed: environment i is seeded with seed + i at the first reset; None: the operating system provides seeds.
+        monitor: True to wrap the environment in VecMonitor (episode returns and lengths, `is_success`); a string is the
+            path of the monitor's file.
+        normalize: True to wrap the environment in VecNormalize; a mapping contains keywords of VecNormalize, e.g.
+            {"norm_reward": False, "gamma": 0.98}.
         info_keys: entries of the environment's info that every step returns. All other entries are filled only for
             ended episodes, because Stable-Baselines3 does not read them in other steps.
-        vectorization_mode: "vector_entry_point" (the native one), or "sync" or "async" for n_envs single environments.
+        vectorization_mode: "vector_entry_point" for the native vector environment, "sync" or "async" for n_envs single
+            environments.
         wrappers: functions or classes that wrap each single environment, the first one innermost. The native vector
             environment has no single environments, so with wrappers "vector_entry_point" means "sync".
         lengths: factors on the links' lengths. The environments are divided among these factors (`envs.lengths`).
-        around: a controller whose torques are added to the actions (`flexarm_env.around.AroundControllerVector`).
+        around: controller whose torques are added to the actions (`flexarm_env.around.AroundControllerVector`).
         kwargs: keyword arguments of the environment.
     Returns:
-        VecNormalize(VecMonitor(GymnasiumVecEnv)), without the wrappers that are not requested.
+        The environment VecNormalize(VecMonitor(GymnasiumVecEnv)), without the wrappers that are not requested.
     Raises:
         ValueError: n_envs is below 1, or the native vector environment does not support same-step autoreset.
             Errors of the environment for its keywords are also raised.
@@ -245,8 +246,8 @@ class GymnasiumVecEnv(VecEnv):
         """Call a method of the environments in `indices`; return the list of results.
 
         "reset" has the arguments seed (an int; environment i gets seed + i) and options, and resets only these
-        environments. "render" draws only these environments. A method of the vector environment with a parameter
-        `indices` receives the indices.
+        environments. "render" draws only the environments in `indices`. A method of the vector environment with a
+        parameter `indices` receives the indices.
 
         Raises:
             ValueError: `indices` selects some environments, but the method acts on all environments.

@@ -36,10 +36,10 @@ class DifferentiableArms:
 
     Args:
         id: id of an environment of this package. n: number of arms. keywords: keywords of the environment and its
-            solver; threads, parameters: see `flexarm_env.derivatives.Arms`.
+            solver. threads, parameters: as in `flexarm_env.derivatives.Arms`.
     Attributes:
-        arms: the `Arms`, with names and sizes of states. n: number of arms. observation_space, action_space: spaces of
-            one arm.
+        arms: the `Arms`, with names and sizes of states. n: number of arms. observation_space, action_space: Gymnasium
+            spaces of one arm.
         failed (n,) bool: True if the solver failed in the last `step`; the results of this arm are then NaN.
         past (n,) bool: True if a joint is beyond its limits, where the environment would end the episode.
     Raises:

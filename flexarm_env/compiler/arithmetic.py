@@ -67,8 +67,8 @@ def number(b: Any, x: Any) -> Value:
 def whole(b: Any, x: Any, unsigned: bool = False) -> Any:
     """Convert an integer or truth value to an LLVM i64.
 
-    unsigned: if True, integers known at compile time are accepted up to 2^64 - 1, otherwise up to 2^63 - 1. Raises
-    Refused for larger known integers and for items that are neither integer nor truth value.
+    unsigned: if True, integers known at compile time are accepted up to 2^64 - 1, otherwise up to 2^63 - 1. Raises a
+        compile error (`Refused`) for larger integers, and for items that are neither integer nor truth value.
     """
     if isinstance(x, Integer):
         return x.value

@@ -139,8 +139,9 @@ WORDS.update({
 def _share(boards, me, task):
     """Run the task's function on the thread's own part of the groups, then steal from other threads' parts.
 
-    boards: BOARD int64 numbers for each worker, then the caller's; PART of a board: the remaining groups of its owner.
-    me: number of the thread's board. task: number of the task. The caller's board contains the address of the task's
+    boards: int64 array of shared memory, with BOARD numbers for each worker thread, then BOARD numbers for the calling
+        thread. Entry PART of a board is the number of groups that its thread has left.
+    me: index of this thread's board. task: number of the task. The caller's board contains the address of the task's
         function and the function's argument.
     Returns whether the thread finished the task's last group.
     """

@@ -42,7 +42,7 @@ class Kernel:
         kernel, by the types of the arguments.
     """
 
-    run: ClassVar[Callable[[Kernel, Sequence[Any]], Any]]  # `entry.call`
+    run: ClassVar[Callable[[Kernel, Sequence[Any]], Any]]  # the function `entry.call`
     __name__: str
     __qualname__: str
 

@@ -52,7 +52,8 @@ class Description:
     """
 
     def __init__(self, reads: Reads | None, guide: Sequence[Any]) -> None:
-        """Start empty. reads: names that each function reads; None: follow the `guide` of an earlier description."""
+        """Make an empty description. reads: global names that each function reads; None to take them from the `guide`
+        of an earlier description."""
         self._reads, self._old = reads, iter(guide)
         self.words: list[str] = []
         self.guide: list[Any] = []

@@ -31,7 +31,7 @@ class OfPart:
     def written(self, writer: Any, items: list[Any]) -> Any:
         """Emit the call into the kernel that is being compiled.
 
-        writer: writer of that kernel. items: arguments of the call.
+        writer: writer of the kernel that is being compiled. items: arguments of the call.
         """
         return writer.module.call(writer, self.function, self._inner(items, writer.field), {})
 

@@ -25,7 +25,7 @@ _ELSEWHERE = object()
 
 
 class Side:
-    """Guard: one operand of a select was chosen.
+    """Guard that holds where one operand of a select was chosen.
 
     test: condition of the select (LLVM i1). first: True if the guard is for the select's first operand.
     """
@@ -42,7 +42,7 @@ class Side:
 
 
 class Live:
-    """Guard: a node's cotangent is not 0.
+    """Guard that holds where a node's cotangent is not 0.
 
     test: LLVM i1 that is true if the cotangent is not 0; it is written as soon as the cotangent is known.
 
@@ -99,7 +99,7 @@ class Guards:
         return bool(self.paths[id(load)]) or (load.base in self._names and load.region.is_within_branch())
 
     def side(self, node: Any, pull: Any) -> Path:
-        """Return a tuple with the guard that a select adds to the path of its operand; () if `node` is no select.
+        """Return the guard that a select node requires for its operand, as a tuple; () if `node` is no select.
 
         node: the node of the select. pull: edge from the node to the operand.
         """

@@ -19,7 +19,7 @@ class Image:
     """Words of a named tuple (see `entry.Placed`) with the arrays that they point to.
 
     Attributes:
-        layout: layout of the named tuple.
+        layout: memory layout of the named tuple.
         words: the named tuple as 64-bit words, with 0 in place of each array address.
         pointers: pairs (word, byte); the loader must set words[word] to the address of data[byte].
         data: bytes of all arrays, each of which begins on a cache line.

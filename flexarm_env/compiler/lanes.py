@@ -8,7 +8,7 @@ reordered. Single arms and batches therefore give the same bits, on any x86 or A
 
 With a longer tag, `dual(lane, D)`, the same source becomes the kernel of its derivative (forward mode). Each element is
 followed by D tangents of L numbers each: its derivatives along D directions. Every operation propagates tangents by the
-rules in `symbols`. `lane_count(lane)` is the number of arms of either kind of tag.
+rules in `symbols`. `lane_count(lane)` is the number of arms of a tag, with or without tangents.
 
 Python runs the functions of this module if compilation is disabled. `words` defines the instructions that the compiler
 writes for arrays of lanes.
@@ -154,7 +154,7 @@ _WHOLE = 6755399441055744.0
 def turn(t: float, s: float, c: float) -> tuple[float, float]:
     """Return (sine, cosine) of the angle k pi/2 + r.
 
-    t: the integer k plus 1.5 * 2^52. s: sin r. c: cos r.
+    t: number 1.5 * 2^52 + k with an integer k. s: sin r. c: cos r.
     """
     return ((s, c), (c, -s), (-s, -c), (-c, s))[int(t - _WHOLE) % 4 if math.isfinite(t) else 0]
 

@@ -255,7 +255,7 @@ class _Way(Region):
 class _Turns(Region):
     """Region of a range loop; needed forward values are saved in a frame of words, one frame per iteration.
 
-    turns: number of iterations (i64). The size of a frame is a constant that `go_back` fills in.
+    turns: number of iterations of the loop (LLVM i64). The size of a frame is a constant that `go_back` fills in.
     """
 
     def __init__(self, writer: Backward, turns: Any) -> None:

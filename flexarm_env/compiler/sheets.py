@@ -28,7 +28,7 @@ class Sheet:
     def show(self, told: Mapping[str, Any], others: Iterable[Any]) -> None:
         """Set the results and the views of the array that a caller gets.
 
-        told: dict of results by name. others: further views.
+        told: dict of results by name. others: further views of the array.
         """
         self.told, self.others = dict(told), tuple(others)
         # views of this array only: other objects have owners elsewhere

@@ -21,7 +21,7 @@ class Widened(np.ndarray[Any, Any]):
         return found if isinstance(found, np.ndarray) else READ[self.dtype.char](found)
 
     def __setitem__(self, at: Any, value: Any) -> None:
-        """Store an element as compiled code does: an integer into uint8 by its low 8 bits."""
+        """Store an element as compiled code does; of an integer, a uint8 array stores the low 8 bits."""
         whole = self.dtype.char == "B" and isinstance(value, int | np.integer)
         super().__setitem__(at, int(value) & 255 if whole else value)
 

@@ -20,7 +20,7 @@ class History:
 
     Args:
         names: entries of `info` to record. Entries that the environment does not have are left out. limit: smallest
-        value of T. actions: True to record the actions, too.
+            number T of rows. actions: True to record the actions, too.
     """
 
     def __init__(self, *names: str, limit: int = 0, actions: bool = False) -> None:

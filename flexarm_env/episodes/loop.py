@@ -65,7 +65,7 @@ def periods(
         env: the environment, with or without wrappers. A vector environment has autoreset mode "NextStep", its default.
             policy: the policy, which is reset at the start of each episode, or of each n episodes. seeds: one seed per
             episode, None to continue with the environment's generator; the number of seeds is a multiple of n. options:
-            options of all resets.
+            options that are passed to every `reset`.
     Raises:
         ValueError: the number of seeds is no multiple of n, or the autoreset mode is another one.
     """
@@ -136,7 +136,7 @@ class Timed(Policy):
     """Policy whose decisions are timed.
 
     Attributes:
-        seconds: duration of each decision by `clock`.
+        seconds: duration of each decision, s, measured by `clock`.
     """
 
     def __init__(self, policy: Policy, clock: Callable[[], float]) -> None:

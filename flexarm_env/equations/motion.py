@@ -182,7 +182,8 @@ class Equations:
     ) -> tuple[Array, Array, Array, Array]:
         """Return poses (n_links, ...), gauge readings (G,), and derivatives (m, ...) of both along directions dq, dv.
 
-        dq, dv (n, m): increments of coordinates and changes of rates. gauges: rows of `gauges.curvature_rows`.
+        dq, dv (n, m): increments of the coordinates and changes of the rates. gauges: gauges whose readings are
+            returned, as rows of `gauges.curvature_rows`.
         """
         rows = self._no_gauges if gauges is None else gauges
         own = SPACE_POSE.end if self.spatial else POSE.end

@@ -39,7 +39,8 @@ def comment_of(line: str) -> str:
 def diagonal(inertia: Array, floor: float = LEAST) -> tuple[Array, Array]:
     """Return principal moments (3,), none below `floor`, and the quaternion (4,) of their axes.
 
-    inertia (3, 3): inertia tensor, kg m^2. floor: smallest moment, kg m^2. Smaller moments, such as that of a line
+    inertia (3, 3): inertia tensor, kg m^2. floor: smallest moment of inertia, kg m^2. Smaller moments, such as that of
+        a line
     about itself, are raised to the floor. The largest moment is at most the sum of the two others.
     """
     own, axes = np.linalg.eigh(inertia)

@@ -34,7 +34,7 @@ class Imported:
     """An arm that was read from a file.
 
     Attributes:
-        arm: the arm; its links are rigid, except the links requested as flexible.
+        arm: the arm, whose links are rigid, except the links requested as flexible.
         links: names of each link's bodies in the file, joined by "+".
         joints: names of the file's joints, in the arm's order.
         root (3,): position of the first joint in the file, m; the arm's root is at the origin.
@@ -215,8 +215,9 @@ def made_flexible(arm: Arm, k: int, section: Section, tau_d: float = 0.0) -> tup
     Args:
         section: section of the beam; its m, J and J_y are scaled to the link's mass. tau_d: damping time, s.
     Returns:
-        The arm, and the changes: centre_shift, m, of the center of mass; inertia_ratio, the beam's largest principal
-        moment of inertia about the joint divided by that of the rigid link.
+        The changed arm, and a dict with two changes: centre_shift, the shift of the center of mass, m, and
+            inertia_ratio, the beam's largest principal moment of inertia about the joint divided by that of the rigid
+            link.
     Raises:
         ValueError: the link is already flexible, or has no length or mass.
     """

@@ -75,12 +75,12 @@ def differences(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0
     """Compare a chain with its arm.
 
     Returns:
-        A dict. `frequency_K_hz` and `chain_frequency_K_hz` are the frequencies of the arm and of the chain with held
-        joints, as many as the chain has. `tip_compliance_error` is the largest relative error of the tip's displacement
-        under a static tip force. `tip_apart` is the largest distance between the two tips, divided by the arm's length,
-        during `DURATION` s under torques of `PUSH` times the limits, which are reversed halfway; MuJoCo simulates the
-        chain. `tip_apart` requires MuJoCo and torque limits. `left_out` names the features of the arm that the chain
-        lacks.
+        A dict of deviations. Its entries `frequency_K_hz` and `chain_frequency_K_hz` are the frequencies of the arm and
+        of the chain with held joints, as many as the chain has. `tip_compliance_error` is the largest relative error of
+        the tip's displacement under a static tip force. `tip_apart` is the largest distance between the two tips,
+        divided by the arm's length, during `DURATION` s under torques of `PUSH` times the limits, which are reversed
+        halfway; MuJoCo simulates the chain. `tip_apart` requires MuJoCo and torque limits. `left_out` names the
+        features of the arm that the chain lacks.
     """
     found: dict[str, Any] = {}
     own, _ = chain_modes(chain)

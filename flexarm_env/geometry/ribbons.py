@@ -101,7 +101,7 @@ def _between(a: Frame, b: Frame, pieces: int) -> tuple[Array, Array]:
 def cuts_of(points: Array, hinges: Array) -> tuple[int, ...]:
     """Return the indices of root, hinges and tip among the points (n, P, 2) of a planar arm, m.
 
-    hinges (n, N - 1, 2): positions of the hinges.
+    hinges (n, N - 1, 2): positions of the hinges, m.
     """
     gaps = np.abs(points[:, None] - hinges[:, :, None]).sum(axis=-1)  # (n, N - 1, P)
     inner = gaps.max(axis=0).argmin(axis=-1) if len(points) else ()

@@ -107,8 +107,8 @@ class Config:
     start: str = "unloaded"
     skip: float = 0.0
     sensors: Sensors | None = None
-    experiment: Mapping[str, Any] = field(default_factory=dict)  # gravity, loads
-    space: bool = False  # whether the arm is computed in space
+    experiment: Mapping[str, Any] = field(default_factory=dict)  # tables of gravity and loads
+    space: bool = False  # True if the arm is simulated in space
     solver: Mapping[str, Any] = field(default_factory=dict)
     starts: int = 4
     evaluations: int = 60

@@ -176,7 +176,7 @@ class Solver:
     def polish(self, problem: Problem, z: Array, most: int) -> tuple[Array, float, str]:
         """Fit a problem that differs little from this solver's, from a nearby z; return z, cost and message.
 
-        most: largest number of evaluations.
+        most: largest number of evaluations of the residuals.
         """
         errors = np.concatenate([e.ravel() for e in problem.errors(z)])
         return self._search(problem, z, float(errors.std()), most)

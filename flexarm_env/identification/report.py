@@ -40,15 +40,15 @@ class Identification:
     """Result of an identification.
 
     Attributes:
-        arm: the fitted arm, with the sensors of the given arm. given: the given arm.
+        arm: the fitted arm, with the sensors of the given arm. given: the arm that was the initial guess of the fit.
         parameters: descriptions of the fitted parameters. values (p,): fitted values of the parameters. start (p,):
             values of the parameters in the given arm.
         uncertainty: uncertainty of the fitted values. verdict: "good", or a sentence that explains why the fit should
             not be trusted.
-        train, held_out: predictions of the fitted and the held-out runs by the fitted arm, held-out runs with nuisance
-            parameters at their initial values. unfitted, baseline: predictions of the same runs, fitted runs first, by
-            the given arm and by one oscillator per output. oscillators: frequency (Hz) and damping ratio of each
-            oscillator, by output.
+        train, held_out: predictions by the fitted arm, of the runs that were fitted and of the held-out runs (with
+            nuisance parameters at their initial values). unfitted, baseline: predictions of all these runs by the given
+            arm, and by one oscillator per output. oscillators: frequency (Hz) and damping ratio of each oscillator, by
+            output.
         frequencies, damping: frequencies (Hz) and damping ratios of the fitted arm while the prescribed joints are
             held. seen: free vibrations measured in the runs (`Ringing`), by output.
         fit: result of the least-squares fit. ranges: ranges of factors for the environments' option `randomization`.

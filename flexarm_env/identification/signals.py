@@ -25,7 +25,7 @@ def vaf(measured: Array, predicted: Array) -> float:
 def nrmse(measured: Array, predicted: Array, offset: bool) -> float:
     """Return the root mean square error divided by the log's standard deviation, %.
 
-    measured, predicted (n,): readings. offset: whether to subtract the mean error first.
+    measured, predicted (n,): measured and predicted readings. offset: True to subtract the mean error first.
     """
     measured, predicted = _comparable(measured, predicted)
     e = measured - predicted
@@ -103,8 +103,8 @@ def free_decay(t: Array, y: Array, *, periods: float = 4.0, high: float = np.inf
     """Measure frequency and damping by amplitude in a decay record: one Ringing per interval, largest amplitude first.
 
     Args:
-        t (n,): instants, s, evenly spaced. y (n,): vibration signal, in any unit. periods: vibration periods per
-            interval.
+        t (n,): instants, s, evenly spaced. y (n,): vibration signal, in any unit. periods: number of vibration periods
+            in each interval.
         high: upper limit of the vibration's frequency, Hz.
     Raises:
         ValueError: the record has fewer than two intervals, or no vibration.

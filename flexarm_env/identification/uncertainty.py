@@ -45,7 +45,8 @@ class Uncertainty:
     """Uncertainty of the parameters of a fit.
 
     Attributes:
-        half (p,): half widths of the 95 % intervals, in the parameters' units. correlation (p, p): correlation matrix.
+        half (p,): half widths of the 95 % intervals, in the parameters' units. correlation (p, p): correlation matrix
+            of the parameters.
         condition: condition number of the residuals' derivatives by value / size of the parameters. at_bound: names of
             the parameters whose fitted value is at a bound; their interval is nan.
         unidentifiable: names of the parameters that the logs do not determine, at a bound or not. directions: changes
@@ -123,7 +124,8 @@ def _with_priors(problem: Problem, free: NDArray[np.intp], covariance: Array) ->
     """Return the standard deviations of the free parameters, in units of their sizes, from the logs and the priors
     together.
 
-    covariance: covariance from the logs alone. Information matrices are added: (C^-1 + diag(1 / s^2))^-1.
+    covariance: covariance of the parameters from the logs alone. The information matrices of logs and priors are added:
+        (C^-1 + diag(1 / s^2))^-1.
     """
     alone = np.sqrt(np.diag(covariance))
     prior = [problem.experiment.parameters[i].prior for i in free]

@@ -65,8 +65,8 @@ def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives
     Args:
         env: single environment of this package, without a prescribed motion. folder: output folder, created if missing.
         name: C identifier, prefix of all names that the library defines. cpu: LLVM's name of the processor, "native"
-            for this machine, or None for `CPU`. derivatives: whether to include jvp and vjp of a control period, if the
-            arm has derivatives.
+            for this machine, or None for `CPU`. derivatives: True to include the derivatives (jvp and vjp) of a control
+            period, if the arm has derivatives.
     Raises:
         ValueError: the environment is not supported, the machine is not Linux on x86-64, or compilation is disabled.
     """

@@ -110,7 +110,8 @@ def write_controller_fmu(
     period. The importing tool steps the controller before the arm.
 
     Args:
-        controller, slew, elbows, targets: as in `control.in_c.controller_source`. path, form: as in `write_fmu`.
+        controller, slew, elbows, targets: arguments of `control.in_c.controller_source`. path, form: arguments of
+            `write_fmu`.
     Raises:
         ValueError: for the reasons of `controller_source`, or because no C compiler is found.
     """
@@ -152,7 +153,8 @@ def _pack(
     """Compile the FMU's C source in the folder of `files`, and zip it with the model description to `path`.
 
     part: C text with the types and functions of the arm or controller. inside: name of the file that the C source
-        includes and that is not compiled separately. code: C text whose hash is the token, FMI's identity check.
+        includes and that is not compiled separately. code: C text whose hash is the FMU's token, by which FMI
+        identifies the unit.
     """
     name, folder = about.name, files[0].parent
     token = hashlib.sha256(code.encode()).hexdigest()[:32]

@@ -21,14 +21,14 @@ class Campbell:
     """The n lowest frequencies of an arm in steady rotation, at each of m spins.
 
     Attributes:
-        spins (m,): spin rates, rad/s. frequencies (m, n): rad/s, in the frame that rotates with the arm
-            (`Modes.frequencies`).
-        at_rest (m, n): rad/s, in the fixed frame. With the frequency f in the rotating frame the values are f + spin
-            for circles in the direction of the spin (`Modes.whirl` 1), spin - f for circles against it, and f if no
-            point moves across the axis. For a positive spin, positive values are forward whirl and negative values are
-            backward whirl. The value is NaN if points move on ellipses or linearly across the axis, because such a
-            motion has several frequencies in the fixed frame.
-        growing (m,): number of unstable modes, among all modes (`Modes.growing`).
+        spins (m,): spin rates, rad/s. frequencies (m, n): natural frequencies, rad/s, in the frame that rotates with
+            the arm (`Modes.frequencies`).
+        at_rest (m, n): natural frequencies, rad/s, in the fixed frame. With the frequency f in the rotating frame the
+            values are f + spin for circles in the direction of the spin (`Modes.whirl` 1), spin - f for circles against
+            it, and f if no point moves across the axis. For a positive spin, positive values are forward whirl and
+            negative values are backward whirl. The value is NaN if points move on ellipses or linearly across the axis,
+            because such a motion has several frequencies in the fixed frame.
+        growing (m,): number of unstable modes at each spin, among all modes (`Modes.growing`).
     """
 
     spins: Array
@@ -49,12 +49,12 @@ def campbell(
     """Compute natural frequencies of an arm in steady rotation about its first joint's axis, for several spins.
 
     Args:
-        scene: a pinned scene without gravity; its loads are not used. spins: rad/s, one or more.
+        scene: a pinned scene without gravity; its loads are not used. spins: one or more spin rates, rad/s.
         n: number of frequencies at each spin: the lowest in the fixed frame if frequencies are defined there,
             otherwise the lowest in the frame that rotates with the arm. Planar arms use the rotating frame.
-        formulation, options, clamped: as for `modes`; by default the hub is held at its spin.
+        formulation, options, clamped: arguments of `modes`; by default the hub is held at its spin.
     Returns:
-        The Campbell; `plotting.plot_campbell` plots it.
+        The frequencies as a `Campbell`, which `plotting.plot_campbell` plots.
     Raises:
         ValueError: an argument is not allowed. NoEquilibrium: the arm has no steady state at a spin.
     """

@@ -57,7 +57,7 @@ _MOST = 400
 
 
 class UnstableEquilibrium(UserWarning):
-    """Warning: the equilibrium is unstable, so a small disturbance makes the arm leave it."""
+    """Warning that an equilibrium is unstable, so that a small disturbance makes the arm leave it."""
 
 
 class Equilibrium(Simulation):
@@ -92,7 +92,7 @@ def static_equilibrium(
 
     Args:
         scene: the scene with the arm and its loads; prescribed motions keep their values at t = 0.
-        formulation, options: as for `simulate`.
+        formulation, options: formulation and options of the solver, as in `simulate`.
         hold_joints: if True, joints stay at their initial angles; holding torques replace the scene's joint torques,
             and an elastic gear is held at its motor. If False, joints turn freely, without Coulomb friction.
         require_stable: reaction to an unstable equilibrium (a straight column above its critical load). None: warn.

@@ -88,7 +88,7 @@ def linearize(
     Args:
         target: a Simulation, which is linearized at its present state, torques and parameters and does not change; or a
             Scene, which is linearized at its start. For a Simulation at rest under gravity use `static_equilibrium`.
-        formulation, options: as for `simulate`; for a Scene only.
+        formulation, options: formulation and options of the solver, as in `simulate`; only for a Scene.
         discrete: period, s, during which the torques are constant; None for the continuous model.
         method: method for discrete models. "solver" computes the derivative of the solver's steps in a period along the
             motion; the period begins with new accelerations, and steps last at most the settings' dt. "zoh" computes
@@ -99,7 +99,7 @@ def linearize(
             1 at its tip; a curvature times half the thickness is a strain. In space a third entry is one of
             `sensors.MEASURES`.
     Returns:
-        The LinearModel. The model does not include Coulomb friction.
+        The linear model (`LinearModel`), which does not include Coulomb friction.
     Raises:
         ValueError: an argument is not allowed, or the scene has a kink within the period.
         RuntimeError: the solver fails within the period.

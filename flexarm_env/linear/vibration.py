@@ -27,14 +27,14 @@ class Modes:
     Attributes:
         frequencies (n,): natural frequencies, rad/s: the magnitude of `eigenvalues`; 0 for a rigid motion, and for a
             pole that decays or grows without oscillation. The modes are sorted by this magnitude, ascending.
-        damping (n,): ratios -Re lambda / |lambda|; 1 for each pole of an overdamped mode, -1 for a pole that grows
-            without oscillation, 0 for a rigid motion.
-        eigenvalues (n,): lambda, rad/s; of each pair the member with positive imaginary part.
+        damping (n,): damping ratios -Re lambda / |lambda|; 1 for each pole of an overdamped mode, -1 for a pole that
+            grows without oscillation, 0 for a rigid motion.
+        eigenvalues (n,): eigenvalues lambda, rad/s; of each conjugate pair the member with positive imaginary part.
         shapes (n, points, 2), in space (n, points, 3): displacements of the points along the chain, scaled and shifted
             in phase so that the largest one is 1 m. In rotation points move on ellipses; shapes are real parts.
         points (points, 2) or (points, 3): the points along the chain, root to tip, m.
-        spin: the argument `spin` of `modes`, rad/s.
-        growing: number of unstable modes among all modes, not only the n lowest; 0 if the point is stable.
+        spin: spin rate, rad/s: the argument `spin` of `modes`.
+        growing: number of unstable modes, counted among all modes and not only the n lowest; 0 if the state is stable.
         whirl (n,): in space, the direction in which points circle the first joint's axis, in the frame that turns with
             the arm: 1 for circles in the direction of a positive spin, -1 against it, 0 for linear motion. NaN if
             points are at rest or move only along the axis. Empty in the plane.
@@ -64,15 +64,15 @@ def modes(
     Args:
         target: a Scene, for modes about its equilibrium with the joints held at their initial angles
             (`static_equilibrium`); or a Simulation, for modes about its present state.
-        n: largest number of modes.
-        formulation, options: as for `simulate`; for a Scene only.
+        n: largest number of modes to return.
+        formulation, options: formulation and options of the solver, as in `simulate`; only for a Scene.
         spin: spin rate, rad/s, about the root of a pinned Scene without gravity; the scene's loads are not used. The
             modes are those of the arm in steady rotation, which stretches and bends it, in the rotating frame.
         clamped: which joints are held. False: no joint; joints that are not prescribed or rigid turn under constant
             torques. True: the hub ("clamped modes"). A list: the joints with these indices. With an elastic gear, the
             motor's side is held. Coulomb friction is not included.
     Returns:
-        The Modes.
+        The modes (`Modes`).
     Raises:
         ValueError: an argument is not allowed. NoEquilibrium: the Scene has no equilibrium.
     Warns:

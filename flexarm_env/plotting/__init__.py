@@ -50,11 +50,11 @@ def plot_trajectory(
     states the factor.
 
     Args:
-        trajectory: a run. path: the file to write. reference: a table (`scenes.reference(NAME).columns`) whose tip path
-            is drawn as dots. shapes: number of deformed shapes. title: title of the figure; None for the names of scene
-            and formulation.
+        trajectory: the run to plot. path: the file to write. reference: a table (`scenes.reference(NAME).columns`)
+            whose tip path is drawn as dots. shapes: number of deformed shapes. title: title of the figure; None for the
+            names of scene and formulation.
     Returns:
-        The path.
+        The path of the figure's file.
     Raises:
         ValueError: matplotlib does not support the file's ending.
     """
@@ -91,10 +91,10 @@ def plot_comparison(
     The line of the first run is wide and all further lines are dashed, so that coinciding lines are all visible.
 
     Args:
-        trajectories: runs by their labels. path: the file to write. reference: reference table; None for the first run.
-            title: title of the figure.
+        trajectories: the runs to compare, by label. path: the file to write. reference: reference table; None for the
+            first run. title: title of the figure.
     Returns:
-        The path.
+        The path of the figure's file.
     Raises:
         ValueError: no run is given, or runs without labels.
     """
@@ -170,7 +170,7 @@ def plot_spectrum(
     """Plot the amplitude spectrum of each link's tip deflection divided by its length; label the highest peaks.
 
     Args:
-        trajectory, path, title: see `plot_trajectory`.
+        trajectory, path, title: arguments of `plot_trajectory`.
         since: time, s, before which samples are ignored. None: the last instant at which a drive jumps or ends.
     Raises:
         ValueError: too few samples remain.
@@ -215,10 +215,11 @@ def plot_all(
     """Write all plots of a run: shapes.png with the tip deflection, energies.png, spectrum.png.
 
     Args:
-        trajectory: a run. folder: folder of the figures, created if missing. reference: see `plot_trajectory`.
+        trajectory: the run to plot. folder: folder of the figures, created if missing. reference: reference table, as
+            in `plot_trajectory`.
         ending: format of the figures: png, pdf or svg.
     Returns:
-        The paths, without the spectrum if too few samples follow the last kink.
+        Paths of the figures; the spectrum is missing if too few samples follow the last kink.
     """
     home = Path(folder)
     paths = [

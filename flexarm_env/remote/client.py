@@ -67,7 +67,8 @@ class Wire:
     def __init__(self, host: str, port: int, key: bytes | None = None, timeout: float | None = None) -> None:
         """Connect to a served arm by HELLO and challenge.
 
-        key: shared secret of at least 16 bytes, or None. timeout: longest wait for a reading, s; None: ten periods.
+        key: shared secret of at least 16 bytes, or None for unsigned packets. timeout: longest wait for a reading, s;
+            None for ten periods.
 
         Raises:
             ConnectionError: no server answers. ValueError: the key, the port or the timeout is invalid.
@@ -267,7 +268,7 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
     def arm(self, flags: int = 0) -> tuple[Array32, dict[str, Any]]:
         """End the hold of the arm without moving it; return the first observation and info.
 
-        flags: `RESET` requests a new start of the arm.
+        flags: flags of the command; `RESET` requests a new start of the arm.
 
         If the server has dropped this client after a long silence, the client connects again.
 

@@ -335,7 +335,7 @@ class Server:
             loopback requires a key, or `insecure`. log: CSV file (a row per period). tell: function called with
             `Session.notice`.
     Attributes:
-        times: (due, begun, finished) of the last 100,000 periods, in s of the monotonic clock.
+        times: for each of the last 100,000 periods the due start, the start and the end, in s of the monotonic clock.
         missed: number of periods that were skipped because they had passed before they could begin.
     """
 

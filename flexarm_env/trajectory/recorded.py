@@ -63,7 +63,7 @@ class Trajectory:
         joint_torque (n, N): applied torque, or torque that enforces a prescribed angle, N m.
         tip_deflection (n, N): displacement of each link's tip normal to the tangent at the link's root, divided by the
             link's length.
-        kinetic, strain_energy, gravity (n,): energies, J.
+        kinetic, strain_energy, gravity (n,): kinetic, strain and gravitational energy, J.
         dissipated, work (n,): dissipated energy, and work of the drives, since the start, J.
         shapes (n, points, 2): points along the chain from root to tip, m.
         q, v (n, rows): coordinates and their rates; names (rows,): names of the coordinates.
@@ -162,8 +162,8 @@ class Trajectory:
 
         Args:
             link: number of the link, from 0. place: position along the link, from 0 (root) to 1 (tip).
-            distance: distance from the neutral axis, m. None: the surface of a rectangle with the section's m and J,
-                sqrt(3 J / m).
+            distance: distance from the neutral axis, m; None for sqrt(3 J / m), half the thickness of a rectangle with
+                the section's m and J.
         """
         gauge = StrainGauge(link=link, place=place, unit="strain", distance=distance)
         Sensors(strain_gauges=(gauge,)).check_for(self.scene.arm.links)
@@ -231,7 +231,7 @@ class Trajectory:
 
         Args:
             sensors: the sensors or their table; None: the arm's sensors, or ideal sensors if it has none.
-            seed: seed of noise, gains and biases.
+            seed: seed of the sensors' noise, gains and biases.
         Returns:
             Readings by name, (n,) each, SI: `hub_angle`, `hub_rate`, `elbow_angle`, ... (rad, rad/s),
             `tip_acceleration_x`, `_y` (m/s^2), `camera_x`, `_y` (m), `strain_gauge_1`, ... (1/m, or strain).
@@ -298,7 +298,7 @@ class Trajectory:
     def to_csv(self, path: str | os.PathLike[str], units: bool = False) -> None:
         """Write `columns` as CSV with all digits, in s, J, m, rad and rad/s; an OSError means that nothing is written.
 
-        units: add units to the header, as in "t (s)"; the readers of this package accept both forms.
+        units: True to add units to the header, as in "t (s)"; the readers of this package accept both forms.
         """
         table = self.columns()
         text = [",".join(f"{name} ({unit_of(name)})" if units and unit_of(name) else name for name in table)]

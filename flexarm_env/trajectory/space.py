@@ -28,14 +28,14 @@ class SpatialTrajectory(Trajectory):
     The following attributes differ from those of :class:`Trajectory`.
 
     Attributes:
-        start, tip (n, 3): x, y, z of the root of link 0 and of the tip of the last link, m.
+        start, tip (n, 3): positions of the root of link 0 and of the tip of the last link, m.
         tip_rotation (n, 4): quaternion (w, x, y, z), w >= 0, of the tip's axes, whose x axis points along the link.
         tip_velocity (n, 6): velocity, m/s, and angular velocity, rad/s, of the tip, in inertial axes.
         hinges (n, N-1, 3): positions of joints 1 to N-1, m. joint_angles, joint_rates (n, N): angles, rad, and rates,
             rad/s, about the joints' axes.
         tip_deflection (n, N, 2): displacement of each link's tip along y and z of the link's root, divided by the
             link's length; 0 for rigid links.
-        twist (n, N): rotation of each link's tip relative to its root about the root's x axis, rad.
+        twist (n, N): rotation of each link's tip about the x axis of the link's root, relative to the root, rad.
         link_rotations (n, N, 2, 4): quaternions (w, x, y, z) of the axes at each link's root and tip.
         shapes (n, points, 3): points along the chain from root to tip, m.
         unresolved_damping (n,): work of the damping forces since the start in excess of `dissipated`, J. Strain rates

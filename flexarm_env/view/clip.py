@@ -45,8 +45,8 @@ class Clip:
 
     Attributes:
         label: name of the run in the player. note: one line of text with the formulation and the outcome of the run.
-        t (n,): times, s. points (n, P, 2): points of the arm from root to tip, m. cuts (N + 1,): indices of the points
-            at root, joints and tip.
+        t (n,): instants, s. points (n, P, 2): points of the arm from root to tip, m. cuts (N + 1,): indices of the
+            points at root, joints and tip.
         angles (n, N, 2): angles of the tangents at each link's root and tip, rad.
         rigid (n, N): angles of the links' roots in the rigid arm at the same joint angles, rad (`rigid_angles`).
         rest (P, 2): points of the stress-free links, m, each relative to the link's root and tangent there; a joint
@@ -80,7 +80,7 @@ class Clip:
     payload: bool = False
     walls: Sequence[Array] = ()
     base: Array | None = None
-    skipped: int = field(default=1)  # of so many instants one is left
+    skipped: int = field(default=1)  # the clip keeps one of this many instants
 
     def every(self, step: int) -> Clip:
         """Return the clip with every `step`-th instant and the last one."""
@@ -122,10 +122,10 @@ def magnified(
 
     Args:
         points (P, 2): points of the arm from root to tip, m. cuts (N + 1,): indices of the points at root, joints and
-            tip. angles (N, 2): angles of the tangents at each link's root and tip, rad. rigid (N,), rest (P, 2): see
-            `Clip`. factor: positive factor on the deflection.
+            tip. angles (N, 2): angles of the tangents at each link's root and tip, rad. rigid (N,), rest (P, 2): as in
+            `Clip`, at one instant. factor: positive factor on the deflection.
     Returns:
-        (P, 2), m.
+        The points (P, 2), m.
     """
     factor = check.number("factor", factor, above=0.0)
     given, tangents, rigid = np.asarray(points, float), np.asarray(angles, float), np.asarray(rigid, float)

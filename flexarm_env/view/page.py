@@ -32,7 +32,8 @@ class Player:
     """A page that plays clips over each other or side by side.
 
     Args:
-        clips: at least one, with different labels. title: title of the page; by default the labels of the clips.
+        clips: the clips to play, at least one, with different labels. title: title of the page; by default the labels
+            of the clips.
         most_bytes: largest size of the page in bytes; of longer runs, instants are omitted evenly until the page fits.
     Raises:
         ValueError: there is no clip, or the clips are too large even with two instants each.

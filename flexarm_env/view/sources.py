@@ -221,7 +221,7 @@ def of_episode(
 
     Args:
         plan: the environment's plan (`envs`), which defines its observation and arm. views: `batch.View` of each
-            instant. rows: observations and infos by name.
+            instant. rows: arrays of observations and infos by name.
         rewards: rewards of the episode's steps. label: name of the clip. rate: function that returns, for G places, the
             matrix (G, rows) that maps the state to curvatures, 1/m.
     """

@@ -26,8 +26,8 @@ class SpaceClip:
     """Data of a simulated run in space for the player, at n instants, for N links and P points of the arm, in SI units.
 
     Attributes:
-        label, note, t, pulls, charts, pinned, payload: see `Clip`; forces are (n, 3).
-        points, across (n, P, 3), cuts (N + 1,): see `geometry.ribbons.Ribbons`. sides (N, 2): width and thickness of
+        label, note, t, pulls, charts, pinned, payload: as in the class `Clip`; forces have the shape (n, 3).
+        points, across (n, P, 3), cuts (N + 1,): as in `geometry.ribbons.Ribbons`. sides (N, 2): width and thickness of
             each link, m. length: length of the arm, m. ground: height of the ground, m. rigid (n, N + 1, 3): joints and
             tip of the rigid arm, m, or None.
         target (n, 3): target point, m, or None. walls: faces of the shapes to avoid, each with its corners (corners,
@@ -65,7 +65,8 @@ def _clip(
 ) -> SpaceClip:  # fmt: skip
     """Return a clip with point loads and further forces as arrows (`Pull`).
 
-    A (n, N, 3, 3): axes of the links' roots. joints (n, N): angles of the rigid arm that is drawn too, or None.
+    A (n, N, 3, 3): axes of the links' roots. joints (n, N): joint angles, rad, of a rigid arm that is drawn for
+        comparison, or None.
     """
     limits = arm.torque_limits or (None,) * arm.n_links
     pulls = []
