@@ -219,7 +219,8 @@ def table_of(env_id: str, found: Row) -> list[str]:
         rows.append((name, *errors, row["failed"], f"{row['microseconds_vector']:.3f}", alone, mark))
     coarser, heads = found["reference_spread"], f"settings | random {SHARE:g} % | bang-bang {SHARE:g} % | failed"
     return [
-        f"Each kind of torque has {found['episodes']} episodes of {HORIZON[env_id]:g} s. The reference is "
+        f"The table is computed from {found['episodes']} episodes of {HORIZON[env_id]:g} s for each kind of torque (random "
+        "and bang-bang). The reference is "
         f"{label(EXACT)}. "
         f"With twice the step of the reference the tip moves by at most {coarser['step']:.4f} % of L, and with a "
         "mesh of "

@@ -194,7 +194,7 @@ def blocks(found: dict[str, Any]) -> dict[str, list[str]]:
     *grows, last = (f"{one:.1f}" for one in cases[FURTHER]["grows_mb"])
     return {
         "table": table(f"kind | {' | '.join(COLUMNS.values())}", rows, numbers=True),
-        "further": [f"Further kinds of arms in the same process add {', '.join(grows)} and {last} MB of memory."],
+        "further": [f"Each further kind of arm in the same process adds memory: {', '.join(grows)} and {last} MB."],
     }
 
 
