@@ -219,8 +219,8 @@ def table_of(env_id: str, found: Row) -> list[str]:
         rows.append((name, *errors, row["failed"], f"{row['microseconds_vector']:.3f}", alone, mark))
     coarser, heads = found["reference_spread"], f"settings | random {SHARE:g} % | bang-bang {SHARE:g} % | failed"
     return [
-        f"The table is computed from {found['episodes']} episodes of {HORIZON[env_id]:g} s for each kind of torque (random "
-        "and bang-bang). The reference is "
+        f"The table is computed from {found['episodes']} episodes of {HORIZON[env_id]:g} s for each kind of torque "
+        "(random and bang-bang). The reference is "
         f"{label(EXACT)}. "
         f"With twice the step of the reference the tip moves by at most {coarser['step']:.4f} % of L, and with a "
         "mesh of "
@@ -238,11 +238,11 @@ def cheapest(environments: dict[str, Row]) -> list[str]:
             rows = [row for row in found["candidates"] if worst(row) <= limit and not reduced(row["options"])]
             good = {label(row["options"]): row["microseconds_vector"] for row in rows}
             best = min(good, key=good.__getitem__, default="none")
-            lines.append(f"- {env_id}, within {limit:g} %: {best} ({good.get(best, np.nan):.3f} us)")
+            lines.append(f"- cheapest setting for {env_id} within {limit:g} %: {best} ({good.get(best, np.nan):.3f} us)")
             every.append(good)
         shared = set.intersection(*(set(good) for good in every))
         best = min(shared, key=lambda label: sum(good[label] for good in every), default="none")
-        lines.append(f"- both environments, within {limit:g} %: {best}")
+        lines.append(f"- cheapest setting for both environments within {limit:g} %: {best}")
     return lines
 
 
