@@ -238,7 +238,8 @@ def cheapest(environments: dict[str, Row]) -> list[str]:
             rows = [row for row in found["candidates"] if worst(row) <= limit and not reduced(row["options"])]
             good = {label(row["options"]): row["microseconds_vector"] for row in rows}
             best = min(good, key=good.__getitem__, default="none")
-            lines.append(f"- cheapest setting for {env_id} within {limit:g} %: {best} ({good.get(best, np.nan):.3f} us)")
+            cost = good.get(best, np.nan)
+            lines.append(f"- cheapest setting for {env_id} within {limit:g} %: {best} ({cost:.3f} us)")
             every.append(good)
         shared = set.intersection(*(set(good) for good in every))
         best = min(shared, key=lambda label: sum(good[label] for good in every), default="none")

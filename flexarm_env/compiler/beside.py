@@ -33,7 +33,8 @@ class Beside(Generic[T]):
                 self._thread.start()
 
     def _run(self, make: Callable[[], T]) -> None:
-        """Thread function: make the value without messages; drop an exception, because `get` will raise it again."""
+        """Function of the thread: make the value without messages; drop an exception, because `get` will raise it
+        again."""
         # nobody waits for it
         with unannounced(), contextlib.suppress(Exception):
             self._found = make()

@@ -16,7 +16,7 @@ def call(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) ->
     writer: writer of the calling kernel. function: the called object, known at compile time. items: positional
     arguments of the call. named: keyword arguments of the call, by name. A built-in function emits its instructions. A
     named tuple class makes a `Record`. A kernel is called (or inlined in reverse mode). A member of a `Family` is
-    chosen by the class of an argument. Straight-line code is traced in place.
+    chosen by the class of an argument. Straight-line code is traced into the calling kernel.
     """
     try:
         # unhashable callees are no words

@@ -1,13 +1,14 @@
 """A crew: worker threads that share the groups of a batch in compiled code, by atomic operations, without the GIL.
 
 Waking a thread takes longer than a step of a small batch, and a thread that returns to the interpreter waits for the
-GIL. Therefore a worker stays in compiled code and polls its board for the next task for a while. The caller polls its
-own board for the end of the task. A thread that has polled without success marks itself ASLEEP on its board, returns to
-Python and blocks on a lock. Another thread that needs a sleeping thread marks the sleeper CALLED, and Python releases
-the lock. Work is distributed by stealing. Each thread begins with its own part of a task's groups and takes half of the
-groups that are left at a time. A thread without work takes groups from the ends of other threads' parts, so that no
-thread waits for a thread that the system does not schedule. Parts are taken by compare-and-swap: if two threads try,
-one succeeds. Threads are created at first use, and again after a fork.
+GIL. For some time after a task, a worker therefore stays in compiled code and polls its board for the next task. The
+caller polls its own board for the end of the task. A thread that has found no task for some time marks itself ASLEEP on
+its board, returns to Python and blocks on a lock. Another thread that needs a sleeping thread marks it as CALLED, and
+Python then releases its lock. Work is distributed by stealing: idle threads take work from busy threads. Each thread
+begins with its own part of a task's groups and takes half of the groups that are left at a time. A thread without work
+takes groups from the ends of other threads' parts, so that no thread waits for a thread that the system does not
+schedule. Parts are taken by compare-and-swap: if two threads try, one succeeds. Threads are created at first use, and
+again after a fork.
 """
 
 import atexit
@@ -175,7 +176,7 @@ def serve(boards, k, rounds):
 
     boards: int64 array of shared memory, with BOARD numbers for each worker thread, then BOARD numbers for the calling
     thread. SLEEP: the worker is marked asleep and has to block. WAKE: this worker finished a task whose calling thread
-    blocks on its lock. END: the task OVER was published.
+    blocks on its lock. END: the threads have to stop, because the task OVER was published.
     """
     at, head = k * BOARD, boards.shape[0] - BOARD
     while True:
@@ -247,10 +248,10 @@ ROUNDS = 1_000_000
 
 
 class _Worker:
-    """One worker thread, with board k; it blocks on a bare lock. done: releases the lock of the caller."""
+    """A worker thread with the index k of its board. done: function that releases the lock of the calling thread."""
 
     def __init__(self, boards: NDArray[np.int64], k: int, done: Callable[[], None]) -> None:
-        """Make the lock that the worker blocks on, initially held, and start the thread."""
+        """Make the lock on which the worker blocks, in the locked state, and start the thread."""
         self._board, self._rounds, self._call_back = boards[k * BOARD : (k + 1) * BOARD], ROUNDS, done
         self._go = threading.Lock()
         self._go.acquire()
@@ -259,7 +260,7 @@ class _Worker:
         self.thread.start()
 
     def _work(self, boards: NDArray[np.int64], k: int) -> None:
-        """Thread function: serve tasks; wake the caller or block in between."""
+        """Function of the thread: work on tasks; between tasks wake the calling thread or block."""
         while (why := serve(boards, k, self._rounds)) != END:
             if why == WAKE:
                 self._call_back()

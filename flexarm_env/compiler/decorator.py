@@ -173,8 +173,8 @@ def _by_python_alone(function: Callable[..., Any]) -> Any:
 def inlined(function: Callable[..., Any]) -> Any:
     """Decorate a kernel that is always inlined into its callers.
 
-    The decorator suits kernels with many array arguments, if passing the arrays costs more than compiling the code at
-    every call site.
+    Use this decorator for kernels with many array arguments, if passing the arrays takes more time than compiling the
+    code at every call.
     """
     return _by_python_alone(function) if UNCOMPILED else Kernel(function, ["alwaysinline"])
 

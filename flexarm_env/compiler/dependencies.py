@@ -2,11 +2,12 @@
 
 A program on disk is loaded if this description is the same as when it was compiled. The description includes the kernel
 itself, the global names that it reads, and the objects of these names (functions, classes, values) with their own
-dependencies. A module's name alone does not suffice, because two folders may each have a module of that name.
+dependencies. A module is not described by its name alone, because two folders may each contain a module of the same
+name.
 
 A function is described by its bytecode, defaults and closure values; a named tuple by its fields, defaults and
-constants; numbers, strings, arrays and collections by their contents. A program that depends on anything else is not
-stored (`Indescribable`).
+constants; numbers, strings, arrays and collections by their contents. A program that depends on any other kind of
+object is not stored (`Indescribable`).
 """
 
 from __future__ import annotations
@@ -92,7 +93,7 @@ class Description:
         return found
 
     def _all(self, roots: Sequence[Any]) -> None:
-        """Describe the roots, then, breadth first, the functions outside the package (`_named`) that they lead to."""
+        """Describe the given objects, then, breadth first, all functions outside the package to which they refer."""
         for root in roots:
             self.words.append(self.describe(root))
         while self._left:
@@ -230,7 +231,7 @@ def choices() -> Iterator[tuple[str, Any]]:
 
 
 def chosen(used: Reads) -> list[str]:
-    """Return the names of the functions registered in families (`choices`) that a program contains.
+    """Return the names of the functions in a program that are registered in families (`choices`).
 
     used: functions of the program with the global names that they read.
     """
@@ -277,7 +278,7 @@ def _described(item: Any) -> list[str]:
 
 
 def classes_of(shape: Any) -> Iterator[Any]:
-    """Yield the named tuple classes in argument types (`kinds.described_as`), nested classes too."""
+    """Yield the named tuple classes in argument types (`kinds.described_as`), including nested classes."""
     if isinstance(shape, Layout):
         yield shape.instance_class
         for part, _ in shape.parts.values():
@@ -353,7 +354,7 @@ def code_digest(code: CodeType) -> str:
 
 
 def _meaning(item: Any) -> Any:
-    """Convert a code object or a constant to a structure whose `repr` is unique and equal across processes."""
+    """Convert a code object or a constant to a structure whose `repr` is unique and is the same in all processes."""
     if isinstance(item, CodeType):
         # file name and line numbers are left out: moving a function changes nothing
         constants = [_meaning(x) for x in item.co_consts]
@@ -369,7 +370,7 @@ def _meaning(item: Any) -> Any:
 
 
 def _found(scope: Mapping[str, Any], around: Mapping[str, Any], name: str) -> Any:
-    """Return the object of a closure or global name, or of an attribute of one (`constants.PI`)."""
+    """Return the object of a closure or global name, or of an attribute of such an object (`constants.PI`)."""
     first, *rest = name.split(".")
     item = around[first] if first in around else scope[first]
     # closure cells may be empty

@@ -25,7 +25,7 @@ class OfPart:
         self.function, self.part, self.__module__ = function, part, function.__module__
 
     def __call__(self, *args: Any) -> Any:
-        """Call the family's function with the part in place of the instance."""
+        """Call the family's function with the field `part` in place of the named tuple that contains it."""
         return self.function(*self._inner(args, getattr))
 
     def written(self, writer: Any, items: list[Any]) -> Any:
@@ -36,14 +36,15 @@ class OfPart:
         return writer.module.call(writer, self.function, self._inner(items, writer.field), {})
 
     def _inner(self, args: Sequence[Any], field: Callable[[Any, str], Any]) -> list[Any]:
-        """Return the arguments with the dispatching one replaced by its part; field(x, name) reads a field."""
+        """Return the arguments, with the dispatching argument replaced by its field `part`; field(x, name) reads a
+        field."""
         return [field(x, self.part) if k == self.function.place else x for k, x in enumerate(args)]
 
 
 class Family:
     """Kernels of the same names for several classes of named tuples, chosen by the class of one argument.
 
-    In compiled code the choice is made at compile time and costs nothing at run time.
+    In compiled code the kernel is chosen at compile time, so that the choice takes no time at run time.
 
     `family.register(Class, kernel, ..., name=kernel)` registers kernels of a class, under the kernel's name or under
     the keyword's name. `family.delegate(Class, part, function, ...)` registers for a class the kernels of the class of
@@ -79,7 +80,8 @@ class Family:
             choice[:] = [*(one for one in choice if one[0] is not self), (self, function)]
 
     def delegate(self, kind: type, part: str, *functions: Any) -> None:
-        """Register functions for a class: calls use the functions registered for the class of its field `part`."""
+        """Delegate functions of a class to its field `part`: calls use the kernels registered for the class of this
+        field."""
         self.register(kind)
         for function in functions:
             self.members[kind][function.__name__] = made = OfPart(function, part)

@@ -90,7 +90,7 @@ class Elements:
             raise Refused("a negative index: count from the beginning")
 
     def get(self, item: Any, at: Any) -> Any:
-        """Evaluate item[at]: an element of an array, a row of an array (a view), or an item of a tuple."""
+        """Evaluate item[at]: an element or a row (a view) of an array, or an item of a tuple."""
         if isinstance(item, Array):
             steps = at if is_tuple(at) else (at,)
             if item.lane is not None:

@@ -1,8 +1,8 @@
 """Calls of compiled functions from Python with all arguments in memory at one address, the fastest kind of call.
 
-`Placed` writes a named tuple of arrays and numbers into a row of 64-bit words once. A kernel that begins with `p =
-dereference(address)` reads from these words. The Python side keeps words and arrays alive and calls the compiled
-function through `entry`, a C function that Python calls directly, or by its address (`native`).
+The class `Placed` writes a named tuple of arrays and numbers once into an array of 64-bit words. A kernel that begins
+with `p = dereference(address)` reads the named tuple from these words. The Python side keeps words and arrays alive and
+calls the compiled function through `entry`, a C function that Python calls directly, or by its address (`native`).
 
 `call` calls a kernel with arguments of any kind and places the arguments in memory for the duration of the call.
 """
@@ -31,7 +31,7 @@ class Placed:
     """
 
     def __init__(self, value: Any) -> None:
-        """Emit the value's words; if nothing is compiled, the address is the value itself."""
+        """Write the value's words to memory; if compilation is disabled, the address is the value itself."""
         self.value = value  # keeps the arrays alive
         self.address: Any = value
         if UNCOMPILED:

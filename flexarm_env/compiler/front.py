@@ -1,9 +1,9 @@
 """Front end of the compiler: from the AST of kernels to one LLVM module for each program.
 
-A kernel is specialized for each tuple of argument kinds (`kinds.kind`) that it is called with. Static items (None,
-sizes, tags, functions) are evaluated at compile time, so only one branch of `if x is not None` remains. Names that are
-assigned more than once live in stack slots, which LLVM promotes to registers. The page "The compiler" of the docs
-describes the language of kernels.
+A kernel is compiled once for each combination of argument types (`kinds.kind`) with which it is called. Items known at
+compile time (None, sizes, tags, functions) are evaluated by the compiler, so that only one branch of `if x is not None`
+is compiled. Names that are assigned more than once live in stack slots, which LLVM promotes to registers. The page "The
+compiler" of the docs describes the language of kernels.
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ SPARED = "noimplicitfloat"
 
 
 class Module:
-    """LLVM module of one program, with its functions by kernel and argument kinds.
+    """LLVM module of one program, with one function for each kernel and combination of argument types.
 
     call: the function `calls.call`, which emits calls. often: True if the program's kernel is an `entry_point`, whose
     loops LLVM may unroll. made: dict from (function, argument kinds) to (LLVM function, template of its result). used:
@@ -71,7 +71,8 @@ class Module:
     def _written(self, kernel: Any, items: Sequence[Any]) -> tuple[Any, Any]:
         """Write a kernel's function with the fast calling convention; return it and its result template.
 
-        The attempt is repeated with wider stack slots until every name's slots fit all values assigned to it.
+        If a stack slot is too narrow for a value that is assigned to its name, the function is written again with wider
+        slots.
         """
         wide: Names = {}
         types = [leaf.type for item in items for leaf in leaves(item)]

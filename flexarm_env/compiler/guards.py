@@ -5,8 +5,8 @@ NaN. The guard therefore selects the cotangents that leave the part of the graph
 unchanged if the operand was chosen, and become 0 otherwise. In forward mode guards are not needed, because the select
 itself selects between tangents.
 
-A node's *path* lists the conditions under which its cotangent matters. A condition is of one of two kinds: one operand
-of a select was chosen (`Side`), or the node's cotangent is not 0 (`Live`). `Live` is used for a value that several
+A node's *path* lists the conditions under which its cotangent matters. A condition has one of two kinds: one operand of
+a select was chosen (`Side`), or the cotangent of a node is not 0 (`Live`). `Live` is used for a value that several
 selects use, or that is used within a branch or from memory that a select reads.
 """
 
@@ -58,7 +58,7 @@ class Live:
 
 
 class Guards:
-    """Paths of all nodes of a `Tape`, and the guards that are needed.
+    """Paths (conditions) of all nodes of a `Tape`, and the guards that the reverse sweep needs.
 
     paths: dict from the id of a node to the guards on its path. used: set of the guards on paths of nodes whose
     pullback may turn 0 into NaN. A guard is needed only in front of such a pullback.
@@ -110,7 +110,8 @@ class Guards:
     def _path(self, node: Any) -> Path:
         """Return a node's path: the guards that all of its uses share from the beginning.
 
-        If the uses' paths differ, a `Live` guard of the node itself follows. A node that is not used has the path ().
+        If the paths of the uses differ, a `Live` guard of the node itself is appended. The path of a node that is not
+        used is ().
         """
         uses: list[Path] = []
         for user, pull in self._users.get(id(node), ()):
@@ -138,7 +139,7 @@ class Guards:
         return found if found in self.used and found in self.paths[id(node)] else None
 
     def left(self, node: Any, parent: Any) -> list[Any]:
-        """Return the needed guards on a node's path that are not on the path of its operand `parent`.
+        """Return the needed guards of a node's path that are not on the path of the node's operand `parent`.
 
         If parent is None, all needed guards on the node's path are returned.
         """

@@ -1,4 +1,4 @@
-"""Items: the values of a kernel's names and expressions during compilation.
+"""Items: what the names and expressions of a kernel denote during compilation.
 
 A symbolic item holds LLVM values known at run time: `symbols.Value` (float64 or lanes) and the classes below. A static
 item is known at compile time and stands for itself: None, sizes, lane tags, functions, strings, Python's numbers.
@@ -54,7 +54,7 @@ class Truth:
 
 @dataclass(slots=True, eq=False)
 class Narrow:
-    """np.float32(x) (letter g) or np.uint8(x) (letter b) before it is stored; arithmetic on it is refused."""
+    """A number np.float32(x) (letter g) or np.uint8(x) (letter b), which can be stored but not used in arithmetic."""
 
     value: Any
     letter: str
@@ -84,7 +84,7 @@ class Array:
 
 @dataclass(slots=True, eq=False)
 class Record:
-    """A named tuple that a kernel has made: its class and one item per field, held in LLVM values, not in memory.
+    """A named tuple that a kernel has made: its class and one item per field, as LLVM values and not in memory.
 
     lane: lane tag of the fields that the class annotates with `Lanes`. None means that all arrays hold single numbers.
     """

@@ -7,9 +7,9 @@
 
 `Lanes` annotates parameters, assignments and fields of named tuples. Annotations of a named tuple's fields apply if a
 parameter or an assignment is annotated with the tuple's class (`w: Work`), or if the kernel makes the tuple. Other
-names of a lane array, its slices `x[i:]`, tuples with it and results of `stack` hold lanes, too. In a called kernel,
-the annotations of that kernel decide. The kernel's argument `lane` sets the number of lanes. In uncompiled mode there
-is one lane, for which NumPy's indexing gives the same result.
+names of a lane array, its slices `x[i:]`, tuples with it and results of `stack` hold lanes, too. If a kernel is called,
+the annotations of the called kernel apply to its arguments. The kernel's argument `lane` sets the number of lanes. In
+uncompiled mode there is one lane, for which NumPy's indexing gives the same result.
 """
 
 from __future__ import annotations

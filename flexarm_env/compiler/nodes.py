@@ -46,7 +46,7 @@ class Node:
 
 
 class Region:
-    """A stretch of code that is reversed as a unit: a function, a loop body or one side of a branch.
+    """A part of the code that is reversed as a unit: a function, a loop body or one side of a branch.
 
     items: nodes, and functions that write reverse code, in program order; the reverse sweep processes them backwards.
     kept: dict from the id of a forward value to the LLVM value that replaces the forward value in the reverse sweep.
@@ -84,7 +84,7 @@ class Region:
         return False
 
     def again(self, value: Any) -> Any:
-        """Return a forward value of this region for the reverse sweep: recomputed if cheap, otherwise reloaded."""
+        """Return a forward value of this region in the reverse sweep; it is recomputed if cheap, otherwise reloaded."""
         if id(value) not in self.kept:
             found = self.tape.copied(value, self.entry) if self.tape.found_again(value) else self.brought(value)
             # one copy per region: later uses in the same reverse code share it

@@ -63,7 +63,7 @@ _sentences: set[str] = set()
 
 
 class Key(NamedTuple):
-    """Cache key of a program.
+    """Key by which a compiled program is found in the cache.
 
     base: first part of the file name, made of module, kernel name and line number. stamp: hash of the package's
     sources. text: description of all other dependencies. function: the kernel's Python function. shapes: argument types
@@ -78,7 +78,7 @@ class Key(NamedTuple):
 
     @property
     def name(self) -> str:
-        """File name of the program: `base`, a hash of the sources and a hash of `text`."""
+        """Name of the program's file, made of `base`, a hash of the sources and a hash of `text`."""
         return f"{self.base}.{self.stamp[:16]}.{hashlib.sha256(self.text.encode()).hexdigest()[:24]}{SUFFIX}"
 
 
@@ -206,7 +206,8 @@ def _loaded_now(path: Path) -> None:
 
 
 def save(key: Key, code: bytes, result: Any, used: dict[Any, set[str]]) -> None:
-    """Store a program atomically: write a partial file, then rename it. After a failure warn once per process.
+    """Store a program atomically: write a partial file, then rename it. If a program cannot be stored, a warning
+    appears once per process.
 
     code: the object file. result: type of the result. used: functions in the program with the global names that each
     function reads. A program with a dependency that cannot be described is not stored, and a log message names the

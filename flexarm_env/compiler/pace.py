@@ -1,8 +1,8 @@
 """Choice of the number of threads for the steps of a batch by timing, up to the number of available processors.
 
 The duration of a step depends on the arms. The gain by a second thread depends on the processor, on other processes and
-on the caller's work between steps. Since the gain is unknown in advance, a few steps with one and with several threads
-are timed occasionally. Results are bitwise the same for any number of threads.
+on the caller's work between steps. Since the gain is unknown in advance, the durations of a few steps with one and with
+several threads are measured occasionally. Results are bitwise the same for any number of threads.
 """
 
 import math
@@ -97,9 +97,9 @@ class Pace:
     def took(self, seconds: float) -> None:
         """Record the duration (s) of a step that ran with `threads` threads, and choose the number for the next step.
 
-        A trial times SAMPLES steps with one thread. From the median duration the trial estimates a number of threads
-        and times steps with this number, then with half of this number, and so on, until the speedup per thread is at
-        least WORTH.
+        A trial measures the duration of SAMPLES steps with one thread. From the median duration the trial estimates a
+        number of threads and times steps with this number, then with half of this number, and so on, until the speedup
+        per thread is at least WORTH.
         """
         # between trials: count down, then begin with one thread
         if self._wait > 0.0:
@@ -131,10 +131,10 @@ class Pace:
             self._choose(1)
 
     def _choose(self, threads: int) -> None:
-        """Use this number of threads until the next trial.
+        """Use the chosen number of threads until the next trial.
 
-        The pause doubles, up to SELDOM, each time that a trial confirms the number; it returns to RARELY when the
-        number changes.
+        The pause until the next trial doubles, up to SELDOM, each time that a trial confirms the number of threads. It
+        returns to RARELY when the number changes.
         """
         self._pause = min(2.0 * self._pause, SELDOM) if threads == self._chosen else RARELY
         self.threads = self._chosen = threads

@@ -86,7 +86,7 @@ class Program:
 
 
 def _words(spec: Any) -> int:
-    """Return the number of 8-byte words that a result of this spec takes."""
+    """Return the number of 8-byte words of a result with this spec (type description)."""
     if isinstance(spec, str):
         return 0 if spec == "none" else 1
     return 0 if spec[0] == "known" else sum(map(_words, spec[-1]))
@@ -143,7 +143,7 @@ def _compiled(
 def linkable(kernel: Kernel, layout: Layout, name: str, cpu: str | None) -> bytes:
     """Return an object file for linking, with the function `name`(address of the kernel's named tuple, two integers).
 
-    cpu: LLVM's name of the target processor; None for this machine's. Results have the bits of a call from Python.
+    cpu: LLVM's name of the target processor; None for this machine's. Results have the same bits as in Python.
     """
     shapes = [("placed", layout), "integer", "integer"]
     with _LOCK, announced(kernel.function), _uncollected():
@@ -155,7 +155,7 @@ def linkable(kernel: Kernel, layout: Layout, name: str, cpu: str | None) -> byte
 def _uncollected() -> Iterator[None]:
     """Pause Python's garbage collection while LLVM code is built, because its many objects are all in use.
 
-    Collection would double the time. Afterwards collect once and return freed memory, tens of MB, to the system.
+    Garbage collection would double the compile time. Afterwards collect once and return tens of MB to the system.
     """
     before = gc.isenabled()
     gc.disable()
@@ -177,7 +177,7 @@ def _malloc_trim() -> Callable[[int], int]:
 
 
 def _write(module: Any, kernel: Kernel, shapes: Sequence[Any], direct: bool, name: str) -> Any:
-    """Emit the program's function: unpack the arguments, call the kernel, pack the result; return its spec.
+    """Emit the program's function, which unpacks the arguments, calls the kernel and packs the result; return the spec.
 
     direct: the arguments are (address of a named tuple, integers), and the result is the returned integer. Otherwise
     they are (address of the packed arguments, address of the result).
@@ -225,14 +225,14 @@ def _whole(writer: Any, item: Any) -> Any:
 
 
 def _given(b: Any, item: Any, out: Any, at: int) -> tuple[Any, int]:
-    """Write a result's words to `out` from word `at` on; return its spec and the next free word.
+    """Emit the stores of a result to `out` from word `at` on; return the result's spec and the next free word.
 
     Specs: "none", "truth", "integer", "unsigned", "number", ["known", value], ["tuple", specs],
     ["record", class, specs].
     """
 
     def put(word: Any) -> int:
-        """Store a word; return the index of the next one."""
+        """Emit the store of a word; return the index of the next word."""
         b.store(word, b.gep(out, [ir.Constant(WORD, at)], inbounds=True), align=8)
         return at + 1
 
@@ -407,7 +407,7 @@ def _door_text() -> str:
     thing = ir.IntType(8).as_pointer()
 
     def known(name: str, result: Any, *arguments: Any) -> Any:
-        """Declare a function of the module."""
+        """Add the declaration of an external function to the LLVM module."""
         return ir.Function(module, ir.FunctionType(result, arguments), name)
 
     as_number = known("PyLong_AsLongLong", WORD, thing)

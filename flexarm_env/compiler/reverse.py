@@ -1,9 +1,9 @@
 """Reverse mode: generate from a kernel the kernel that propagates cotangents from its outputs back to its inputs.
 
-`vjp_of(function, names)` writes the function with all its callees inlined, then the reverse sweep. The result contains
-the derivatives by all inputs, at a few times the cost of the function. The `Tape` records instructions; this module
-adds loops and branches. The sweep runs loops from the last iteration to the first. Forward values that the sweep needs
-and cannot recompute are saved: in a loop in one frame per iteration, in a branch in stack slots.
+`vjp_of(function, names)` generates a kernel that contains the function with all its callees inlined, followed by the
+reverse sweep. The result contains the derivatives by all inputs, at a few times the cost of the function. The `Tape`
+records instructions; this module adds loops and branches. The sweep runs loops from the last iteration to the first.
+Forward values that cannot be recomputed are saved: in a loop in one frame of memory per iteration, else in stack slots.
 """
 
 from __future__ import annotations
@@ -255,7 +255,7 @@ class _Way(Region):
 class _Turns(Region):
     """Region of a range loop; needed forward values are saved in a frame of words, one frame per iteration.
 
-    turns: number of iterations of the loop (LLVM i64). The size of a frame is a constant that `go_back` fills in.
+    turns: number of iterations of the loop (LLVM i64). The size of a frame is a constant that `go_back` sets.
     """
 
     def __init__(self, writer: Backward, turns: Any) -> None:
@@ -341,11 +341,11 @@ class _Taken(Slots):
         return self.held[k, count]
 
     def put(self, k: int, value: Value, count: int, tangents: int) -> None:
-        """Set element k of `count` lanes in the register; stored by `close`."""
+        """Set element k of `count` lanes in its register; `close` stores it in the array."""
         self.held[k, count], self.changed[k, count] = value, None
 
     def close(self) -> None:
-        """Store the changed elements."""
+        """Store the changed elements in the array."""
         for k, count in self.changed:
             super().put(k, self.held[k, count], count, 0)
 

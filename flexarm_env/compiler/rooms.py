@@ -1,4 +1,4 @@
-"""Scratch memory of a `Tape` for saved forward values: on the stack if the values fit, otherwise from malloc."""
+"""Scratch memory of a `Tape` for saved forward values, on the stack if it is large enough, otherwise from malloc."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -26,7 +26,7 @@ class Sheet:
         self.show({}, ())
 
     def show(self, told: Mapping[str, Any], others: Iterable[Any]) -> None:
-        """Set the results and the views of the array that a caller gets.
+        """Set the results, with views of the array, that a caller gets.
 
         told: dict of results by name. others: further views of the array.
         """

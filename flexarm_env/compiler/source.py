@@ -16,7 +16,7 @@ _FUTURE = sum({getattr(__future__, name).compiler_flag for name in __future__.al
 
 
 class Source(NamedTuple):
-    """A kernel's AST, with the information that does not depend on its arguments.
+    """A kernel's syntax tree (AST), with the information that does not depend on the types of its arguments.
 
     tree: the function's AST node. file: path of the source file. often: names that are assigned more than once, which
         get stack slots. scope: values of global names and of closure variables, by name.
@@ -82,7 +82,7 @@ def source_of(function: Any) -> Source:
 
 
 def _tree(text: str, code: CodeType) -> Any:
-    """Return the AST node in a file's text that compiles to a function's code; None if the text has no such node.
+    """Return the AST node in a file's text that compiles to the code of a function; None if there is no such node.
 
     Candidates are found by name and first line; bytecode and constants must match, docstrings may differ.
     """
@@ -141,8 +141,8 @@ def _meaning(code: CodeType) -> list[Any]:
 def _often(tree: ast.FunctionDef) -> set[str]:
     """Return the names of a function that are assigned more than once.
 
-    An assignment in a loop over a tuple counts twice, because the loop is unrolled. An augmented assignment counts
-    twice, too.
+    An assignment in a loop over a tuple counts twice, because the loop is unrolled. An augmented assignment (x += 1)
+    also counts twice.
     """
     found = Counter(argument.arg for argument in tree.args.args)
 

@@ -184,7 +184,7 @@ class Writer(Expressions):
         return item
 
     def meet(self, block: Any, ends: Sequence[Names]) -> None:
-        """Continue at `block` with the names that denote the same item at the end of all paths to it.
+        """Continue at the basic block `block`, with the names that denote the same item at the end of all paths to it.
 
         ends: for each path, the names with their items at its end. A block without paths is marked as unreachable.
         """
@@ -226,7 +226,7 @@ class Writer(Expressions):
         self.give(None if node.value is None else self.value(node.value))
 
     def on_Assign(self, node: ast.Assign) -> None:
-        """Emit target = ... = value."""
+        """Emit an assignment target = ... = value."""
         item = self.value(node.value)
         for target in node.targets:
             self.assign(target, item)
@@ -388,8 +388,7 @@ class Writer(Expressions):
         self.meet(end, [before, *loop.ends])
 
     def _round(self, body: Sequence[ast.stmt], loop: Loop, before: Names) -> None:
-        """Emit a loop's body once. Raises a compile error (`Refused`) if a name's static item at the end differs from
-        that before the loop."""
+        """Emit a loop's body once. Raises a compile error (`Refused`) if a name's static item changes in the body."""
         self.loops.append(loop)
         self.block(body)
         self.loops.pop()

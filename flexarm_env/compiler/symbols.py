@@ -2,8 +2,9 @@
 
 A `Value` is a float64 or a vector of lanes, alone or *dual*: with tangents, its derivatives along some directions. This
 module defines the rules of differentiation for kernels' operations on lanes (`lanes`) and for straight-line code
-(`trace`). Tangents do not change any bit of the value. At a kink the derivative is that of the branch taken: for
-select_lt of the chosen operand, for |x| at 0 the derivative from above. The derivative of a square root at 0 is 0.
+(`trace`). The bits of a value are the same with and without tangents. At a kink the derivative is that of the branch
+taken: for select_lt of the chosen operand, for |x| at 0 the derivative from above. The derivative of a square root at 0
+is 0.
 """
 
 from __future__ import annotations
@@ -150,7 +151,7 @@ Tangents = Sequence[Value]
 
 
 def _times(a: Tangents, b: Value) -> Tangents:
-    """Return the tangents a_i b, with the value of b alone; empty for a constant."""
+    """Return the tangents a_i b, for the value of b without its tangents; empty for a constant."""
     return [x * b.alone for x in a]
 
 

@@ -5,7 +5,7 @@ becomes a `Node` of the current `Region`: a function, a loop body, one side of a
 of a region. Each array has parallel memory for its cotangents (bars). The reverse code of a store moves the array
 element's cotangent to the stored number. The reverse code of a load adds the loaded number's cotangent to the
 element's. `back` returns a forward value in the reverse sweep. A value of the outermost region is still available.
-Integers, addresses, cheap arithmetic and loads from unchanged arrays are recomputed. Other values are saved.
+Integers, addresses, cheap arithmetic and loads from unchanged arrays are recomputed; other forward values are saved.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Tape(Rooms):
     """
 
     def __init__(self, writer: Any, wide: dict[Any, Any]) -> None:
-        """Continue at the position of `writer`; the forward pass gets a basic block of its own."""
+        """Continue at the position of `writer`, in a separate basic block for the forward pass."""
         super().__init__(writer)
         self.wide = wide
         self.nodes: dict[int, Node] = {}
@@ -92,7 +92,7 @@ class Tape(Rooms):
         return data
 
     def begin(self) -> None:
-        """Start to record the forward pass in a new basic block, which is the outermost region."""
+        """Start to record the forward pass in a new basic block, which belongs to the outermost region."""
         self._first = self.block
         self.position_at_end(self._forth)
         self._begin = len(self._code.blocks)
@@ -128,7 +128,7 @@ class Tape(Rooms):
             self.given_back(copy)
 
     def _leave_out(self) -> None:
-        """Delete forward stores to memory that neither the control flow nor the reverse sweep reads again."""
+        """Delete stores of the forward pass to memory that neither the control flow nor the sweep reads later."""
         blocks = [self._forth, *self._code.blocks[self._begin :]]
         left = [x for block in blocks if block.terminator for x in block.terminator.operands]
         left, found, live = left + self._asked, set[int](), set[int]()
@@ -208,7 +208,7 @@ class Tape(Rooms):
 
     # --- recording ---------------------------------------------------------------------------------
     def depends(self, value: Any) -> bool:
-        """Return whether an LLVM value is active: whether it depends on a differentiated input."""
+        """Return True if an LLVM value is active, that is, depends on a differentiated input."""
         return id(value) in self.nodes
 
     def active_since(self, items: int) -> bool:
@@ -224,7 +224,7 @@ class Tape(Rooms):
         return value
 
     def _note(self, value: Any, pulls: list[Pull], **about: Any) -> Node:
-        """Record a node with these edges in the current region; return it."""
+        """Record a node with the given edges in the current region, and return the node."""
         self.nodes[id(value)] = node = Node(value, pulls, self.region, **about)
         self.region.items.append(node)
         return node
@@ -329,7 +329,7 @@ class Tape(Rooms):
         return Value(self, self._made(made, (by, lambda g: self.fmul(g, self.back(own))), risky=True), count)
 
     def constant(self, x: Value) -> Value:
-        """Return x without derivative: a new LLVM value x + (-0) without a node."""
+        """Return x as a constant for the derivative: a new LLVM value x + (-0) without a node."""
         return Value(self, super().fadd(x.value, _all(x.value.type)), x.count)
 
     # --- memory ------------------------------------------------------------------------------------
@@ -347,13 +347,13 @@ class Tape(Rooms):
         return id(self._base(place)) in self._bars
 
     def _base(self, place: Any) -> Any:
-        """Return the registered array or slot that an address was computed from, through gep and bitcast."""
+        """Return the registered array or stack slot from which gep and bitcast computed an address."""
         while id(place) not in self._bars and getattr(place, "opname", "") in ("getelementptr", "bitcast"):
             place = place.operands[0]
         return place
 
     def _bar(self, place: Any) -> Any:
-        """Return the cotangents' address for an address: the same offsets from the bar of its base."""
+        """Return the address of the cotangents that belong to an address in an array or stack slot."""
         if id(place) in self._bars:
             return self.back(self._bars[id(place)])
         bar = self._bar(place.operands[0])
@@ -369,7 +369,7 @@ class Tape(Rooms):
         return found
 
     def _add(self, place: Any, g: Any) -> None:
-        """Write bar += g for the cotangents of an address."""
+        """Emit code that adds g to the cotangents of an address."""
         bar = self._bar(place)
         self.store(self.fadd(self.load(bar, align=8), g), bar, align=8)
 

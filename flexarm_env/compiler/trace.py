@@ -1,11 +1,11 @@
 """Straight-line code: Python that runs once, at compile time, on symbolic values.
 
 A traced function gets a `Value` for each number and a `Slots` for each array; each operation on them writes one LLVM
-instruction into the calling kernel. Python executes all loops, tables, lists and dicts, so that only operations remain
-to be compiled. Indices are constants, and `stack` memory becomes registers. A traced function accesses arrays of lanes
-(`lane_arrays`) at indices known at compile time, and does not branch on symbolic values. Kernels and functions of the
-same module that a traced function calls are traced, too. Tuples of zeros (lane tags, sizes) and None are passed
-unchanged.
+instruction into the calling kernel. Python executes all loops and all operations on tables, lists and dicts, so that
+only arithmetic on numbers remains to be compiled. In traced code indices are constants, and memory from `stack` becomes
+registers. A traced function accesses arrays of lanes (`lane_arrays`) at indices known at compile time, and does not
+branch on symbolic values. Kernels and functions of the same module that a traced function calls are traced, too. Lane
+tags and sizes, which are tuples of zeros, and None are passed to a traced function unchanged.
 
 `@unrolled` is for a kernel with loops over the Model's size `n`. If n is a tag, a tuple of zeros, the kernel is traced.
 If n is a number, the same source is compiled with its loops. `@traced` is for functions that are always traced. Traced
@@ -83,7 +83,7 @@ class Registers(list[Any]):
 
 
 class Tracer:
-    """Runs a function on symbolic values in the kernel that `writer` writes, for lanes of one tag.
+    """Runs a function on symbolic values in the kernel that `writer` writes, for the lanes of one tag.
 
     count, tangents: numbers of lanes and of tangents of an array element. words: dict that replaces each function of
     lanes.py and each traced function by a function of symbolic values.
@@ -104,7 +104,7 @@ class Tracer:
         }
 
     def _on_values(self, function: Callable[..., Any]) -> Callable[..., Any]:
-        """Return the function with its arguments converted to `Value`."""
+        """Return a function that converts its arguments to `Value` before it calls the given function."""
         return lambda *items: function(*map(self.value, items))
 
     def value(self, x: Any) -> Value:
@@ -130,7 +130,7 @@ class Tracer:
             array[k] = self.value(value)
 
     def on_symbols(self, function: Any) -> Any:
-        """Return a copy of a function, and of the functions traced with it, in which `self.words` replace global names.
+        """Return a copy of a function (and of the functions that it calls) in which `self.words` replace global names.
 
         Members of families are chosen by argument class at each call. Global names are recorded for the cache key.
         """
@@ -187,7 +187,8 @@ class Tracer:
         return own or item in self.words or isinstance(item, Straight | Kernel) or hasattr(item, "choice")
 
     def symbol(self, item: Any) -> Any:
-        """Return an argument in the form that traced code uses; None for integers and for arrays not of float64.
+        """Return an argument in the form that traced code uses; None for an integer or an array of another type than
+        float64.
 
         Arrays become `Slots`, and named tuples become namespaces of their fields. Numbers and static items are returned
         unchanged.
@@ -272,7 +273,7 @@ def traced(function: Any) -> Any:
 def unrolled(function: Any) -> Any:
     """Mark a kernel of `lane`, `model`, ...: it is traced if the Model's size n is a tag, otherwise called.
 
-    The kernel returns a tuple or nothing.
+    A kernel with the decorator `unrolled` returns a tuple or nothing.
     """
     if UNCOMPILED:
         return function

@@ -2,7 +2,7 @@
 
 Each program that takes longer than half a second gets a line in the logger `flexarm_env`, which writes to standard
 error unless configured otherwise; `logging.getLogger("flexarm_env").setLevel("ERROR")` silences the logger. On a
-terminal the seconds are counted below the line.
+terminal a counter of seconds appears below the line.
 """
 
 import logging
@@ -73,7 +73,7 @@ def unannounced() -> Iterator[None]:
 def announced(function: Callable[..., Any]) -> Iterator[None]:
     """Announce the compilation of a kernel once it has lasted AFTER seconds, and count seconds on a terminal.
 
-    A thread writes the messages, because the compiler does not return meanwhile.
+    A thread writes the messages, because the compiler does not return before it has finished.
     """
     global _began, _ended, _count
     if _silent.get():

@@ -1,8 +1,8 @@
 """Built-in functions ("words") of the kernel language: each Python function with the emitter of its LLVM instructions.
 
-In uncompiled mode the functions themselves are called. The compiler uses the emitters in `WORDS`. The first argument e
-of an emitter is the writer of the function being compiled, and e.b is the IR builder. The other arguments of an emitter
-are the items (`kinds`) of the call's arguments.
+In uncompiled mode Python calls the functions themselves. The compiler uses the emitters in `WORDS`. The first argument
+e of an emitter is the writer of the function being compiled, and e.b is the IR builder. The other arguments of an
+emitter are the items (`kinds`) of the call's arguments.
 """
 
 import math

@@ -66,7 +66,7 @@ class History:
         return found
 
     def _array(self, name: str) -> NDArray[Any]:
-        """Return the rows (T, n, ...) of an array, of `info` (T + 1, n, ...), over all blocks."""
+        """Return the rows (T, n, ...) of a recorded array for all n episodes; of an entry of `info` (T + 1, n, ...)."""
         if name not in self._joined:
             longest = max([self.limit, *(len(block.get("rewards", ())) for block in self._blocks)])
             rows = longest + name.startswith("info.")

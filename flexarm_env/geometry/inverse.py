@@ -145,8 +145,8 @@ def lost_at(
 ) -> int | None:
     """Return the index of the first point of a path (n, 3), m, that the rigid tip cannot reach; None if there is none.
 
-    The joints move from angles `start` (N,), rad, within their limits, like the goal posture of a moving target. seek,
-    follow: functions of `INVERSE`, without compilation.
+    The joints follow the path from the angles `start` (N,), rad, within their limits, as the goal posture follows a
+    moving target. seek, follow: functions of `INVERSE`, without compilation.
     """
     limits = limits_of(arm)
     known = chain_of(arm), (0,) * arm.n_links, arm.total_length, limits.ravel()

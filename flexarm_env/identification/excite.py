@@ -2,9 +2,9 @@
 
 The acceleration of a rigid arm's joints is a multisine with random phases (Schroeder 1970; Ljung 1999, section 13.3),
 each joint with its own frequencies. The motion begins and ends at rest in the same place, so that any drift measures
-the difference between the real arm and a rigid one. The torques are the rigid arm's inverse dynamics. Simulations of
-the flexible arm, and of some perturbed arms, measure their joint rotations. The torques are reduced until all bounds
-hold.
+the difference between the real arm and a rigid one. The torques are the rigid arm's inverse dynamics. The flexible arm
+and some perturbed arms are simulated under these torques, and the torques are reduced until the joint rotations and
+deflections of all arms are within the bounds.
 """
 
 import dataclasses
