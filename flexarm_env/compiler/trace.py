@@ -132,7 +132,8 @@ class Tracer:
     def on_symbols(self, function: Any) -> Any:
         """Return a copy of a function (and of the functions that it calls) in which `self.words` replace global names.
 
-        Members of families are chosen by argument class at each call. Global names are recorded for the cache key.
+        At each call of a family's function, the kernel is chosen by the class of an argument. Global names are recorded
+        for the cache key.
         """
         if function in self.words:
             return self.words[function]
