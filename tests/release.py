@@ -46,8 +46,8 @@ HEAD = """# What was tried where
 The wheel and the source distribution install and work with the oldest and the newest supported releases of their
 requirements. Each distribution was installed alone into an empty virtual environment. From an empty folder, `flexarm
 doctor` ran its checks, and `flexarm view two_link_motion` and `flexarm view two_link pd` made players, which headless
-Chromium (if installed) displayed. Times are processor times without compilation. Written by `python -m tests.release
---page` (`make release-check` checks without writing the page)."""
+Chromium (if installed) displayed. Times are processor times without compilation. `python -m tests.release --page`
+writes this page (`make release-check` checks without writing the page)."""
 REST = "Untested, for lack of such machines: macOS, Windows, ARM; other browsers, touch screens and screen readers."
 WITH_TRAIN = (
     "with the extra `train`, installed alone: policies trained briefly by PPO and by gradients and evaluated, "
