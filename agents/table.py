@@ -306,7 +306,7 @@ def distance(rows: Rows, best: Mapping[str, Any]) -> list[str]:
         for name, row in rows.items()
     ]
     known = (
-        "Settling time of each policy, divided by that of the best known plans "
+        "The table has the settling time of each policy, divided by that of the best known plans "
         f"([](optimal.md): median {median:.2f} s, mean {mean:.3f} s):"
     )
     return [known, "", *table("policy | medians | means", ratios, True), ""]

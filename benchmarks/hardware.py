@@ -150,11 +150,11 @@ def blocks(found: pages.Found) -> pages.Blocks:
         "prediction": table("run | use | fitted | vendor | baseline | NRMSE", judged),
         "variants": table("fitted parameters | first 24 s | rest | `ladder_hinf_jun`", variants),
         "frequencies": [
-            f"With both motors held, the fitted arm has the frequencies (and damping ratios) {own}. While the "
-            "joints of "
+            f"With both motors held, the fitted arm has these natural frequencies (with damping ratios): {own}. "
+            "While the joints of "
             f"the robot rest, the measured frequency is {seen['frequency']:.2f} Hz (ratio {seen['damping']:.3f}), the "
             f"median of {seen['count']} intervals, which range from {seen['least']:.2f} to {seen['most']:.2f} Hz. The "
-            f"oscillators of the baseline have {single}."
+            f"oscillators of the baseline have these frequencies (with damping ratios): {single}."
         ],
     }  # fmt: skip
 

@@ -36,8 +36,8 @@ DEEPEST = 64
 def read_toml(source: str | os.PathLike[str]) -> tuple[dict[str, Any], Path | None]:
     """Return the table of a TOML file or text, and the path of the file (None for a text).
 
-    A string is a text if it contains a line break, or if it contains an equals sign and does not end in ``.toml``;
-    otherwise it is a path.
+    A string is a TOML text if it contains a line break, or if it contains an equals sign and does not end in ``.toml``.
+    Any other string is a path.
 
     Raises:
         OSError: the file cannot be read. ValueError: the content is not TOML.

@@ -125,7 +125,7 @@ class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
     """Wrapper of a single environment of this package that stores its episodes in `episodes`, oldest first.
 
     An episode is stored when it ends. If `reset` or `close` interrupts an episode, the steps until then are stored.
-    Wrappers that change observations or actions must wrap this wrapper.
+    Wrappers that change observations or actions must be applied outside `EpisodeRecorder`.
 
     Raises:
         ValueError: env is not of this package, was not made by `gymnasium.make`, or a file cannot contain its keywords.

@@ -10,9 +10,9 @@
         def __post_init__(self) -> None:
             validate(self)
 
-From these fields follow validation (`validate`, with the messages of `validation`), reading from TOML (`made`), the
-arguments in the docstring (`described`), rows of tables in the documentation (`rows`) and a JSON schema (`schema`).
-Rules that relate several fields remain code in `__post_init__`.
+The declarations of the fields define their validation (`validate`, with the messages of `validation`), reading from
+TOML (`made`), the arguments in the docstring (`described`), rows of tables in the documentation (`rows`) and a JSON
+schema (`schema`). Rules that relate several fields remain code in `__post_init__`.
 """
 
 import dataclasses
@@ -197,7 +197,7 @@ def _by_type(words: str) -> Schema:
 def by_key(cases: Mapping[str, Schema], otherwise: Schema) -> Schema:
     """Return the schema of a table whose kind follows from a key: the first of `cases` that the table has.
 
-    With this schema a validator reports the fault within the table, and not only that no kind of table matches.
+    Because of the cases, a validator reports the error within a table, and not only that no kind of table matches.
     """
     found = otherwise
     for key, one in reversed(list(cases.items())):

@@ -53,7 +53,8 @@ class Shape:
 
     @property
     def sizes(self) -> Point:
-        """Half of the shape's dimensions along its axes, m. Each class defines which dimensions it has."""
+        """Half of the shape's dimensions along its axes, m. Each class of shapes defines the meaning of its
+        dimensions."""
         return ()
 
     def distance(self, points: ArrayLike) -> Array:

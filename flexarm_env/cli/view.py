@@ -143,8 +143,8 @@ def _of_scene(scene: Scene, word: str, args: argparse.Namespace) -> Trajectory:
 def _shared(args: argparse.Namespace, kinds: Sequence[str], seed: int) -> dict[str, Any]:
     """Return id and keywords of the environment in which controllers play.
 
-    The environment is --env, or that of the first named policy. The keywords are those of this policy, overridden by
-    --env-kwargs.
+    The environment is --env, or that of the first named policy. The keywords are those of the first named policy,
+    overridden by --env-kwargs.
     """
     given = keywords(args.env_kwargs)
     for word, kind in zip(args.runs, kinds, strict=True):

@@ -171,8 +171,8 @@ def _of_tuples(op: str, x: Any, y: Any) -> Any:
     """Concatenate two tuples, or repeat a tuple a number of times known at compile time. Raises a compile error
     (`Refused`) for other operations.
 
-    Two tuples that both contain run-time numbers are refused, too: Python would join the tuples, but the sum of vectors
-    is meant.
+    The sum of two tuples that both contain run-time numbers is also a compile error: Python would join the tuples, but
+    a sum of vectors is probably meant.
     """
     if op == "Add" and is_tuple(x) and is_tuple(y):
         if all(any(isinstance(item, Value) for item in one) for one in (x, y)):
@@ -230,7 +230,7 @@ def _shifted(b: Any, op: str, p: Any, q: Any, unsigned: bool) -> Any:
 def _divided(b: Any, op: str, p: Any, q: Any, unsigned: bool) -> Any:
     """Emit integer p // q or p % q, rounded toward minus infinity; the result for q = 0 is 0.
 
-    LLVM's division is undefined for q = 0 and for -2^63 / -1. In these two cases q is replaced by 1.
+    LLVM's division is undefined for q = 0 and for -2^63 / -1. If q = 0 or q = -1, the code divides by 1 instead.
     """
     zero, one = ir.Constant(WORD, 0), ir.Constant(WORD, 1)
     # q = 0 and q = -1 are treated apart

@@ -1,9 +1,9 @@
 """Dependencies of a compiled program outside the package's sources, described by text that processes can compare.
 
-A program on disk is loaded if this description is the same as when it was compiled. The description includes the kernel
-itself, the global names that it reads, and the objects of these names (functions, classes, values) with their own
-dependencies. A module is not described by its name alone, because two folders may each contain a module of the same
-name.
+A program on disk is loaded only if the description of its dependencies is the same as when it was compiled. The
+description includes the kernel itself, the global names that it reads, and the objects of these names (functions,
+classes, values) with their own dependencies. A module is not described by its name alone, because two folders may each
+contain a module of the same name.
 
 A function is described by its bytecode, defaults and closure values; a named tuple by its fields, defaults and
 constants; numbers, strings, arrays and collections by their contents. A program that depends on any other kind of

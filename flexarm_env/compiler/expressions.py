@@ -179,7 +179,7 @@ class Expressions(Elements):
     def _beside(self, item: Record | Stored, name: str) -> Any:
         """Return a class constant or property of a named tuple.
 
-        Raises a compile error (`Refused`) if there is no such attribute or if it is a method.
+        Raises a compile error (`Refused`) if the class has no such attribute or the attribute is a method.
         """
         found = getattr(item.instance_class, name, None)
         if isinstance(found, property):

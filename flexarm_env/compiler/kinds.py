@@ -154,8 +154,9 @@ def described_as(part: Any, name: str) -> Any:
 
     None, truth values and numbers are described as "none", "truth", "integer", "unsigned", "number". An array is
     (letter, number of dimensions), with "fixed" as a third entry if it is read-only. A lane tag or size is ("tag",
-    length), a tuple ("tuple", parts). A named tuple is described by its Layout. In a tuple that contains it, its words
-    are stored in line. Raises TypeError for any other type. name: field name for the error message.
+    length), a tuple ("tuple", parts). A named tuple is described by its Layout. If a tuple contains a named tuple, the
+    words of the named tuple are a part of the tuple's words. Raises TypeError for any other type. name: field name for
+    the error message.
     """
     if part is None:
         return "none"

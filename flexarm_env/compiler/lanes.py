@@ -6,10 +6,10 @@ array, k)` returns a float64 if L = 1 and an LLVM `<L x double>` otherwise. Arit
 accept both types, so one source serves as the kernel of a single arm and of a batch. No operation is contracted or
 reordered. Single arms and batches therefore give the same bits, on any x86 or Arm vector unit.
 
-With a longer tag, `dual(lane, D)`, the same source becomes the kernel of its derivative (forward mode). Under this tag
-    each element is followed in memory by D tangents of L numbers each: its derivatives along D directions. Every
-    operation also computes the tangents of its result, by the rules in the module `symbols`. `lane_count(lane)` is the
-    number of arms of a tag, with or without tangents.
+With a longer tag, `dual(lane, D)`, the same source becomes the kernel of its derivative (forward mode). Under a tag
+    `dual(lane, D)` each element is followed in memory by D tangents of L numbers each: its derivatives along D
+    directions. Every operation also computes the tangents of its result, by the rules in the module `symbols`.
+    `lane_count(lane)` is the number of arms of a tag, with or without tangents.
 
 Python runs the functions of this module if compilation is disabled. `words` defines the instructions that the compiler
 writes for arrays of lanes.

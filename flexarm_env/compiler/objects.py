@@ -138,7 +138,7 @@ def _safe(path: Path) -> bool:
 
 
 def _trusted(found: os.stat_result) -> bool:
-    """Return whether a file with this status belongs to the user or root and others cannot write to it (POSIX)."""
+    """Return True if a file with this POSIX status belongs to the user or root and cannot be written by other users."""
     if os.name != "posix":
         return True
     return found.st_uid in (0, os.geteuid()) and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)

@@ -242,7 +242,7 @@ class _Way(Region):
         self._last = self.tape.block
 
     def brought(self, value: Any) -> Any:
-        """Save a value at the end of the side and load it after the branch; return the loaded value."""
+        """Save a value at the end of this side of the branch, load it after the branch, and return the loaded value."""
         tape, slot = self.tape, self.tape.slot(value.type)
         # at the end of the side: the value dominates this point
         with tape.at(self._last):

@@ -1,7 +1,7 @@
 """Output arrays of compiled code, returned as NumPy views that are created once for each array.
 
-A caller of `step` gets views of an array. When no caller refers to any of these views, the array is reused with the
-same views.
+A caller of `step` gets views of an array. When no caller refers to any of the array's views, the next step reuses the
+array with the same views.
 """
 
 from collections.abc import Iterable, Mapping

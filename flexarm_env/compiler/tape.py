@@ -1,9 +1,9 @@
 """The tape of reverse mode: an IR builder that records float64 instructions and writes the reverse sweep of cotangents.
 
-A `Tape` writes instructions like any builder. While it records, each instruction that depends on a differentiated input
-becomes a `Node` of the current `Region`: a function, a loop body, one side of a branch. `sweep` writes the reverse code
-of a region. Each array has parallel memory for its cotangents (bars). The reverse code of a store moves the array
-element's cotangent to the stored number. The reverse code of a load adds the loaded number's cotangent to the
+A `Tape` writes instructions like any builder. While the tape records, each instruction that depends on a differentiated
+input becomes a `Node` of the current `Region`: a function, a loop body, one side of a branch. `sweep` writes the
+reverse code of a region. Each array has parallel memory for its cotangents (bars). The reverse code of a store moves
+the array element's cotangent to the stored number. The reverse code of a load adds the loaded number's cotangent to the
 element's. `back` returns a forward value in the reverse sweep. A value of the outermost region is still available.
 Integers, addresses, cheap arithmetic and loads from unchanged arrays are recomputed; other forward values are saved.
 """
@@ -374,7 +374,7 @@ class Tape(Rooms):
         self.store(self.fadd(self.load(bar, align=8), g), bar, align=8)
 
     def store(self, value: Any, place: Any, align: int | None = None) -> Any:
-        """Emit a store. The reverse code adds the cotangent of `place` to the stored number's and sets it to 0.
+        """Emit a store. The reverse code moves the cotangent of `place` to that of the stored number.
 
         Raises a compile error (`Refused`) if a number that depends on a differentiated input is stored in memory
         without cotangents.

@@ -71,7 +71,7 @@ def unannounced() -> Iterator[None]:
 
 @contextmanager
 def announced(function: Callable[..., Any]) -> Iterator[None]:
-    """Announce the compilation of a kernel once it has lasted AFTER seconds, and count seconds on a terminal.
+    """Announce the compilation of a kernel if it lasts longer than AFTER seconds, and count seconds on a terminal.
 
     A thread writes the messages, because the compiler does not return before it has finished.
     """

@@ -1,4 +1,4 @@
-"""Refine time step and mesh of a fit until they change no parameter by more than a share of its interval.
+"""Refine time step and mesh of a fit until a refinement changes no parameter by more than a share of its interval.
 
 A companion model with half the step, or with a finer mesh, predicts other readings at the same parameters. To first
 order the best parameters z then change by the Gauss-Newton step -(J'J)^-1 J' d. J is the derivative of the residuals by

@@ -159,7 +159,7 @@ class Experiment:
     def slopes(self, values: Array, run: Run, sizes: Array, careful: bool = False) -> dict[str, Array]:
         """Return derivatives (n, p) of each output of `predict` by value / size of the parameters; 0 if a run fails.
 
-        They come from `derivatives.runs` or from finite differences of whole runs (careful: of fourth order).
+        The derivatives come from `derivatives.runs` or from differences of whole runs (careful: of fourth order).
         """
         found = {name: np.zeros((len(run.t), len(values))) for name in run.outputs}
         played = self._played(values, run)
@@ -353,7 +353,7 @@ def _drive(arm: Arm, k: int, kind: str) -> tuple[float, Arm]:
 
 
 def _quiet(given: sensing.Sensors, names: Iterable[str]) -> sensing.Sensors:
-    """Return the sensors of these readings, without noise and quantization: smooth functions of the parameters."""
+    """Return the sensors that give these readings, without noise and quantization, so that readings are smooth."""
 
     def still(law: Any) -> Any:
         gain, bias = 0.5 * sum(law.gains), 0.5 * sum(law.biases)

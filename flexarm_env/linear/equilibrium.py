@@ -85,10 +85,10 @@ def static_equilibrium(
     """Compute the static equilibrium of an arm under gravity and constant loads; time-dependent loads are ignored.
 
     With held joints the function follows the equilibrium from the unloaded arm while all loads grow in proportion. With
-    free joints the function returns a minimum of the potential energy. If the initial state is an equilibrium, it
-    returns this state, even if it is unstable (an upright arm). In space the function starts from the unloaded arm
-    under the whole load. Above the buckling load the result may differ from the equilibrium that grows with the load,
-    and may be unstable. Scenes with `start="held"` give no warning in this case.
+    free joints the function returns a minimum of the potential energy. If the initial state is an equilibrium, the
+    function returns this state, even if it is unstable (an upright arm). In space the function starts from the unloaded
+    arm under the whole load. Above the buckling load the result may differ from the equilibrium that grows with the
+    load, and may be unstable. For scenes with `start="held"` there is no warning about an unstable result in space.
 
     Args:
         scene: the scene with the arm and its loads; prescribed motions keep their values at t = 0.

@@ -78,7 +78,8 @@ def eigenpairs(M: Array, C: Array, K: Array) -> tuple[Complex, Complex]:
     """Return eigenvalues and eigenvectors of M x'' + C x' + K x = 0, one member of each conjugate or rigid pair.
 
     The returned member of a conjugate pair has a positive imaginary part. All eigenvalues are computed in the basis of
-    the undamped modes. In this basis the inertia is 1 and the symmetric part of the stiffness is diagonal.
+    the undamped modes. In the basis of the undamped modes the inertia matrix is the identity and the symmetric part of
+    the stiffness is diagonal.
     """
     squares, basis = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
     symmetric = np.abs(K - K.T).max() < 1e-8 * np.abs(K).max()

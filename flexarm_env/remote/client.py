@@ -130,7 +130,8 @@ class Wire:
         raise ConnectionError(f"{where}: no answer within {PATIENCE:g} s: {what}")
 
     def _put(self, packet: Packet) -> None:
-        """Send a packet. Raises ConnectionError if the system rejects it, except for a HELLO, which is repeated."""
+        """Send a packet. Raises ConnectionError if the operating system rejects the packet, except for a HELLO, which
+        is repeated."""
         try:
             self.socket.send(pack(packet, self.key))
         except OSError as error:

@@ -206,7 +206,7 @@ class Session:
         """Return the cookie of an address and HELLO number: 64 bits of an HMAC, as two whole numbers below 2^32.
 
         The HMAC covers address, HELLO, time span (`back` spans ago) and the count of connections, so that each
-        cookie opens one connection. Its key is a secret of this session. Nothing is stored for a sender without cookie.
+        cookie opens one connection. The HMAC's key is a secret of this session. Only a sender with cookie is stored.
         """
         span = int(self.period * self.plain.dt / COOKIE_LIFE) - back
         text = repr((address, hello, span, self._connections)).encode()

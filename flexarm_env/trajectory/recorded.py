@@ -50,7 +50,7 @@ def placed(coordinates: Mapping[str, int], poses: Array, q: Array, v: Array) -> 
 
 @dataclass(repr=False)
 class Trajectory:
-    """A recorded run of n instants and N links, SI units. At a kink it contains the values just before the kink.
+    """A recorded run of n instants and N links, SI units. At a kink the recorded values are those just before the kink.
 
     Attributes:
         scene, settings: the scene and the solver settings of the run. t (n,): recorded instants, s.

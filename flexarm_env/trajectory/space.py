@@ -52,7 +52,7 @@ class SpatialTrajectory(Trajectory):
     unresolved_damping: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        """Set the unresolved damping to zero at all instants if it was not given."""
+        """Set the attribute `unresolved_damping` to zero at all instants if it was not given."""
         if not np.size(self.unresolved_damping):
             self.unresolved_damping = np.zeros(np.size(self.t))
 
