@@ -146,7 +146,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
     single = ", ".join(f"{f:.2f} Hz ({z:.3f})" for f, z in found["oscillators"])
     return {
         "fit": table("parameter | initial | fitted | 95 % interval | determined by the log", rows),
-        "condition": [f"The fit's derivatives have the condition number {found['condition']:.3g}.", *blind],
+        "condition": [f"The matrix of the fit's derivatives has condition number {found['condition']:.3g}.", *blind],
         "prediction": table("run | use | fitted | vendor | baseline | NRMSE", judged),
         "variants": table("fitted parameters | first 24 s | rest | `ladder_hinf_jun`", variants),
         "frequencies": [

@@ -65,7 +65,7 @@ def number(
     text: str, unit: str = "", default: Any = MISSING, *, optional: bool = False,
     minimum: float | None = None, above: float | None = None, maximum: float | None = None,
 ) -> Any:  # fmt: skip
-    """Declare a field with a finite number. The bounds are those of `validation.number`."""
+    """Declare a field with a finite number. The bounds are arguments of `validation.number`."""
     bounds: dict[str, Any] = {"minimum": minimum, "above": above, "maximum": maximum}
     words = {"minimum": "minimum", "above": "exclusiveMinimum", "maximum": "maximum"}
     json = {"type": "number"} | {words[key]: bound for key, bound in bounds.items() if bound is not None}
@@ -75,7 +75,7 @@ def number(
 def integer(
     text: str, default: Any = MISSING, *, minimum: int, maximum: int | None = None, optional: bool = False
 ) -> Any:  # fmt: skip
-    """Declare a field with a whole number. The bounds are those of `validation.integer`."""
+    """Declare a field with a whole number. The bounds are arguments of `validation.integer`."""
     json = {"type": "integer", "minimum": minimum} | ({} if maximum is None else {"maximum": maximum})
     rule = partial(check.integer, minimum=minimum, maximum=maximum)
     return value(rule, json, text, "", default, optional=optional)

@@ -1,7 +1,7 @@
 """Shapes that an arm must avoid, in the plane and in space, with signed distances and their gradients.
 
 A distance (m) is measured to the nearest point of a shape's surface and is negative inside the shape. All distances are
-exact. If several points of the surface are equally near, the gradient belongs to one of them.
+computed exactly. If several points of the surface are equally near, the gradient belongs to one of them.
 """
 
 import math
@@ -20,7 +20,7 @@ Point = tuple[float, ...]
 
 
 def _point(path: str, value: object, unit: str = "m") -> Point:
-    """Validate two or three finite numbers."""
+    """Validate a point or vector of two or three finite numbers."""
     given = check.sequence(path, value, f"two numbers (x, y) or three (x, y, z){f', {unit}' if unit else ''}")
     if len(given) not in (2, 3):
         raise check.InvalidValue(path, value, "must be two numbers (x, y), in the plane, or three, in space")
@@ -48,7 +48,7 @@ class Shape:
 
     @property
     def dimension(self) -> int:
-        """Number of coordinates, 2 or 3."""
+        """Number of coordinates: 2 in the plane, 3 in space."""
         return len(self.place)
 
     @property
@@ -58,7 +58,7 @@ class Shape:
         return ()
 
     def distance(self, points: ArrayLike) -> Array:
-        """Return distances (...,), m, of points (..., d)."""
+        """Return the signed distances (...,), m, of points (..., d) from the shape's surface."""
         return self.look(points)[0]
 
     def gradient(self, points: ArrayLike) -> Array:
@@ -211,7 +211,7 @@ class Cylinder(Shape):
 
     @property
     def axes(self) -> Array:
-        """Axes of the cylinder as columns of a matrix. The third column is the cylinder's axis."""
+        """Axes of the cylinder as columns of a matrix. The third column is the direction of the cylinder's axis."""
         along = np.subtract(self.end, self.start) / math.dist(self.start, self.end)
         least = np.eye(3)[np.argmin(np.abs(along))]
         first = np.cross(least, along)

@@ -2,8 +2,8 @@
 
 Exit codes: 0 success. 1 the run ended early (its status is in the output), or a check failed. 2 the input is wrong, or
 something is missing. 3 a run is inaccurate, and --strict was given. 4 `flexarm run` ended early; `ended` in the output
-gives the reason (the watchdog expired, a limit holds the arm, ...). 130 interrupted. An error is one sentence on
-standard error.
+gives the reason (the watchdog expired, a limit holds the arm, ...). 130 interrupted. An error message is one sentence
+on standard error.
 """
 
 DONE, FAILED, BAD_INPUT, NOT_ACCURATE, ENDED_EARLY, INTERRUPTED = 0, 1, 2, 3, 4, 130

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _flexible(text: str) -> tuple[str, Section]:
-    """Parse BODY=SECTION."""
+    """Parse an argument of the form BODY=SECTION."""
     name, mark, table = text.partition("=")
     try:
         given = tomllib.loads(f"section = {table}")["section"] if mark else None

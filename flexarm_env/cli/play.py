@@ -118,7 +118,7 @@ def _picture(env: Any) -> Iterator[NDArray[np.uint8]]:
 
 
 def keywords(text: str | None) -> dict[str, Any]:
-    """Parse --env-kwargs, a JSON object; {} for None."""
+    """Parse the JSON object of the flag --env-kwargs; return {} if the flag is missing."""
     try:
         given = {} if text is None else json.loads(text)
     except (ValueError, RecursionError):

@@ -18,8 +18,8 @@ from .widening import widened
 def _mode() -> str:
     """Return "llvm" where kernels are compiled or "python" where Python runs them (slowly, for a debugger).
 
-    The mode is read from FLEXARM_COMPILER; ValueError for another word. NUMBA_DISABLE_JIT means "python", with a
-    warning.
+    The mode is read from FLEXARM_COMPILER; ValueError for another word. If the variable NUMBA_DISABLE_JIT is set, the
+    mode is "python", and a warning appears.
     """
     chosen = os.environ.get("FLEXARM_COMPILER", "")
     if chosen not in ("", "llvm", "python"):
@@ -145,7 +145,7 @@ def _run_by_python(function: Callable[..., Any], items: Sequence[Any], named: Ma
 def _check_lanes(function: Callable[..., Any], items: Sequence[Any], named: Mapping[str, Any]) -> None:
     """Raise RuntimeError for a kernel with lane arrays (`lane_arrays`) under a tag of more than one lane.
 
-    Python would index single numbers instead of elements. Kernels without annotations raise
+    In Python such a kernel would index single numbers instead of elements of lanes. Kernels without annotations raise
     the same error when they load an element (`lanes.load`).
     """
     if not lane_parameters(function):

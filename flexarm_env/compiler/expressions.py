@@ -223,7 +223,7 @@ class Expressions(Elements):
         return Array(data, tuple(word(at + 1 + k) for k in range(shape[1])), shape[0], len(shape) > 2)
 
     def of_Subscript(self, node: ast.Subscript) -> Any:
-        """Evaluate x[i] or x[i:j]."""
+        """Evaluate a subscript x[i] or x[i:j]."""
         item = self.value(node.value)
         if isinstance(node.slice, ast.Slice):
             return self.slice(item, node.slice)

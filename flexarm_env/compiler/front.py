@@ -111,7 +111,7 @@ class Module:
         self._check_room(room, room[0] + count, room[1])
 
     def room_of(self, code: Any) -> tuple[int, ...]:
-        """Return the stack use of the LLVM function `code` and the largest of its callees, as counted so far."""
+        """Return the stack use of the LLVM function `code`, and the largest stack use of its callees so far."""
         return tuple(self._rooms.get(code.name, (0, 0)))
 
     def reset_room(self, code: Any, room: tuple[int, ...]) -> None:
@@ -171,7 +171,7 @@ class Module:
     def table(self, values: Any) -> Any:
         """Return a global LLVM array of known numbers: float64 if any number is a float, otherwise int64.
 
-        Equal tables share one array.
+        Equal tables share one global array.
         """
         # by repr: 0.0 and -0.0 are equal, but not the same constant
         key = tuple(map(repr, values))

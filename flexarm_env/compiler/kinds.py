@@ -203,8 +203,8 @@ def width(shape: Any) -> int:
 def words_of(value: Any) -> list[int]:
     """Return a value as a list of 64-bit integers in the order of its `Layout`.
 
-    A float64 gives its bit pattern, an array its address and dimensions, a tuple the words of its parts. None and tags
-    take no words.
+    A float64 gives its bit pattern, an array its address and dimensions, a tuple the words of its parts. None and lane
+    tags take no words in memory.
     """
     if isinstance(value, tuple):
         return [] if is_tag(value) and not hasattr(value, "_fields") else [w for part in value for w in words_of(part)]

@@ -3,8 +3,8 @@
 The argument `lane` of a kernel is a *lane tag*, a tuple of zeros whose length L is the number of arms advanced together
 (`SINGLE` or `EIGHT`). In an array that holds lanes, element k of all L arms lies at `[k*L : (k+1)*L]`. `load(lane,
 array, k)` returns a float64 if L = 1 and an LLVM `<L x double>` otherwise. Arithmetic and the functions of this module
-accept both types, so one source serves as the kernel of a single arm and of a batch. No operation is contracted or
-reordered. Single arms and batches therefore give the same bits, on any x86 or Arm vector unit.
+accept both types, so one source serves as the kernel of a single arm and of a batch. The compiler neither contracts nor
+reorders operations. Single arms and batches therefore give the same bits, on any x86 or Arm vector unit.
 
 With a longer tag, `dual(lane, D)`, the same source becomes the kernel of its derivative (forward mode). Under a tag
     `dual(lane, D)` each element is followed in memory by D tangents of L numbers each: its derivatives along D
@@ -54,7 +54,7 @@ def load(lane: tuple[int, ...], array: np.ndarray, k: int) -> float:
 
 
 def store(array: np.ndarray, k: int, value: float) -> None:
-    """Write value into element k of every lane."""
+    """Write the vector `value` into element k of every lane."""
     array[k] = value
 
 

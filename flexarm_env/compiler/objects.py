@@ -115,7 +115,7 @@ def _former() -> str | None:
 
 
 def folders() -> list[Path]:
-    """Return the folders in which programs are searched. New programs are written to the first folder.
+    """Return the folders in which programs are searched. New programs are written to the first folder in the list.
 
     The folder beside an installed package, compiled by an administrator, serves users without write access to that
     folder.
@@ -152,7 +152,8 @@ def prepare(folder: Path) -> None:
 
 
 def load(key: Key) -> tuple[bytes, Any] | None:
-    """Return (object file, type of the result) of a program on disk, or None. Damaged files are deleted."""
+    """Return (object file, type of the result) of a program on disk, or None. Damaged files in the cache are
+    deleted."""
     for folder in folders():
         path = folder / key.name
         try:

@@ -59,7 +59,8 @@ class Value:
         return self.value if self.count == count else broadcast(self.builder, self.value, count)
 
     def parts(self, count: int, tangents: int) -> list[Any]:
-        """Return LLVM values of `count` lanes: the value, then `tangents` tangents. Missing tangents are 0."""
+        """Return LLVM values of `count` lanes: the value, then `tangents` tangents. Tangents that the value does not
+        have are 0."""
         if not tangents and not self.tangents:
             return [self.wide(count)]
         # a constant has tangents 0
@@ -67,7 +68,8 @@ class Value:
         return [x.wide(count) for x in (self, *slopes)]
 
     def full(self, count: int, tangents: int) -> Value:
-        """Return the Value broadcast to `count` lanes, with `tangents` tangents. Missing tangents are 0."""
+        """Return the Value broadcast to `count` lanes, with `tangents` tangents. Tangents that the value does not have
+        are 0."""
         return Value.of(self.builder, self.parts(count, tangents), count)
 
     def like(self, value: Any, count: int) -> Value:
@@ -170,7 +172,7 @@ def _difference(a: Tangents, b: Tangents) -> Tangents:
 def select_lt(a: Value, b: Value, x: Value, y: Value) -> Value:
     """Return x where a < b, otherwise y, lane by lane and without a branch (also y where a or b is NaN).
 
-    The tangents are those of the chosen operand.
+    The tangents of the result are those of the chosen operand.
     """
     count = max(item.count for item in (a, b, x, y))
     # ordered comparison: false for NaN
@@ -219,7 +221,8 @@ def largest(x: Value) -> Value:
 
 
 def with_slope(y: Value, x: Value, slope: Value) -> Value:
-    """Return y with the tangents of x times `slope`: y is a function of x alone. Earlier tangents of y are dropped."""
+    """Return y with the tangents of x times `slope`: y is a function of x alone. The earlier tangents of y are
+    ignored."""
     # a `Tape` records the slope for the reverse sweep
     if hasattr(y.builder, "sloped"):
         return y.builder.sloped(y, x, slope)

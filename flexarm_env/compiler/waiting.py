@@ -48,7 +48,8 @@ _began, _ended, _count = float("-inf"), float("-inf"), 0
 
 @contextmanager
 def compiling(what: str, programs: int = 0) -> Iterator[None]:
-    """Context manager that sets the name of the current compilation in messages. The outermost context's name is used.
+    """Context manager that sets the name of the current compilation in messages. If contexts are nested, messages use
+    the name of the outermost one.
 
     what: name of the compilation. programs: number of programs, the first entries of PARTS.
     """

@@ -122,7 +122,7 @@ class Actions(Policy):
         self.actions = actions
 
     def reset(self, observation: NDArray[np.float32]) -> None:
-        """Start at the first actions."""
+        """Begin with the first of the given actions."""
         self.k = 0
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -80,8 +80,8 @@ def _sum(rows: Array) -> Array:
 def tip_errors(history: History, setup: Setup) -> Array:
     """Return target minus tip position at each instant: (T + 1, n, 1), rad, for slews, else (T + 1, n, 2 or 3), m.
 
-    Positions are in inertial axes; angles continue over full turns. The history must contain `TIP`. After an
-    episode's end the errors are nan.
+    Positions are in inertial axes; angles continue over full turns. The history must contain the tip's position
+    (`TIP`). After the end of an episode the errors are nan.
     """
     tip, target = history.info("tip_position"), history.info("target")
     if setup.task != "slew":
@@ -106,7 +106,8 @@ def settling_time(history: History, setup: Setup) -> tuple[Array, NDArray[np.boo
     """Return settling times (n,), s, and whether each episode settled (n,).
 
     The tip has settled when its error stays in `settling_band` to the end of an episode that is not terminated early.
-    If the tip never settles, the time is the full duration of T periods. The history must contain `TIP`.
+    If the tip never settles, the time is the full duration of T periods. The history must contain the tip's position
+    (`TIP`).
     """
     errors = np.linalg.norm(tip_errors(history, setup), axis=2)
     steps = len(errors) - 1
@@ -121,7 +122,7 @@ def settling_time(history: History, setup: Setup) -> tuple[Array, NDArray[np.boo
 def overshoot(history: History, setup: Setup) -> Array:
     """Return the largest excursion (n,) of the tip beyond the target, divided by the initial error.
 
-    The excursion is measured along the initial error. The history must contain `TIP`.
+    The excursion is measured along the initial error. The history must contain the tip's position (`TIP`).
     """
     misses = tip_errors(history, setup)
     way = np.linalg.norm(misses[0], axis=1)
@@ -134,8 +135,8 @@ def overshoot(history: History, setup: Setup) -> Array:
 def residual_vibration(history: History, setup: Setup) -> Array:
     """Return half the peak-to-peak tip deflection (n,), m, in the last second of each episode.
 
-    For several links the largest of the links' values is returned. In space the deflection is a magnitude. The history
-    must contain info["tip_deflection"], the deflection divided by the link's length.
+    For several links the largest of the links' values is returned. In space the deflection is the magnitude of a
+    vector. The history must contain info["tip_deflection"], the deflection divided by the link's length.
     """
     relative, joints = history.info("tip_deflection"), setup.n_joints
     bend: Any = relative.reshape(*relative.shape[:2], -1, joints)

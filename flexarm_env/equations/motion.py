@@ -371,7 +371,7 @@ class Equations:
 
 
 def _none(rows: int, inputs: int) -> Directions:
-    """Return an empty `Directions`."""
+    """Return a `Directions` without directions."""
     return Directions(*(np.zeros((0, count)) for count in (rows, rows, rows, inputs)))
 
 

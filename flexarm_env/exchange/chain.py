@@ -3,8 +3,8 @@
 The chain represents a flexible link by rigid pieces. Springs between the pieces represent the link's bending
 compliance. A spring at the place s_i replaces the integral of compliance over a cell of the link: 1 / k_i = int ds /
 EI. If the places are Gauss points, and the cells have the lengths of their weights w_i, the stiffness is k_i = EI(s_i)
-/ w_i. Two springs per smooth piece then give the exact compliance of the tip under tip loads. Stretch and shear are
-neglected.
+/ w_i. Two springs per smooth piece then give the exact compliance of the tip under tip loads. The chain neglects
+stretch and shear of the links.
 """
 
 from __future__ import annotations

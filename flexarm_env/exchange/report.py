@@ -119,7 +119,7 @@ def pushed(arm: Arm, gravity: tuple[float, float, float]) -> Scene:
 def tip_apart(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> float:
     """Return the largest distance between the chain's tip, by MuJoCo, and the arm's tip, divided by the arm's length.
 
-    The motion is that of `differences`. Raises ImportError without MuJoCo.
+    The two tips move as the function `differences` describes. Raises ImportError if MuJoCo is not installed.
     """
     with check.needs("the comparison of tips", "mujoco", "mujoco"):
         import mujoco

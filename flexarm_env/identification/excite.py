@@ -2,9 +2,9 @@
 
 The acceleration of a rigid arm's joints is a multisine with random phases (Schroeder 1970; Ljung 1999, section 13.3),
 each joint with its own frequencies. The motion begins and ends at rest in the same place, so that any drift measures
-the difference between the real arm and a rigid one. The torques are the rigid arm's inverse dynamics. The flexible arm
-and some perturbed arms are simulated under these torques, and the torques are reduced until the joint rotations and
-deflections of all arms are within the bounds.
+the difference between the real arm and a rigid one. The torques are computed from this motion by the inverse dynamics
+of the rigid arm. The flexible arm and some perturbed arms are simulated under these torques, and the torques are
+reduced until the joint rotations and deflections of all arms are within the bounds.
 """
 
 import dataclasses
@@ -58,7 +58,7 @@ class Excitation:
     deflection: float
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write a CSV file atomically with the columns t, torque0, .... Raises OSError."""
+        """Write a CSV file atomically with the columns t, torque0, .... Raises OSError if writing fails."""
         names = ["t", *(f"torque{k}" for k in range(self.torques.shape[1]))]
         rows = (",".join(f"{x:.12g}" for x in row) for row in np.column_stack([self.t, self.torques]).tolist())
         write_text(Path(path), "\n".join([",".join(names), *rows]) + "\n")

@@ -64,7 +64,8 @@ class BadLog(ValueError):
 def read_run(path: str | os.PathLike[str], config: Config) -> Run:
     """Read and validate the run in a CSV file.
 
-    Rows are counted as in the file: row 1 names the columns. Raises BadLog, OSError.
+    Rows are counted as in the file: row 1 names the columns. Raises BadLog for an unusable log, and OSError if the file
+        cannot be read.
     """
     header, lines = csv_lines(path)
     where = os.fspath(path)

@@ -226,7 +226,8 @@ def _ranges(parameters: Sequence[Parameter], values: Array, worth: Uncertainty) 
 
 
 def randomization(path: str | os.PathLike[str]) -> dict[str, tuple[float, float]]:
-    """Read the randomization ranges from an arm.toml written by `identify`, for an environment. Raises ValueError."""
+    """Read the randomization ranges from an arm.toml written by `identify`, for an environment. Raises ValueError if
+    the file has no valid ranges."""
     table, _ = read_toml(path)
     with check.in_file(path):
         ranges = check.table_of("randomization", check.needed("", table, "randomization", "must be a table of ranges"))

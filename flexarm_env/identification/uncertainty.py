@@ -1,9 +1,9 @@
 """Uncertainty of a fit: parameter intervals, unidentifiable parameters, and identifiable combinations.
 
-Residuals of a slightly wrong model, and of filtered sensors, are correlated between samples. The covariance is the
-sandwich (J'J)^-1 S (J'J)^-1. S is heteroskedasticity- and autocorrelation-consistent (Newey & West 1987), with the
-bandwidth of Andrews (1991). The intervals use quantiles of Student's t with the degrees of freedom of S (Kiefer &
-Vogelsang 2005: 1.5 n divided by the bandwidth of Bartlett's kernel). The covariance is never smaller than the
+Residuals of a slightly wrong model, and of filtered sensors, are correlated between samples. The covariance is computed
+by the sandwich formula (J'J)^-1 S (J'J)^-1. S is heteroskedasticity- and autocorrelation-consistent (Newey & West
+1987), with the bandwidth of Andrews (1991). The intervals use quantiles of Student's t with the degrees of freedom of S
+(Kiefer & Vogelsang 2005: 1.5 n divided by the bandwidth of Bartlett's kernel). The covariance is never smaller than the
 covariance for independent residuals.
 """
 

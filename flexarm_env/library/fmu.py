@@ -70,8 +70,8 @@ def write_fmu(env: Any, path: Path, name: str, form: str = "3.0", cpu: str | Non
 
     Inputs are torques (N m), or the actions of another action mode, and are constant over a control period. A
     communication step is a whole number of control periods. The importing tool sets initial state and parameters;
-    nothing is drawn at random except noise, which follows from `seed`. States can be saved and restored. Directional
-    derivatives exist only in the C library (`build.write`).
+    nothing is drawn at random except noise, which follows from `seed`. The states of the FMU can be saved and restored.
+    Directional derivatives exist only in the C library (`build.write`).
 
     Args:
         env: single environment of this package. path: path of the file. name: C identifier, name of the model. form:

@@ -153,8 +153,8 @@ def spectrum(t: Array, x: Array) -> tuple[Array, Array]:
     """Return the amplitude spectrum of an evenly sampled signal x (n,) at times t (n,), s, with a Hann window.
 
     Returns frequencies (Hz) and amplitudes (unit of x), (n // 2 + 1,) each.
-    The mean is removed; a sine of amplitude A gives a peak of height A. Raises ValueError for uneven or too few
-    samples.
+    The mean is removed; a sine of amplitude A gives a peak of height A. Raises ValueError if samples are not evenly
+    spaced, or if there are too few.
     """
     step = np.diff(t)
     if t.size < 8 or np.ptp(step) > 1e-6 * step.mean():
@@ -382,9 +382,9 @@ def _peaks(amplitude: Array) -> list[int]:
 def plot_campbell(found: Campbell, path: str | os.PathLike[str], title: str = "") -> Path:
     """Plot natural frequencies over spin rate, with the line of one vibration per turn; returns `path`.
 
-    Whirl frequencies refer to the fixed frame. If some mode is neither forward nor backward whirl (the arm is not a
-    body of revolution), all frequencies refer to the rotating frame. Marks at the bottom show the spin rates at which
-    the arm is unstable.
+    Frequencies of forward and backward whirl refer to the fixed frame. If some mode is neither forward nor backward
+    whirl (the arm is not a body of revolution), all frequencies refer to the rotating frame. Marks at the bottom show
+    the spin rates at which the arm is unstable.
     """
     spins, rests = np.abs(found.spins), np.isfinite(found.at_rest).all()
     values = np.abs(found.at_rest if rests else found.frequencies)

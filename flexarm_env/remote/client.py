@@ -260,7 +260,7 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array32, dict[str, Any]]:
         """End the hold of the arm, request a new start of the episode, and return the first observation and info.
-        `options` must be empty."""
+        The argument `options` must be empty."""
         super().reset(seed=seed)
         if options:
             raise check.InvalidValue("options", options, "must be left out: a remote arm has none")

@@ -141,7 +141,7 @@ class Session:
     def receive(self, content: bytes, address: Any) -> bytes | None:
         """Process one packet from `address`; return the bytes of an immediate answer, or None.
 
-        A command is stored for the next period. Rejected packets are counted in `counts`.
+        A COMMAND is stored and applied in the next period. Rejected packets are counted in `counts`.
         """
         found = unpack(content, self.key)
         if isinstance(found, Refusal):
@@ -206,7 +206,7 @@ class Session:
         """Return the cookie of an address and HELLO number: 64 bits of an HMAC, as two whole numbers below 2^32.
 
         The HMAC covers address, HELLO, time span (`back` spans ago) and the count of connections, so that each
-        cookie opens one connection. The HMAC's key is a secret of this session. Only a sender with cookie is stored.
+        cookie opens one connection. The HMAC's key is a secret of this session. A sender without cookie is not stored.
         """
         span = int(self.period * self.plain.dt / COOKIE_LIFE) - back
         text = repr((address, hello, span, self._connections)).encode()
@@ -248,7 +248,7 @@ class Session:
             self._stop(f"the peer has been silent for {self.patience} periods", expired=True)
 
     def skip(self, periods: int) -> None:
-        """Count periods that passed without a step.
+        """Count control periods that passed without a step of the arm.
 
         If more periods passed than the watchdog allows, hold the arm and drop any command that has arrived in the
         meantime, because such a command was computed for a past instant.

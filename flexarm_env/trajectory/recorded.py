@@ -317,7 +317,7 @@ class Trajectory:
 
     def to_npz(self, path: str | os.PathLike[str]) -> None:
         """Write an .npz file with all arrays, status, settings and the scene's TOML text, completely or not at all.
-        Raises OSError."""
+        Raises OSError if writing fails."""
         known: dict[str, Any] = {name: getattr(self, name) for name in (*self.arrays, "error_estimate", "status")}
         known |= {"scene": self.scene.to_toml(), "names": np.array(self.names)}
         known |= {"formulation": self.settings.formulation, "options": json.dumps(self.settings.options())}
@@ -326,7 +326,8 @@ class Trajectory:
 
     @classmethod
     def from_npz(cls, path: str | os.PathLike[str]) -> Trajectory:
-        """Read a run that `to_npz` wrote; raise ValueError for a file of another kind or version 0.1, or if damaged."""
+        """Read a run that `to_npz` wrote; raise ValueError if the file is damaged, of another kind, or of version
+        0.1."""
         known = read_npz(path, "trajectory")
         with check.in_file(path):
             for name in SINGLE:

@@ -118,7 +118,7 @@ def magnified(
 
     The deflection is the difference from the rigid arm at the same joint angles. The factor multiplies each link's
     deflection from its root's tangent, and the angle by which its bending turns the following links. Lengths along the
-    tangents, the root and the joint angles do not change. A factor of 1 returns the points unchanged.
+    tangents, the root and the joint angles do not change. With a factor of 1 the points are unchanged.
 
     Args:
         points (P, 2): points of the arm from root to tip, m. cuts (N + 1,): indices of the points at root, joints and

@@ -77,7 +77,7 @@ class Player:
         return page(self.data, self.title)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page to a file atomically, and create its folder if necessary. Raises OSError."""
+        """Write the page to a file atomically, and create its folder if necessary. Raises OSError if writing fails."""
         target = Path(path)
         write_text(target, self.html)
         return target
