@@ -274,7 +274,7 @@ class Tape(Rooms):
         return self._made(super().select(test, x, y), (x, by_x, True), (y, by_y, False), test=test)
 
     def call(self, function: Any, values: Any) -> Any:
-        """Emit a call. Differentiated: sqrt and fabs; 0 for floor, ceil, rint, fptosi. Other calls raise `Refused`."""
+        """Emit a call. Only sqrt, fabs, floor, ceil, rint and fptosi have derivatives; others are `Refused`."""
         found, name = super().call(function, values), function.name.split(".")
         if not self.recording or not any(id(x) in self.nodes for x in values):
             return found

@@ -51,7 +51,7 @@ def compiling(what: str, programs: int = 0) -> Iterator[None]:
     """Context manager that sets the name of the current compilation in messages. If contexts are nested, messages use
     the name of the outermost one.
 
-    what: name of the compilation. programs: number of programs, the first entries of PARTS.
+    what: name of the compilation. programs: number of programs that it compiles; PARTS has their names.
     """
     mark = _task.set(_task.get() or Task(what, programs))
     try:

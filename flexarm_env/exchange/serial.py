@@ -44,7 +44,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Serial:
-    """Links from root to tip, the tip's position (3,), m, and the name of the body or site at the tip."""
+    """A chain: its links from root to tip, the tip's position (3,), m, and the name of the body or site at the tip."""
 
     parts: tuple[Part, ...]
     tip: Array
@@ -57,7 +57,8 @@ def serial(model: Any, root: str | None, tip: str | None) -> Serial:
     """Find the chain that begins in the body `root` (None: the only one with joints) of a compiled model.
 
     Raises:
-        ValueError: branches, loops, joints other than hinges, or springs at joints; the message names them.
+        ValueError: the model has branches, loops, joints other than hinges, or springs at joints; the message names
+            them.
     """
     import mujoco
 

@@ -94,7 +94,8 @@ class _Dual:
     """Copies of an arm's work array in the lanes of a vector; each lane has the tangents along one direction."""
 
     def __init__(self, simulation: Simulation, w: Work, tangents: dict[str, Array]) -> None:
-        """Copy the work array. tangents: (rows, columns) by field of the array, at most one column per lane."""
+        """Copy the work array into the lanes. tangents: for each field of the array its tangents (rows, columns), with
+        at most one column per lane."""
         self.simulation, self.lane = simulation, dual(WIDEST)
         model, motions = simulation.model, simulation.n_motions
         self.flat = np.zeros(int(uncompiled(work_size)(len(self.lane), model, motions)))

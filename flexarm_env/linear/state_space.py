@@ -32,8 +32,8 @@ class LinearModel:
     Attributes:
         A (2n, 2n), B (2n, m), C (p, 2n), D (p, m): matrices of the model.
         states: names of the states: n independent coordinates, then their rates: "joint0", ..., "joint0_rate", ...; SI.
-            In space they are coordinates of the tangent space. For a rotation ("link0.rx1", ...) they are increments in
-            the section's own axes, from 0 at the point, and its angular velocity there.
+            In space the states of a rotation ("link0.rx1", ...) are increments in the section's own axes (0 at the
+            operating point), and the section's angular velocity in these axes.
         inputs: names of the inputs: "torque0", ..., the torques of the joints that can turn and are not prescribed, N
             m. With `motions`, the accelerations of prescribed coordinates follow, "joint0_acceleration", ..., rad/s^2
             or m/s^2.

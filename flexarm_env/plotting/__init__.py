@@ -96,7 +96,7 @@ def plot_comparison(
     Returns:
         The path of the figure's file.
     Raises:
-        ValueError: no run is given, or runs without labels.
+        ValueError: no run is given, or a run has no label.
     """
     given: Any = trajectories
     if not isinstance(given, Mapping):

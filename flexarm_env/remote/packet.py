@@ -168,7 +168,7 @@ def datagrams(host: str, port: int, least: int) -> Iterator[socket.socket]:
     Args:
         host: host name or IPv4 address. port: port number from `least` to 65535.
     Raises:
-        ValueError: invalid host or port. OSError: the system rejects the address; the message names it.
+        ValueError: the host or the port is invalid. OSError: the system rejects the address, which the message names.
     """
     check.text("host", host, empty=False)
     check.integer("port", port, minimum=least, maximum=65535)
