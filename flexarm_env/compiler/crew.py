@@ -313,7 +313,7 @@ class Crew:
         self._boards, self._done = np.zeros((size + 1) * BOARD, np.int64), threading.Lock()
 
     def run(self, function: int, address: int, groups: int) -> int:
-        """Return the sum of function(address, first, last) over parts of range(groups).
+        """Call function(address, first, last) for all groups, in parts; return the sum of the calls' results.
 
         function: address of the function's machine code. address: first argument of the function. groups: number of
             groups of arms.

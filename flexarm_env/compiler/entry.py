@@ -65,7 +65,7 @@ def native(function: Any, placed: Placed, *arguments: int) -> int:
 
 
 def _direct(kernel: Kernel, placed: Placed, arguments: tuple[int, ...]) -> Program:
-    """Return the program of a kernel called with a placed tuple and whole numbers, compiled at the first request."""
+    """Return the compiled program of a kernel for a placed tuple and integers; it is compiled at the first request."""
     # the compiled form depends on the tuple's layout, not on its values
     key = ("direct", placed.layout, len(arguments))
     if key not in kernel.forms:

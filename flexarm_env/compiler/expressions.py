@@ -298,7 +298,8 @@ class Expressions(Elements):
         return found if isinstance(found, bool) else Truth(found)
 
     def _all(self, every: bool, tested: Callable[[Any], Any], parts: Sequence[Any]) -> Any:
-        """Evaluate `and` (every) or `or` of parts with short circuit: a bool if known, else an SSA phi (i1)."""
+        """Evaluate `and` (every is True) or `or` of several parts, with short circuit; return a bool if known, else an
+        i1."""
         incoming: list[tuple[Any, Any]] = []
         end, names = None, self.names
         result: Any = every

@@ -153,10 +153,10 @@ def described_as(part: Any, name: str) -> Any:
     """Describe the type of an argument or field by a hashable value: a word, a tuple or a `Layout`.
 
     None, truth values and numbers are described as "none", "truth", "integer", "unsigned", "number". An array is
-    (letter, number of dimensions), with "fixed" as a third entry if it is read-only. A lane tag or size is ("tag",
-    length), a tuple ("tuple", parts). A named tuple is described by its Layout. If a tuple contains a named tuple, the
-    words of the named tuple are a part of the tuple's words. Raises TypeError for any other type. name: field name for
-    the error message.
+    described by (letter, number of dimensions), with "fixed" as a third entry if it is read-only. A lane tag or size is
+    described by ("tag", length), and a tuple by ("tuple", descriptions of its parts). A named tuple is described by its
+    Layout. If a tuple contains a named tuple, the words of the named tuple are a part of the tuple's words. Raises
+    TypeError for any other type. name: field name for the error message.
     """
     if part is None:
         return "none"

@@ -158,7 +158,7 @@ class Team:
         self._crew = Crew(self.most - 1)
 
     def run(self, step: Callable[..., int], function: int, address: int, groups: int) -> int:
-        """Return the sum of step(address, first, last) over parts of range(groups).
+        """Step all groups by calls of step(address, first, last) on the threads; return the sum of the calls' results.
 
         step: compiled function that advances groups first ... last - 1. function: address of the machine code of
         `step`, which the threads call. address: address of the program data. groups: number of groups.

@@ -153,7 +153,8 @@ class Tracer:
         return self.words[function]
 
     def _declaring(self, source: Any, copy: Any) -> Any:
-        """Return a traced function that takes its array arguments as `source`'s annotations declare them."""
+        """Return a traced function whose array arguments hold lanes or numbers, as the annotations of `source`
+        declare."""
         names = source.__code__.co_varnames[: source.__code__.co_argcount]
         said = lane_parameters(source)
 

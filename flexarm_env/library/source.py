@@ -187,8 +187,8 @@ class Source:
     def _most(self) -> tuple[float, ...]:
         """Return the largest values of an arm's own parameters that double precision can resolve (`physics.precision`).
 
-        One value for each of `_OWN_IN_SPACE`: payload mass (kg), inertia, factor on EI, tau_d (s), factors on EI_y and
-        GJ.
+        The result has one value for each entry of `_OWN_IN_SPACE`: payload mass (kg), inertia, factor on EI, tau_d (s),
+        factors on EI_y and GJ.
         """
         batch = self.batch
         largest = 10.0 * (batch.arm.damping[0] or LEAST_DAMPED) * batch.starts.drawn["damping"][1]

@@ -380,7 +380,7 @@ class _Search:
         return self.solve(found.A, found.G, found.B, self.change(found.point, 1.0))
 
     def change(self, point: Point, other: float) -> Array:
-        """Return the derivative (f,) of the residual by the share of the loads, from the present to another share."""
+        """Return the derivative (f,) of the residual by the fraction of the loads, as a difference of two fractions."""
         share, before = self.share, self.residual(point)
         self.take(other)
         change = (self.residual(point) - before) / (other - share)
@@ -397,7 +397,7 @@ class _Search:
         return self.size(lean) <= _LEAN
 
     def newton(self, start: Point, s: float, reach: float) -> _Found | None:
-        """Return the equilibrium (s = 0) or the end of a descending step; None if neither is within `reach`."""
+        """Return the equilibrium (for s = 0), or the end of a step of descent; None if it is farther than `reach`."""
         e, point, last = self.e, start, np.inf
         for _ in range(15):
             self.spent += 1
