@@ -202,7 +202,7 @@ def serve(boards, k, rounds):
 
 @kernel
 def lead(boards, task, function, address, groups, rounds, stage):
-    """Return the sum of function(address, first, last) over parts of range(groups), shared with the workers.
+    """Call function(address, first, last) for all groups, in parts shared with the workers; return the sum of results.
 
     boards: int64 array of shared memory, with BOARD numbers for each worker thread, then BOARD numbers for the calling
     thread. task: number of the task. function: address of the machine code. address: argument of the function. groups:
