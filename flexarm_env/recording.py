@@ -372,7 +372,7 @@ SERIES: Mapping[str, tuple[str, check.Shape]] = {
 def to_minari(episodes: Sequence[Episode], dataset_id: str, env_id: str | None = None, **about: Any) -> Any:
     """Make and return a Minari data set of episodes in Minari's folder (MINARI_DATASETS_PATH).
 
-    It requires the extra `data`. Only Minari's `DataCollector` also needs JAX (`pip install "minari[create]"`).
+    Needs the extra `data`. Only Minari's `DataCollector` also needs JAX (`pip install "minari[create]"`).
 
     Args:
         episodes: episodes of one environment. dataset_id: for example "flexarm/slew/pd-v0". env_id: as in `replay`.

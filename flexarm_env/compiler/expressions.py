@@ -189,7 +189,7 @@ class Expressions(Elements):
         return getattr(item.instance_class, name)
 
     def loaded(self, address: Any, shape: Any, at: int) -> Any:
-        """Load an item of the type `shape` (`kinds.described_as`) from memory, `at` 8-byte words after an address.
+        """Load an item from memory, `at` 8-byte words after an address. shape: type of the item (`kinds.described_as`).
 
         The loads are marked as invariant for LLVM, because arguments do not change during a call.
         """

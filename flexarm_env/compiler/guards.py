@@ -6,8 +6,8 @@ unchanged if the operand was chosen, and become 0 otherwise. In forward mode gua
 itself selects between tangents.
 
 A node's *path* lists the conditions under which its cotangent matters. A condition has one of two kinds: one operand of
-a select was chosen (`Side`), or the cotangent of a node is not 0 (`Live`). `Live` is used for a value that several
-selects use, or that is used within a branch or from memory that a select reads.
+a select was chosen (`Side`), or the cotangent of a node is not 0 (`Live`). A `Live` guard is needed for a value that
+several selects use, for a value used within a branch, and for a value in memory that a select reads.
 """
 
 from __future__ import annotations

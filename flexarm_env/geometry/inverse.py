@@ -1,7 +1,7 @@
 """Inverse kinematics: joint angles at which the rigid arm's tip is at a point.
 
-The solutions for planar arms are analytic or those of two equations for any number of links (`goal_of`). In space the
-angles follow from damped least squares (`approach`, `angles_at`).
+For planar arms `goal_of` computes the angles: analytically for two links, and for more links by solving two equations.
+In space `approach` and `angles_at` compute the angles by damped least squares.
 """
 
 import itertools
@@ -29,11 +29,12 @@ def limits_of(arm: Arm) -> Array:
 def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, angles: Array) -> Array:
     """Return joint angles (N,), rad, with which the tip of a straight-link arm is at (x, y), m, relative to its root.
 
-    The environments choose the same solution as this function. x, y: target in inertial axes. lengths (N,): lengths of
-    the links, m. rates (N,): speed factors of the joints; a joint's time is proportional to sqrt(|angle|) / rate.
-    limits (2 N,), rad: lower and upper limit of each joint in turn. angles (N,): present joint angles, rad. With two
-    links the function returns the solution with the shorter time, with more links the solution with the least sum of
-    squares of the angles (`tasks.angles`). If the point is out of reach, the arm points along the line to the point.
+    The function returns the same solution that the environments choose as the goal. x, y: target in inertial axes.
+    lengths (N,): lengths of the links, m. rates (N,): speed factors of the joints; a joint's time is proportional to
+    sqrt(|angle|) / rate. limits (2 N,), rad: lower and upper limit of each joint in turn. angles (N,): present joint
+    angles, rad. With two links the function returns the solution with the shorter time, with more links the solution
+    with the least sum of squares of the angles (`tasks.angles`). If the point is out of reach, the arm points along the
+    line to the point.
     """
     goal: Array = angles.copy()
     if len(lengths) == 2:
@@ -52,7 +53,8 @@ def goal_angles(arm: Arm, angles: Array, target: Array, rates: Array) -> Array:
     Args:
         angles (n, N): present joint angles, rad. target (n, 2): target of the tip, m, in hub axes at these angles.
         rates (n, N): speed factors, for two links only; a joint turns by x in a time proportional to sqrt(|x|) / rate.
-    A target out of reach is approached along the line to the target. Joint limits are kept, and no elbow turns past pi.
+    A target out of reach is approached along the line to the target. The angles satisfy the joint limits, and no elbow
+    turns past pi.
     """
     lengths, limits = np.array([link.span for link in arm.links]), limits_of(arm).ravel()
     # target from hub axes to inertial axes
@@ -83,7 +85,8 @@ def approach(arm: Arm, angles: Array, points: Array) -> Array:
 def _damped_step(J: Array, off: Array, damping: Array) -> Array:
     """Return the damped least-squares step J' (J J' + damping I)^-1 off, (..., N, 1), for Jacobians J (..., 3, N).
 
-    With fewer than three joints J J' is singular. The equivalent form (J' J + damping I)^-1 J' off is then used.
+    With fewer than three joints J J' is singular. For fewer than three joints the function uses the equivalent form (J'
+    J + damping I)^-1 J' off.
     """
     across = np.swapaxes(J, -1, -2)
     if J.shape[-1] < 3:
@@ -108,7 +111,7 @@ def _bent(arm: Arm) -> Array:
 
 
 def _off(arm: Arm, angles: Array, points: Array) -> Array:
-    """Return the tip's distance from points (..., 3), divided by the arm's length."""
+    """Return the rigid tip's distance from points (..., 3), m, divided by the arm's length."""
     return np.asarray(np.linalg.norm(tip_at(arm, angles) - points, axis=-1) / arm.total_length)
 
 
@@ -146,7 +149,7 @@ def lost_at(
     """Return the index of the first point of a path (n, 3), m, that the rigid tip cannot reach; None if there is none.
 
     The joints follow the path from the angles `start` (N,), rad, within their limits, as the goal posture follows a
-    moving target. seek, follow: functions of `INVERSE`, without compilation.
+    moving target. seek, follow: uncompiled functions of `INVERSE`.
     """
     limits = limits_of(arm)
     known = chain_of(arm), (0,) * arm.n_links, arm.total_length, limits.ravel()
@@ -164,9 +167,9 @@ def lost_at(
 def angles_at(arm: Arm, point: Array, gravity: Sequence[float] | None = None) -> Array | None:
     """Return joint angles (N,), rad, within limits, with the rigid tip at point (3,), m; None if no solution is found.
 
-    The distance of the tip from the point is at most 1e-9 of the arm's length. The search has many initial postures and
-    returns the solution with the least sum of squares. gravity (3,): gravitational acceleration, m/s^2, inertial axes.
-    Solutions that the torque limits can hold against gravity are preferred.
+    The distance of the tip from the point is at most 1e-9 of the arm's length. The search starts from many postures and
+    returns the solution whose angles have the least sum of squares. gravity (3,): gravitational acceleration, m/s^2,
+    inertial axes. Solutions that the torque limits can hold against gravity are preferred.
     """
     starts = _bent(arm)
     found = approach(arm, starts, np.broadcast_to(point, (len(starts), 3)))

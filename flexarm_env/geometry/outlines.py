@@ -40,7 +40,7 @@ def faces_of(shape: Shape, center: Array, far: float) -> list[Array]:
     """Return the faces of a shape in space, each with its corners (n, 3), m, anticlockwise seen from outside.
 
     A half-space has one square with sides 2 `far`, m, around the point of the half-space nearest to `center`. The
-    square's corners are anticlockwise seen from behind.
+    square's corners are anticlockwise seen from inside the half-space.
     """
     place, axes = np.array(shape.place), shape.axes
     if isinstance(shape, HalfSpace):

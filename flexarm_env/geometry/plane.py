@@ -1,4 +1,4 @@
-"""Angles, bent tips and minimum times of many arms at once."""
+"""Angles, tip positions with bent links, and minimum times of motions, for many planar arms at once."""
 
 import numpy as np
 
