@@ -6,7 +6,7 @@ Arms are stored in groups of lanes, which are distributed among threads. An arm'
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -23,16 +23,18 @@ from .physics.gauges import Spot, curvature_rows
 from .physics.integrator.work import unpack, work_size
 from .physics.joints.build import with_own_laws
 from .physics.layout import COUNTS, POSE, SPACE_POSE
-from .physics.model import OK, System
+from .physics.model import System
 from .physics.obstacles import KeepOut, packed
 from .physics.space.reading import read
 from .runtime import episode as environment
 from .runtime import starts
-from .runtime.energy_balance import FLOOR, inertia_per_rate, is_unbalanced
+from .runtime.energy_balance import inertia_per_rate
+from .runtime.guided import Guided
 from .runtime.keep_out import with_room
 from .runtime.laws import LAW_SIZE, law_of, room_of
-from .runtime.layout import aligned, layout_of, readings_size, record_sizes
-from .runtime.sampling import observe_arm
+from .runtime.layout import aligned, layout_of, record_sizes
+from .runtime.sampling import STRETCH, observe_arm
+from .runtime.starts import guided_period
 from .runtime.told import View, info_places, touches_of
 from .scene import Contact, standing_scene
 from .settings import Settings
@@ -44,7 +46,6 @@ from .tasks.own_terms import TERM_ARGUMENTS, with_terms
 from .tasks.press import Press, PressChain
 from .tasks.program import (
     ACTION_NOT_FINITE,
-    CHANNEL,
     CLIP,
     FRESH,
     FURTHER,
@@ -171,7 +172,7 @@ class Batch:
             models=Models(*(system.model for system in self.systems)) if fitted else None,
             allowed=(settings.step_tolerance or 0.0) * self.arm.total_length,
             ranges=self.starts.ranges(self.pose, self.system.par), layout=self.layout,
-            **(vars(self.extras) | {"keep_out": shapes}),
+            **(vars(self.extras) | {"keep_out": shapes}), guide=None,
             entries=self.entries, books=(0,) if self.account else None, watched=self._inertia(), estimate=self.estimate,
             period=self.period, h=self.period / n_steps, n_steps=n_steps, n=count,
             block=self.block.reshape(-1), action=self.action.reshape(-1), queue=self.queue,
@@ -183,7 +184,6 @@ class Batch:
         self.address = self._placed.address
         self.compiled_step = entry(environment.step, self._placed, 0, 0)
         self._start = entry(starts.start_episodes, self._placed, 0, 0) if self.starting else None
-        self._finish_guided: Any = None
         self._team = Team(self.groups, None if self.paced else self.threads)
         self._native = native(environment.step, self._placed, 0, 0) if self._team.most > 1 else 0
         self._alone, self.repeats = self._beside(), 0  # repeats: periods of arms that were repeated alone
@@ -291,27 +291,10 @@ class Batch:
         self._start = self._start or entry(starts.start_episodes, self._placed, 0, 0)
         self._start(self.address, mode, len(arms))
 
-    def take_report(self, i: int, code: int, action: Array, report: Mapping[str, Array]) -> None:
-        """Write the outcome of a period of the guided arm i, which another simulation has advanced. code: status, or -1
-        for an episode's start. action (N,). report: poses (N, 12), torque (N,), N m, energies (5,), J
-        (`tasks.program.ENERGIES`), scaled gauges (G,), motors (N,): motor angles over gear ratio, rad."""
-        at, layout, instruments = self.info_at, self.layout, self.extras.instruments
-        info, record = self._mine(layout.info, layout.saved, i), self.record(i)
-        if code <= OK:
-            self._mine(layout.poses, layout.record, i)[:] = report["poses"].ravel()
-            self._mine(layout.action, layout.seen, i)[:] = action
-            self._mine(layout.seen, layout.info, i)[self.entries - len(report["gauges"]) :] = report["gauges"]
-            if instruments is not None and instruments.motors is not None:
-                channel = CHANNEL.offsets(len(record) - readings_size(instruments), instruments.room)
-                record[channel.motor :: channel.end - channel.gain][: self.arm.n_links] = report["motors"]
-        if self._finish_guided is None:
-            self._finish_guided = entry(starts.finish_guided, self._placed, 0, 0)
-        self._finish_guided(self.address, i, code)
-        if code <= OK:
-            info[at.torque : at.torque + self.arm.n_links] = report["torque"]
-            info[at.in_range], info[at.error] = 1.0, self.estimate
-            info[at.energies : at.reward] = report["energies"]
-        self.table[:, i] = info
+    def sections(self, i: int) -> Array:
+        """Return a view of poses, record, action, observation and info of arm i, which its program with motions has
+        too (`envs.motion.Guide`)."""
+        return self._mine(self.layout.poses, self.layout.saved, i)
 
     def step(self) -> int:
         """Advance all arms by a control period with `action`; return the number of arms that ended or are guided."""
@@ -427,7 +410,7 @@ class Batch:
 
     def __getstate__(self) -> dict[str, Any]:
         skipped = (
-            "program", "_placed", "address", "compiled_step", "_start", "_finish_guided", "info_at", "_team", "_alone",
+            "program", "_placed", "address", "compiled_step", "_start", "info_at", "_team", "_alone",
             "_native", "_sheets", "sheet")  # fmt: skip
         return {k: v for k, v in vars(self).items() if k not in skipped}
 
@@ -440,11 +423,11 @@ class Batch:
 
 __all__ = [
     "ACTION_NOT_FINITE", "ALWAYS", "Actuator", "Amplifier", "Attainable", "Batch", "CLIP", "CONTACT", "CROWDED",
-    "Chain", "Controller", "Cost", "Extras", "FACTOR_NAMES", "FLOOR", "FRESH", "FURTHER", "GOAL", "GUIDED", "INFO",
+    "Chain", "Controller", "Cost", "Extras", "FACTOR_NAMES", "FRESH", "FURTHER", "GOAL", "GUIDED", "INFO",
     "Instruments", "KeepOut", "LAW_SIZE", "Land", "LandChain", "MODE", "OVER", "OneAtATime", "PERIODS",
     "PERIODS_ALLOWED", "PayloadChange", "Press", "PressChain", "Pushes", "REASONS", "RUNNING", "Reach", "Reference",
     "STATUS_WORDS", "SUCCESS", "Selection", "Sensors", "Sheet", "Slew", "SpaceReach", "Starts", "TARGET",
-    "TERM_ARGUMENTS", "Task", "View", "attainable", "gauge_table", "info_places", "is_unbalanced", "law_of",
-    "one_at_a_time", "packed", "room_of", "curvature_rows", "standing_scene", "with_terms", "draw_attainable",
-    "first_unattainable",
+    "STRETCH", "TERM_ARGUMENTS", "Task", "View", "aligned", "attainable", "gauge_table", "Guided", "guided_period",
+    "info_places", "law_of", "layout_of", "one_at_a_time", "packed", "room_of", "curvature_rows", "standing_scene",
+    "with_terms", "draw_attainable", "first_unattainable",
 ]  # fmt: skip

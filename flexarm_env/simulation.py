@@ -69,8 +69,8 @@ class Simulation:
         deadline: `time.perf_counter()` at which `advance_to` stops with status "timed_out", or None for no limit.
     """
 
-    def __init__(self, scene: Scene, settings: Settings, moves: bool = True) -> None:
-        """Assemble the scene for steps of settings.dt, s, and start it at t = 0."""
+    def __init__(self, scene: Scene, settings: Settings, moves: bool = True, starts: bool = True) -> None:
+        """Assemble the scene for steps of settings.dt, s, and start it at t = 0. starts: as in `reset`."""
         assert settings.dt is not None
         self.scene, self.settings, self.dt = (scene := at_points(scene)), settings, settings.dt
         self._systems = fitted_systems(scene, settings)
@@ -83,7 +83,6 @@ class Simulation:
         self._flat = np.zeros(int(uncompiled(work_size)(1, self.model, self.n_motions)))
         self.work: Work = uncompiled(unpack)(SINGLE, self.model, self._flat, self.n_motions)
         self.deadline: float | None = None
-        self._restarted: tuple[Array, Array, float] | None
         self._chunk = max(1, int(CHUNK * min(1.0, CHEAP / len(self.system.q0)) ** 3))
         self._kinks = np.array(scene.kinks, dtype=np.float64)
         self._whole = bool(self._kinks.size) or (moves and scene.spatial)  # whether `sample_rows` restarts by itself
@@ -91,16 +90,17 @@ class Simulation:
         self._sizes = {"rows": len(self.work.q), "links": scene.arm.n_links, "motions": self.n_motions}
         self._sample = SAMPLE.offsets(0, *self._sizes.values()).end
         self._poses, self._energies = np.zeros(POSE.end * scene.arm.n_links), np.zeros(3)
-        self.reset()
+        self.reset(starts)
 
-    def reset(self) -> None:
-        """Return to t = 0, with consistent accelerations at 0+."""
+    def reset(self, starts: bool = True) -> None:
+        """Return to t = 0, with consistent accelerations at 0+; starts: False if the caller computes these."""
         self._flat[:] = 0.0
         self.work.q[:], self.work.v[:] = self.system.q0, self.system.v0
         self.t = self.gross = self.step_error = 0.0
-        self.levels: list[int] = []
-        self._level = 1
-        self._restart(fresh=False)  # at rest before 0: loads and motions that begin there do so as at any kink
+        self.levels, self._level = list[int](), 1
+        self._restarted: tuple[Array, Array, float] | None = None
+        if starts:
+            self._restart(fresh=False)  # at rest before 0: loads and motions that begin there do so as at any kink
 
     @property
     def status(self) -> int:

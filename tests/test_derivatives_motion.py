@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from flexarm_env import time_functions
 from flexarm_env.derivatives import Arms
-from flexarm_env.envs.resets import follow
 from flexarm_env.validation import Array
 from tests.differences import central
 from tests.refusals import refuses
@@ -75,7 +74,7 @@ def gone(arms: Arms, start: Any, state: Array, actions: Array) -> Array:
         batch.action[:] = action
         rows = np.zeros((arms.n, arms.moving))
         for i, guide in env.guides.items():
-            follow(batch, i, guide)
+            guide.step(batch, i)
             work = guide.simulation.work
             rows[i] = [getattr(work, x[0])[int(x[2:-1])] if x[:2] in ("q[", "v[") else 0.0 for x in names]
         seen = [batch._mine(batch.layout.seen, batch.layout.info, i) for i in range(arms.n)]
@@ -171,6 +170,18 @@ def test_periods_under_a_motion(env_id: str, keywords: dict[str, Any]) -> None:
     if hub:
         arms.reset(seed=0)
         assert "a[1]" not in arms.names
+    arms.close()
+
+
+@pytest.mark.slow
+def test_the_default_tolerance_is_that_of_the_environment() -> None:
+    """Newton's tolerance of an arm under motions differs from that of its batch, whose torques are larger."""
+    arms = made(ONE, **FLOATING)
+    state, rest = arms.states(), np.zeros((3, 1), np.float32)
+    for _ in range(6):
+        state = arms.step(state, rest)[0]
+        arms.environment.step(rest)
+        assert np.array_equal(state, arms.states())
     arms.close()
 
 

@@ -175,7 +175,7 @@ def test_a_prescribed_motion_is_followed() -> None:
     while not over:
         _, _, terminated, over, info = env.step(np.zeros(3, np.float32))
         assert not terminated
-    poses = env.guide.report()["poses"]
+    poses = env.batch.poses(0)
     assert poses[0, 2] == pytest.approx(env.guide.scene.motion_of("joint0")(env.guide.scene.duration), abs=1e-9)
     again = gym.make(ID, duration=0.5).unwrapped
     _, info = again.reset(seed=0, options={"motion": {"joint2": [[0.0, 0.1], [0.2, 0.3], [0.4, 0.2]]}})

@@ -365,9 +365,9 @@ def test_an_encoder_on_the_motor_s_side_sees_the_gear_give() -> None:
     assert apart > 0.01
     env.reset(seed=0, options={"motion": "robot_arm_motion_smooth"})
     for _ in range(60):
-        observation = env.step(np.zeros(1, np.float32))[0]
+        observation, *_, info = env.step(np.zeros(1, np.float32))
     guide = env.unwrapped.guide
-    turned, held = guide.report()["motors"][0], guide.report()["poses"][0, 2]
+    turned, held = info["motor_angle"][0], env.unwrapped.batch.poses(0)[0, 2]
     assert abs(turned - held) > 1e-4
     assert observation[0] == pytest.approx(math.sin(turned), abs=1e-6)
     run = simulate(guide.scene, "elastica", **guide.settings.options(), estimate_error=False)

@@ -22,7 +22,7 @@ after which messages count programs and seconds anew. TICK: time between two upd
 """
 
 PARTS = {
-    "step": "a control period", "start_episodes": "starts of episodes", "finish_guided": "guided starts",
+    "step": "a control period", "start_episodes": "starts of episodes", "guided_period": "a period with motions",
     "observe_arm": "the arm's shape", "sample_rows": "the run of a scene", "restart": "the start of a motion",
     "equations": "the equations of motion", "linearize": "linear models",
 }  # fmt: skip

@@ -6,7 +6,7 @@
 | time step | `integrator.step_derivatives` | `integrator.newton`, with one more solution at the end |
 | stick and slip of joints | `joints.friction_derivatives`, for the branch of the values | `joints.friction` |
 | change of the payload | – | `integrator.impact`: a fixed number of solutions |
-| kinks of prescribed motions | – | `runtime.guided` |
+| kinks of prescribed motions | – | `runtime.guided`, as in the environment |
 
 The computations between two transitions (commands, motors, observation, reward) have no unknown. Dual lanes or
 `compiler.vjp_of` differentiate these computations.

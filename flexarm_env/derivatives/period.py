@@ -14,13 +14,12 @@ from ..physics import precision
 from ..physics.model import NEWTON_FAILED, OK, OWN_IN_SPACE, STIFFNESSES, Jointed
 from ..runtime import derivative
 from ..runtime.adjoint import adjoint, room_of
+from ..runtime.guided import unaccounted
 from ..runtime.implicit import implicit
 from ..runtime.layout import aligned, layout_of
 from ..runtime.touch import contact_channels
 from ..tasks.program import complete
 from ..validation import Array
-from .guided import guided as guidance
-from .guided import program_of, state_of
 from .memory import Memory
 from .methods import method_of
 from .places import laws_of, places_of
@@ -188,8 +187,10 @@ class Periods:
             what = "must be left out here: states have no contact forces in them"
             raise check.InvalidValue("sensors", "force or switch", what)
         task, program, extras = batch.task, batch.program._replace(watched=None), batch.extras
+        motions = 0
         if guided is not None:
-            program = program_of(program, guided[1])
+            own = guided[1].bind(batch, guided[0])
+            program, motions = own._replace(watched=None, guide=unaccounted(own.guide)), own.guide.motions
         self.n = program.n
         if parameters or whole:
             program = complete(program)
@@ -201,7 +202,7 @@ class Periods:
         self.action_size = len(task.links)
         lanes, layout = len(batch.lane), batch.layout
         if guided is not None:
-            lanes, layout = 1, layout_of(1, model, task, batch.entries, extras, fitted)
+            lanes, layout = 1, program.layout
         self._own, names, core = places_of(batch, model, lanes, layout, parameters, kept)
         self._memory = Memory(batch, core)
         self.names, self.moving = self._memory.names(names), self._memory.moving
@@ -215,7 +216,7 @@ class Periods:
         chunks = -(-columns // at_once) if method.by_equations else 1
         self._derivative, self.backwards = implicit if method.by_equations else derivative.tangents, method.backwards
         both = dual(lane, at_once)
-        layouts = [layout_of(k, model, task, batch.entries, extras, fitted) for k in (lanes, len(both))]
+        layouts = [layout_of(k, model, task, batch.entries, extras, fitted, motions) for k in (lanes, len(both))]
         seen, rows, size = self._memory.entries, core + self._memory.entries + 1, len(names)
         self.observation_size = self._memory.size
         stiff = "EI_factor", "EI_y_factor", "GJ_factor", "tau_d"
@@ -228,14 +229,11 @@ class Periods:
         self._groups = -(-self.n // lanes)
         self.failed, self.past = np.zeros(self.n, np.bool_), np.zeros(self.n, np.bool_)
         blocks = [aligned(self._groups * k, layout.row) for k, layout in zip((1, chunks), layouts, strict=True)]
-        self._blocks, guide, room = blocks, None, 0
-        if guided is not None:
-            guide = guidance(guided[1], model, len(both))
-            self._blocks = [*blocks, guide.room]
-        else:
+        self._blocks, room = blocks, 0
+        if guided is None:
             room = lanes * int(uncompiled(room_of)(model, task, program.actuator, program.n_steps)) * self.backwards
         self._program = derivative.Derivative(
-            lane=lane, dual=both, program=program, guide=guide, plain=layouts[0], both=layouts[1], columns=columns,
+            lane=lane, dual=both, program=program, plain=layouts[0], both=layouts[1], columns=columns,
             moving=core, passes=method.passes,
             places=places_of(batch, model, lanes, layouts[0], parameters, kept)[0],
             twice=places_of(batch, model, len(both), layouts[1], parameters, kept)[0],
@@ -261,10 +259,11 @@ class Periods:
     # --- states ----------------------------------------------------------------------------------
     def states(self) -> Array:
         """Return the present states (n, S) of the batch's arms."""
-        first, d = 0, self._program
+        first = 0
         if self._guided is not None:
             first, guide = self._guided
-            rows = state_of(self._batch, first, guide, d.program.model, d.plain, self._own)
+            guide.bind(self._batch, first)
+            rows = guide.block[None, self._own]
         else:
             lanes = len(self._batch.lane)
             rows = self._batch.block[:, (self._own[:, None] + np.arange(lanes)).ravel()]

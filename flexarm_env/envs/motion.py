@@ -1,7 +1,7 @@
 """Episodes with prescribed motion: the values of `reset(options={"motion": ...})`, and the arms that follow a motion.
 
-An arm with a prescribed motion runs outside the batch in its own `Simulation`, which ends a step at every kink.
-`simulate` uses the same code, so both give the same numbers.
+The model of an arm with a prescribed motion differs from that of its batch. The arm therefore has its own program, in
+which the motions are an optional part of the control period (`runtime.guided`).
 """
 
 import math
@@ -13,22 +13,20 @@ from typing import Any
 
 import numpy as np
 
-from .. import scenes, time_functions
+from .. import compiler, scenes, time_functions
 from .. import validation as check
 from ..accuracy import in_steps
-from ..batch import CLIP, FLOOR, View, is_unbalanced
-from ..compiler import SINGLE, uncompiled
+from ..batch import FURTHER, STRETCH, Batch, Guided, View, aligned, guided_period, layout_of
+from ..compiler import SINGLE, Placed, uncompiled
 from ..geometry.poses import joint_angles, link_deflection
-from ..physics.equations import read_gauges, read_poses
 from ..physics.gauges import Spot, curvature_rows, over
-from ..physics.layout import BEYOND, DISSIPATED, SPACE_POSE, WORK_DONE
-from ..physics.model import DIVERGED
+from ..physics.integrator.work import unpack
+from ..physics.model import OK
 from ..physics.space.reading import read
 from ..scene import Motion, Scene
 from ..settings import Settings, steps_in
 from ..simulation import Simulation
 from ..time_functions import TimeFunction
-from ..trajectory import placed
 from ..validation import Array
 
 WHAT = "must be a named motion, a table (n, 2 to 4), a .csv or .toml file, a TimeFunction or a Scene"
@@ -165,97 +163,111 @@ ANGLE = {"minimum": -FARTHEST, "maximum": FARTHEST}
 
 
 class Guide:
-    """An arm that follows a prescribed motion and is simulated outside of the batch.
+    """An arm of a batch that follows prescribed motions and has a program of its own, with its motions as a part.
 
     Args:
-        scene: arm, motions and loads. settings: solver settings, with dt given. period: control period, s. limits:
-            torque limits, N m.
+        scene: arm, motions and loads. settings: solver settings, with dt given. period: control period, s.
         gauges: link and place of each strain gauge. gauge_scales: scale of each gauge, 1/m.
     Attributes:
         limit: number of control periods until the motion ends. moved: whether the last period was completed. free (N,):
-            joints that neither a motion nor a load of the scene drives.
+            joints that neither a motion nor a load of the scene drives. simulation: the arm as a scene; its state is
+            that of the program. block: memory of the program's arm (`tasks.program.Block`).
     """
 
+    _home: Any = None
+
     def __init__(
-        self, scene: Scene, settings: Settings, period: float, limits: Array,
+        self, scene: Scene, settings: Settings, period: float,
         gauges: tuple[Spot, ...] = (), gauge_scales: tuple[float, ...] = (),
     ) -> None:  # fmt: skip
         """Assemble the scene's simulation and start it.
 
-        period: control period, s; the settings' steps are adjusted to divide it. limits (N,): limits, N m, to which the
-        displayed torques are clipped. gauges, gauge_scales: places of the strain gauges and their scales, 1/m.
+        period: control period, s; the settings' steps are adjusted to divide it. gauges, gauge_scales: places of the
+        strain gauges and their scales, 1/m.
         """
-        self.scene, self.period, self.limits = scene, period, limits
+        self.scene, self.period = scene, period
         self.settings = in_steps(scene, settings, scene.duration, period)
-        self.simulation = Simulation(scene, self.settings)
+        self.simulation = Simulation(scene, self.settings, starts=False)
         rows = curvature_rows(scene, settings, self.simulation.system, gauges)
         self.gauges = over(rows, np.array(gauge_scales), scene.spatial)
         loaded = {getattr(load, "joint", None) for load in scene.loads}
         joints = range(scene.arm.n_links)
         self.free = np.array([scene.motion_of(f"joint{k}") is None and k not in loaded for k in joints])
         self.limit = steps_in(scene.duration, period)
-        self.steps, self.moved = 0, True
-        self._start()
+        self.moved = True
 
-    def _start(self) -> None:
-        self.simulation.reset()
-        self.start_energy = float(self.simulation.observe()[1].sum())
+    def bind(self, batch: Batch, i: int) -> Any:
+        """Return the arm's `tasks.program.Program`, whose results are those of arm i of the batch."""
+        if self._home is not batch.reward:
+            self._place(batch, i)
+        return self._placed.value
 
-    def set_parameters(self, parameters: Array) -> None:
-        """Set this arm's payload, stiffness and damping (see `physics.model.PAYLOAD_MASS`) before the first step."""
-        if not np.array_equal(parameters, self.simulation.par):
-            self.simulation.par[:] = parameters
-            self._start()
+    def _place(self, batch: Batch, i: int) -> None:
+        """Make the program: that of the batch with this arm's model and motions, and with memory of its own."""
+        simulation, given, one = self.simulation, batch.program, slice(i, i + 1)
+        model, fitted = simulation.model, given.models is not None
+        models = (system.model for system in simulation._systems)
+        layout = layout_of(1, model, batch.task, batch.entries, batch.extras, fitted, simulation.n_motions)
+        self.block, self.action = aligned(1, layout.row)[0], np.zeros(len(self.free))
+        flat, par = self.block[: len(simulation._flat)], self.block[layout.par : layout.poses]
+        flat[:], par[:] = simulation._flat, simulation.par
+        simulation._flat, simulation.par = flat, par
+        simulation.work = uncompiled(unpack)(SINGLE, model, flat, simulation.n_motions)
+        self.block[layout.poses : layout.saved] = batch.sections(i)
+        sensors = given.sensors
+        if sensors is not None:
+            sensors = sensors._replace(gauges=np.ascontiguousarray(self.gauges, np.float64).ravel())
+        program = given._replace(
+            lane=SINGLE, model=model, models=type(given.models)(*models) if fitted else None, scheme=simulation.scheme,
+            sensors=sensors, guide=self._motions(), layout=layout, watched=math.inf, n=1, block=self.block,
+            action=self.action, observation=batch.observation[i], table=np.zeros(layout.saved - layout.info),
+            reward=batch.reward[one], terminated=batch.terminated[one].view(np.uint8),
+            truncated=batch.truncated[one].view(np.uint8), stream=batch.stream[one],
+        )  # fmt: skip
+        self._home, self._placed = batch.reward, Placed(program)
+        self._call = compiler.entry(guided_period, self._placed, 0)
 
-    def advance(self, torques: Array) -> int:
-        """Advance one control period with torques (N,), N m, on the free joints; return the status code.
+    def _motions(self) -> Guided:
+        """Return the motions of the arm's program."""
+        own, kinks = self.simulation, np.array(self.scene.kinks, np.float64)
+        stretch, levels = np.zeros(STRETCH.places.end), np.zeros(0)
+        stretch[STRETCH.places.gross] = own.gross
+        if self.settings.step_tolerance is not None:
+            levels = np.zeros(2 + self.limit + len(kinks))
+            levels[: 1 + len(own.levels)] = len(own.levels), *own.levels
+        return Guided(
+            drive=own.drive, motions=own.n_motions, kinks=kinks, duration=float(self.scene.duration),
+            joints=np.array([m.joint for m in self.scene.motions], np.int64), longest=float(own.dt), chunk=own._chunk,
+            free=self.free.astype(np.float64), takes=float(self.free.any() and not self.scene.loads),
+            stretch=stretch, levels=levels,
+        )  # fmt: skip
 
-        For derivatives, `runtime.guided.follow_motions` computes the same period.
-        """
-        simulation = self.simulation
-        if self.steps:
-            simulation.restart_at_kink()
-        if self.free.any() and not self.scene.loads and not np.array_equal(simulation.work.u[: len(torques)], torques):
-            simulation.set_torques(torques, fresh=False)
-        self.steps += 1
-        self.moved = simulation.advance_to(min(self.steps * self.period, self.scene.duration))
-        if self.moved and (simulation.gained(self.start_energy) or self._is_unbalanced()):
-            simulation.work.flag[0] = DIVERGED
-        return simulation.status
+    def start(self, batch: Batch, i: int) -> None:
+        """Start the motion with the parameters of arm i, whose episode the batch has started, and observe the arm."""
+        self.bind(batch, i)
+        self.simulation.par[:] = batch.parameters(i)
+        self._run(batch, i, True)
 
-    def _is_unbalanced(self) -> bool:
-        """Return whether the energy exceeds initial energy plus work (`runtime.energy_balance` has the rule)."""
-        kinetic, strain, gravity = self.simulation.observe()[1].tolist()
-        accounted = self.start_energy + float(self.simulation.work.books[WORK_DONE])
-        exchanged = abs(self.start_energy) + self.simulation.gross
-        floor = FLOOR * float(self.limits.sum())
-        return bool(uncompiled(is_unbalanced)(SINGLE, kinetic + strain, gravity, accounted, exchanged, floor))
+    def step(self, batch: Batch, i: int) -> None:
+        """Advance arm i of the batch by one control period, with the batch's action on the free joints."""
+        self.bind(batch, i)
+        self.action[:] = batch.action[i]
+        self._run(batch, i, False)
+        self.moved = self.simulation.status == OK
 
-    def report(self) -> dict[str, Array]:
-        """Return the arm's poses, joint torques, motor angles, energies and gauges, as in `Batch.take_report`.
-
-        If gears are rigid, the motor angles equal the joint angles.
-        """
-        simulation, work = self.simulation, self.simulation.work
-        poses, energies = simulation.observe()
-        if self.scene.spatial:
-            poses, bent = np.zeros((self.scene.arm.n_links, SPACE_POSE.end)), np.empty((1, len(self.gauges)))
-            read_poses(simulation.system.model, simulation.par, work.q, work.v, poses.reshape(-1))
-            read_gauges(simulation.system.model, work.q[None], self.gauges, bent)
-            places = self._read()
-        else:
-            places = placed(simulation.system.coordinates, poses[None], work.q[None], work.v[None])
-            bent = self.gauges @ work.q
-        return {
-            "poses": poses, "torque": simulation.joint_torques(), "motors": places["motor_angles"][0],
-            "energies": np.array([*energies, work.books[DISSIPATED] + work.books[BEYOND], work.books[WORK_DONE]]),
-            "gauges": np.clip(bent.ravel(), -CLIP, CLIP),
-        }  # fmt: skip
-
-    def _read(self) -> dict[str, Any]:
-        """Return the quantities of the state from which observations of an arm in space are computed."""
-        work = self.simulation.work
-        return read(self.scene.arm, self.settings, work.q[None], work.v[None])
+    def _run(self, batch: Batch, i: int, begins: bool) -> None:
+        """Start or advance the arm with the record of arm i of the batch, and copy the results there."""
+        program, shared, at = self._placed.value, batch.sections(i), STRETCH.places
+        simulation, guide, layout = self.simulation, program.guide, program.layout
+        own = self.block[layout.poses : layout.saved]
+        own[:] = shared
+        self._call(self._placed.address, int(begins))
+        shared[:] = own
+        batch.table[:, i] = self.block[layout.info : layout.saved]
+        simulation.t, simulation.gross = float(guide.stretch[at.time]), float(guide.stretch[at.gross])
+        if len(guide.levels):
+            simulation.levels = guide.levels[1 : 1 + int(guide.levels[0])].astype(int).tolist()
+            simulation.step_error = float(batch.table[batch.info_at.further + FURTHER.step_error, i])
 
     def starts(self) -> Array:
         """Return the joint angles (N,), rad, at the motion's start."""
@@ -263,34 +275,33 @@ class Guide:
             return np.array(self.scene.angles)
         return joint_angles(self.simulation.observe()[0])[0]
 
-    def view(self, target: Array) -> View:
-        """Return the arm's present shape as a `View`, with a target."""
-        simulation, poses = self.simulation, self.report()["poses"]
+    def view(self, view: View) -> View:
+        """Return the arm's present shape: the `View` of its batch with this arm's points, deflections and torques."""
+        simulation, q, v = self.simulation, self.simulation.work.q, self.simulation.work.v
+        poses = view.poses
         if self.scene.spatial:
-            seen = self._read()
+            seen = read(self.scene.arm, self.settings, q[None], v[None])
             points, deflection = seen["shapes"][0], seen["tip_deflection"][0].T.ravel()
         else:
-            points = simulation.shape_points()
+            points, poses = simulation.shape_points(), simulation.observe()[0]
             deflection = link_deflection(poses) / np.array([link.span for link in self.scene.arm.links])
-        return View(
-            points=points, poses=poses, time=simulation.t, target=target,
-            torques=simulation.joint_torques(), deflection=deflection, q=simulation.work.q.copy(),
+        return replace(
+            view, points=points, poses=poses, time=simulation.t, torques=simulation.joint_torques(),
+            deflection=deflection, q=q.copy(),
         )  # fmt: skip
 
     def __getstate__(self) -> dict[str, Any]:
-        kept = {k: v for k, v in vars(self).items() if k != "simulation"}
+        skipped = ("simulation", "block", "action", "_home", "_placed", "_call")
         own = self.simulation
-        numbers = own._flat.copy(), own.par.copy(), own.t, own.gross, own._level, own.levels.copy(), own._restarted
-        return kept | {"memory": numbers}
+        numbers = own._flat.copy(), own.par.copy(), own.t, own.gross, own.levels.copy()
+        return {k: v for k, v in vars(self).items() if k not in skipped} | {"memory": numbers}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Assemble the simulation again, because it is not pickled, and copy the pickled state into it."""
-        flat, par, t, gross, level, levels, restarted = state["memory"]
+        flat, par, t, gross, levels = state["memory"]
         vars(self).update({k: v for k, v in state.items() if k != "memory"})
-        self.simulation = Simulation(self.scene, self.settings)
-        self.simulation._flat[:], self.simulation.par[:] = flat, par
-        self.simulation.t, self.simulation.gross = t, gross
-        self.simulation._level, self.simulation.levels, self.simulation._restarted = level, levels.copy(), restarted
+        own = self.simulation = Simulation(self.scene, self.settings, starts=False)
+        own._flat[:], own.par[:], own.t, own.gross, own.levels = flat, par, t, gross, levels.copy()
 
 
 def guide(plan: Any, motion: Prescribed, starts: Array) -> Guide:
@@ -303,8 +314,7 @@ def guide(plan: Any, motion: Prescribed, starts: Array) -> Guide:
         scene = _moved(plan, motion, starts)
     elif scene.arm.n_links != arm.n_links or replace(scene.arm, torque_limits=arm.torque_limits) != arm:
         raise check.InvalidValue("options.motion", scene.name, "must be a scene of this environment's own arm")
-    limits = np.array(arm.torque_limits)
-    return Guide(scene, plan.settings, plan.period, limits, plan.gauges, plan.gauge_scales)
+    return Guide(scene, plan.settings, plan.period, plan.gauges, plan.gauge_scales)
 
 
 def _moved(plan: Any, motion: Prescribed, starts: Array) -> Scene:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..batch import ACTION_NOT_FINITE, FURTHER, GUIDED, Batch
+from ..batch import GUIDED, Batch
 from .attainable import check_target
 from .contacts import refuse_motion
 from .events import unguided
@@ -144,19 +144,4 @@ def start_episode(
         return
     limit = guided.limit if plan.max_steps is None else min(guided.limit, plan.max_steps)
     batch.start((i,), (key,), limit=limit, mode=GUIDED)
-    guided.set_parameters(batch.parameters(i))
-    batch.take_report(i, -1, np.zeros(len(guided.free)), guided.report())
-
-
-def follow(batch: Batch, i: int, guided: Guide) -> None:
-    """Advance arm i by one control period under its guide, with the batch's action."""
-    action = np.where(guided.free, batch.action[i].astype(np.float64), 0.0)
-    if not np.isfinite(action).all():
-        batch.take_report(i, ACTION_NOT_FINITE, action, guided.report())
-        return
-    action = np.clip(action, -1.0, 1.0)
-    guided.simulation.step_error = 0.0
-    status = guided.advance(action * guided.limits)
-    batch.take_report(i, status, action, guided.report())
-    if batch.settings.step_tolerance is not None:
-        batch.table[batch.info_at.further + FURTHER.step_error, i] = guided.simulation.step_error
+    guided.start(batch, i)

@@ -12,7 +12,7 @@ from ..batch import CROWDED, MODE, OVER, REASONS, RUNNING, STATUS_WORDS, SUCCESS
 from ..validation import Array32
 from .keywords import Keywords
 from .motion import Guide
-from .resets import follow, guide_of, request_of, start_episode
+from .resets import guide_of, request_of, start_episode
 from .spec import Specified
 from .states import LinearModel, check_state, linear_model, put_state, state_of
 
@@ -102,7 +102,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
             if self.guide is None:
                 self._step(self._address, 0, 1)
             else:
-                follow(self.batch, 0, self.guide)
+                self.guide.step(self.batch, 0)
             if self.render_mode == "human":
                 self.render()
             info, reward, terminated, truncated = self._outcome()
@@ -150,7 +150,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
     def snapshot(self) -> View:
         """Return the arm's points, poses, target, torques and coordinates (`flexarm_env.batch.View`)."""
         view = self.batch.view(0)
-        return view if self.guide is None else self.guide.view(view.target)
+        return view if self.guide is None else self.guide.view(view)
 
     def close(self) -> None:
         """Close the window and release resources."""

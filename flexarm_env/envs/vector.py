@@ -16,7 +16,7 @@ from ..batch import FRESH, REASONS, RUNNING, STATUS_WORDS, SUCCESS, Batch, OneAt
 from ..validation import Array32
 from .keywords import Keywords
 from .motion import Guide, is_table
-from .resets import Request, follow, guide_of, request_of, start_episode
+from .resets import Request, guide_of, request_of, start_episode
 from .single import F32, checked_action
 from .spec import Specified
 from .states import LinearModel, LinearModels, check_state, linear_model, linear_models, put_state, state_of
@@ -139,7 +139,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         batch.action[...] = actions
         attention = batch.step()
         for i, own in guided:
-            follow(batch, i, own)
+            own.step(batch, i)
         self._ended = np.flatnonzero(batch.terminated | batch.truncated).tolist() if attention else []
         if self.render_mode == "human":
             self.render()
@@ -184,7 +184,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
 
     def _view(self, i: int) -> View:
         view = self.batch.view(i)
-        return self._guides[i].view(view.target) if i in self._guides else view
+        return self._guides[i].view(view) if i in self._guides else view
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close windows and end threads."""

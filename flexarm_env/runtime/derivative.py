@@ -13,11 +13,11 @@ is faster if only the equations of a step determine its result.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ..compiler import dereference, kernel, lane_count, load, size, splat, store
+from ..compiler import dereference, inlined, kernel, lane_count, load, size, splat, store
 from ..physics.integrator.work import unpack
 from ..physics.model import OK
 from ..physics.protocol import task_poses
@@ -27,8 +27,8 @@ from ..tasks.task import info_of
 from ..tasks.track import move_targets
 from .episode import observe_material, observe_state
 from .events import change_payloads
-from .fitted import FITS, TAKEN, move
-from .guided import follow_motions
+from .fitted import FITS, TAKEN
+from .guided import motions_of, move
 from .keeping import save_lanes
 from .sensors import measure
 
@@ -39,7 +39,6 @@ class Derivative(NamedTuple):
     lane: tuple[int, ...]  # tag of plain lanes
     dual: tuple[int, ...]  # tag of the same lanes with tangents
     program: Program
-    guide: Any  # `guided.Guided` of an arm that follows prescribed motions; None for others
     plain: Block  # sections of a block in plain lanes
     both: Block  # sections of a block in dual lanes
     columns: int  # X + A
@@ -106,6 +105,12 @@ def observation_tangents(address, first, last):
     return _columns(dereference(address), first, last, None)
 
 
+@inlined
+def _views(lane, p, model, block):
+    """Return the integrator's `Work`, views of a block in plain or dual lanes."""
+    return unpack(lane, model, block, motions_of(p.guide))
+
+
 @kernel
 def _values(d, first, last, moves):
     """Advance and observe groups first ... last - 1, or only observe them if moves is None; return 0.
@@ -125,7 +130,7 @@ def _values_of(d, first, g, moves):
     """
     p, block = d.program, d.block[first * d.plain.row : (first + 1) * d.plain.row]
     fill(d.lane, d, d.places, d.plain, g, block)
-    _go(d.lane, p, d.guide, p.models, p.model, 1, d.plain, block, unpack(d.lane, p.model, block, 0), moves, False)
+    _go(d.lane, p, p.models, p.model, 1, d.plain, block, _views(d.lane, p, p.model, block), moves)
     if p.models is not None:
         for i in range(len(d.lane)):
             if g * len(d.lane) + i < d.n:
@@ -171,26 +176,26 @@ def _all_columns(d, model, parts, level, g, block, moves):
 
     level: only arms that took this many halvings; -1: all arms.
     """
-    if d.guide is None:
-        _some_columns(d, model, parts, level, g, 0, d.columns, block, moves, False)
+    if d.program.guide is None:
+        _some_columns(d, model, parts, level, g, 0, d.columns, block, moves)
     else:
-        # guided arms: any change of a torque is a kink, so that columns of actions start anew (a jump of a)
-        _some_columns(d, model, parts, level, g, d.moving, d.columns, block, moves, True)
-        _some_columns(d, model, parts, level, g, 0, d.moving, block, moves, False)
+        # under motions any change of a torque is a kink: passes with columns of actions start anew (a jump of a)
+        _some_columns(d, model, parts, level, g, d.moving, d.columns, block, moves)
+        _some_columns(d, model, parts, level, g, 0, d.moving, block, moves)
 
 
 @kernel
-def _some_columns(d, model, parts, level, g, begin, end, block, moves, anew):
+def _some_columns(d, model, parts, level, g, begin, end, block, moves):
     """Compute columns begin ... end - 1 of group g's Jacobians in one pass (at most as many as dual lanes carry).
 
-    block: dual block, scratch. anew: make the start of the period consistent even if no torque changes (`guided`).
+    block: dual block, scratch.
     """
     for j in range(begin, end, at_once(d)):
-        last, w = min(j + at_once(d), end), unpack(d.dual, model, block, 0)
+        last, w = min(j + at_once(d), end), _views(d.dual, d.program, model, block)
         # dx/dz_j: tangent 1 in entry j, 0 in all others; after the period the tangents of its outcome
         fill(d.dual, d, d.twice, d.both, g, block)
         seed(d.dual, d, j, last, block)
-        _go(d.dual, d.program, d.guide, None, model, parts, d.both, block, w, moves, anew)
+        _go(d.dual, d.program, None, model, parts, d.both, block, w, moves)
         take_columns(d.dual, d, level, g, j, last, block)
 
 
@@ -242,7 +247,7 @@ def fill(lane, d, places, layout, g, block):
         arm = _arm(lane, d.n, g, i)
         for k in range(joints):
             block[layout.action + k * len(lane) + i] = d.action[arm * joints + k]
-    store(unpack(lane, d.program.model, block, 0).flag, 0, splat(lane, float(OK)))
+    store(_views(lane, d.program, d.program.model, block).flag, 0, splat(lane, float(OK)))
 
 
 @kernel
@@ -261,21 +266,18 @@ def seed(lane, d, first, last, block):
 
 
 @kernel
-def _go(lane, p, guide, models, model, parts, layout, block, w, moves, anew):
+def _go(lane, p, models, model, parts, layout, block, w, moves):
     """Advance the arms in a block by one control period and observe them, or only observe them where moves is None.
 
-    guide: `guided.Guided`, or None. models, model, parts: as in `fitted.move`. anew: as in `guided.follow_motions`.
-    layout: offsets of the block's sections, in plain or dual lanes. w: the integrator's views of the block.
+    models, model, parts: as in `guided.move`. layout: offsets of the block's sections, in plain or dual lanes. w: the
+    integrator's views of the block.
     """
     if moves is not None:
         par, poses, record, action, _, _, saved, scratch = sections(layout, block)
         # m_p changes before the save, as in `episode._period`; then the steps
-        if guide is None:
-            change_payloads(lane, p, par, record, w)
-            save_lanes(w, record, saved)
-            move(lane, p, models, model, parts, par, poses, record, action, saved, scratch, block, w)
-        else:
-            follow_motions(lane, guide, p, model, par, record, action, w, anew)
+        change_payloads(lane, p, par, record, w)
+        save_lanes(w, record, saved)
+        move(lane, p, models, model, parts, par, poses, record, action, saved, scratch, block, w)
         close(lane, p, layout, block, w)
     else:
         see(lane, p, layout, block, w)
@@ -321,7 +323,7 @@ def write_outcome(lane, d, places, layout, g, block):
     arm are not copied.
     """
     count, entries, at = places.shape[0], d.chosen.shape[0], info_of(d.program.task)
-    flag = unpack(lane, d.program.model, block, 0).flag
+    flag = _views(lane, d.program, d.program.model, block).flag
     for i in range(lane_count(lane)):
         arm = g * lane_count(lane) + i
         if arm < d.n:

@@ -95,14 +95,14 @@ def _changes(lane, record, w):
 
 
 @kernel
-def _add_work(lane, record: Lanes, live, work):
-    """Add work (J) to record.accounted and its absolute value to record.exchanged, in lanes where live > 1/2.
+def add_work(lane, record: Lanes, live, work, gross):
+    """Add work (J) to record.accounted and gross work (J) to record.exchanged, in lanes where live > 1/2.
 
     accounted: energy at the start of the episode plus work since then. exchanged: sum of their absolute values.
     """
     accounted, exchanged = record[ACCOUNTED], record[EXCHANGED]
     store_where(lane, live, record, ACCOUNTED, accounted + work, accounted)
-    store_where(lane, live, record, EXCHANGED, exchanged + absolute(work), exchanged)
+    store_where(lane, live, record, EXCHANGED, exchanged + gross, exchanged)
 
 
 @kernel
@@ -132,7 +132,7 @@ def close_step(lane, p, model, par, record, w: Work, start: Lanes):
         work = 0.0
         for k in range(size(p.task.links)):
             work = work + w.u[k] * (w.y[k] - start[k])
-        _add_work(lane, record, _is_sound(lane, w), work)
+        add_work(lane, record, _is_sound(lane, w), work, absolute(work))
 
 
 @kernel
@@ -160,21 +160,22 @@ def close_account(lane, p, par, record: Lanes, saved: Lanes, w: Work):
     """Add the work of the period's constant inputs to the record; flag arms with unexplained energy DIVERGED.
 
     Work is input times displacement. With ideal motors the inputs are torques (N m) and pushes (N). With other motors
-    (p.actuator) the inputs are only pushes, because `close_step` has added the motors' work step by step.
+    (p.actuator) the inputs are only pushes, because `close_step` has added the motors' work step by step. The work of
+    prescribed motions is added by `guided.move`.
     # in        saved, coordinates at the start of the period;  par, the arms' own parameters;  w.q, w.v, w.u
     # scratch   w.y, w.y0
     # out       record.accounted, start energy plus work (J);  record.exchanged, sum of absolute values (J);  w.flag
     """
     model, live = p.model, _is_sound(lane, w)
     start, first = saved[: size(model.n)], 0 if p.actuator is None else size(p.task.links)
-    # W of the period: sum of u (y - y_0), J
-    if first < size(model.n_inputs):
+    # W of the period: sum of u (y - y_0), J; under prescribed motions the steps have added it
+    if p.guide is None and first < size(model.n_inputs):
         input_displacements(lane, model, par, start, w.y0)
         input_displacements(lane, model, par, w.q, w.y, (start, w.y0))
         work = 0.0
         for i in range(first, size(model.n_inputs)):
             work = work + w.u[i] * (w.y[i] - w.y0[i])
-        _add_work(lane, record, live, work)
+        add_work(lane, record, live, work, absolute(work))
     # allowed energy without V_g: E itself is evaluated only where it may be larger, because that costs a sweep
     floor = 0.0
     for k in range(size(p.task.links)):

@@ -62,7 +62,8 @@ from ..tasks.task import info_of, observe, put_info
 from ..tasks.track import look_ahead, move_targets
 from .energy_balance import close_account, open_account
 from .events import draw_pushes, record_events
-from .fitted import move, record_step_error
+from .fitted import record_step_error
+from .guided import motions_of, move, moved_mode, record_motion_torques
 from .keep_out import record_clearance
 from .keeping import restore_lane, save_lanes
 from .motors import draw_lateness, record_delay
@@ -87,12 +88,12 @@ def step(address, first, last):
     count = 0
     for g in range(first, last):
         block = p.block[g * p.layout.row : (g + 1) * p.layout.row]
-        count += _period(p.lane, p, g, block, unpack(p.lane, p.model, block, 0))
+        count += advance_group(p.lane, p, g, block, unpack(p.lane, p.model, block, motions_of(p.guide)))
     return count
 
 
 @noinline
-def _period(lane, p, g, block, w):
+def advance_group(lane, p, g, block, w):
     """Advance group g by one control period, from its actions to observation, reward and info.
 
     # p, g      `Program`, number of the group
@@ -132,18 +133,21 @@ def read_actions(lane, p, g, action, record, flag):
 
     # in        p.action (arms x joints,) float32, arm by arm;  p.n, number of arms;  record.mode
     # out       action (joints, lanes);  flag (lanes,) status
-    flag: OK where the arm will be moved; RETRY in a lane without an arm or with an arm that is not running;
+    flag: OK where the arm will be moved; RETRY in a lane without an arm or with an arm of another mode;
     ACTION_NOT_FINITE where an entry of the action is not finite. The entry is then replaced by 0.
     """
-    lanes, n_joints = len(lane), size(p.task.links)
+    lanes, n_joints, moved = len(lane), size(p.task.links), moved_mode(p.guide)
     for i in range(lanes):
         arm = g * lanes + i
         code = float(RETRY)
         if arm < p.n:
-            if record[MODE * lanes + i] == RUNNING:
+            if record[MODE * lanes + i] == moved:
                 code = float(OK)
             for k in range(n_joints):
                 a = float(p.action[arm * n_joints + k])
+                # joints with a prescribed motion have no action
+                if p.guide is not None:
+                    a = a if p.guide.free[k] > 0.5 else 0.0
                 if not math.isfinite(a):
                     a = 0.0
                     if code == OK:
@@ -234,9 +238,13 @@ def record_torques(lane, p, par, record: Lanes, w: Work, live, info):
 
     With ideal motors the torque is w.u. With lagging motors (p.actuator) the torque is that at the end of the period.
     With motors driven by voltage, the back-emf torque is subtracted from w.u: emf (N m s/rad) times the joint's rate.
-    The model treats back-emf as viscous friction. w.y is scratch memory.
+    The model treats back-emf as viscous friction. w.y is scratch memory. Torques under prescribed motions:
+    `guided.record_motion_torques`.
     """
     n, at = size(p.task.links), info_of(p.task).torque
+    if p.guide is not None:
+        record_motion_torques(lane, p, w, live, info, at)
+        return
     emf = None
     if p.amplifier is not None:
         emf = p.amplifier.emf
@@ -292,27 +300,27 @@ def copy_info(lane, p, g, info: Lanes):
 def finish(lane, p, g, w, poses, record, seen, info, saved, outcome):
     """Write the results of group g that the caller reads; return the number of arms that the caller must handle.
 
-    The caller must handle an arm if its episode has ended, if it follows prescribed motions (GUIDED), or if its period
-    must be repeated. A period is repeated if the arm's Newton iteration failed in a group of several lanes, where steps
+    The caller must handle an arm if its episode has ended, if another program moves it (GUIDED), or if its period must
+    be repeated. A period is repeated if the arm's Newton iteration failed in a group of several lanes, where steps
     cannot be halved. Arms that must be repeated and arms that were not moved are restored from `saved`, the state at
     the start of the period. The mode of an arm that was just reset changes from FRESH to RUNNING. outcome (2, lanes):
     the reward, and 1 where a joint is beyond its limits. seen (entries, lanes): true observation.
     """
-    lanes, reason_at, count = len(lane), info_of(p.task).reason * len(lane), 0
+    lanes, reason_at, count, moved = len(lane), info_of(p.task).reason * len(lane), 0, moved_mode(p.guide)
     for i in range(lanes):
         arm = g * lanes + i
         if arm >= p.n:
             continue
         mode, reason = record[MODE * lanes + i], w.flag[i]
         # this arm moved and its result counts; in lanes a Newton failure is repeated alone, where steps can be halved
-        if mode == RUNNING and not (reason == NEWTON_FAILED and lanes > 1):
+        if mode == moved and not (reason == NEWTON_FAILED and lanes > 1):
             if reason == ACTION_NOT_FINITE:
                 # not moved, or to be repeated: back to q, v, a at the period's start
                 restore_lane(lanes, i, w, saved, record)
             count += finish_arm(lane, p, arm, outcome, reason, poses, record, seen, info)
             continue
         restore_lane(lanes, i, w, saved, record)
-        if mode == RUNNING:
+        if mode == moved:
             info[reason_at + i] = float(RETRY)
             count += 1
         # the step after an episode's end only resets, as Gymnasium's next-step autoreset prescribes

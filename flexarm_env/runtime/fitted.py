@@ -8,10 +8,10 @@ step sizes, or with the next coarser pair if the error was below an eighth of th
 that one arm needs is computed for all arms of the group. Each arm keeps its own result, which does not depend on other
 arms.
 
-An environment fits the steps of its control periods (`move`). A scene fits the steps of its stretches between samples
-and kinks (`simulation.Simulation`). Environments and scenes call `open_fit`, then `start_run` and `end_run` for each
-step size, then `close_fit`. A run of k halvings has steps of h / 2^k. Each k has a model of its own, because inertia
-corrections depend on the step.
+An environment fits the steps of its control periods (`fit_period`), under prescribed motions those between two kinks
+(`guided`). A scene fits the steps of its stretches between samples and kinks (`simulation.Simulation`). All of them
+call `open_fit`, then `start_run` and `end_run` for each step size, then `close_fit`. A run of k halvings has steps of
+h / 2^k. Each k has a model of its own, because inertia corrections depend on the step.
 """
 
 from __future__ import annotations
@@ -40,23 +40,7 @@ _FLAG, _FINE, TAKEN, APART, _TIPS = _FIRST.flag, _FIRST.fine, _FIRST.taken, _FIR
 
 
 @kernel
-def move(lane, p, models, model, parts, par, poses, record, action, saved, scratch, block, w):
-    """Advance the arms of a group by one control period: in steps of fixed length, or in steps fitted to a tolerance.
-
-    models: `program.Models`, one for each number of halvings, or None for fixed steps. model: the model for fixed
-    steps. parts: number of equal parts into which each fixed step is divided.
-    # in        action (joints, lanes) in [-1, 1];  saved, the state at the start of the period;  par, own parameters
-    # in, out   w: state, inputs and energy account (views of the group's memory `block`);  record
-    # scratch   poses, scratch (a `SCRATCH` in lanes, with models)
-    """
-    if models is None:
-        take_steps(lane, p, model, parts, par, poses, record, action, saved, block, w)
-    else:
-        _fit(lane, p, models, par, poses, record, action, saved, scratch, block, w)
-
-
-@kernel
-def _fit(lane, p, models, par, poses, record: Lanes, action, saved, scratch, block, w):
+def fit_period(lane, p, models, par, poses, record: Lanes, action, saved, scratch, block, w):
     """Advance the arms by one control period in fitted steps: runs of k = 0, 1, ... halvings until all have a result.
 
     A run of k halvings has steps of h / 2^k. An arm's result is the first run whose tips are within p.allowed (m) of

@@ -45,19 +45,22 @@ def parameters_of(model: Any, space: bool) -> int:
     return count + (len(model.data) if getattr(model, "own", None) is not None else 0)
 
 
-def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitted: bool) -> Block:
+def layout_of(
+    lanes: int, model: Any, task: Any, entries: int, extras: Any, fitted: bool, motions: int = 0
+) -> Block:
     """Return the offsets of the sections in the memory block of a group of `lanes` arms, aligned to cache lines.
 
     task: a `tasks.task.Task`. entries: number of entries of the observation. extras: a `tasks.program.Extras`. fitted:
-    whether steps are fitted to a tolerance, which needs a `SCRATCH` after the other sections.
+    whether steps are fitted to a tolerance, which needs a `SCRATCH` after the other sections. motions: number of
+    prescribed coordinates.
     """
     links, record = len(task.links), RECORD.offsets(0, *record_sizes(task, entries, extras)).end
     info = INFO.offsets(0, links, len(task.targets), len(task.terms), len(task.further)).end
     # the record is saved only where motors or a moving target change it within a period
     kept = 0 if extras.actuator is None and extras.reference is None else record
-    saved = SAVED.offsets(0, size(model.n), size(model.n_inputs), 0, kept).end
+    saved = SAVED.offsets(0, size(model.n), size(model.n_inputs), motions, kept).end
     # integrator's work array first, rounded up to 8 float64, a cache line: eight lanes of all that follows fill one
-    first = -(-int(uncompiled(work_size)(lanes, model, 0)) // 8) * 8
+    first = -(-int(uncompiled(work_size)(lanes, model, motions)) // 8) * 8
     starts = [first]
     space = len(task.targets) == 3
     pose = SPACE_POSE.end if space else POSE.end

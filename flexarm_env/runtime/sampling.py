@@ -85,7 +85,7 @@ def has_gained_energy(kinetic, strain, gravity, start, gross, dissipated, gain):
 
 
 @inlined
-def _go(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, books):
+def advance_evenly(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, books):
     """Advance an arm to the instant `stop` (s) in equal steps of at most stretch.longest (s).
 
     Returns how many of `most` steps remain, or -1 if the arm failed (w.flag) or `most` steps were not enough. After -1
@@ -162,6 +162,20 @@ def start_consistently(lane, model, drive, par, w, stretch):
 
 
 @kernel
+def next_stop(kinks, k, time, instant):
+    """Return (stop, k, kinked): the end (s) of the stretch from `time` towards `instant` (s), and whether it is a kink.
+
+    kinks (K,): s, ascending. k: number of leading kinks that are known to be over; returned: the next kink's number.
+    Kinks at the present time are over. A kink within round-off of `instant` takes its place.
+    """
+    while k < kinks.shape[0] and kinks[k] <= time + NEAR * max(1.0, kinks[k]):
+        k += 1
+    if k < kinks.shape[0] and kinks[k] <= instant + NEAR * max(1.0, instant):
+        return kinks[k], k, True
+    return instant, k, False
+
+
+@kernel
 def sample_rows(
     lane, model, drive, par, flat, n_motions, links, stretch, instants, kinks, chunk, most, scheme, books, table, points
 ):
@@ -188,18 +202,14 @@ def sample_rows(
             start_consistently(lane, model, drive, par, w, stretch)
         if i == instants.shape[0]:
             return i
-        # next stop: t_i, or a kink before it; kinks at or behind the present time are over
+        # next stop: t_i, or a kink before it
         stop, wanted, kinked = instants[i], True, False
         if kinks is not None:
-            while k < kinks.shape[0] and kinks[k] <= stretch[_AT.time] + NEAR * max(1.0, kinks[k]):
-                k += 1
-            kinked = k < kinks.shape[0] and kinks[k] <= stop + NEAR * max(1.0, stop)
-            if kinked:
-                wanted = stop <= kinks[k] + NEAR * max(1.0, stop)
-                stop = kinks[k]
+            stop, k, kinked = next_stop(kinks, k, stretch[_AT.time], instants[i])
+            wanted = instants[i] <= stop + NEAR * max(1.0, instants[i])
         # steps to the stop; a run that stands on it already takes none
         moving = stretch[_AT.time] < stop or stretch[_AT.done] > 0.0
-        most = _go(lane, model, drive, par, w, stretch, stop, chunk, most, scheme, books)
+        most = advance_evenly(lane, model, drive, par, w, stretch, stop, chunk, most, scheme, books)
         if most < 0:
             return i
         # at a sample E must not exceed what W and V account for

@@ -1,4 +1,4 @@
-"""Starts of episodes: draw an arm from its random stream, set its initial state and observe it; finish guided arms."""
+"""Starts of episodes: draw an arm from its random stream, set its initial state and observe it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..compiler import dereference, kernel, load, noinline, size, splat, stack, 
 from ..physics.integrator.work import copy_rows, solve_unknown_rows, unpack
 from ..physics.joints.layout import LAWS
 from ..physics.layout import SPACE_POSE
-from ..physics.model import EI_Y_FACTOR, GJ_FACTOR, OK, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
+from ..physics.model import EI_Y_FACTOR, GJ_FACTOR, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
 from ..physics.protocol import RESIDUAL_ALONE, State, Weights, assemble, energy, set_joint_configuration, task_poses
 from ..tasks.attainable import MOST_DRAWS, attainable, held_in_space
 from ..tasks.own_terms import judge_with_terms
@@ -33,8 +33,9 @@ from ..tasks.starts import ALWAYS, FACTOR
 from ..tasks.stream import draw, uniform
 from ..tasks.task import aim, info_of, target_from
 from ..tasks.track import start_path
-from .episode import OUTCOME, copy_info, finish_arm, observe_material, observe_state, record_energies, reward
+from .episode import advance_group, copy_info, observe_material, observe_state, record_energies, record_torques
 from .events import draw_events
+from .guided import motions_of, start_motions
 from .keep_out import record_clearance
 from .motors import draw_delay, draw_lag, draw_lateness, record_delay
 from .sensors import draw_age, record_drawn, write_observation
@@ -389,27 +390,33 @@ def _first_observation(lane, p, arm, live, record, action, poses, seen, info):
 
 
 @kernel
-def finish_guided(address, arm, code):
-    """Write the results of a period of a guided arm, from the poses, action and gauges in its block.
+def guided_period(address, begins):
+    """Start the episode of an arm that follows prescribed motions (begins is 1), or advance it by a control period (0).
 
-    A guided arm follows prescribed motions and is advanced by a `Simulation`, not by the batch. For a guided arm this
-    function replaces the end of `episode.step`. arm: number of the arm in the batch. code: status code of the period,
-    or -1 at the start of an episode.
-    # in        poses (inertial axes, m, rad and rates), action, gauges in `seen`, record
-    # out       p.reward, p.terminated, p.truncated, p.observation of the arm;  its info
+    address: address of the arm's own `Program`. Both are one program, because both need a consistent start.
     """
     p = dereference(address)
-    lane, g = p.lane, arm // len(p.lane)
-    block = p.block[g * p.layout.row : (g + 1) * p.layout.row]
-    _, poses, record, action, seen, info, _, _ = sections(p.layout, block)
-    live, outcome = _only(lane, arm % len(lane)), stack(lane, OUTCOME)
-    store(outcome, 0, splat(lane, 0.0))
-    store(outcome, 1, splat(lane, 0.0))
-    if code < OK:
-        _start_info(len(lane), p, arm, record, info)
-        _first_observation(lane, p, arm, live, record, action, poses, seen, info)
-        return
-    if code == OK:
-        observe_state(lane, p, False, poses, record, seen)
-        reward(lane, p, live, poses, action, record, info, outcome)
-    finish_arm(lane, p, arm, outcome, float(code), poses, record, seen, info)
+    block = p.block[: p.layout.row]
+    w = unpack(p.lane, p.model, block, motions_of(p.guide))
+    if begins > 0:
+        _start_guided(p.lane, p, block, w)
+        return 0
+    return advance_group(p.lane, p, 0, block, w)
+
+
+@kernel
+def _start_guided(lane, p, block, w):
+    """Start prescribed motions and observe the arm, which the batch has drawn (`start_episodes`).
+
+    # in        w.q, w.v before the start;  par;  record and action of the start
+    # out       w: consistent v, a, b, u and reactions;  poses, seen, info;  p.reward, flags and p.observation
+    """
+    par, poses, record, action, seen, info, _, _ = sections(p.layout, block)
+    start_motions(lane, p, par, w)
+    task_poses(lane, p.model, par, w.q, w.v, poses)
+    observe_material(lane, p, par, record, w, seen)
+    live = _only(lane, 0)
+    _start_info(len(lane), p, 0, record, info)
+    record_torques(lane, p, par, record, w, live, info)
+    record_energies(lane, p, par, w, live, info)
+    _first_observation(lane, p, 0, live, record, action, poses, seen, info)

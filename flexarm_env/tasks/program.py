@@ -155,8 +155,7 @@ INFO = Layout(
     Field("error", (), "", "estimate of the formulation's own error, over L"),
     Field("reason", (), "", "code of the reason for the episode's end; 0: it goes on"),
     Field("energies", (ENERGIES.length,), "J", "an `ENERGIES`"),
-    Field("reward", (), "", "sum of the terms"),
-    Field("truncated", (), "", "1 or 0"),
+    Field("reward", (), "", "sum of the terms"), Field("truncated", (), "", "1 or 0"),
     Field("motors", (2, "links"), "rad, rad/s", "motor angles and rates, over the gear ratio, where energies are kept"),
     Field("further", ("further",), "", "a `FURTHER`, or nothing"),
 )  # fmt: skip
@@ -423,6 +422,7 @@ class Program(NamedTuple):
     pushes: Pushes | None
     payload_change: PayloadChange | None
     keep_out: KeepOut | None
+    guide: Any  # `runtime.guided.Guided` of a single arm that follows prescribed motions, or None
     layout: Block
     entries: int  # S
     books: tuple[int, ...] | None  # a tag where energies are recorded
