@@ -33,6 +33,15 @@ Work and energy
     damping_power(lane, part, model, par, q, v, x, total)   Return total + x^T C v, W.
     input_displacements(lane, part, model, q, y)            Change the displacements on which inputs do work.
     inertia_forces(lane, part, model, par, a, r)            Add M a (period correction).
+    acts(lane, part, model, par, q, S, instant)             Return False if it adds no forces to the arm at q. The
+                                                            caller then does not call `point_forces` or
+                                                            `damping_power`. instant: None (any state and S), or
+                                                            ITERATE, STEP_START or STEP_END of `protocol`.
+    start_account(lane, part, model, par, q, S)             Before steps with an energy account: prepare `acts` for
+                                                            the first step's start at q.
+    measure_near(lane, part, model, par, q, S, increment)   In a Newton iteration: store in S distances at the iterate
+                                                            q which a weighted increment of this size may change in
+                                                            sign.
     conserve_momentum(lane, part, model, par, before, h, q, v, u, r, S)     As in `protocol`, or None.
     after_step(lane, part, model, par, q, v, S, h)          Record in S the state at the end of a step of h (s).
 
@@ -75,6 +84,9 @@ damping_power = CONTRIBUTIONS.function("damping_power", "lane, part, model, par,
 input_displacements = CONTRIBUTIONS.function("input_displacements", "lane, part, model, q, y")
 inertia_forces = CONTRIBUTIONS.function("inertia_forces", "lane, part, model, par, a, r")
 conserve_momentum = CONTRIBUTIONS.function("conserve_momentum", "lane, part, model, par, before, h, q, v, u, r, S")
+start_account = CONTRIBUTIONS.function("start_account", "lane, part, model, par, q, S")
+acts = CONTRIBUTIONS.function("acts", "lane, part, model, par, q, S, instant")
+measure_near = CONTRIBUTIONS.function("measure_near", "lane, part, model, par, q, S, increment")
 after_step = CONTRIBUTIONS.function("after_step", "lane, part, model, par, q, v, S, h")
 set_joint_configuration = CONTRIBUTIONS.function("set_joint_configuration", "lane, part, model, live, rates, q, v")
 poses = CONTRIBUTIONS.function("poses", "lane, part, model, q, v, out")
@@ -94,7 +106,13 @@ def _no_power(lane, part, model, par, q, v, x, total):
     return total
 
 
+@kernel
+def _always_acts(lane, part, model, par, q, S, instant):
+    """Return True: default `acts` of a contribution."""
+    return True
+
+
 CONTRIBUTIONS.defaults.update(
-    dict.fromkeys(CONTRIBUTIONS.names, returns_none), energy=_no_energy, damping_power=_no_power
+    dict.fromkeys(CONTRIBUTIONS.names, returns_none), energy=_no_energy, damping_power=_no_power, acts=_always_acts
 )
 """Kernels of a contribution that adds no terms: the defaults for functions that a contribution does not register."""

@@ -9,15 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.contact_cases import hard
 from flexarm_env import Arm, Contact, Link, Payload, Scene, Section, Simulation, arms, simulate
 from flexarm_env.compiler import EIGHT, SINGLE, kernel, size, uncompiled
 from flexarm_env.physics import assembly, protocol
 from flexarm_env.physics.contact.build import STEPS, duration, largest_stiffness
+from flexarm_env.physics.contact.kinematics import gap_at
 from flexarm_env.physics.integrator.step import advance
 from flexarm_env.physics.integrator.work import unpack, work_size
 from flexarm_env.physics.obstacles import distance_and_normal, packed
 from flexarm_env.physics.protocol import RESIDUAL_ALONE, State, Weights
 from flexarm_env.shapes import Box, Cylinder, HalfSpace, Shape, Sphere
+from flexarm_env.time_functions import sine
 
 PLANE = (HalfSpace((0.1, 0.2), (1.0, 2.0)), Sphere((0.3, -0.1), 0.4), Box((0.1, 0.2), (0.5, 0.8), 0.3))
 SPACE = (
@@ -205,3 +208,36 @@ def test_steps_resolve_the_release_of_an_arm_that_begins_inside_an_obstacle() ->
     with pytest.raises(ValueError, match=r"contacts\[0\]\.obstacle = .*: must not contain tip of the arm at the start"):
         simulate(scene(0.15, 1e-5), "elastica")
     assert simulate(scene(0.15, 1e-4, speed=10.0), "elastica", estimate_error=False).finished
+
+
+def test_a_point_moves_by_at_most_its_levers(rng: np.random.Generator) -> None:
+    """Small and large changes of coordinates; an eccentric payload, two links, a free root, a moving obstacle."""
+    offset = dataclasses.replace(TWO, payload=Payload(mass=0.1, offset=(0.05, 0.02)))
+    for arm, root in ((arms.named("strip"), "pinned"), (offset, "pinned"), (offset, "free")):
+        contact = Contact(HalfSpace((0.0, -1.5), (0.3, 1.0)), 1e3, displacement_y=sine(0.1, 3.0))
+        scene = Scene("far", arm, duration=1.0, dt=1e-3, root=root, contacts=(contact,))
+        system = assembly.assemble(scene, scene.settings("elastica"))
+        part, model = system.model.contributions[-1], system.model
+        y, n = np.zeros(size(model.n_inputs)), size(model.n)
+
+        def gap(q: np.ndarray, part: Any = part, model: Any = model, y: np.ndarray = y) -> float:
+            uncompiled(protocol.input_displacements)(SINGLE, model.arm, None, q, y)
+            return float(uncompiled(gap_at)(SINGLE, part, q, y, 0))
+
+        for _ in range(200):
+            q = rng.uniform(-1.0, 1.0, n)
+            change = rng.normal(size=n) * 10.0 ** rng.uniform(-6.0, 0.0) * (rng.random(n) < rng.random())
+            assert abs(gap(q + change) - gap(q)) <= abs(change) @ part.levers + 1e-14
+    assert part.levers.max() <= 2.0 * arm.total_length + 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["drop", "grazing", "crushed"])
+def test_the_test_of_clearance_changes_no_bit(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Arms that approach, touch and leave obstacles, with and without the bound from which distances are skipped."""
+    found = []
+    for _ in range(2):
+        run = simulate(hard(kind, 1e4, 1e-3), "elastica", estimate_error=False)
+        found.append((run.tip, run.work, run.dissipated, run.balance))
+        monkeypatch.setattr("flexarm_env.physics.contact.build._levers", lambda *_: None)
+    assert all(np.array_equal(*pair) for pair in zip(*found, strict=True))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from ...compiler import Lanes, kernel, max_over_lanes, maximum, select_lt, size, square_root, stack
+from ...compiler import Lanes, kernel, maximum, select_lt, size, square_root, stack
 from .. import protocol
 from ..arithmetic import store_vector
 from ..space.rotations import Vector, dot
+from .clearance import forget_clearance, may_touch
 from .kinematics import (
     gap_at,
     here_of,
@@ -65,11 +66,6 @@ def damping_power(lane, part, model, par, q, v, x, total):
 
 
 # --- readings ------------------------------------------------------------------------------------------
-_FAR = 1e-3
-"""A point whose gap in the last Newton iterate exceeds this share of `Watch.reach` does not touch at the end of the
-step. `Watch.reach` bounds a point's displacement per weighted increment of 1."""
-
-
 @kernel
 def after_step(lane, part, model, par, q, v, S: Lanes, h):
     """Store the `READING` of each point in S and add the forces times h (s) to its impulses.
@@ -77,17 +73,14 @@ def after_step(lane, part, model, par, q, v, S: Lanes, h):
     The forces at the end of a step count for the whole step. For a force that begins and ends at 0 the sum over the
     steps equals the trapezoidal rule.
     """
-    least = 1e300
-    for p in range(len(part.points)):
-        gap = S[here_of(part, p).gap]
-        least = select_lt(gap, least, gap, least)
-    near = select_lt(least, model.newton.contact.reach * _FAR, 1.0, 0.0)
-    if h == 0.0 or max_over_lanes(near) > 0.5:
+    if h == 0.0 or may_touch(lane, part, model, S):
         y, poses = stack(lane, model.points), stack(lane, part.poses)
         protocol.input_displacements(lane, model.arm, par, q, y)
         protocol.task_poses(lane, model.arm, par, q, v, poses)
         for p in range(len(part.points)):
             _store_reading(lane, part, p, q, v, y, poses, h, S)
+        if h == 0.0:
+            forget_clearance(lane, part, S)
     else:
         for p in range(len(part.points)):
             at = here_of(part, p)

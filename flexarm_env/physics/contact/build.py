@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +15,10 @@ from flexarm_env.physics import protocol
 from flexarm_env.physics.contact.account import respond
 from flexarm_env.physics.contact.kinematics import less_obstacle, place_of
 from flexarm_env.physics.contact.law import gap_of
-from flexarm_env.physics.contact.layout import HERE, LAW, READ, Touching, Watch
+from flexarm_env.physics.contact.layout import HERE, LAW, READ, REFERENCE, Touching, Watch
+from flexarm_env.physics.elastica.layout import DATA, ECCENTRIC, LOAD
 from flexarm_env.physics.layout import POSE, SPACE_POSE
-from flexarm_env.physics.model import System
+from flexarm_env.physics.model import Elastica, System
 from flexarm_env.physics.obstacles import packed
 from flexarm_env.physics.protocol import State, Weights
 from flexarm_env.scene import Contact, PointLoad, Scene
@@ -45,11 +47,11 @@ def obstacle_rows(scene: Scene) -> dict[str, TimeFunction]:
     }
 
 
-def touching(scene: Scene, entry: int, at: int, rows: int) -> tuple[Touching, Watch, int]:
+def touching(scene: Scene, inner: Any, entry: int, at: int, rows: int) -> tuple[Touching, Watch, int]:
     """Return the contribution of the contacts, its `Watch` for the integrator, and the number of its entries in S.
 
-    entry: index in the inputs u of the first point's entries. at: offset of the contribution's entries in S. rows:
-    number of rows of the Model; the last rows are those of moving obstacles.
+    inner: Model of the arm alone. entry: index in the inputs u of the first point's entries. at: offset of the
+    contribution's entries in S. rows: number of rows of the Model; the last rows are those of moving obstacles.
     """
     arm, contacts, links = scene.arm, scene.contacts, links_of(scene)
     space = 3 if scene.spatial else 2
@@ -75,12 +77,48 @@ def touching(scene: Scene, entry: int, at: int, rows: int) -> tuple[Touching, Wa
         links=np.array(links, np.int64), radii=radii, meets=np.array(meets).ravel(),
         shapes=packed([contact.obstacle for contact in contacts]), laws=np.concatenate(laws),
         masses=np.zeros(len(links)), moving=np.array(moving, np.int64) if names else None,
+        levers=_levers(inner, len(links), rows, len(names)), extent=_extent(scene),
     )  # fmt: skip
     # a weighted increment of 1 in every row moves a point by at most the arm's length each
     watch = Watch(
         (0,) * len(links), at, READ.end, size, rows * arm.total_length, (0,) if scene.root == "free" else None
     )
-    return part, watch, size * len(links)
+    return part, watch, size * len(links) + int(REFERENCE.offsets(0, rows).end)
+
+
+def _levers(inner: Any, count: int, rows: int, moving: int) -> Array | None:
+    """Return `Touching.levers` of an elastica in the plane, whose last `count` point loads are the contact points.
+
+    With unit tangents e_j of the nodes a point is at (x, y) + sum_j (arm_j - beta_j) e_j, and e_j moves by at most the
+    change of its angle. (x, y) are the last two rows of an arm whose root can move. The last `moving` of all rows are
+    displacements of obstacles. None for other formulations.
+    """
+    if not isinstance(inner, Elastica):
+        return None
+    n, links = size(inner.nodes), size(inner.links)
+    m = n * links
+    loads = LOAD.offsets(0, links, n).end
+    arms = inner.loads.reshape(-1, loads)[-count:, :m]
+    data = DATA.offsets(0, links, n, 0)
+    beta = np.abs(arms - inner.data[data.beta : data.beta + m]).max(axis=0)
+    if inner.eccentric is not None:
+        lever = ECCENTRIC.offsets(0, m)
+        beta += np.abs(inner.eccentric[lever.beta : lever.beta + m])
+    levers = np.zeros(rows)
+    levers[:m] = beta
+    # the angle of a link's first node is the joint's angle plus the angle of the node before
+    for k in range(links - 1, 0, -1):
+        levers[k * n - 1] += levers[k * n]
+    if inner.root is not None:
+        levers[m : m + 2] = 1.0
+    levers[rows - moving :] = 1.0
+    return levers
+
+
+def _extent(scene: Scene) -> float:
+    """Return `Touching.extent`: a bound of the coordinates (m) of points and obstacles."""
+    place = np.concatenate([np.ravel(scene.position), *(contact.obstacle.place for contact in scene.contacts)])
+    return float(scene.arm.total_length + np.abs(place).sum())
 
 
 STEPS = 8.0

@@ -30,6 +30,17 @@ def least_contraction(lane, contact, S: Lanes, first, increment, theta):
 
 
 @kernel
+def measure_near_contacts(lane, model, par, q, S, increment):
+    """Replace lower bounds of distances in S by the distances at the iterate q where `least_contraction` needs them.
+
+    increment: weighted increment, which is applied next.
+    """
+    if model.newton.contact is not None:
+        for part in model.contributions:
+            contributions.measure_near(lane, part, model, par, q, S, increment)
+
+
+@kernel
 def apply_contact_friction(lane, model, S, x, fresh):
     """Correct a Newton iteration's solution x = S^-1 r by the friction of contacts; fresh: True for new factors S."""
     if model.newton.contact is not None:
@@ -46,6 +57,14 @@ def record_contacts(lane, model, par, q, v, S, h):
     if model.newton.contact is not None:
         for part in model.contributions:
             contributions.after_step(lane, part, model, par, q, v, S, h)
+
+
+@kernel
+def start_contact_account(lane, model, par, q, S):
+    """Store the penetrations of all points at coordinates q in S: the start of the energy account's first step."""
+    if model.newton.contact is not None:
+        for part in model.contributions:
+            contributions.start_account(lane, part, model, par, q, S)
 
 
 @kernel

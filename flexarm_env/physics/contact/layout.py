@@ -22,7 +22,7 @@ READING = Layout(
     "ContactReading", "",
     Field("normal", (), "N", "sum of the normal forces of all obstacles on the point"),
     Field("tangential", (), "N", "magnitude of the sum of the friction forces"),
-    Field("penetration", (), "m", "largest penetration; negative: least distance from the obstacles"),
+    Field("penetration", (), "m", "largest penetration; negative: at most the least distance from obstacles"),
     Field("sliding", (), "m/s", "sliding speed on the obstacle that is penetrated most, or is nearest"),
     Field("force", (3,), "N", "force on the arm, inertial axes"),
     Field("impulse", (), "N s", "time integral of the normal force since `reset_impulses`"),
@@ -54,6 +54,15 @@ HERE = Layout(
 rows of the Model."""
 
 
+REFERENCE = Layout(
+    "ClearanceReference", "n",
+    Field("bounded", (), "", "1: the gaps of the points are a lower bound of their distances"),
+    Field("clearance", (), "m", "least distance of a point from an obstacle at q, less round-off; 0: no reference"),
+    Field("q", ("n",), "m, rad", "reference coordinates"),
+)  # fmt: skip
+"""`REFERENCE`: entries behind those of the points in S, from which `clearance` bounds distances."""
+
+
 class Touching(NamedTuple):
     """Points of an arm that may touch obstacles: a contribution. The sizes are tuples of zeros, compile-time constants.
 
@@ -71,6 +80,9 @@ class Touching(NamedTuple):
     shapes    float64: one `physics.obstacles.OBSTACLE` per obstacle; laws: one `LAW` per obstacle
     moving    int64 (obstacles * 3,): row of each obstacle's displacement along x, y, z, or -1; None: no obstacle moves
     masses    float64 (points,): effective mass of the point in a step, kg (`build.effective_masses`)
+    levers    float64 (n,), m, or m/m: largest displacement of a point for a change of each coordinate by 1; None:
+              not known, distances are computed in each Newton iteration
+    extent    largest coordinate of an obstacle or point that distances are computed from, m
     """
 
     input: int
@@ -88,6 +100,8 @@ class Touching(NamedTuple):
     laws: np.ndarray
     masses: np.ndarray
     moving: np.ndarray | None = None
+    levers: np.ndarray | None = None
+    extent: float = 0.0
 
 
 class Watch(NamedTuple):

@@ -71,7 +71,7 @@ def _flag_unbalanced(lane, model, par, w: Work, active, turn, h):
     local_difference(lane, model, w.q0, w.q, w.r)
     for k in range(size(model.n)):
         w.r[k] *= 1.0 / h
-    power, beyond = mean_damping_power(lane, model, par, w.q0, w.v0, w.q, w.v, w.r, h)
+    power, beyond = mean_damping_power(lane, model, par, w.q0, w.v0, w.q, w.v, w.r, h, None)
     gain = gain + power * h
     if beyond is not None:
         gain = gain + beyond * h

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ...compiler import kernel, size
+from ..contact.integration import start_contact_account
 from ..joints.friction import account_for_friction, store_friction
 from ..layout import BEYOND, DISSIPATED, OF_MOTION, WORK_DONE
 from ..protocol import input_displacements, local_difference, mean_damping_power
@@ -14,11 +15,13 @@ def start_energy_account(lane, model, drive, par, w):
     """Store inputs, their displacements, motions, reactions and friction at the start of steps without jumps.
 
     # in        w.q, w.v, w.a, w.u, w.psi, w.reaction
-    # out       w.u0, w.y0, w.psi0, w.reaction0; friction torques in w.S (`joints.friction.store_friction`)
+    # out       w.u0, w.y0, w.psi0, w.reaction0; in w.S friction torques (`joints.friction.store_friction`) and
+    #           penetrations of contact points
     # scratch   w.r
     """
     copy_rows(lane, size(model.n_inputs), w.u, w.u0)
     input_displacements(lane, model, par, w.q, w.y0)
+    start_contact_account(lane, model, par, w.q, w.S)
     store_friction(lane, model, par, state_of(w), w.u, w.r, w.S)
     if drive is not None:
         copy_rows(lane, OF_MOTION.end * drive.known.shape[0], w.psi, w.psi0)
@@ -61,7 +64,7 @@ def account_for_step(lane, model, drive, par, w: Work, h):
     local_difference(lane, model, w.q0, w.q, w.r)
     for k in range(size(model.n)):
         w.r[k] *= 1.0 / h
-    power, beyond = mean_damping_power(lane, model, par, w.q0, w.v0, w.q, w.v, w.r, h)
+    power, beyond = mean_damping_power(lane, model, par, w.q0, w.v0, w.q, w.v, w.r, h, w.S)
     w.books[DISSIPATED] += power * h
     if beyond is not None:
         w.books[BEYOND] += beyond * h

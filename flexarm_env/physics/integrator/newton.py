@@ -23,11 +23,12 @@ from ...compiler import (
     size,
     tangents_only,
 )
-from ..contact.integration import apply_contact_friction, least_contraction
+from ..contact.integration import apply_contact_friction, least_contraction, measure_near_contacts
 from ..joints.friction import apply_friction
 from ..layout import ITERATIONS
 from ..protocol import (
-    RESIDUAL_ALONE,
+    ITERATE,
+    ITERATE_ALONE,
     Weights,
     assemble,
     constraint_residual,
@@ -177,6 +178,7 @@ def _apply_newton_increment(lane, model, par, w: Work, active, slopes, tolerance
         if model.newton.period_correction is not None:
             for k in range(size(model.n)):
                 w.r[k] = select_lt(0.5, active, w.r[k] + w.shift[k], nothing)
+    measure_near_contacts(lane, model, par, w.q, w.S, largest_of)
     apply_increment(lane, model, w, w.r)
     # the correction is of order |d|^2: below the tolerance for increments under its square root
     if model.newton.max_increment is not None:
@@ -206,8 +208,8 @@ def newton(lane, model, drive, par, w: Work, slopes, scheme, plain):
         if scheme.modified is None:
             fresh = not reuses_matrix(model.newton, iteration)
         # r and, unless factors are reused, S = c_m dr/da + c_v dr/dv + dr/dq, eqs. [72]-[78]
-        weights = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0, friction_apart=True)
-        assemble(lane, model, par, state_of(w), w.u, weights if fresh else RESIDUAL_ALONE, w.r, w.S)
+        weights = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0, friction_apart=True, instant=ITERATE)
+        assemble(lane, model, par, state_of(w), w.u, weights if fresh else ITERATE_ALONE, w.r, w.S)
         constraint_residual(lane, model, w.psi, state_of(w), 0, slopes.a, w.r)
         # w.r <- S^-1 r, then Coulomb friction (6.6) and the period correction (6.2)
         solve_unknown_rows(lane, model, drive, w, fresh)

@@ -16,7 +16,7 @@ from ..layout import HALVINGS, STEPS
 from ..model import NEWTON_FAILED, OK
 from ..protocol import (
     MASS_ALONE,
-    RESIDUAL_ALONE,
+    STEP_END_ALONE,
     assemble,
     conserve_momentum,
     constraint_residual,
@@ -164,7 +164,7 @@ def _compute_reactions(lane, model, drive, par, w):
     multipliers, or None.
     """
     if drive is not None and drive.known.shape[0] > 0:
-        assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
+        assemble(lane, model, par, state_of(w), w.u, STEP_END_ALONE, w.r, w.S)
         store_reactions(lane, drive.known, model.algebraic, w.r, w.q, w.reaction)
 
 

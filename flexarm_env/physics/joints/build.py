@@ -79,7 +79,7 @@ def with_joints(
     watch = None
     if scene.contacts:
         entry = entries + len(kinds) * (6 if scene.spatial else 3)
-        part, watch, numbers = touching(scene, entry, size(inner.n_factor) + room, n)
+        part, watch, numbers = touching(scene, inner, entry, size(inner.n_factor) + room, n)
         parts.append(part)
         room += numbers
     model = Jointed(

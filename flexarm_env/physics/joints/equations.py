@@ -13,7 +13,7 @@ from ...compiler import Lanes, kernel, size, stack
 from .. import contributions, protocol
 from ..contact import equations  # noqa: F401  (it registers its kernels)
 from ..model import Jointed
-from ..protocol import FORMULATIONS, State, register
+from ..protocol import FORMULATIONS, STEP_END, STEP_START, State, register
 from . import floating, gears  # noqa: F401  (they register their kernels)
 from .friction import store_columns
 
@@ -22,15 +22,17 @@ _LAST_FIRST = (7, 6, 5, 4, 3, 2, 1, 0)
 
 
 @kernel
-def _add_point_forces(lane, model, par, state, u: Lanes, S, inputs: Lanes):
+def _add_point_forces(lane, model, par, state, u: Lanes, S, inputs: Lanes, instant):
     """Write the arm's inputs: u (N m, N), and the forces that contributions exert on points of the arm.
 
     state: q, v, a; S: the contributions' entries. inputs: array of the arm's inputs, as long as `model.points`.
+    instant: as in `contributions.acts`.
     """
     for k in range(size(model.n_inputs)):
         inputs[k] = u[k]
     for part in model.contributions:
-        contributions.point_forces(lane, part, model, par, state, S, inputs)
+        if contributions.acts(lane, part, model, par, state.q, S, instant):
+            contributions.point_forces(lane, part, model, par, state, S, inputs)
 
 
 @kernel
@@ -46,7 +48,7 @@ def assemble(lane, model, par, state: State, u: Lanes, weights, r: Lanes, S: Lan
         protocol.assemble(lane, model.arm, par, state, u, weights, r, S)
     else:
         inputs = stack(lane, model.points)
-        _add_point_forces(lane, model, par, state, u, S, inputs)
+        _add_point_forces(lane, model, par, state, u, S, inputs, weights.instant)
         protocol.assemble(lane, model.arm, par, state, inputs, weights, r, S)
     # a second loop variable, because a name of a kernel has one type and this loop has other records
     for adding in model.contributions:
@@ -159,29 +161,42 @@ def input_displacements(lane, model, par, q, y, since=None):
 
 
 @kernel
-def _with_contributions(lane, model, par, q, v, x, total):
-    """Return `total` plus x^T C v (W) of the contributions: the power at rates x of their damping forces at rates v."""
+def _with_contributions(lane, model, par, q, v, x, total, S, instant):
+    """Return `total` plus x^T C v (W) of the contributions: the power at rates x of their damping forces at rates v.
+
+    S, instant: as in `contributions.acts`.
+    """
     for part in model.contributions:
-        total = contributions.damping_power(lane, part, model, par, q, v, x, total)
+        if contributions.acts(lane, part, model, par, q, S, instant):
+            total = contributions.damping_power(lane, part, model, par, q, v, x, total)
     return total
 
 
 @kernel
 def damping_power(lane, model, par, q, v, x, since=None):
-    """Return x^T C v (W): power at virtual rates x of the damping forces of arm and contributions at rates v.
+    """Return x^T C v (W): power at virtual rates x of the damping forces of arm and contributions at rates v."""
+    power = protocol.damping_power(lane, model.arm, par, q, v, x)
+    return _with_contributions(lane, model, par, q, v, x, power, None, None)
 
-    since: None, or (start, v0, h) of a step of h (s) from coordinates `start` and rates v0 to q and v, with mean rates
-    x. The function then returns, in W, the dissipated mean power and the excess of the damping forces' mean power over
-    the dissipated power (or None).
+
+@kernel
+def mean_damping_power(lane, model, par, start, v0, end, v, x, h, S):
+    """Return (dissipated mean power, excess of the damping forces' mean power over it or None), W, of a step of h (s).
+
+    The step leads from coordinates `start` with rates v0 to `end` with v; x: mean rates. Contributions dissipate the
+    mean of x^T C v at both ends of the step, because their coordinates add up. S: the step's matrix array, or None.
     """
-    if since is None:
-        power = protocol.damping_power(lane, model.arm, par, q, v, x)
-        return _with_contributions(lane, model, par, q, v, x, power)
+    first, last = None if S is None else STEP_START, None if S is None else STEP_END
+    if model.newton.rotations is None:
+        before = protocol.damping_power(lane, model.arm, par, start, v0, x)
+        before = _with_contributions(lane, model, par, start, v0, x, before, S, first)
+        after = protocol.damping_power(lane, model.arm, par, end, v, x)
+        after = _with_contributions(lane, model, par, end, v, x, after, S, last)
+        return (before + after) * 0.5, None
     nothing = 0.0
-    # contributions dissipate the mean of x^T C v at both ends of the step, since their coordinates add up
-    before = _with_contributions(lane, model, par, since[0], since[1], x, nothing)
-    own = before + _with_contributions(lane, model, par, q, v, x, nothing)
-    power, beyond = protocol.damping_power(lane, model.arm, par, q, v, x, since)
+    own = _with_contributions(lane, model, par, start, v0, x, nothing, S, first)
+    own = own + _with_contributions(lane, model, par, end, v, x, nothing, S, last)
+    power, beyond = protocol.damping_power(lane, model.arm, par, end, v, x, (start, v0, h))
     return power + own * 0.5, beyond
 
 
@@ -258,14 +273,14 @@ def conserve_momentum(lane, model, par, before, h, q, v, u, r, S):
             return protocol.conserve_momentum(lane, model.arm, par, before, h, q, v, u, r, S)
     # F of the arm includes the forces on its points; they do not depend on accelerations, which are not known here
     inputs = stack(lane, model.points)
-    _add_point_forces(lane, model, par, State(q, v, v), u, S, inputs)
+    _add_point_forces(lane, model, par, State(q, v, v), u, S, inputs, None)
     return protocol.conserve_momentum(lane, model.arm, par, before, h, q, v, inputs, r, S)
 
 
 register(
     Jointed, assemble, add_stiffness, factor, solve, solve_transposed, multiply, retract, local_difference,
-    inertia_forces, input_displacements, damping_power, energy, set_joint_configuration, vjp_residual, link_poses,
-    conserve_momentum,
+    inertia_forces, input_displacements, damping_power, mean_damping_power, energy, set_joint_configuration,
+    vjp_residual, link_poses, conserve_momentum,
 )  # fmt: skip
 FORMULATIONS.delegate(
     Jointed, "arm", protocol.correct_positions, protocol.tangent_map, protocol.note_inverse, protocol.noted_inverse,
