@@ -1,12 +1,16 @@
 """Named arms (``flexarm_env/data/arms``) and arms from the user's TOML files."""
 
 import dataclasses
+import math
 import os
+import warnings
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from flexarm_env import records, sensors
 from flexarm_env import validation as check
@@ -23,6 +27,15 @@ _CIRCLE = ("diameter", "E", "rho", "G", "kappa")
 _RIGID = ("length", "mass", "centre", "inertia")
 _OF_LINK = ("tau_d", "curvature", *ENDS)
 _TAPER = ("widths", "thicknesses", "E", "rho", "G", "kappa")
+
+_SIDES = dict.fromkeys(
+    ("width", "thickness", "diameter", "wall", "widths", "thicknesses"), (0.0, 1.0, "m", "mm", 1e-3)
+)
+_UNLIKELY: dict[str, tuple[float, float, str, str, float]] = {
+    **_SIDES, "E": (3e5, math.inf, "Pa", "GPa", 1e9), "G": (1e5, math.inf, "Pa", "GPa", 1e9),
+    "rho": (25.0, math.inf, "kg/m^3", "g/cm^3", 1e3),
+}  # fmt: skip
+"""Usual range of a section's numbers, their unit, another unit in use, and the latter in units of the former."""
 
 _BESIDE = ("randomization", "identification")
 """Tables that a file written by `flexarm identify` contains in addition to [arm]."""
@@ -136,7 +149,9 @@ def _link(path: str, value: object) -> Link:
         for key in _TAPER[:-1]:
             check.needed(f"{path}.section", section, key, _SECTIONS)
         with check.under(path):
-            return Link.tapered(length, **section, **own)
+            tapered = Link.tapered(length, **section, **own)
+        _warn_of_units(f"{path}.section", section)
+        return tapered
     made = _section(path, section)
     with check.under(path):
         return Link(length, made, **own)
@@ -174,7 +189,21 @@ def _section(path: str, section: dict[str, Any], inside: str | None = None) -> S
             check.needed(own, section, key, what)
     check.known_keys(own, section, keys)
     with check.under(path):
-        return make(**section)
+        made = make(**section)
+    _warn_of_units(own, section)
+    return made
+
+
+def _warn_of_units(path: str, section: Mapping[str, Any]) -> None:
+    """Warn of numbers of a section that are likely in another unit (`_UNLIKELY`). path: the section's key path."""
+    for key, number in ((key, x) for key, x in section.items() if key in _UNLIKELY for x in np.ravel(x)):
+        low, high, unit, other, factor = _UNLIKELY[key]
+        if not low <= number <= high:
+            # E = 210e3 is of steel in MPa, E = 210 in GPa
+            if other == "GPa" and number >= 1e3:
+                other, factor = "MPa", 1e6
+            what = f"in {other} it would be {number * factor:g} {unit}"
+            warnings.warn(f"{path}.{key} = {number:g}: read as {unit}; {what}", UserWarning, stacklevel=2)
 
 
 def _joint(path: str, value: object) -> Joint:

@@ -11,7 +11,6 @@ import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from importlib import metadata
 from numbers import Integral, Real
 from typing import Any, TypeVar
 
@@ -111,6 +110,9 @@ def needs(what: str, package: str, extra: str, error: type[Exception] = ImportEr
 
 def installed(package: str) -> str | None:
     """Return the version of an installed package, or None."""
+    # takes 0.01 s, and environments do not need it
+    from importlib import metadata
+
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:

@@ -1,9 +1,12 @@
 """Named arms: their numbers against sources, TOML and errors."""
 
+import dataclasses
 import math
 import re
+import warnings
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -194,3 +197,36 @@ def test_a_table_of_an_arm_without_a_name_has_that_of_its_file(tmp_path: Path) -
     file = tmp_path / "mine.toml"
     file.write_text("[arm]\n" + text.replace("[[links]]", "[[arm.links]]").replace("[links.", "[arm.links."), "utf-8")
     assert arms.from_toml(file).name == "mine"
+
+
+SIDES = "width = 0.03, thickness = 0.002, E = 70e9, rho = 2700.0, G = 26e9"
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("thickness = 3", "links[0].section.thickness = 3: read as m; in mm it would be 0.003 m"),
+        ("E = 200", "links[0].section.E = 200: read as Pa; in GPa it would be 2e+11 Pa"),
+        ("E = 210e3", "links[0].section.E = 210000: read as Pa; in MPa it would be 2.1e+11 Pa"),
+        ("rho = 7.85", "links[0].section.rho = 7.85: read as kg/m^3; in g/cm^3 it would be 7850 kg/m^3"),
+    ],
+)
+def test_likely_slips_of_units_cause_a_warning(given: str, words: str) -> None:
+    usual = ", ".join(part for part in SIDES.split(", ") if part.split()[0] != given.split()[0])
+    with pytest.warns(UserWarning) as caught:
+        arms.from_toml(f"name = 'a'\n[[links]]\nlength = 1.0\nsection = {{{usual}, {given}}}\n")
+    assert [str(one.message) for one in caught] == [words]
+
+
+def test_packaged_arms_have_usual_units() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for name in arms.names():
+            arms.named.__wrapped__(name)
+        arms.from_toml(f"name = 'a'\n[[links]]\nlength = 1.0\nsection = {{{SIDES}}}\n")
+
+
+def test_a_file_without_torque_limits_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "weak.toml"
+    path.write_text(arms.to_toml(dataclasses.replace(arms.named("strip"), torque_limits=None)))
+    refuses(r"weak\.toml: torque_limits: missing; an environment", lambda: gym.make("FlexibleArm-v0", arm=str(path)))

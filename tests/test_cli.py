@@ -117,6 +117,15 @@ def test_replay_reports(capsys: pytest.CaptureFixture[str]) -> None:
     assert "0.002 m" in values["reference"]
 
 
+def test_a_step_that_does_not_divide_the_samples_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["replay", "robot_arm_motion", "--duration", "0.2", "--sample", "0.05"]
+    assert main([*words, "--dt", "0.03"]) == 0
+    note = values_of(capsys.readouterr().out)["dt_note"]
+    assert note.startswith("dt = 0.025 s instead of 0.03 s: steps end at every sample (0.05 s)")
+    assert main([*words, "--dt", "0.025"]) == 0
+    assert "dt_note" not in values_of(capsys.readouterr().out)
+
+
 def test_replay_is_simulate(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     table, arrays = tmp_path / "a" / "run.csv", tmp_path / "run.npz"
     options = ["--coupling", "paper", "--dt", "0.025", "--rho-inf", "0.8", "--tolerance", "1e-9", "--sample", "0.1"]

@@ -100,7 +100,7 @@ def test_c_acts_as_python_does(name: str, env_id: str, kwargs: dict[str, Any], t
 def test_what_cannot_leave_is_a_sentence() -> None:
     env = gym.make("FlexibleArm-v0")
     refuses("controller = 'MPC': must be pd,", lambda: controller_source(control.make("mpc", env), "it"))
-    refuses("slew = None", lambda: controller_source(control.make("time_optimal", env), "it"))
+    refuses("slew: missing; the angle, rad", lambda: controller_source(control.make("time_optimal", env), "it"))
     three = control.make("lqr", gym.make("MultiLinkFlexArm-v0"))
     for elbows, sentence in (
         (None, "elbows = None: must be 2 pairs"), ([(0.0, 1.0)], "2 pairs"),

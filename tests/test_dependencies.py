@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexarm_env.compiler import UNCOMPILED, objects
+from flexarm_env.compiler import UNCOMPILED, objects, source
 from tests.processes import python
 
 pytestmark = pytest.mark.skipif(UNCOMPILED, reason="nothing is kept")
@@ -149,6 +149,35 @@ def test_a_process_that_imported_an_older_file(tmp_path: Path, monkeypatch: pyte
     assert new.f(1.0) == 3.0
     with pytest.raises(TypeError, match="has changed since it was imported"):
         old.f(1.0)
+
+
+def test_a_kernel_is_parsed_without_the_rest_of_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which takes a part of the time; a text whose end is misjudged is found in the whole file."""
+    text = f"""import math
+{HEAD}
+@kernel
+def f(
+    x,
+):
+    # a comment
+
+    y = math.floor(x)
+# in the first column
+    return y + 0.5
+
+
+@kernel
+def g(x):
+    \"\"\"Docstring.
+With a line in the first column.
+\"\"\"
+    return f(x)
+"""
+    user, parsed, whole = module(tmp_path / "user.py", text, "user", monkeypatch), source._parsed, list[str]()
+    monkeypatch.setattr(source, "_parsed", lambda text: whole.append(text) or parsed(text))
+    assert user.f(2.25) == 2.5 and not whole
+    assert user.g(2.25) == 2.5 and len(whole) == 1
+    assert source.source_of(user.f.function).tree.lineno == text[: text.index("def f")].count("\n") + 1
 
 
 @pytest.mark.slow

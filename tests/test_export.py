@@ -214,7 +214,7 @@ PD, ZV = "pd --env FlexibleArm-v0 --to", "zv --env TwoLinkFlexArm-v0 --to"
         ("two_link --to c --out policy.c --cpu native", "requires --to library or fmu"),
         ("lqr --to c --out lqr.c", "--env"),
         ("lqr --env FlexibleArm-v0 --to onnx --out lqr.onnx", "must be c"),
-        ("time_optimal --env FlexibleArm-v0 --to c --out time.c", "slew"),
+        ("time_optimal --env FlexibleArm-v0 --to c --out time.c", "--slew: missing; time_optimal plans slews"),
         (f"{ZV} c --out zv.c --elbows 1", "--elbows = '1'"),
         (f"{ZV} c --out zv.c --elbows 0:x", "must be LOW:HIGH"),
         (f"{ZV} c --out zv.c --elbows 0:1,0:1", "sequence of 1 p"),

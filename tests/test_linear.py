@@ -8,7 +8,7 @@ import pytest
 
 from flexarm_env import arms, scenes
 from flexarm_env.linear import LinearModel, Modes, linearize, modes, set_state, state_of, static_equilibrium
-from flexarm_env.parameters import Arm, Joint, Link, Payload, Section
+from flexarm_env.parameters import Arm, Joint, Link, Payload, RigidLink, Section
 from flexarm_env.physics.assembly import assemble
 from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.settings import Settings
@@ -464,3 +464,9 @@ def test_formulations_declare_what_turns_with_the_arm(formulation: str, options:
         expected[list(before.absolute)] += turn
         assert len(before.vectors) + len(before.absolute) > 0
         assert np.abs(after.q0 - expected).max() < 1e-12, before.names
+
+
+def test_a_single_rigid_link_has_rigid_motions_alone() -> None:
+    link = RigidLink(length=0.5, mass=0.3, centre=(0.2, 0.0, 0.0), inertia=np.diag([1e-4, 1e-2, 1e-2]).tolist())
+    scene = Scene("modes", Arm("rigid", (link,), hub_inertia=0.05), duration=1.0, dt=1e-3)
+    assert modes(scene, 3, "geometrically_exact", clamped=()).frequencies.tolist() == [0.0]

@@ -94,6 +94,22 @@ def test_a_delay_that_a_loop_does_not_bear_is_told() -> None:
     assert setup.lag == pytest.approx(0.03) and setup.delay == pytest.approx(0.035)
 
 
+def test_undamped_vibrations_that_a_loop_excites_are_told() -> None:
+    """Tuned LQR on the strip without damping: its omitted modes grow; some damping suffices."""
+
+    def told(name: str, tau_d: float) -> list[str]:
+        arm = dataclasses.replace(arms.named("strip"), tau_d=tau_d)
+        env: Any = gym.make("FlexibleArm-v0", arm=arm, control_dt=0.02)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            control.make(name, env)
+        return [str(one.message) for one in caught if "has no damping" in str(one.message)]
+
+    (words,) = told("mpc", 0.0)
+    assert "mpc: arm 'strip' has no damping (tau_d = 0), and with a control period of 0.02 s" in words
+    assert told("mpc", 1e-4) == told("lqr", 1e-4) == told("pd", 0.0) == []
+
+
 def test_margins_of_a_setup_are_the_least_of_its_postures() -> None:
     setup = Setup.of(gym.make("TwoLinkFlexArm-v0"))
     found = margins(setup, tuned_gains("pd", "reach", 2))

@@ -65,3 +65,9 @@ def test_a_policy_that_names_no_share_was_trained_with_the_usual_one():
     policy.check(control.Setup.of(gym.make("TwoLinkFlexArm-v0", **keywords)))
     with pytest.raises(ValueError, match=r"residual_share = 0\.7; .* is 1\.5"):
         policy.check(control.Setup.of(gym.make("TwoLinkFlexArm-v0", **keywords, residual_share=1.5)))
+
+
+def test_a_policy_that_does_not_fit_is_named() -> None:
+    env = gym.make("TwoLinkFlexArm-v0", observation="measured")
+    with pytest.raises(ValueError, match=r"^policy two_link_torque: the policy was trained on TwoLinkFlexArm-v0"):
+        control.load_policy("two_link_torque", env)

@@ -119,3 +119,21 @@ def test_three_links_press_too() -> None:
 )  # fmt: skip
 def test_what_is_refused(env_id: str, keywords: dict[str, Any], words: str) -> None:
     assert words in refusal(lambda: gym.make(env_id, task="press", **keywords), Exception)
+
+
+def test_a_reset_commands_the_force() -> None:
+    """In a single and a vector environment; path and start are those of a drawn force, and the next one is drawn."""
+    env: Any = gym.make("TwoLinkFlexArm-v0", task="press")
+    usual = env.reset(seed=3)[1]
+    info = env.reset(seed=3, options={"force": 0.75})[1]
+    assert info["target_force"] == 0.75 != usual["target_force"]
+    for name in ("target", "tip_position"):
+        assert np.array_equal(info[name], usual[name])
+    assert env.reset(seed=3)[1]["target_force"] == usual["target_force"]
+    several: Any = gym.make_vec("TwoLinkFlexArm-v0", num_envs=3, task="press")
+    assert (several.reset(seed=3, options={"force": 0.75})[1]["target_force"] == 0.75).all()
+    assert "options.force = -1.0: must be" in refusal(lambda: env.reset(options={"force": -1.0}))
+    other: Any = gym.make("TwoLinkFlexArm-v0")
+    assert 'options.force = 1.0: must be given with task="press" only' in refusal(
+        lambda: other.reset(options={"force": 1.0})
+    )

@@ -96,6 +96,8 @@ def _controller(args: argparse.Namespace, out: Path) -> int:
         raise check.InvalidValue("--env", args.env, "is required: a controller is designed for an environment")
     if args.slew is not None and args.what != "time_optimal":
         raise check.InvalidValue("--slew", args.slew, "requires the controller time_optimal")
+    if args.slew is None and args.what == "time_optimal":
+        raise check.MissingKey("--slew", "time_optimal plans slews by one angle, rad, to either side: --slew 1.57")
     env = environment(args.env, keywords(args.env_kwargs))
     name, own = args.name or c_name(out.stem), make(args.what, env)
     elbows = _rows("--elbows", args.elbows, 2, "LOW:HIGH,... in rad, one pair per elbow")

@@ -57,6 +57,9 @@ def run(args: argparse.Namespace) -> int:
 
     trajectory, compiling = _trajectory(scene, settings, args)
     values = report(trajectory, compiling)
+    if args.dt is not None and args.dt > (used := trajectory.settings.dt) * (1.0 + 1e-9):
+        why = f"steps end at every sample ({interval:g} s) and at every corner of motions and loads"
+        values["dt_note"] = f"dt = {used:g} s instead of {args.dt:g} s: {why}"
     if reference is not None:
         values["reference"] = origin
         values |= _errors(trajectory, reference)

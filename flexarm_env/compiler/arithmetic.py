@@ -17,7 +17,7 @@ from llvmlite import ir
 
 from . import symbols
 from .kinds import BIT, BYTE, NUMBERS, WORD, Integer, Narrow, Refused, Truth, is_static, is_tuple, told
-from .symbols import DOUBLE, Value
+from .symbols import DOUBLE, Value, declared_function
 
 # Python's operator for each AST operator class, for constant folding
 KNOWN = {
@@ -297,7 +297,7 @@ def external(b: Any, name: str, count: int) -> Any:
     """Return the module's declaration of C's math function `name` with `count` double arguments, added if missing."""
     found = b.module.globals.get(name)
     if found is None:
-        found = ir.Function(b.module, ir.FunctionType(DOUBLE, [DOUBLE] * count), name)
+        found = declared_function(b.module, name, ir.FunctionType(DOUBLE, [DOUBLE] * count))
         # LLVM would turn pow into x * x, 1 / x or exp2(y), whose last bit may differ
         if name == "pow":
             found.attributes.add("nobuiltin")

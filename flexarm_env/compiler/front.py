@@ -47,6 +47,8 @@ class Module:
         """Make an empty LLVM module with this name."""
         self.call, self.often = call, often
         self.code = ir.Module(name)
+        # functions that LLVM calls on its own (memcpy) are called like declared ones (`symbols.declared_function`)
+        self.code.add_named_metadata("llvm.module.flags", [ir.IntType(32)(7), "RtLibUseGOT", ir.IntType(32)(1)])
         self.made: dict[Any, tuple[Any, Any]] = {}
         self.used: dict[Any, set[str]] = {}
         self.invariant = self.code.add_metadata([])

@@ -8,10 +8,7 @@ up to two integers (see `entry`).
 import ctypes
 import gc
 import os
-import re
 import struct
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -26,7 +23,7 @@ from .arithmetic import number, whole
 from .calls import call
 from .decorator import Kernel
 from .expressions import Expressions
-from .front import SPARED, Module
+from .front import Module
 from .kinds import (
     WORD,
     Array,
@@ -42,9 +39,9 @@ from .kinds import (
     told,
     width,
 )
-from .lanes import EIGHT
 from .source import source_of
-from .symbols import Value, vector
+from .symbols import Value, declared_function
+from .target import NEAR, checked_machine, machine, machine_code, target_text
 from .waiting import announced
 
 _LOCK = threading.RLock()
@@ -261,91 +258,6 @@ def _given(b: Any, item: Any, out: Any, at: int) -> tuple[Any, int]:
     return (["record", item.instance_class, specs] if named else ["tuple", specs]), at
 
 
-# --- LLVM ------------------------------------------------------------------------------------------
-
-
-@cache
-def target_text() -> tuple[str, str, str]:
-    """Return the target of machine code as text: target triple, processor, processor features.
-
-    FLEXARM_CPU names another processor to compile for, by LLVM's name ("x86-64-v3").
-    """
-    chosen = os.environ.get("FLEXARM_CPU")
-    if chosen:
-        return llvm.get_process_triple(), chosen, ""
-    try:
-        features = str(llvm.get_host_cpu_features().flatten())
-    except RuntimeError:
-        # LLVM cannot query this processor
-        features = ""
-    return llvm.get_process_triple(), llvm.get_host_cpu_name(), features
-
-
-def machine(cpu: str | None = None, linked: bool = False) -> Any:
-    """Make an LLVM target machine for the processor `cpu`; if `linked`, for position-independent code.
-
-    Each execution engine takes ownership of its own machine.
-    """
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    _, own, features = target_text()
-    where = {"reloc": "pic", "codemodel": "default"} if linked else {"reloc": "default", "codemodel": "jitdefault"}
-    return llvm.Target.from_default_triple().create_target_machine(
-        cpu=cpu or own, features=features if cpu in (None, own) else "", opt=3, jit=not linked, **where
-    )
-
-
-def checked_machine(linked: bool = False) -> Any:
-    """Make the LLVM target machine for programs. Raises ValueError if LLVM does not know the processor FLEXARM_CPU."""
-    _check_chosen(os.environ.get("FLEXARM_CPU"))
-    return machine(linked=linked)
-
-
-@cache
-def _check_chosen(cpu: str | None) -> None:
-    """Raise ValueError if LLVM does not know the processor that FLEXARM_CPU names."""
-    if cpu and not is_processor(cpu):
-        raise ValueError(
-            f"FLEXARM_CPU = {cpu!r}: must be a processor's name that LLVM knows, 'x86-64-v3' for example, or not set"
-        )
-
-
-_ASKED = """
-import sys
-import llvmlite.binding as llvm
-llvm.initialize_native_target()
-llvm.initialize_native_asmprinter()
-made = llvm.Target.from_default_triple().create_target_machine(cpu=sys.argv[1])
-module = llvm.parse_assembly("define double @f(double %x) { ret double %x }")
-module.triple, module.data_layout = made.triple, str(made.target_data)
-made.emit_object(module)
-"""
-
-
-def is_processor(cpu: str) -> bool:
-    """Return whether LLVM generates code for a processor name; tested in a child process, because LLVM may exit."""
-    if not re.fullmatch(r"[\w.+-]{1,64}", cpu, flags=re.ASCII) or cpu.startswith("-"):
-        return False
-    done = subprocess.run([sys.executable, "-c", _ASKED, cpu], capture_output=True, check=False)
-    return done.returncode == 0 and not done.stderr and not done.stdout
-
-
-def machine_code(text: str, made: Any) -> bytes:
-    """Optimize LLVM assembly and return the object file, without fast-math or contraction of products and sums."""
-    module = llvm.parse_assembly(text)
-    module.triple, module.data_layout = made.triple, str(made.target_data)
-    options = llvm.create_pipeline_tuning_options(speed_level=3)
-    lanes = str(vector(len(EIGHT))) in text
-    # lanes fill the vector registers already; SLP only for programs with large `superword` kernels
-    options.loop_vectorization, options.slp_vectorization = not lanes, f" {SPARED}" in text
-    builder = llvm.create_pass_builder(made, options)
-    builder.getModulePassManager().run(module, builder)
-    # the attribute is meant for the vectorizer only; code generation is better without it
-    if options.slp_vectorization:
-        module = llvm.parse_assembly(str(module).replace(f" {SPARED}", ""))
-    return bytes(made.emit_object(module))
-
-
 _engines: list[Any] = []
 """LLVM execution engines of this process, whose machine code must remain in memory until the process ends."""
 
@@ -353,7 +265,8 @@ _engines: list[Any] = []
 def engine(code: bytes) -> Any:
     """Load an object file into memory; return its LLVM execution engine."""
     empty = llvm.parse_assembly("")
-    made = llvm.create_mcjit_compiler(empty, machine())
+    # llvmlite's memory manager places code and constants in one block
+    made = llvm.create_mcjit_compiler(empty, machine(), use_lmm=NEAR or None)
     made.add_object_file(llvm.ObjectFileRef.from_data(code))
     made.finalize_object()
     _engines.append(made)
@@ -408,7 +321,7 @@ def _door_text() -> str:
 
     def known(name: str, result: Any, *arguments: Any) -> Any:
         """Add the declaration of an external function to the LLVM module."""
-        return ir.Function(module, ir.FunctionType(result, arguments), name)
+        return declared_function(module, name, ir.FunctionType(result, arguments))
 
     as_number = known("PyLong_AsLongLong", WORD, thing)
     made = known("PyLong_FromLongLong", thing, WORD)

@@ -7,7 +7,7 @@ from typing import Any
 from llvmlite import ir
 
 from .kinds import WORD
-from .symbols import DOUBLE
+from .symbols import DOUBLE, declared_function
 
 ON_STACK = 32768
 """Number of 8-byte words (256 KB) of scratch memory on the stack; larger requests go to malloc."""
@@ -60,8 +60,7 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
 
     def _function(self, name: str, kind: Any) -> Any:
         """Return the module's declaration of the external function `name`; declare it if it is missing."""
-        found = self.module.globals.get(name)
-        return found or ir.Function(self.module, kind, name)
+        return self.module.globals.get(name) or declared_function(self.module, name, kind)
 
     def taken(self, words: Any) -> Any:
         """Emit code that allocates `words` 8-byte words of scratch memory; return the LLVM value of their address.

@@ -220,6 +220,14 @@ def largest(x: Value) -> Value:
     return x.like(builder.select(none, first, result), 1)
 
 
+def declared_function(module: Any, name: str, kind: Any) -> Any:
+    """Declare a function of another library in a module; calls of it read its 64-bit address from memory."""
+    code = ir.Function(module, kind, name)
+    # the library may be more than 2 GB away from the code
+    code.attributes.add("nonlazybind")
+    return code
+
+
 def with_slope(y: Value, x: Value, slope: Value) -> Value:
     """Return y with the tangents of x times `slope`: y is a function of x alone. The earlier tangents of y are
     ignored."""
@@ -244,7 +252,7 @@ def turned(t: Value, s: Value, c: Value) -> tuple[Value, Value]:
 
     t: 1.5 * 2^52 + k, whose lowest bits hold the integer k. s: sin r. c: cos r.
 
-    Bit 0 of k swaps sine and cosine. Bit 1 of k changes the sign of the sine, bit 1 of k + 1 that of the cosine.
+    Bit 0 of k swaps sine and cosine and changes the sign of the cosine. Bit 1 of k changes both signs.
     """
     builder, count = t.builder, t.count
     kind = INDEX if count == 1 else ir.VectorType(INDEX, count)
@@ -253,14 +261,15 @@ def turned(t: Value, s: Value, c: Value) -> tuple[Value, Value]:
         """Return the 64-bit integer x in every lane."""
         return ir.Constant(kind, x if count == 1 else [x] * count)
 
-    def signed(x: Any, bit: Any) -> Value:
-        """Return x with its sign flipped where bit 1 of `bit` is set: that bit is shifted to the sign bit, 63."""
-        sign = builder.and_(builder.shl(bit, constant(62)), constant(-(2**63)))
+    def signed(x: Any, sign: Any) -> Value:
+        """Return x with its sign flipped where the sign bit of `sign`, bit 63, is set; its other bits are 0."""
         return t.like(builder.bitcast(builder.xor(builder.bitcast(x, kind), sign), vector(count)), count)
 
+    # bits 0 and 1 of k, shifted to the sign bit
     k = builder.bitcast(t.value, kind)
-    # odd k: sine and cosine change places
-    odd = builder.icmp_unsigned("!=", builder.and_(k, constant(1)), constant(0))
-    # choose first, then apply the signs
+    first = builder.shl(k, constant(63))
+    second = builder.and_(builder.shl(k, constant(62)), constant(-(2**63)))
+    # odd k: sine and cosine change places; a comparison with 0 reads the sign bit only, as blending does
+    odd = builder.icmp_signed("<", first, constant(0))
     sine, cosine = builder.select(odd, c.value, s.value), builder.select(odd, s.value, c.value)
-    return signed(sine, k), signed(cosine, builder.add(k, constant(1)))
+    return signed(sine, second), signed(cosine, builder.xor(first, second))

@@ -20,7 +20,7 @@ from .force import ForceGains, HybridForce, Impedance, ImpedanceGains
 from .lqg import LQG, LQGGains, SpatialLQG, SpatialLQR
 from .lqr import LQR, LQRGains
 from .lqr_force import LQRForce, LQRForceGains
-from .margins import warn_of_delay
+from .margins import warn_of_delay, warn_of_growth
 from .mpc import MPC, MPCGains, SpatialMPC
 from .pd import PD, PDGains, SpatialPD, SpatialPDGains
 from .shaping import SHAPERS, ShapedGains, ShapedPD, SpatialShapedGains, SpatialShapedPD
@@ -151,6 +151,7 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
     gains = check.instance("gains", gains, kind)
     found = made(setup, gains)
     warn_of_delay(name, setup, gains)
+    warn_of_growth(name, setup, gains)
     return found
 
 

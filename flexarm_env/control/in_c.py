@@ -235,6 +235,8 @@ def _in_plane(own: Controller, slew: float | None, held: Held) -> dict[str, Any]
         found["start"] = np.stack([d.model.state_of(np.eye(len(d.C))).T for d in designs])
         found |= {"STATES": len(designs[0].A), "OUTPUTS": len(designs[0].C)}
     if isinstance(own, TimeOptimal):
+        if slew is None:
+            raise check.MissingKey("slew", "the angle, rad, of the slews that the plan of time_optimal covers")
         way = check.number("slew", slew, "rad, of the plan", above=0.0, maximum=2.0 * np.pi)
         known = slew_plan(setup, way, own.effort, own.gains.flexible)
         found |= {"plan": known.torques, "way": known.states[:-1], "PERIODS": known.periods}

@@ -1,18 +1,22 @@
 """Gain and delay margins of the controllers' loops, and a warning if an environment's delay exceeds a margin."""
 
+import math
 import warnings
 from dataclasses import dataclass
 from typing import Any
 
-from .arm_model import arm_model
+from .arm_model import arm_model, linear_model
 from .base import Setup
-from .loop import Law, delay_margin, gain_margin, observer_law, pd_law, plant
+from .loop import Law, delay_margin, gain_margin, observer_law, pd_law, plant, radius
 from .lqr import LQRGains, design, spread_of
 from .pd import PDGains, postures_of
 
 SAFE = 0.6
 """A loop vibrates too long to settle if its delay exceeds `SAFE` times the delay margin."""
 
+
+DOUBLES = 60.0
+"""Time, s, in which a vibration that grows must double to be reported. Slower growth does not matter to episodes."""
 
 MARGINS_OF = ("pd", "zvd", "lqr", "time_optimal")
 """Controllers of planar arms whose margins are computed here."""
@@ -69,6 +73,35 @@ def warn_of_delay(name: str, setup: Setup, gains: Any) -> None:
         now = f"torques and readings are {setup.delay:.3g} s late"
         now += f" and motors lag by {setup.lag:.3g} s" if setup.lag else ""
         warnings.warn(f"{what}, and {now}; tune its gains (flexarm tune), or lower them", UserWarning, stacklevel=4)
+
+
+def warn_of_growth(name: str, setup: Setup, gains: Any) -> None:
+    """Warn if a controller makes a vibration of an undamped arm grow that the controller's own model omits.
+
+    Without damping the arm's higher modes, which are sampled too slowly, can gain energy in each control period. The
+    arm of the check has all modes of the linear model. name: name of the controller.
+    """
+    arm, dt = setup.arm, setup.control_dt
+    if arm.spatial or any((arm.tau_d if link.tau_d is None else link.tau_d) for link in arm.links):
+        return
+    if not isinstance(gains, LQRGains):
+        if name not in ("mpc", "time_optimal"):
+            return
+        gains = stand_in(setup)
+    worst = 0.0
+    for posture in postures_of(arm):
+        every = len(linear_model(arm, posture).A) // 2 - arm.n_links
+        system = plant(arm_model(arm, posture, every), dt, setup.delay, setup.lag)
+        worst = max(worst, radius(system, _law(setup, gains, posture)))
+    # e-folds per second of the fastest growing vibration
+    rate = math.log(max(worst, 1.0)) / dt
+    if rate * DOUBLES > math.log(2.0):
+        warnings.warn(
+            f"{name}: arm {arm.name!r} has no damping (tau_d = 0), and with a control period of {dt:g} s a vibration "
+            f"grows twofold in {math.log(2.0) / rate:.2g} s; give the arm a tau_d, or a shorter control_dt",
+            UserWarning,
+            stacklevel=4,
+        )
 
 
 def stand_in(setup: Setup) -> LQRGains:

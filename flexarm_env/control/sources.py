@@ -129,7 +129,15 @@ def _of_network(name: str, policy: NumpyPolicy, path: Path) -> NamedPolicy:
     """Wrap a network as `NamedPolicy`, with the record of its training from the file."""
     env_id, kwargs = str(policy.meta.get("env_id", "")), policy.meta.get("env_kwargs", {})
     asked = policy.meta.get("asked", {})
-    return NamedPolicy(name, env_id, kwargs, policy.bound, "policy", policy, path, asked)
+
+    def bound(env: Any) -> Any:
+        """Check the policy against the environment; a message begins with the policy's name."""
+        try:
+            return policy.bound(env)
+        except ValueError as error:
+            raise ValueError(f"policy {name}: {error}") from error
+
+    return NamedPolicy(name, env_id, kwargs, bound, "policy", policy, path, asked)
 
 
 def _trained(path: Path) -> dict[str, Any]:
@@ -212,7 +220,10 @@ class OnnxPolicy:
         # scales of another arm's observations are converted
         if self.meta:
             setup = Setup.of(env)
-            self.ratio = fitted(self.meta, setup, setup.size, setup.n_joints)
+            try:
+                self.ratio = fitted(self.meta, setup, setup.size, setup.n_joints)
+            except ValueError as error:
+                raise ValueError(f"{self.path}: {error}") from error
         return self
 
     def reset(self, observation: NDArray[np.floating]) -> None:

@@ -239,7 +239,7 @@ def plan(
         frame, word, action_mode, wanted, pushes=pushes, payload_change=payload_change, gravity=gravity,
         initial_vibration=initial_vibration,
     )  # fmt: skip
-    carried = sensors_of(own, wanted, sensors)
+    carried = sensors_of(own, wanted, sensors, bool(touched))
     seen = sight(frame, wanted, carried, kind.target.entries(own) if moves else [])
     gauges = carried.strain_gauges
     extras = Extras(
@@ -354,7 +354,10 @@ def _arm(kind: Kind, value: Any, joint_limits: Any) -> Arm:
             what = "must be 0 in the environments, whose targets and deflections are those of straight links"
             raise check.InvalidValue(f"arm.links[{k}].curvature", link.curvature, what)
     if arm.torque_limits is None:
-        raise check.MissingKey("arm.torque_limits", f"an environment needs {arm.n_links} torque limit(s) (N m)")
+        what = f"an environment needs {arm.n_links} torque limit(s) (N m)"
+        file = value if isinstance(value, str | os.PathLike) else None
+        with check.in_file(file):
+            raise check.MissingKey("arm.torque_limits" if file is None else "torque_limits", what)
     if not isinstance(joint_limits, Given):
         arm = dataclasses.replace(arm, joint_limits=joint_limits)
     return arm

@@ -2,7 +2,8 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,8 +17,12 @@ from .contacts import refuse_motion
 from .events import unguided
 from .motion import ANGLE, Guide, Prescribed, guide, prescribed
 from .options import Plan
+from .task import PRESS
 
-KEYS = ("start", "target", "vibration", "motion", "interpolation")
+KEYS = ("start", "target", "vibration", "motion", "interpolation", "force")
+
+_FORCE = slice(8, 10)
+"""Place of the commanded force's range, N, in the ranges of drawn paths of the task "press" (`pressing.OnWall`)."""
 
 
 @dataclass(frozen=True)
@@ -26,17 +31,35 @@ class Request:
 
     angles (N,): joint angles at the start, rad. target (2,): the target as the task's record stores it; in space (N,):
     joint angles at which the arm reaches the target. vibration (1,): tip deflection divided by L of the initial
-    vibration; in space (3,): deflection in each mode. motion: prescribed motion, or None.
+    vibration; in space (3,): deflection in each mode. motion: prescribed motion, or None. force: commanded normal force
+    of the task "press", N.
     """
 
     angles: NDArray[np.float64]
     target: NDArray[np.float64]
     vibration: NDArray[np.float64]
     motion: Prescribed | None = None
+    force: float = math.nan
 
     def copy(self) -> "Request":
         """Return the request with its own arrays."""
-        return Request(self.angles.copy(), self.target.copy(), self.vibration.copy(), self.motion)
+        return Request(self.angles.copy(), self.target.copy(), self.vibration.copy(), self.motion, self.force)
+
+    @contextmanager
+    def commanded(self, batch: Batch) -> Iterator[None]:
+        """Context manager in which episodes of `batch` start with the requested force; the same numbers are drawn."""
+        if math.isnan(self.force):
+            yield
+            return
+        reference = batch.extras.reference
+        assert reference is not None
+        # a range of one number, in memory that the compiled start reads
+        usual = reference.ranges[_FORCE].copy()
+        reference.ranges[_FORCE] = self.force
+        try:
+            yield
+        finally:
+            reference.ranges[_FORCE] = usual
 
 
 def request_of(plan: Plan, options: Any) -> Request:
@@ -58,6 +81,10 @@ def request_of(plan: Plan, options: Any) -> Request:
             check_target(plan.record, request.angles, (float(request.target[0]), float(request.target[1])), plan.arm)
     if "vibration" in given:
         request.vibration[:] = _vibration(given["vibration"], modes)
+    if "force" in given:
+        if plan.task != PRESS:
+            raise check.InvalidValue("options.force", given["force"], f'must be given with task="{PRESS}" only')
+        request = dataclasses.replace(request, force=check.number("options.force", given["force"], "N", above=0.0))
     if "motion" in given:
         request = dataclasses.replace(request, motion=prescribed(given["motion"], n, given.get("interpolation")))
     elif "interpolation" in given:
@@ -140,8 +167,10 @@ def start_episode(
     """Start an episode of arm i; with a prescribed motion its guide simulates the arm, otherwise the batch."""
     batch.ask(request.angles, request.target, request.vibration)
     if guided is None:
-        batch.start((i,), (key,), limit=plan.limit, mode=mode)
+        with request.commanded(batch):
+            batch.start((i,), (key,), limit=plan.limit, mode=mode)
         return
     limit = guided.limit if plan.max_steps is None else min(guided.limit, plan.max_steps)
-    batch.start((i,), (key,), limit=limit, mode=GUIDED)
+    with request.commanded(batch):
+        batch.start((i,), (key,), limit=limit, mode=GUIDED)
     guided.start(batch, i)

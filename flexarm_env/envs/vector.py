@@ -1,6 +1,7 @@
 """Many arms as a `gymnasium.vector.VectorEnv`; each arm is equal to the single environment bit for bit."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from typing import Any, Unpack, overload
 
 import gymnasium as gym
@@ -235,7 +236,8 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
                 self.batch.request[:] = np.nan
             else:
                 self.batch.ask(first.angles, first.target, first.vibration)
-            self.batch.start(arms, keys, limit=self.plan.limit, mode=mode)
+            with nullcontext() if first is None else first.commanded(self.batch):
+                self.batch.start(arms, keys, limit=self.plan.limit, mode=mode)
             return
         assert requests is not None
         for i, key in zip(arms, keys, strict=True):

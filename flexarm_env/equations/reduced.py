@@ -111,6 +111,9 @@ def undamped(M: Array, K: Array) -> tuple[Array, Array]:
 
     squares, basis = eigh(K, M)
     largest = float(np.abs(squares).max())
+    if largest == 0.0:
+        # no stiffness at all: every motion is a rigid one
+        return squares, basis
     shift = max(1e-12 * largest, -2.0 * float(squares.min()))
     inverse, shapes = eigh(M, K + shift * M)
     low = int((squares < 1e-8 * largest).sum())

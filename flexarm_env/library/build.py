@@ -13,7 +13,8 @@ import numpy as np
 from .. import validation as check
 from ..compiler import UNCOMPILED
 from ..compiler.image import Image
-from ..compiler.program import is_processor, linkable
+from ..compiler.program import linkable
+from ..compiler.target import is_processor
 from ..control.export import check_name
 from ..derivatives import Periods
 from ..files import write_whole

@@ -229,7 +229,8 @@ class Scene:
         """Set instants of different functions that differ by round-off to one value; this avoids tiny steps."""
         # starts of all pieces but each function's first
         starts = [function.pieces[1:, 0] for function in self._functions()]
-        times = np.unique(np.concatenate([np.zeros(0), *starts]))
+        # sorted without np.unique, whose first call imports numpy.ma
+        times = np.array(sorted({t for start in starts for t in start.tolist()}))
         # map each later instant to the first one of its cluster
         joined: dict[float, float] = {}
         for k in np.flatnonzero(np.diff(times) <= _SAME_TIME * max(1.0, self.duration)):
