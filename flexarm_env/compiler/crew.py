@@ -87,7 +87,7 @@ def _swapped(board: Any, k: int, old: int, new: int) -> bool:
 
 
 def _added(board: Any, k: int, value: int) -> int:
-    """Add to board[k] atomically; return the new value."""
+    """Add `value` to element k of the integer array `board` atomically; return the element's new value."""
     board[k] += value
     return int(board[k])
 
@@ -98,7 +98,7 @@ def _called(function: int, address: int, first: int, last: int) -> int:
 
 
 def _at(e: Any, board: Any, k: Any) -> Any:
-    """Return the address of board[k]."""
+    """Return the address of element k of the integer array `board`."""
     return e.b.gep(board.data, [whole(e.b, k)], inbounds=True)
 
 

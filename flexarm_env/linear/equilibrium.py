@@ -367,7 +367,7 @@ class _Search:
         return np.asarray(x, np.float64)
 
     def moved(self, point: Point, x: Array, share: float = 1.0) -> Point:
-        """Return the point after a displacement x; the coordinates move by the fraction `share` of their part of x."""
+        """Return the point displaced by x; the part of x that belongs to the coordinates is multiplied by `share`."""
         e, f, g = self.e, self.e.free.size, self.e.algebraic.size
         q, u = point.q.copy(), point.u.copy()
         q[e.free] += share * x[:f]
@@ -388,7 +388,7 @@ class _Search:
         return np.asarray(change[self.e.free], np.float64)
 
     def on_a_ridge(self, found: _Found) -> bool:
-        """Return True if the loads push an unstable equilibrium to no side: its deviation is at most `_LEAN`."""
+        """Return True if the loads do not push an unstable equilibrium to one side (deviation at most `_LEAN`)."""
         within = self.within(found.G)
         inner = within.T @ found.A @ within
         squares, shapes = np.linalg.eigh(0.5 * (inner + inner.T))
