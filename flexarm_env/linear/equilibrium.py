@@ -340,13 +340,14 @@ class _Search:
         return e.along(here, q=ways, v=frame.V @ ways, a=frame.W @ ways)[e.free]
 
     def borders(self, point: Point) -> tuple[Array, Array]:
-        """Return the derivatives G of the constraints and B of the held joints' torques, for the movable
-        coordinates."""
+        """Return the derivatives G of the constraints by the movable coordinates, and the forces B of unit torques of
+        held joints in these coordinates."""
         e, here = self.e, self.at(point, point.q)
         return e.constraint_slopes(here), e.input_slopes(here, e.inputs[self.columns])
 
     def solve(self, A: Array, G: Array, B: Array, left: Array) -> Array:
-        """Solve the bordered system, scaled to the stiffness; return the move of coordinates, multipliers and torques.
+        """Solve the bordered system, scaled to the stiffness; return the changes of coordinates, multipliers and
+        torques.
 
         left: residual of the first rows; the residual of the other rows is 0.
         """
