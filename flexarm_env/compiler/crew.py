@@ -144,7 +144,7 @@ def _share(boards, me, task):
         thread. Entry PART of a board is the number of groups that its thread has left.
     me: index of this thread's board. task: number of the task. The caller's board contains the address of the task's
         function and the function's argument.
-    Returns whether the thread finished the task's last group.
+    Returns True if this thread finished the last of the task's groups.
     """
     members, last_one = boards.shape[0] // BOARD, False
     head = (members - 1) * BOARD
