@@ -290,10 +290,10 @@ def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | No
         f"Controllers named `{DRAWN}` are tuned on randomized arms, and policies named `_robust` are trained on "
         "randomized arms. All other controllers and policies know only the nominal arm.", "",
         *short_table("success, median settling", both), "",
-        f"The same policies on an arm computed by the converged exact beam (4 cubic elements per link, steps of 1 ms), "
-        f"in the first {FEWER_EPISODES} episodes:", "",
+        "The same policies were evaluated on an arm computed by the converged exact beam (4 cubic elements per link, "
+        f"steps of 1 ms), in the first {FEWER_EPISODES} episodes:", "",
         *short_table("policy", own["models"]), "",
-        "The same policies on arms that differ from the nominal arm in one parameter:", "",
+        "The same policies were evaluated on arms that differ from the nominal arm in one parameter:", "",
         *short_table("policy", own["shifted"]),
     ]  # fmt: skip
 

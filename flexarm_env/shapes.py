@@ -1,7 +1,8 @@
 """Shapes that an arm must avoid, in the plane and in space, with signed distances and their gradients.
 
 A distance (m) is measured to the nearest point of a shape's surface and is negative inside the shape. All distances are
-computed exactly. If several points of the surface are equally near, the gradient belongs to one of them.
+computed exactly. If several points of the surface are equally near, the distance's gradient is that for one of these
+points.
 """
 
 import math

@@ -190,7 +190,7 @@ def _row(t0: float, c0: float = 0.0, c1: float = 0.0, c2: float = 0.0, c3: float
 
 
 def _of_pieces(kind: str, rows: Any, **parameters: Any) -> TimeFunction:
-    """Create a function from rows of pieces, and record its kind and the parameters that are not None."""
+    """Create a function from one row per piece, and record its kind and the parameters that are not None."""
     kept = tuple((k, tuple(v.tolist()) if isinstance(v, np.ndarray) else v) for k, v in parameters.items())
     return TimeFunction(np.array(rows, dtype=np.float64), kind, tuple((k, v) for k, v in kept if v is not None))
 
@@ -302,7 +302,7 @@ def linear_table(t: Sequence[float] | Array, y: Sequence[float] | Array) -> Time
 
 
 def steps(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
-    """Return a step function: y[k] from time t[k] (s) to t[k + 1], and 0 before t[0]. For loads only: the value jumps.
+    """Return a step function: y[k] from time t[k] (s) to t[k + 1], and 0 before t[0]. Only loads may have such steps.
     Raises ValueError for no row, a time that does not increase, or a value that is not finite."""
     time, value = _columns(t, 1, y=y)
     rows = [_row(*row) for row in zip(time, value, strict=True)]

@@ -1,6 +1,6 @@
 """`flexarm bench`: run the benchmarks of a checkout with the given flags.
 
-`flexarm bench suite` and `page` work without a checkout. `benchmarks/` is searched in the current folder and its
+`flexarm bench suite` and `flexarm bench page` need no checkout. `benchmarks/` is searched in the current folder and its
 parents, then beside the package. All arguments after the command are passed to the script, whose exit code is returned.
 """
 

@@ -1,4 +1,4 @@
-"""`flexarm serve` and `flexarm run`: serve an arm in real time over UDP, and drive a served arm by a policy."""
+"""`flexarm serve` and `flexarm run`: serve an arm in real time over UDP, and drive the arm of a server by a policy."""
 
 import argparse
 import contextlib

@@ -87,7 +87,7 @@ def _swapped(board: Any, k: int, old: int, new: int) -> bool:
 
 
 def _added(board: Any, k: int, value: int) -> int:
-    """Add to board[k] atomically; return the new value."""
+    """Add `value` to element k of the integer array `board` atomically; return the element's new value."""
     board[k] += value
     return int(board[k])
 
@@ -98,7 +98,7 @@ def _called(function: int, address: int, first: int, last: int) -> int:
 
 
 def _at(e: Any, board: Any, k: Any) -> Any:
-    """Return the address of board[k]."""
+    """Return the address of element k of the integer array `board`."""
     return e.b.gep(board.data, [whole(e.b, k)], inbounds=True)
 
 
@@ -144,7 +144,7 @@ def _share(boards, me, task):
         thread. Entry PART of a board is the number of groups that its thread has left.
     me: index of this thread's board. task: number of the task. The caller's board contains the address of the task's
         function and the function's argument.
-    Returns whether the thread finished the task's last group.
+    Returns True if this thread finished the last of the task's groups.
     """
     members, last_one = boards.shape[0] // BOARD, False
     head = (members - 1) * BOARD

@@ -59,7 +59,7 @@ class Module:
         self._rooms: dict[Any, list[int]] = {}
 
     def function(self, kernel: Any, items: Sequence[Any]) -> tuple[Any, Any]:
-        """Return the LLVM function of a kernel specialized for the kinds of `items`, and its result template."""
+        """Return the LLVM function of a kernel for arguments of the kinds of `items`, and a template of its result."""
         # one function for each specialization
         key = (kernel.function, tuple(map(kind, items)))
         if key not in self.made:
@@ -146,8 +146,8 @@ class Module:
     def text(self) -> str:
         """Return the module as LLVM assembly and remove the instructions of all functions.
 
-        Instructions and blocks refer to each other in cycles. When the instructions are removed, Python frees them at
-        once, faster than its garbage collector would.
+        Instructions and blocks are Python objects that refer to each other in cycles. If the instructions are removed,
+        Python frees these objects at once, faster than its garbage collector would.
         """
         found = str(self.code)
         for code in self.code.functions:

@@ -65,7 +65,8 @@ class Guards:
     """
 
     def __init__(self, nodes: Iterable[Any], names: set[int]) -> None:
-        """Compute paths and needed guards; nodes: in program order, gone through from the last to the first."""
+        """Compute the paths and the needed guards, from the last node to the first. nodes: all nodes in program
+        order."""
         self._nodes, self._names = list(nodes)[::-1], names
         self._sides: dict[tuple[int, bool], Side] = {}
         self._lives: dict[int, Live] = {}

@@ -86,7 +86,8 @@ class Array:
 class Record:
     """A named tuple that a kernel has made: its class and one item per field, as LLVM values and not in memory.
 
-    lane: lane tag of the fields that the class annotates with `Lanes`. None means that all arrays hold single numbers.
+    lane: lane tag (see the module `lanes`) of the fields that the class annotates with `Lanes`. None means that all
+        arrays hold single numbers.
     """
 
     instance_class: Any

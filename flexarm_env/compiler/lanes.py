@@ -4,7 +4,8 @@ The argument `lane` of a kernel is a *lane tag*, a tuple of zeros whose length L
 (`SINGLE` or `EIGHT`). In an array that holds lanes, element k of all L arms lies at `[k*L : (k+1)*L]`. `load(lane,
 array, k)` returns a float64 if L = 1 and an LLVM `<L x double>` otherwise. Arithmetic and the functions of this module
 accept both types, so one source serves as the kernel of a single arm and of a batch. The compiler neither contracts nor
-reorders operations. Single arms and batches therefore give the same bits, on any x86 or Arm vector unit.
+reorders operations. A single arm and a batch of arms therefore give bitwise the same results, on any x86 or Arm vector
+unit.
 
 With a longer tag, `dual(lane, D)`, the same source becomes the kernel of its derivative (forward mode). Under a tag
     `dual(lane, D)` each element is followed in memory by D tangents of L numbers each: its derivatives along D

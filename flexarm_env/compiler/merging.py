@@ -63,7 +63,7 @@ def joined(one: Any, other: Any) -> Any:
 
 
 def fitted(writer: Any, item: Any, template: Any) -> Any:
-    """Convert an item to the type of a template from `joined`: widen numbers, load named tuples, part by part."""
+    """Convert each part of an item to the type of a template from `joined`: widen numbers and load named tuples."""
     b = writer.b
     if isinstance(template, Value):
         return arithmetic.number(b, item).full(template.count, len(template.tangents))

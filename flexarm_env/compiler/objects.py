@@ -385,7 +385,7 @@ def _over(path: Path, key: Key) -> bool:
 
 
 def _say_once(text: str) -> None:
-    """Log a message once per process: why a kernel is not stored."""
+    """Log the reason why a kernel is not stored, each reason once per process."""
     if text not in _sentences:
         _sentences.add(text)
         LOG.warning("flexarm_env: %s", text)

@@ -152,7 +152,7 @@ def linkable(kernel: Kernel, layout: Layout, name: str, cpu: str | None) -> byte
 def _uncollected() -> Iterator[None]:
     """Pause Python's garbage collection while LLVM code is built, because its many objects are all in use.
 
-    Garbage collection would double the compile time. Afterwards collect once and return tens of MB to the system.
+    It would double the compile time. Afterwards garbage is collected once and tens of MB of memory become free.
     """
     before = gc.isenabled()
     gc.disable()
@@ -222,7 +222,7 @@ def _whole(writer: Any, item: Any) -> Any:
 
 
 def _given(b: Any, item: Any, out: Any, at: int) -> tuple[Any, int]:
-    """Emit the stores of a result to `out` from word `at` on; return the result's spec and the next free word.
+    """Emit code that stores a result in `out`, from element `at` on; return the result's spec and the next free index.
 
     Specs: "none", "truth", "integer", "unsigned", "number", ["known", value], ["tuple", specs],
     ["record", class, specs].
@@ -290,7 +290,7 @@ def _door() -> tuple[Any, Any]:
     """Return (PyMethodDef, PyCFunction_NewEx): with them `python_function` makes a callable of machine code.
 
     The C function of the PyMethodDef, `_door_text`, calls the address in its `self`, a Python int. `_door_text` is
-    machine code, because a call through ctypes takes longer than a control period of a small arm.
+    machine code, because a call through ctypes takes longer than the computation of a small arm's control period.
     """
     key = objects.key_of(_door_text, [], True, *target_text())
     kept = objects.load(key)

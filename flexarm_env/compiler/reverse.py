@@ -429,7 +429,7 @@ class Pulled(Straight):
 
 
 def _paired(tape: Tape, item: Any, bar: Any) -> Any:
-    """Return an array, or a named tuple of arrays, with its cotangents `bar` registered; None for scratch memory."""
+    """Return an array, or a named tuple of arrays, with its cotangents in `bar`; None for scratch memory."""
     if isinstance(item, Array):
         return Array(tape.argument(item, bar), item.shape, item.letter, item.fixed)
     if isinstance(item, Record):

@@ -153,7 +153,7 @@ Tangents = Sequence[Value]
 
 
 def _times(a: Tangents, b: Value) -> Tangents:
-    """Return the tangents a_i b, for the value of b without its tangents; empty for a constant."""
+    """Return the tangents a_i times the value of b, without b's tangents; empty if a is constant."""
     return [x * b.alone for x in a]
 
 

@@ -334,7 +334,7 @@ class Tape(Rooms):
 
     # --- memory ------------------------------------------------------------------------------------
     def paired(self, place: Any, bar: Any, own: bool) -> None:
-        """Register `bar`, the address of the cotangents of the memory at `place`. own: stores set them to 0."""
+        """Record that the cotangents of the memory at `place` are at the address `bar`. own: stores set them to 0."""
         self._bars[id(place)] = bar
         if isinstance(place, ir.AllocaInstr) and not isinstance(place.type.pointee, ir.ArrayType):
             self._names.add(id(place))

@@ -211,7 +211,7 @@ class Tracer:
 
 
 def _names(code: Any) -> Iterator[str]:
-    """Yield the global names that a code object, or one defined within it, may look up."""
+    """Yield the global names that a code object, or a code object nested within it, may look up."""
     yield from code.co_names
     for inner in code.co_consts:
         if isinstance(inner, python.CodeType):

@@ -24,7 +24,7 @@ def ratio(p, q):
 def _far_ratio(p, q):
     """Return p / q of two int64 as float64 by long division of their magnitudes, correctly rounded.
 
-    The quotient gets binary digits until it has 56 bits or the division ends; ratio = whole * scale.
+    Binary digits of the quotient are computed until it has 56 bits or the division ends. The result is `whole * scale`.
     """
     # magnitudes; -2^63 negated wraps to 2^63 as unsigned
     a, b = np.uint64(-p if p < 0 else p), np.uint64(-q if q < 0 else q)

@@ -321,7 +321,7 @@ class Equations:
         return spin * (mount_of(arm, 0) @ axis_of(arm, 0))
 
     def _vertices(self) -> list[int]:
-        """Return the first row of each vertex of an arm in space."""
+        """Return, for each vertex of an arm in space, the index of its first row in the equations."""
         return [i for i, name in enumerate(self.names_of_rows) if name.startswith("link") and ".x" in name]
 
     # --- linear equations --------------------------------------------------------------------------------------------

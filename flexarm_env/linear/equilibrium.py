@@ -340,13 +340,14 @@ class _Search:
         return e.along(here, q=ways, v=frame.V @ ways, a=frame.W @ ways)[e.free]
 
     def borders(self, point: Point) -> tuple[Array, Array]:
-        """Return the derivatives G of the constraints and B of the held joints' torques, for the movable
-        coordinates."""
+        """Return the derivatives G of the constraints by the movable coordinates, and the forces B of unit torques of
+        held joints in these coordinates."""
         e, here = self.e, self.at(point, point.q)
         return e.constraint_slopes(here), e.input_slopes(here, e.inputs[self.columns])
 
     def solve(self, A: Array, G: Array, B: Array, left: Array) -> Array:
-        """Solve the bordered system, scaled to the stiffness; return the move of coordinates, multipliers and torques.
+        """Solve the bordered system, scaled to the stiffness; return the changes of coordinates, multipliers and
+        torques.
 
         left: residual of the first rows; the residual of the other rows is 0.
         """
@@ -367,7 +368,7 @@ class _Search:
         return np.asarray(x, np.float64)
 
     def moved(self, point: Point, x: Array, share: float = 1.0) -> Point:
-        """Return the point after a displacement x; the coordinates move by the fraction `share` of their part of x."""
+        """Return the point displaced by x; the part of x that belongs to the coordinates is multiplied by `share`."""
         e, f, g = self.e, self.e.free.size, self.e.algebraic.size
         q, u = point.q.copy(), point.u.copy()
         q[e.free] += share * x[:f]
@@ -388,7 +389,7 @@ class _Search:
         return np.asarray(change[self.e.free], np.float64)
 
     def on_a_ridge(self, found: _Found) -> bool:
-        """Return True if the loads push an unstable equilibrium to no side: its deviation is at most `_LEAN`."""
+        """Return True if the loads do not push an unstable equilibrium to one side (deviation at most `_LEAN`)."""
         within = self.within(found.G)
         inner = within.T @ found.A @ within
         squares, shapes = np.linalg.eigh(0.5 * (inner + inner.T))

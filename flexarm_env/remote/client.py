@@ -65,7 +65,7 @@ class Wire:
     """
 
     def __init__(self, host: str, port: int, key: bytes | None = None, timeout: float | None = None) -> None:
-        """Connect to a served arm by HELLO and challenge.
+        """Connect to an arm's server by HELLO and challenge.
 
         key: shared secret of at least 16 bytes, or None for unsigned packets. timeout: longest wait for a reading, s;
             None for ten periods.

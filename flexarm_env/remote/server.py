@@ -78,7 +78,7 @@ class Limits:
 
 @dataclass
 class Session:
-    """Protocol and control loop of a served arm: answers packets and advances control periods; no socket, no clock.
+    """Protocol and control loop of an arm's server: answers packets and advances control periods; no socket, no clock.
 
     Args:
         env: single environment whose actions are torques. limits: limits on commands and motion. key: shared secret, or
@@ -331,9 +331,9 @@ class Server:
     """Real-time UDP server of a session.
 
     Args:
-        session: the served arm. host, port: address of the socket; port 0 selects any free port. A host other than
-            loopback requires a key, or `insecure`. log: CSV file (a row per period). tell: function called with
-            `Session.notice`.
+        session: session with the arm that is served. host, port: address of the socket; port 0 selects any free port. A
+            host other than loopback requires a key, or `insecure`. log: CSV file (a row per period). tell: function
+            called with `Session.notice`.
     Attributes:
         times: for each of the last 100,000 periods the due start, the start and the end, in s of the monotonic clock.
         missed: number of periods that were skipped because they had passed before they could begin.

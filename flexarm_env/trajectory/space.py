@@ -69,7 +69,8 @@ class SpatialTrajectory(Trajectory):
 
     @classmethod
     def read_tips(cls, scene: Scene, settings: Settings, fields: Mapping[str, Array]) -> Array:
-        """Return the tip's positions and axes (n, 4, 3), which error estimates compare; fields: see `read`."""
+        """Return the tip's positions and axes (n, 4, 3), which error estimates compare. fields: as in the method
+        `read`."""
         return tips(scene.arm, settings, fields["q"])
 
     @property

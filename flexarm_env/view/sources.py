@@ -196,7 +196,7 @@ UNITS = {"angle": "rad", "rate": "rad/s", "acceleration": "m/s²", "camera": "m"
 
 
 def _sensors(run: Any) -> list[Chart]:
-    """Return charts of the arm's sensor readings, one per unit; an arm without sensors has ideal ones."""
+    """Return charts of the arm's sensor readings, one per unit; for an arm without sensors, of ideal sensors."""
     try:
         read: dict[str, Array] = run.measured()
     except ValueError:  # samples at uneven distances: no sensor reads them
