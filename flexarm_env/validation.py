@@ -10,7 +10,6 @@ import difflib
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from numbers import Integral, Real
 from typing import Any, TypeVar
 
@@ -99,7 +98,7 @@ def lacking(what: str, package: str, extra: str) -> str:
     return f'{what} needs {package}: pip install {package} (the extra "{extra}" of flexarm_env brings all of its kind)'
 
 
-@contextmanager
+@contextlib.contextmanager
 def needs(what: str, package: str, extra: str, error: type[Exception] = ImportError) -> Iterator[None]:
     """Guard imports of an optional package; if it is missing, raise `error` with the command that installs it."""
     try:
@@ -112,7 +111,6 @@ def installed(package: str) -> str | None:
     """Return the version of an installed package, or None."""
     # takes 0.01 s, and environments do not need it
     from importlib import metadata
-
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -157,7 +155,7 @@ def in_file(path: str | os.PathLike[str] | None) -> contextlib.AbstractContextMa
     return under("" if path is None else f"{os.fspath(path)}: ")
 
 
-@contextmanager
+@contextlib.contextmanager
 def solvable(arm: str) -> Iterator[None]:
     """Context manager that turns a singular matrix into InvalidValue: the arm's data span too many magnitudes."""
     try:
