@@ -105,7 +105,7 @@ def tip_compliance(chain: Chain) -> Array:
 def exact_compliance(chain: Chain) -> Array:
     """Return the tip's displacement per force (3, 3), m/N, of the arm itself in bending and torsion.
 
-    The compliance is integrated with 16 Gauss points per smooth piece of a link; axes and posture as for
+    The compliance is integrated with 16 Gauss points per smooth piece of a link. Axes and posture are those of
     `tip_compliance`.
     """
     arm = chain.arm

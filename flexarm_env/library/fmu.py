@@ -113,7 +113,7 @@ def write_controller_fmu(
         controller, slew, elbows, targets: arguments of `control.in_c.controller_source`. path, form: arguments of
             `write_fmu`.
     Raises:
-        ValueError: for the reasons of `controller_source`, or because no C compiler is found.
+        ValueError: `controller_source` does not support the controller, or no C compiler is found.
     """
     _check_form(form)
     check_name(name)
