@@ -137,7 +137,8 @@ class Description:
             return type(item).__qualname__
 
     def _named(self, function: FunctionType) -> str:
-        """Describe a function of this package by its name, of a library by its file's digest, any other by a new label.
+        """Describe a function: one of this package by its name, one of a library by its file's digest, any other by a
+        new label.
 
         Functions with a label are described later, by `_function`.
         """

@@ -63,7 +63,7 @@ def choose_integrator(chain: Chain) -> tuple[str, float]:
 
     "RK4" is explicit and of fourth order. The step h of "RK4" must satisfy h omega <= 1 for the highest frequency and
     h 2 zeta omega <= 1 for the damping of this frequency. "RK4" is chosen if these conditions allow a step of at least
-    `LEAST_STEP`; the step is then at most 2 ms. Otherwise the choice is "discrete", implicit and of first order
+    `LEAST_STEP`; the step is then at most 2 ms. Otherwise the integrator is "discrete", implicit and of first order
     (MuJoCo 4), with a step of 0.5 ms.
     """
     frequencies, ratios = chain_modes(chain, clamped=False)

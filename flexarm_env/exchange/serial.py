@@ -264,7 +264,8 @@ def _check_span(path: str, span: Array) -> None:
 
 
 def _least(path: str, span: Array) -> float:
-    """Return the smaller magnitude of a range's ends. Raises ValueError unless the range contains 0 in its interior."""
+    """Return the smaller absolute value of a range's two ends. Raises ValueError unless the range contains 0 in its
+    interior."""
     low, high = map(float, span)
     if not low < 0.0 < high:
         raise check.InvalidValue(path, (low, high), "must reach from below 0 to above: an arm's motors turn both ways")
