@@ -43,7 +43,7 @@ from .tasks.attainable import Attainable, attainable, draw_attainable, first_una
 from .tasks.contact_info import CONTACT
 from .tasks.land import Land, LandChain
 from .tasks.own_terms import TERM_ARGUMENTS, with_terms
-from .tasks.press import Press, PressChain
+from .tasks.press import Press, PressChain, SpacePress
 from .tasks.program import (
     ACTION_NOT_FINITE,
     CLIP,
@@ -426,8 +426,9 @@ __all__ = [
     "Chain", "Controller", "Cost", "Extras", "FACTOR_NAMES", "FRESH", "FURTHER", "GOAL", "GUIDED", "INFO",
     "Instruments", "KeepOut", "LAW_SIZE", "Land", "LandChain", "MODE", "OVER", "OneAtATime", "PERIODS",
     "PERIODS_ALLOWED", "PayloadChange", "Press", "PressChain", "Pushes", "REASONS", "RUNNING", "Reach", "Reference",
-    "STATUS_WORDS", "SUCCESS", "Selection", "Sensors", "Sheet", "Slew", "SpaceReach", "Starts", "TARGET",
-    "STRETCH", "TERM_ARGUMENTS", "Task", "View", "aligned", "attainable", "gauge_table", "Guided", "guided_period",
+    "STATUS_WORDS", "SUCCESS", "Selection", "Sensors", "Sheet", "Slew", "SpacePress", "SpaceReach", "Starts",
+    "TARGET", "STRETCH", "TERM_ARGUMENTS", "Task", "View", "aligned", "attainable", "gauge_table", "Guided",
+    "guided_period",
     "info_places", "law_of", "layout_of", "one_at_a_time", "packed", "room_of", "curvature_rows", "standing_scene",
     "with_terms", "draw_attainable", "first_unattainable",
 ]  # fmt: skip

@@ -105,7 +105,6 @@ def test_three_links_press_too() -> None:
     ("env_id", "keywords", "words"),
     [
         ("FlexibleArm-v0", {}, "task = 'press'"),
-        ("SpatialFlexArm-v0", {}, "task = 'press'"),
         ("TwoLinkFlexArm-v0", {"contacts": {**WALL, "obstacle": Sphere((0.7, 0.0), 0.1).to_dict()}}, "a half-space"),
         ("TwoLinkFlexArm-v0", {"contacts": {**WALL, "bodies": ["joint1"]}}, "for the tip"),
         ("TwoLinkFlexArm-v0", {"contacts": {**WALL, "obstacle": FAR}}, "0.85 m"),

@@ -73,6 +73,7 @@ class Setup:
         delay: total delay of torques and readings, s; a random delay counts with its maximum. lag: time constant of the
             motors, s.
         wall: bearing from the root, rad, of the wall's nearest point in task "press" or "land"; None: no wall.
+            wall_elevation: elevation of this point above the x-y plane, rad.
     """
 
     task: str
@@ -91,6 +92,7 @@ class Setup:
     delay: float = 0.0
     lag: float = 0.0
     wall: float | None = None
+    wall_elevation: float = 0.0
 
     @classmethod
     def of(cls, env: Any) -> Setup:
@@ -112,7 +114,7 @@ class Setup:
         return cls(
             plan.kind.task, plan.arm, plan.period, limits, names, scales, plan.history, plan.sensors, noise,
             plan.action_mode, share, plan.gravity, plan.keep_out, *lateness(plan),
-            None if wall is None else float(wall.bearing),
+            None if wall is None else float(wall.bearing), 0.0 if wall is None else float(wall.elevation),
         )  # fmt: skip
 
     @property

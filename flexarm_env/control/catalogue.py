@@ -24,6 +24,7 @@ from .margins import warn_of_delay, warn_of_growth
 from .mpc import MPC, MPCGains, SpatialMPC
 from .pd import PD, PDGains, SpatialPD, SpatialPDGains
 from .shaping import SHAPERS, ShapedGains, ShapedPD, SpatialShapedGains, SpatialShapedPD
+from .space_force import SpatialForceGains, SpatialHybridForce, SpatialImpedance, SpatialPathPD
 from .time_optimal import TimeOptimal, TimeOptimalGains
 
 _Kind = tuple[type[Any], Callable[[Setup, Any], Controller]]
@@ -39,8 +40,13 @@ _SPACE: dict[str, _Kind] = {
     "pd": (SpatialPDGains, SpatialPD),
     **{kind: (SpatialShapedGains, partial(SpatialShapedPD, kind=kind)) for kind in SHAPERS},
     "lqr": (LQGGains, SpatialLQR), "lqg": (LQGGains, SpatialLQG), "mpc": (MPCGains, SpatialMPC),
+    "hybrid_force": (SpatialForceGains, SpatialHybridForce), "impedance": (SpatialForceGains, SpatialImpedance),
 }  # fmt: skip
 """Gains and controller classes for arms in space, by name."""
+_SPACE_WALL: dict[str, Callable[[Setup, Any], Controller]] = {
+    "pd": SpatialPathPD, "hybrid_force": SpatialHybridForce, "impedance": SpatialImpedance,
+}  # fmt: skip
+"""Controller classes for task "press" in space, by name."""
 
 PRESS, LAND = "press", "land"
 """Names of the tasks at a wall, which share gains for any number of joints."""
@@ -113,7 +119,7 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
 
     Args:
         name: "pd", "zv", "zvd", "lqr", "lqg", "mpc" or "time_optimal"; at a wall (task="press" or "land")
-            "hybrid_force", "impedance" or "lqr_force".
+            "hybrid_force", "impedance" or "lqr_force" (not in space).
         env: a `Setup`, or an environment (single or vector) with action_mode "torque".
         gains: an instance of the controller's gains class, or a table of gains by name, as `flexarm tune` writes. None:
             the tuned gains of the environment's task.
@@ -142,6 +148,11 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
         there = ", ".join(f'"{one}"' for one in _SPACE)
         raise check.InvalidValue("controller", name, f"must be one of {there} for an arm in space")
     kind, made = (_SPACE if space else _KINDS)[name]
+    if space and setup.task == PRESS:
+        if name not in _SPACE_WALL:
+            there = ", ".join(f'"{one}"' for one in _SPACE_WALL)
+            raise check.InvalidValue("controller", name, f'must be one of {there} for task="{PRESS}" in space')
+        made = _SPACE_WALL[name]
     # default, table or instance of gains
     if gains is None:
         gains = tuned_gains(name, "space" if space else setup.task, setup.n_joints)
@@ -183,6 +194,7 @@ class Following:
 def controller(name: str, env: Any, gains: Any = None) -> Controller | Following:
     """Create a controller as :func:`flexarm_env.control.make` does; PD also for moving targets and floating bases."""
     plan = env.unwrapped.plan
-    following = name == "pd" and (plan.task in ("track", PRESS, LAND) or plan.arm.base is not None)
+    moves = plan.task in ("track", PRESS, LAND) and not (plan.task == PRESS and plan.kind.space)
+    following = name == "pd" and (moves or plan.arm.base is not None)
     made = make(name, Setup.of(env) if following else env, gains)
     return Following(made) if following else made

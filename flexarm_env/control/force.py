@@ -5,6 +5,7 @@ wall reaction is the commanded force. `lqr_force.LQRForce` has the same referenc
 """
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -101,47 +102,42 @@ class View(NamedTuple):
     touching: Array
 
 
-class PressController(Controller):
-    """Basis of the controllers of a contact force: the observation, the wall, and the progress of the approach.
+class WallController(Controller):
+    """Basis of the controllers of a contact force, in the plane and in space.
 
     In task "press" the tip slides along the wall. In task "land" the target rests, and the gain `Approach.touch` sets
     the commanded force.
     """
 
-    needs_bends = True
     restarts = True
     timing: Approach
 
     def __init__(self, setup: Setup) -> None:
-        """Look up the entries of the observation.
+        """Check the task and the wall.
 
         Raises:
-            ValueError: the environment has another task, or its observation lacks an entry.
+            ValueError: the environment has another task.
         """
         if setup.task not in TASKS:
             raise check.InvalidValue("task", setup.task, f"must be one of {TASKS} for a controller of the force")
         super().__init__(setup)
         self.slides, self.most = setup.task == "press", largest_force(setup.arm)
-        needed = [name for name in ENTRIES if self.slides or name != "target_force"]
-        for name in needed:
-            if name not in setup.names:
-                raise check.InvalidValue("observation", setup.names, f"must have the entry {name}")
-        at, scales = [setup.names.index(name) for name in needed], np.array(setup.scales)
-        self._at, self._scales = np.array(at) - len(setup.names), scales[at]
         if setup.wall is None:
             raise check.InvalidValue("wall", None, "must be given: the bearing (rad) of the wall")
-        self._normal = np.array([np.cos(setup.wall), np.sin(setup.wall)])
-        self.chain = StaticChain(setup.arm)
-
-    def reset(self, observation: NDArray[np.floating]) -> None:
-        """Begin episodes with their first observation, (n, entries) or (entries,)."""
-        signals = self.read(observation)
-        self.goal = signals.angles.copy()
         # one row per episode, so that episodes may begin at different times (`restart`)
-        self._periods, self._way = np.zeros(len(self.goal)), np.zeros(len(self.goal))
-        self._tip = rotated(signals, tip_in_hub_frame(self.setup.arm, signals.angles[:, 1:], signals.bends))
-        self._bends = np.zeros_like(self.goal)
-        self.forget()
+        self._periods = np.zeros(0)
+
+    def entries(self, names: Sequence[str]) -> tuple[NDArray[np.int64], Array]:
+        """Return positions, counted from the end, and scales of observed entries.
+
+        Raises:
+            ValueError: the observation lacks an entry.
+        """
+        for name in names:
+            if name not in self.setup.names:
+                raise check.InvalidValue("observation", self.setup.names, f"must have the entry {name}")
+        at = np.array([self.setup.names.index(name) for name in names], np.int64)
+        return at - len(self.setup.names), np.array(self.setup.scales)[at]
 
     @property
     def friction(self) -> float:
@@ -155,7 +151,11 @@ class PressController(Controller):
         """Compute actions in [-1, 1]: torques divided by their limits, saturated; beside: see `Controller.act`."""
         if not len(self.goal):
             raise RuntimeError("No episode has begun: call the controller's reset(observation) first")
-        torques = self.pressing(self._view(observation))
+        signals = self.read(observation)
+        if len(signals.angles) != len(self.goal):
+            what = f"must be {len(self.goal)}, as reset had"
+            raise check.InvalidValue("rows of observation", len(signals.angles), what)
+        torques = self.pressed(signals, np.atleast_2d(np.asarray(observation, np.float64)))
         self._periods += 1.0
         actions = torques / self.limits
         if beside is not None:
@@ -168,16 +168,51 @@ class PressController(Controller):
         raise NotImplementedError
 
     @abstractmethod
+    def pressed(self, signals: Signals, seen: Array) -> Array:
+        """Return joint torques (n, N), N m, from an observation (n, entries), scaled as the environment scales it."""
+
+    def progress(self) -> tuple[Array, Array, Array]:
+        """Return the progress of the approach and of the rise of the force (n,), 0 to 1, and 1 once the force is risen.
+
+        The approach is a polynomial of fifth degree in time.
+        """
+        time, timing = self._periods * self.setup.control_dt, self.timing
+        x, y = np.clip(time / timing.approach, 0.0, 1.0), np.clip((time - timing.approach) / timing.press, 0.0, 1.0)
+        near, share = x**3 * (10.0 - 15.0 * x + 6.0 * x * x), y * y * (3.0 - 2.0 * y)
+        return near, share, np.where(y >= 1.0, 1.0, 0.0)
+
+
+class PressController(WallController):
+    """Basis of the controllers of a contact force in the plane: the observation, and the arm at rest on the wall."""
+
+    needs_bends = True
+
+    def __init__(self, setup: Setup) -> None:
+        """Look up the entries of the observation; see `WallController`."""
+        super().__init__(setup)
+        self._at, self._scales = self.entries([name for name in ENTRIES if self.slides or name != "target_force"])
+        assert setup.wall is not None
+        self._normal = np.array([np.cos(setup.wall), np.sin(setup.wall)])
+        self.chain = StaticChain(setup.arm)
+
+    def reset(self, observation: NDArray[np.floating]) -> None:
+        """Begin episodes with their first observation, (n, entries) or (entries,)."""
+        signals = self.read(observation)
+        self.goal = signals.angles.copy()
+        self._periods, self._way = np.zeros(len(self.goal)), np.zeros(len(self.goal))
+        self._tip = rotated(signals, tip_in_hub_frame(self.setup.arm, signals.angles[:, 1:], signals.bends))
+        self._bends = np.zeros_like(self.goal)
+        self.forget()
+
+    def pressed(self, signals: Signals, seen: Array) -> Array:
+        return self.pressing(self._view(signals, seen[:, self._at] * self._scales))
+
+    @abstractmethod
     def pressing(self, view: View) -> Array:
         """Return joint torques (n, N), N m."""
 
-    def _view(self, observation: NDArray[np.floating]) -> View:
-        """Read an observation; raise ValueError if its number of rows differs from that at `reset`."""
-        signals = self.read(observation)
-        if len(signals.angles) != len(self.goal):
-            what = f"must be {len(self.goal)}, as reset had"
-            raise check.InvalidValue("rows of observation", len(signals.angles), what)
-        seen = np.atleast_2d(np.asarray(observation, np.float64))[:, self._at] * self._scales
+    def _view(self, signals: Signals, seen: Array) -> View:
+        """Return the quantities of a period. seen (n, entries): values of the entries `ENTRIES`, SI units."""
         to_target, velocity = rotated(signals, seen[:, :2]), rotated(signals, seen[:, 2:4])
         target = rotated(signals, tip_in_hub_frame(self.setup.arm, signals.angles[:, 1:], signals.bends)) + to_target
         commanded = seen[:, 4] if self.slides else np.full(len(seen), self.timing.touch * self.most)
@@ -187,11 +222,7 @@ class PressController(Controller):
         self._way += (velocity * tangent).sum(axis=1)
         velocity = tangent * (self._way / (self._periods + 1.0))[:, None]
         along = tangent * np.where(self._way < 0.0, -1.0, 1.0)[:, None]
-        # approach: a polynomial of fifth degree; then the force rises
-        time, timing = self._periods * self.setup.control_dt, self.timing
-        x, y = np.clip(time / timing.approach, 0.0, 1.0), np.clip((time - timing.approach) / timing.press, 0.0, 1.0)
-        near, share = x**3 * (10.0 - 15.0 * x + 6.0 * x * x), y * y * (3.0 - 2.0 * y)
-        touching = np.where(y >= 1.0, 1.0, 0.0)
+        near, share, touching = self.progress()
         return View(signals, to_target, velocity, target, along, normal, commanded, seen[:, -1], near, share, touching)
 
     def _rest(self, view: View, shift: Array | float, excess: Array | float) -> tuple[Array, Array]:

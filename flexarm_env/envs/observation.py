@@ -18,6 +18,8 @@ from .task import Kind
 FULL, MEASURED = "full", "measured"
 ACTED = "previous_action"
 """Name of the entries, one per joint, with the action of the period that has just ended; 0 at an episode's start."""
+COMMANDED = "target_force"
+"""Name of the entry with the commanded normal force of the task "press"."""
 LONGEST_HISTORY = 1000
 
 Entries = list[tuple[str, float]]
@@ -138,6 +140,8 @@ def _chosen(
         return None
     if observation == MEASURED:
         measured = {place for joint in joints for place in joint}
+        # a commanded force is known without a sensor
+        measured |= {k for k, name in enumerate(names) if name == COMMANDED}
         return tuple(k for k in range(len(names)) if k in measured or k >= task)
     for i, name in enumerate(observation):
         if name not in names:

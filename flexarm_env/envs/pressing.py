@@ -9,12 +9,17 @@ import numpy as np
 
 from .. import sensors as description
 from .. import validation as check
-from ..batch import Land, LandChain, Press, PressChain, Starts
-from ..geometry.inverse import goal_angles
+from ..batch import Land, LandChain, Press, PressChain, SpacePress, Starts, Task
+from ..compiler import uncompiled
+from ..geometry.inverse import angles_at, beyond_reach, goal_angles
 from ..parameters import Arm
 from ..rigid import largest_force
 from ..scene import Contact, contacts_of
 from ..shapes import HalfSpace
+from ..tasks.space import directions as directions_of
+from ..validation import Array
+from .observation import COMMANDED
+from .space import Place
 from .targets import Pair, Point
 from .task import FAILURE, LAND, PRESS, Kind
 
@@ -28,6 +33,10 @@ LONGER = 3.0
 
 The arm comes to rest at the wall in a third of an episode.
 """
+HEIGHTS = (0.2, 0.5)
+"""Range of the height of a path's middle in space, divided by the largest distance within reach along the wall."""
+FORCES = (0.3, 0.6)
+"""Range of the commanded force, divided by the largest tip force that the motors can hold."""
 REACH = 0.85
 """Largest distance of a path's point from the root, divided by the arm's length."""
 BANDS: dict[str, tuple[float, str]] = {"force": (0.1, ""), "path": (0.002, "m")}
@@ -43,10 +52,20 @@ can hold.
 
 
 class Wall(NamedTuple):
-    """A wall in the plane. distance: of its nearest point from the root, m. bearing: direction of this point, rad."""
+    """A wall. distance: of its nearest point from the root, m. bearing, elevation: direction of this point, rad."""
 
     distance: float
     bearing: float
+    elevation: float = 0.0
+
+    @property
+    def directions(self) -> Array:
+        """Unit vectors (3, 3): from the root to the nearest point, to greater bearing, and upwards along the wall."""
+        return np.array(uncompiled(directions_of)(self.bearing, self.elevation))
+
+    def half_chord(self, length: float) -> float:
+        """Return the largest distance, m, from the nearest point at which the wall is within `REACH` lengths (m)."""
+        return math.sqrt(max((REACH * length) ** 2 - self.distance**2, 0.0))
 
 
 class OnWall(Point):
@@ -60,17 +79,62 @@ class OnWall(Point):
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
         """Return ranges of a drawn path's wall distance (m), time (s), speed (m/s), wall bearing (rad), force (N)."""
-        d, b = self.wall
-        half = math.sqrt(max((REACH * arm.total_length) ** 2 - d * d, 0.0))
+        d, b, _ = self.wall
+        half = self.wall.half_chord(arm.total_length)
         speed = min(0.05 * arm.total_length, half / (0.6 * self.duration))
         most = largest_force(arm)
         time = (0.4 * self.duration, 0.6 * self.duration)
-        return [(d, d), time, (0.4 * speed, speed), (b, b), (0.3 * most, 0.6 * most)]
+        return [(d, d), time, (0.4 * speed, speed), (b, b), (FORCES[0] * most, FORCES[1] * most)]
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
         """Check that the wall is within reach and the commanded force positive."""
-        if ranges[4][0] <= 0.0:
-            raise check.InvalidValue("reference.force", ranges[4], "must be positive (N)")
+        check_force(ranges[4])
+
+
+class OnWallInSpace(Place):
+    """A point that moves along a wall in space, in a random direction."""
+
+    paths: ClassVar = {"line": (*Place.paths["line"], ("height", "m"), ("force", "N"))}
+
+    def __init__(self, wall: Wall, duration: float) -> None:
+        """Set the wall, and the length of an episode, s."""
+        self.wall, self.duration = wall, duration
+
+    def ranges(self, arm: Arm, path: str) -> list[Pair]:
+        """Return ranges of wall distance (m), time (s), speed (m/s), bearing, elevation (rad), height (m), force (N).
+
+        The height of a path's middle is its distance from the wall's nearest point, upwards along the wall.
+        """
+        d, b, e = self.wall
+        half, most = self.wall.half_chord(arm.total_length), largest_force(arm)
+        speed = min(0.05 * arm.total_length, 0.4 * half / (0.6 * self.duration))
+        time = (0.4 * self.duration, 0.6 * self.duration)
+        height, force = (HEIGHTS[0] * half, HEIGHTS[1] * half), (FORCES[0] * most, FORCES[1] * most)
+        return [(d, d), time, (0.4 * speed, speed), (b, b), (e, e), height, force]
+
+    def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
+        """Check that the commanded force is positive, and that all paths are within reach and joint limits."""
+        check_force(ranges[6])
+        away, around, up = self.wall.directions
+        time, speed = ranges[1], ranges[2][1]
+        # farthest ends of the paths from their middles, in eight directions along the wall
+        far = speed * max(abs(time[1]), abs(self.duration - time[0]))
+        turns = np.linspace(0.0, 2.0 * np.pi, 9)[:-1, None]
+        ends = np.concatenate([np.zeros((1, 3)), far * (np.cos(turns) * around + np.sin(turns) * up)])
+        middles = self.wall.distance * away + np.linspace(*ranges[5], 3)[:, None] * up
+        places = (middles[:, None] + ends).reshape(-1, 3)
+        wrong = beyond_reach(arm, places)
+        if wrong is not None:
+            limits = " and the joint limits" * bool(arm.joint_limits)
+            at = ", ".join(f"{x:g}" for x in places[wrong])
+            what = f"must keep the paths within reach{limits} at speeds up to {speed:g} m/s: ({at}) m is not"
+            raise check.InvalidValue("reference.height", ranges[5], what)
+
+
+def check_force(force: Pair) -> None:
+    """Raise `InvalidValue` unless all commanded forces are positive."""
+    if force[0] <= 0.0:
+        raise check.InvalidValue("reference.force", force, "must be positive (N)")
 
 
 class PlaceOnWall(OnWall):
@@ -80,8 +144,8 @@ class PlaceOnWall(OnWall):
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
         """Return ranges of wall distance (m), offset from the wall's nearest point (m), speed (0), bearing (rad)."""
-        d, b = self.wall
-        half = math.sqrt(max((REACH * arm.total_length) ** 2 - d * d, 0.0))
+        d, b, _ = self.wall
+        half = self.wall.half_chord(arm.total_length)
         return [(d, d), (0.0, 0.7 * half), (0.0, 0.0), (b, b)]
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
@@ -112,17 +176,21 @@ def pressing(kind: Kind, arm: Arm, task: Any, duration: Any, contacts: Any, sens
     """
     if task not in (PRESS, LAND):
         return Pressing(kind, contacts, sensors, reference)
-    if kind.space or kind.target.numbers != 2:
-        what = "must be given for TwoLinkFlexArm-v0 or MultiLinkFlexArm-v0, whose target is a point in the plane"
+    if kind.target.numbers == 1 or (kind.space and task == LAND):
+        ids = "TwoLinkFlexArm-v0 or MultiLinkFlexArm-v0, whose target is a point in the plane"
+        ids = "TwoLinkFlexArm-v0, MultiLinkFlexArm-v0 or SpatialFlexArm-v0" if task == PRESS else ids
+        raise check.InvalidValue("task", task, f"must be given for {ids}")
+    if kind.space and arm.n_links < 3:
+        what = f"must be given for an arm with at least three joints in space, which {arm.name!r} has not"
         raise check.InvalidValue("task", task, what)
     if arm.base is not None:
         raise check.InvalidValue("task", task, "must not be given for an arm whose base floats")
     longer = LONGER if task == PRESS else 1.0
     length = longer * kind.duration if duration is None else check.number("duration", duration, "s", above=0.0)
-    found = contacts_of("contacts", contacts, arm, False) or (_usual_wall(arm),)
+    found = contacts_of("contacts", contacts, arm, kind.space) or (_usual_wall(arm),)
     wall = _wall_of(found[0], arm)
     options = {} if reference is None else check.table_of("reference", reference)
-    for name in ("distance", "bearing", "path", *(["speed"] if task == LAND else [])):
+    for name in ("distance", "bearing", "elevation", "path", *(["speed"] if task == LAND else [])):
         if name in options:
             raise check.InvalidValue(f"reference.{name}", options[name], f'must be left out with task="{task}"')
     if isinstance(sensors, description.Sensors):
@@ -136,7 +204,8 @@ def pressing(kind: Kind, arm: Arm, task: Any, duration: Any, contacts: Any, sens
 
 def _usual_wall(arm: Arm) -> Contact:
     """Return the default wall: a soft pad with friction 0.3 that the motors' largest force indents by 3 mm."""
-    obstacle = HalfSpace((DISTANCE * arm.total_length, 0.0), (-1.0, 0.0))
+    zeros = (0.0,) * (2 if arm.spatial else 1)
+    obstacle = HalfSpace((DISTANCE * arm.total_length, *zeros), (-1.0, *zeros))
     return Contact(obstacle, largest_force(arm) / 3e-3**1.5, damping=30.0, friction=0.3)
 
 
@@ -145,12 +214,13 @@ def _wall_of(contact: Contact, arm: Arm) -> Wall:
     obstacle, path = contact.obstacle, "contacts[0].obstacle"
     if not isinstance(obstacle, HalfSpace) or "tip" not in contact.bodies:
         raise check.InvalidValue(path, obstacle.to_dict(), "must be a half-space for the tip, the wall of the task")
-    normal = np.array(obstacle.normal)
-    distance = float(obstacle.distance(np.zeros((1, 2)))[0]) - arm.payload.radius
+    away = -np.array(obstacle.normal)
+    distance = float(obstacle.distance(np.zeros((1, len(away))))[0]) - arm.payload.radius
     if not 0.0 < distance < REACH * arm.total_length:
         what = f"must be a wall at most {REACH * arm.total_length:g} m from the root, which is outside"
         raise check.InvalidValue(path, obstacle.to_dict(), what)
-    return Wall(distance, math.atan2(-normal[1], -normal[0]))
+    elevation = math.atan2(away[2], math.hypot(away[0], away[1])) if arm.spatial else 0.0
+    return Wall(distance, math.atan2(away[1], away[0]), elevation)
 
 
 def _kind(kind: Kind, wall: Wall, duration: float) -> Kind:
@@ -158,16 +228,20 @@ def _kind(kind: Kind, wall: Wall, duration: float) -> Kind:
     weights = {name: kind.rewards[name] for name in kind.rewards if name != FAILURE}
 
     def entries(arm: Arm) -> list[tuple[str, float]]:
-        return [*kind.entries(arm), ("target_force", largest_force(arm))]
+        return [*kind.entries(arm), (COMMANDED, largest_force(arm))]
 
     def starts(arm: Arm) -> Starts:
         usual = kind.starts(arm)
-        return dataclasses.replace(usual, start=_ranges(arm, wall), straight=0.0)
+        begun = _ranges_in_space(arm, wall, kind.gravity) if kind.space else _ranges(arm, wall)
+        return dataclasses.replace(usual, start=begun, straight=0.0)
+
+    def record(arm: Arm) -> type[Task]:
+        return SpacePress if kind.space else Press if arm.n_links == 2 else PressChain
 
     return dataclasses.replace(
-        kind, task=PRESS, duration=LONGER * kind.duration, target=OnWall(wall, duration), entries=entries,
-        starts=starts, bands=BANDS, rewards={**weights, "force": 0.5, FAILURE: kind.rewards[FAILURE]},
-        record=lambda arm: Press if arm.n_links == 2 else PressChain,
+        kind, task=PRESS, duration=LONGER * kind.duration, entries=entries, starts=starts, bands=BANDS,
+        target=OnWallInSpace(wall, duration) if kind.space else OnWall(wall, duration),
+        rewards={**weights, "force": 0.5, FAILURE: kind.rewards[FAILURE]}, record=record,
     )  # fmt: skip
 
 
@@ -188,8 +262,23 @@ def _landing(kind: Kind, wall: Wall, duration: float, arm: Arm) -> Kind:
 
 def _ranges(arm: Arm, wall: Wall) -> list[Pair]:
     """Return the ranges of joint angles at a start, rad, about a posture whose tip is in front of the wall."""
-    limits = [(-math.inf, math.inf) if pair is None else pair for pair in arm.joint_limits or (None,) * arm.n_links]
     place = NEAR * wall.distance * np.array([[math.cos(wall.bearing), math.sin(wall.bearing)]])
-    angles = goal_angles(arm, np.zeros((1, arm.n_links)), place, np.ones((1, arm.n_links)))[0]
+    return _about(arm, goal_angles(arm, np.zeros((1, arm.n_links)), place, np.ones((1, arm.n_links)))[0])
+
+
+def _ranges_in_space(arm: Arm, wall: Wall, gravity: Any) -> list[Pair]:
+    """Return the ranges of joint angles at a start, rad; see `_ranges`. gravity (3,): m/s^2, held by the motors."""
+    away, _, up = wall.directions
+    height = 0.5 * sum(HEIGHTS) * wall.half_chord(arm.total_length)
+    found = angles_at(arm, NEAR * (wall.distance * away + height * up), gravity)
+    if found is None:
+        what = f"must be a wall in front of which the tip of {arm.name!r} can start, within its joint limits"
+        raise check.InvalidValue("contacts[0].obstacle", tuple(wall), what)
+    return _about(arm, found)
+
+
+def _about(arm: Arm, angles: Array) -> list[Pair]:
+    """Return ranges of joint angles of half width `TURN` about `angles` (N,), rad, within the joint limits."""
+    limits = [(-math.inf, math.inf) if pair is None else pair for pair in arm.joint_limits or (None,) * arm.n_links]
     pairs = zip(angles.tolist(), limits, strict=True)
     return [(max(low, angle - TURN), min(high, angle + TURN)) for angle, (low, high) in pairs]

@@ -101,7 +101,7 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | `duration` | 5.0 | length of an episode, s |
     | `gravity` | (0, 0, -9.81) | (x, y, z), m/s^2 |
     | `formulation` | "geometrically_exact" | or "floating_frame", with `segments` or `modes` (at least 2) |
-    | `task` | "reach" | or "track": the target moves; "replay": the joints follow a motion |
+    | `task` | "reach" | or "track": moving target; "replay": prescribed motion; "press": see options |
 
     [Options in space](options.md#options-in-space) describes the differences in space. Features that are not available
     in space raise an error that names the feature: [list](spatial_limits.md).

@@ -26,7 +26,7 @@ class Target(ABC):
     numbers: number of coordinates of a target. A record stores at least two numbers per target; the second number of an
     angle is 0.
     paths: shapes of drawn paths, the default shape first. Each shape has the names and units of the numbers that define
-    a path: at most four, in space five.
+    a path.
     """
 
     numbers: int
@@ -66,8 +66,8 @@ class Target(ABC):
         ranges = self.ranges(arm, shape)
         for k, (name, unit) in enumerate(self.paths[shape]):
             if name in options:
-                turns = name in ("bearing", "elevation")
-                bounds = {"above": 0.0} if name == "period" else {} if turns else {"minimum": 0.0}
+                signed = name in ("bearing", "elevation", "height")
+                bounds = {"above": 0.0} if name == "period" else {} if signed else {"minimum": 0.0}
                 bounds = ANGLE | bounds if unit.startswith("rad") else bounds
                 ranges[k] = check.limits(f"reference.{name}", options[name], unit, **bounds)
         return shape, self.narrowed(ranges, options, arm, shape)

@@ -24,7 +24,7 @@ from .task import aim, draw_line, draw_path, path_at, pursue
 
 _AT = JOINT.places
 _TO = MOVING.places
-_ONE, _RECORD, _PLACE, _DRAWN = (0,), (0,) * GOAL, (0,) * _TO.end, (0,) * 5
+_ONE, _RECORD, _PLACE, _DRAWN = (0,), (0,) * GOAL, (0,) * _TO.end, (0,) * 7
 _INSTANTS = 32
 _POINTS = (0,) * (2 * _INSTANTS)
 """Two zeros for each of the `_INSTANTS` instants of an episode at which a path is checked."""

@@ -1,11 +1,12 @@
-"""The tasks `Press` and `PressChain`: the tip slides along a wall and presses on it with a commanded normal force."""
+"""The tasks `Press`, `PressChain` and `SpacePress`: the tip slides along a wall under a commanded normal force."""
 
 from ..compiler import Lanes, absolute, kernel, maximum, select_lt, sincos, size, square_root
 from ..physics.arithmetic import decay, minimum, store_where
 from ..physics.layout import POSE
 from .contact_info import CONTACT
-from .program import PATH, PATH_AT, PERIODS, PERIODS_ALLOWED, SUCCESS, TARGET
+from .program import MOVING, PATH, PATH_AT, PERIODS, PERIODS_ALLOWED, SUCCESS, TARGET
 from .reach import Chain, Reach, reach_draw_line, reach_observe
+from .space import SpaceReach, directions, record_pose, space_draw_line, space_observe, to_target
 from .task import (
     TASKS,
     effort,
@@ -21,11 +22,11 @@ from .task import (
     show_scaled,
 )
 
-_PATH = PATH.places
-FORCE, BEARING = PATH_AT + _PATH.z, PATH_AT + _PATH.bearing
-"""Indices in an arm's record of the commanded normal force (N) and of the bearing (rad) of the wall's point nearest to
-the root."""
-SQUARES, FARTHEST = PATH_AT + _PATH.vz, PATH_AT + _PATH.tilt
+_PATH, _MOVING = PATH.places, MOVING.places
+FORCE, BEARING, ELEVATION = PATH_AT + _PATH.size, PATH_AT + _PATH.bearing, PATH_AT + _PATH.tilt
+"""Indices in an arm's record of the commanded normal force (N) and of the direction from the root to the wall's nearest
+point: bearing and, in space, elevation above the x-y plane (rad)."""
+SQUARES, FARTHEST = PATH_AT + _PATH.rate, PATH_AT + _PATH.phase
 """Indices in an arm's record of the sum of squares of the relative force errors, and of the largest distance (m) from
 the target, in the evaluated periods."""
 
@@ -45,6 +46,12 @@ class PressChain(Chain):
     __slots__ = ()
 
 
+class SpacePress(SpaceReach):
+    """Record of task "press" in space."""
+
+    __slots__ = ()
+
+
 @kernel
 def press_observe(lane, task, poses: Lanes, record: Lanes, out):
     """Write the scaled observation of `Reach`, then the commanded normal force divided by its scale."""
@@ -53,22 +60,54 @@ def press_observe(lane, task, poses: Lanes, record: Lanes, out):
 
 
 @kernel
+def space_press_observe(lane, task, poses: Lanes, record: Lanes, out):
+    """Write the scaled observation of `SpaceReach`, then the commanded normal force divided by its scale."""
+    space_observe(lane, task, poses, record, out)
+    show_scaled(lane, task, out, size(task.entries) - 1, record[FORCE])
+
+
+@kernel
 def press_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lanes):
-    """Write success, info and the reward terms of a tip that slides along a wall under a commanded normal force.
+    """Write success, info and the reward terms of `reward_press` for an arm in the plane.
 
-    e: distance (m) of tip and target along the wall; f = (F_n - F_c) / F_c with the normal force F_n at the period's
-    end and the commanded one F_c; d: distance of tip and target divided by the arm's length; a, b (task.bands): success
-    bands of f and e (m).
-
-        accuracy exp(-(e / 10 mm)^2), settle 1 / (1 + ((e / b)^2 + (f / a)^2)^2), distance by min(d, 1) (`left_of`),
-        effort -sum action^2, vibration -min(sum of squares of deflection rates, 1), force exp(-(f / 0.25)^2)
-
-    Success: in all periods of the last two thirds of the episode up to now, the root mean square of f is at most a and
-    e is at most b. No period of the first third counts as a success. poses: poses of the links, inertial axes; info is
-    written in lanes with live > 1/2. Returns (reward, 1.0 where a joint is beyond its limits).
+    poses: poses of the links, inertial axes. Returns (reward, 1.0 where a joint is beyond its limits).
     """
     shaking = record_deflections(lane, task, poses, live, info)
     e, d = target_distances(lane, task, poses, record)
+    record_tip(lane, task, poses, record, live, info)
+    return reward_press(lane, task, e, d, shaking, action, record, live, info), past_limits(lane, task, poses)
+
+
+@kernel
+def space_press_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lanes):
+    """Write success, info and the reward terms of `reward_press` for an arm in space; see `press_judge`."""
+    shaking, past = record_pose(lane, task, poses, record, live, info)
+    dx, dy, dz = to_target(lane, task, poses, record)
+    # n: from the root to the wall's nearest point; components of tip to target across n
+    sine, cosine = sincos(record[BEARING])
+    up, flat = sincos(record[ELEVATION])
+    nx, ny = cosine * flat, sine * flat
+    depth = (dx * nx + dy * ny) + dz * up
+    ex, ey, ez = dx - depth * nx, dy - depth * ny, dz - depth * up
+    e = square_root((ex * ex + ey * ey) + ez * ez)
+    d = square_root((dx * dx + dy * dy) + dz * dz) / task.length
+    return reward_press(lane, task, e, d, shaking, action, record, live, info), past
+
+
+@kernel
+def reward_press(lane, task, e, d, shaking, action, record: Lanes, live, info: Lanes):
+    """Return the reward of a tip that slides along a wall under a commanded normal force, and record success.
+
+    e: distance (m) of tip and target along the wall; f = (F_n - F_c) / F_c with the normal force F_n at the period's
+    end and the commanded one F_c; d: distance of tip and target divided by the arm's length; a, b (task.bands): success
+    bands of f and e (m); shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2.
+
+        accuracy exp(-(e / 10 mm)^2), settle 1 / (1 + ((e / b)^2 + (f / a)^2)^2), distance by min(d, 1) (`left_of`),
+        effort -sum action^2, vibration -min(shaking, 1), force exp(-(f / 0.25)^2)
+
+    Success: in all periods of the last two thirds of the episode up to now, the root mean square of f is at most a and
+    e is at most b. No period of the first third counts as a success. info is written in lanes with live > 1/2.
+    """
     # relative error of the normal force
     commanded, force = maximum(record[FORCE], 1e-300), record[FORCE] * 0.0
     if size(task.further) > 0:
@@ -76,7 +115,6 @@ def press_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lan
         force = info[at + CONTACT.force]
         put_info(lane, live, info, at + CONTACT.target, record[FORCE])
     f = (force - commanded) / commanded
-    record_tip(lane, task, poses, record, live, info)
     _record_press(lane, task, e, f, record, live, info)
     wide, off = e / WIDE_PATH, f / WIDE_FORCE
     near, close = e / task.bands[1], f / task.bands[0]
@@ -86,7 +124,7 @@ def press_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lan
     total = total + reward_term(lane, task, live, info, 3, -effort(lane, task, action))
     total = total + reward_term(lane, task, live, info, 4, -minimum(shaking, 1.0))
     total = total + reward_term(lane, task, live, info, 5, decay(off * off))
-    return reward_change(lane, task, action, record, live, info, total), past_limits(lane, task, poses)
+    return reward_change(lane, task, action, record, live, info, total)
 
 
 @kernel
@@ -125,9 +163,37 @@ def press_draw_line(task, stream, arm, start, drawn, path):
     speed, m/s; bearing of the nearest point, rad; normal force, N.
     """
     reach_draw_line(task, stream, arm, start, drawn, path)
-    path[_PATH.z], path[_PATH.bearing] = drawn[4], drawn[3]
+    path[_PATH.size], path[_PATH.bearing] = drawn[4], drawn[3]
 
 
-_PRESSED = {"observe": press_observe, "judge": press_judge, "draw_line": press_draw_line}
+@kernel
+def space_press_draw_line(task, stream, arm, start, drawn, path):
+    """Write a straight path in a random direction along a wall in space, a `PATH`, with the commanded normal force.
+
+    drawn (7,): distance of the wall from the root, m; time at which the target reaches the path's middle, s; speed,
+    m/s; bearing and elevation of the wall's nearest point, rad; distance of the middle from that point, upwards along
+    the wall, m; normal force, N.
+    """
+    space_draw_line(task, stream, arm, start, drawn, path)
+    _, _, up = directions(drawn[3], drawn[4])
+    path[_PATH.x], path[_PATH.y] = path[_PATH.x] + drawn[5] * up[0], path[_PATH.y] + drawn[5] * up[1]
+    path[_PATH.z] = path[_PATH.z] + drawn[5] * up[2]
+    path[_PATH.size], path[_PATH.bearing], path[_PATH.tilt] = drawn[6], drawn[3], drawn[4]
+
+
+@kernel
+def press_path_at(task, path, t, out):
+    """Write the target's position (m) and velocity (m/s), inertial axes, at time t (s), on a line along the wall.
+
+    path: a `PATH`, of which x, y, z and their velocities are read. out: a `MOVING`.
+    """
+    out[_MOVING.x], out[_MOVING.y] = path[_PATH.x] + path[_PATH.vx] * t, path[_PATH.y] + path[_PATH.vy] * t
+    out[_MOVING.z] = path[_PATH.z] + path[_PATH.vz] * t
+    out[_MOVING.vx], out[_MOVING.vy], out[_MOVING.vz] = path[_PATH.vx], path[_PATH.vy], path[_PATH.vz]
+
+
+_PRESSED = {"observe": press_observe, "judge": press_judge, "draw_line": press_draw_line, "path_at": press_path_at}
 TASKS.register(Press, **{**TASKS.members[Reach], **_PRESSED})
 TASKS.register(PressChain, **{**TASKS.members[Chain], **_PRESSED})
+_IN_SPACE = {"observe": space_press_observe, "judge": space_press_judge, "draw_line": space_press_draw_line}
+TASKS.register(SpacePress, **{**TASKS.members[SpaceReach], **_IN_SPACE, "path_at": press_path_at})

@@ -27,7 +27,7 @@ PATH = Layout(
     Field("z", (), "m", "in space, center of a circle, z"), Field("vz", (), "m/s", "in space, its velocity, z"),
     Field("bearing", (), "rad", "in space, bearing of the circle's axis"), Field("tilt", (), "rad", "its angle from z"),
 )  # fmt: skip
-"""Parameters of a moving target's drawn path, inertial axes. The task `Press` gives the last four another meaning."""
+"""Parameters of a moving target's drawn path, inertial axes. Some have another meaning at a wall (`tasks.press`)."""
 
 LAW = Layout(
     "Law", "",
@@ -338,7 +338,7 @@ class Reference(NamedTuple):
 
     line: tuple[int, ...] | None  # a tag where straight lines are drawn
     table: np.ndarray  # (m, 2 D) target and rate at each control instant, D numbers each; empty: drawn
-    ranges: np.ndarray  # (4, 2), in space (5, 2): low and high of each drawn number of a path
+    ranges: np.ndarray  # (n, 2): low and high of each drawn number of a path
     ahead: np.ndarray  # (2,) int64: control periods by which the observation looks ahead
     scales: np.ndarray  # (3 D,): scales of the rate and of the two displacements ahead
     axis: np.ndarray | None = None  # (3,) in space: axis of joint 0, in the axes of its link's root

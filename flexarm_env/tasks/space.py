@@ -28,7 +28,7 @@ def _in_root(lane, poses: Lanes, x, y, z, d):
 
 
 @kernel
-def _to_target(lane, task, poses: Lanes, record: Lanes):
+def to_target(lane, task, poses: Lanes, record: Lanes):
     """Return the vector from the tip to the target, m, inertial axes.
 
     poses: poses of the links, with the last link's tip. record.target: m, inertial axes.
@@ -74,7 +74,7 @@ def space_observe(lane, task, poses: Lanes, record, out):
                 show_scaled(lane, task, out, to + d, poses[o + d])
             to += 6
     # vectors in the axes of link 0's root
-    for vector in (_velocity(lane, task, poses), _to_target(lane, task, poses, record)):
+    for vector in (_velocity(lane, task, poses), to_target(lane, task, poses, record)):
         for d in range(3):
             show_scaled(lane, task, out, to + d, _in_root(lane, poses, vector[0], vector[1], vector[2], d))
         to += 3
@@ -89,6 +89,24 @@ def space_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
     poses: poses of the links; action (joints, lanes), in [-1, 1]; info is written in lanes with live > 1/2.
     Returns (reward, 1.0 where a joint is beyond its limits).
     """
+    shaking, past = record_pose(lane, task, poses, record, live, info)
+    # way to the target and velocity relative to it, inertial axes
+    dx, dy, dz = to_target(lane, task, poses, record)
+    vx, vy, vz = _velocity(lane, task, poses)
+    vx, vy = vx - record[TARGET_RATE], vy - record[TARGET_RATE + 1]
+    vz = vz - record[TARGET_RATE + 2]
+    error = square_root((dx * dx + dy * dy) + dz * dz) / task.length
+    speed = square_root((vx * vx + vy * vy) + vz * vz) / task.length
+    return reward_point(lane, task, error, speed, shaking, poses, action, record, live, info), past
+
+
+@kernel
+def record_pose(lane, task, poses: Lanes, record: Lanes, live, info):
+    """Write deflections, twists, tip and target into info, where live > 1/2; return (shaking, past).
+
+    shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2. past: 1.0 where a joint is beyond
+    its limits.
+    """
     n, at = size(task.links), info_of(task)
     shaking, past = 0.0, 0.0
     # deflection along y and z and its rate over L (root axes); twist (rad); joint limits
@@ -102,18 +120,11 @@ def space_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
                 shaking = shaking + rate * rate
         put_info(lane, live, info, at.twist + k, poses[o + SPACE_POSE.twist])
         past = past_limit(task, k, poses[o + SPACE_POSE.angle], past)
-    # way to the target and velocity relative to it, inertial axes
-    dx, dy, dz = _to_target(lane, task, poses, record)
-    vx, vy, vz = _velocity(lane, task, poses)
-    vx, vy = vx - record[TARGET_RATE], vy - record[TARGET_RATE + 1]
-    vz = vz - record[TARGET_RATE + 2]
     for d in range(3):
         tip = poses[SPACE_POSE.end * (n - 1) + SPACE_POSE.tip + d]
         put_info(lane, live, info, at.tip + d, tip)
         put_info(lane, live, info, at.target + d, record[TARGET + d])
-    error = square_root((dx * dx + dy * dy) + dz * dz) / task.length
-    speed = square_root((vx * vx + vy * vy) + vz * vz) / task.length
-    return reward_point(lane, task, error, speed, shaking, poses, action, record, live, info), past
+    return shaking, past
 
 
 @kernel
@@ -148,7 +159,7 @@ def space_pursue(task, record):
 
 
 @kernel
-def _directions(bearing, elevation):
+def directions(bearing, elevation):
     """Return unit vectors (x, y, z) at a bearing and elevation (rad): away from the root, to greater bearing, upwards.
 
     Bearing: from x towards y about the z axis; elevation: above the plane of x and y.
@@ -164,7 +175,7 @@ def space_draw_path(task, stream, arm, start, drawn, path):
     drawn (5,): distance of the circle's center from the root, m; period, s; radius, m; bearing and elevation of the
     center, rad. stream[arm]: random numbers of the arm. start: not used.
     """
-    away, _, _ = _directions(drawn[3], drawn[4])
+    away, _, _ = directions(drawn[3], drawn[4])
     # center of the circle, distance times direction (inertial axes)
     path[_PATH.x], path[_PATH.y], path[_PATH.z] = drawn[0] * away[0], drawn[0] * away[1], drawn[0] * away[2]
     path[_PATH.size] = drawn[2]
@@ -182,7 +193,7 @@ def space_draw_line(task, stream, arm, start, drawn, path):
     drawn (5,): distance of the path's nearest point from the root, m; time at which the target reaches this point, s;
     speed, m/s; bearing and elevation of this point, rad. stream[arm]: random numbers of the arm. start: not used.
     """
-    away, around, up = _directions(drawn[3], drawn[4])
+    away, around, up = directions(drawn[3], drawn[4])
     turn = 2.0 * math.pi * uniform(stream, arm)
     # v across the direction, so that the path's nearest point is the drawn one
     c, s = drawn[2] * math.cos(turn), drawn[2] * math.sin(turn)
@@ -204,7 +215,7 @@ def space_path_at(task, path, t, out):
     angle = rate * t + path[_PATH.phase]
     c, s = radius * math.cos(angle), radius * math.sin(angle)
     # two unit vectors across the circle's axis
-    _, first, other = _directions(path[_PATH.bearing], 0.5 * math.pi - path[_PATH.tilt])
+    _, first, other = directions(path[_PATH.bearing], 0.5 * math.pi - path[_PATH.tilt])
     out[_MOVING.x] = path[_PATH.x] + path[_PATH.vx] * t + (c * first[0] + s * other[0])
     out[_MOVING.y] = path[_PATH.y] + path[_PATH.vy] * t + (c * first[1] + s * other[1])
     out[_MOVING.z] = path[_PATH.z] + path[_PATH.vz] * t + (c * first[2] + s * other[2])

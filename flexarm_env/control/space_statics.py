@@ -1,0 +1,171 @@
+"""Arms in space at rest under gravity and a force on the tip, for many arms at once: shape, torques, gauge readings.
+
+Links are inextensible, unshearable rods (Kirchhoff) with large rotations, divided into cells of constant curvature. The
+fixed-point iteration continues from the curvatures of the last call, so that a controller needs one or two passes per
+control period.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..bodies import tensor
+from ..parameters import Arm
+from ..physics.space.build import Body, axis_of, far_body, mount_of, near_body, tip_end, tip_lever
+from ..physics.space.gauges import AXIS
+from ..physics.space.reading import matrices
+from ..sensors import StrainGauge
+from ..validation import Array
+
+CELLS = 8
+"""Number of cells of a flexible link."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """n arms at rest, in inertial axes.
+
+    Attributes: force (n, 3): force on the tip, N. tip (n, 3): m. torques (n, N): holding torques of the joints, N m.
+        jacobian (n, 3, N): derivatives of the tip by the joint angles at fixed curvatures, m. curvatures (n, cells, 3):
+        twist and curvatures of the cells, 1/m. rows (n, G, 3), offsets (n, G): gauge readings are rows @ force +
+        offsets, in curvatures, 1/m.
+    """
+
+    force: Array
+    tip: Array
+    torques: Array
+    jacobian: Array
+    curvatures: Array
+    rows: Array
+    offsets: Array
+
+
+class SpatialChain:
+    """Arm of flexible links in space at rest.
+
+    Args:
+        arm: an arm that leaves the plane. gravity (3,): m/s^2. gauges: strain gauges whose readings are wanted.
+    """
+
+    def __init__(self, arm: Arm, gravity: Array, gauges: Sequence[StrainGauge] = ()) -> None:
+        """Store the cells' lengths (m), stiffnesses (N m^2) and masses (kg)."""
+        self.arm, self.gravity, self.gauges = arm, np.asarray(gravity, np.float64), tuple(gauges)
+        self.first: list[int] = []
+        stiffness, masses, lengths = [], [], []
+        for link in arm.links:
+            self.first.append(len(stiffness))
+            if link.rigid:
+                continue
+            s = link.length * (np.arange(CELLS) + 0.5) / CELLS
+            across = link.across(s)
+            for i, at in enumerate(s.tolist()):
+                own = link.along(at)
+                stiffness.append((float(across["GJ"][i]), float(across["EI_y"][i]), float(own.EI)))
+                lengths.append(link.length / CELLS)
+                masses.append(float(own.m) * lengths[-1])
+        self.stiffness, self.masses = np.array(stiffness).reshape(-1, 3), np.array(masses)
+        self.lengths = np.array(lengths)
+        # curvature per moment about an axis of the section, 1/(N m^2)
+        self.per_moment = np.array([AXIS[g.measures][1] / self._stiffness_at(g) for g in self.gauges])
+
+    @property
+    def cells(self) -> int:
+        """Number of cells of all links."""
+        return len(self.masses)
+
+    def at(self, angles: Array, force: Array, curvatures: Array) -> Rest:
+        """Compute the arms with joints at angles (n, N), rad, under forces (n, 3), N, on their tips.
+
+        curvatures (n, cells, 3): curvatures of the cells, of which the shape is computed, 1/m; the result holds those
+        that follow from the shape's moments.
+        """
+        arm, n = self.arm, len(angles)
+        A, r = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
+        # masses from root to tip: places and kg; joints and cells: place, axes, number of the first mass beyond
+        places: list[Array] = []
+        weights: list[float] = []
+        joints: list[tuple[Array, Array, int]] = []
+        spots: list[tuple[Array, Array, int]] = []
+        read: dict[int, tuple[Array, Array, int]] = {}
+
+        def carry(body: Body) -> None:
+            if body.mass > 0.0:
+                places.append(r + A @ body.centre)
+                weights.append(body.mass)
+
+        for k, link in enumerate(arm.links):
+            axis = axis_of(arm, k)
+            A = A @ mount_of(arm, k) @ matrices(angles[:, k, None] * axis)
+            joints.append((r, A @ axis, len(weights)))
+            if not link.rigid:
+                r = r + link.root_offset * A[..., 0]
+            carry(far_body(arm, k))
+            if not link.rigid:
+                h, i = link.length / CELLS, self.first[k]
+                own = curvatures[:, i : i + CELLS]
+                halves, wholes = matrices(0.5 * h * own), matrices(h * own)
+                for j in range(CELLS):
+                    for g, gauge in enumerate(self.gauges):
+                        s = gauge.place * link.length - j * h
+                        if gauge.link == k and (0.0 <= s < h or (j == CELLS - 1 and s >= h)):
+                            at = r + s * (A @ matrices(0.5 * s * own[:, j]))[..., 0]
+                            read[g] = (at, A @ matrices(s * own[:, j]), len(weights) + int(s > 0.5 * h))
+                    middle = A @ halves[:, j]
+                    spots.append((r + 0.5 * h * middle[..., 0], middle, len(weights)))
+                    places.append(spots[-1][0])
+                    weights.append(float(self.masses[i + j]))
+                    r, A = r + h * middle[..., 0], A @ wholes[:, j]
+            if k + 1 < arm.n_links:
+                carry(near_body(arm, k + 1))
+            else:
+                carry(tip_end(link))
+            r = r + A @ tip_lever(link)
+        held = arm.payload
+        carry(Body(held.mass, np.array((*held.offset, 0.0)[:3]), tensor(held.inertia)))
+        # sums of mass and mass times place over all masses from number j on
+        mass = np.append(np.cumsum(np.array(weights)[::-1])[::-1], 0.0)
+        moved = np.stack(places, 1) * np.array(weights)[:, None]
+        first = np.concatenate([np.cumsum(moved[:, ::-1], axis=1)[:, ::-1], np.zeros((n, 1, 3))], axis=1)
+
+        def moments(spots: list[tuple[Array, Array, int]], beyond: int) -> tuple[Array, Array]:
+            """Return levers to the tip (n, spots, 3), m, and moments of the weight beyond the spots, N m."""
+            at, js = np.stack([spot[0] for spot in spots], axis=1), np.array([spot[2] for spot in spots]) + beyond
+            return r[:, None] - at, _cross(first[:, js] - mass[js, None] * at, self.gravity)
+
+        levers, weight = moments(joints, 0)
+        axes = np.stack([axis for _, axis, _ in joints], axis=1)
+        torques = -(axes * (weight + _cross(levers, force[:, None]))).sum(axis=2)
+        columns = np.swapaxes(_cross(axes, levers), 1, 2)
+        after = np.zeros_like(curvatures)
+        if spots:
+            levers, weight = moments(spots, 1)
+            axes = np.stack([A for _, A, _ in spots], axis=1)
+            # the outer half of a cell's own mass has the lever h / 4
+            own = 0.125 * (self.masses * self.lengths)[:, None] * axes[..., 0]
+            moment = weight + _cross(levers, force[:, None]) + _cross(own, self.gravity)
+            after = (moment[:, :, None] @ axes)[:, :, 0] / self.stiffness
+        rows, offsets = np.zeros((n, len(self.gauges), 3)), np.zeros((n, len(self.gauges)))
+        if read:
+            levers, weight = moments([read[g] for g in range(len(self.gauges))], 0)
+            a = np.stack([read[g][1][..., AXIS[gauge.measures][0]] for g, gauge in enumerate(self.gauges)], axis=1)
+            a = a * self.per_moment[:, None]
+            # a . (l x F) = (a x l) . F
+            rows, offsets = _cross(a, levers), (a * weight).sum(axis=2)
+        return Rest(force, r, torques, columns, after, rows, offsets)
+
+    def _stiffness_at(self, gauge: StrainGauge) -> float:
+        """Return GJ, EI_y or EI, N m^2, at a gauge."""
+        link = self.arm.links[gauge.link]
+        s = gauge.place * link.length
+        across = link.across(np.array(s))
+        return float((across["GJ"], across["EI_y"], link.along(s).EI)[AXIS[gauge.measures][0]])
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return the cross product of vectors (..., 3), without the call overhead of `numpy.cross`."""
+    found = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    found[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    found[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    found[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return found
