@@ -116,7 +116,8 @@ def test_what_is_refused(keywords: dict[str, Any], words: str) -> None:
 
 def test_controllers_that_are_refused() -> None:
     env = pressing()
-    for name in ("lqr", "lqr_force", "mpc"):
+    assert "must be left out with mpc" in refusal(lambda: control.make("mpc", env))
+    for name in ("lqr", "lqr_force"):
         assert f"controller = '{name}'" in refusal(lambda name=name: control.make(name, env))
     blind = pressing(observation="measured", sensors={"strain_gauges": []})
     names = [name for name in blind.unwrapped.plan.names if "tip_force" not in name]
