@@ -160,8 +160,8 @@ def _kind(kind: Kind, wall: Wall, duration: float) -> Kind:
     def entries(arm: Arm) -> list[tuple[str, float]]:
         return [*kind.entries(arm), ("target_force", largest_force(arm))]
 
-    def starts(arm: Arm) -> Starts:
-        usual = kind.starts(arm)
+    def starts(arm: Arm, rules: int) -> Starts:
+        usual = kind.starts(arm, rules)
         return dataclasses.replace(usual, start=_ranges(arm, wall), straight=0.0)
 
     return dataclasses.replace(
@@ -175,8 +175,8 @@ def _landing(kind: Kind, wall: Wall, duration: float, arm: Arm) -> Kind:
     """Return the kind for task="land" at a wall, with episodes of `duration` s."""
     weights = {name: kind.rewards[name] for name in kind.rewards if name != FAILURE}
 
-    def starts(arm: Arm) -> Starts:
-        return dataclasses.replace(kind.starts(arm), start=_ranges(arm, wall), straight=0.0)
+    def starts(arm: Arm, rules: int) -> Starts:
+        return dataclasses.replace(kind.starts(arm, rules), start=_ranges(arm, wall), straight=0.0)
 
     return dataclasses.replace(
         kind, task=LAND, target=PlaceOnWall(wall, duration), starts=starts,
