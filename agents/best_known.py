@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents import families
-from agents.families import ROOT
+from agents.families import RECORDED, ROOT
 from benchmarks.machine import table, told
 from benchmarks.pages import write_page
 from flexarm_env import control
@@ -217,7 +217,7 @@ def policies(case: Case, first: int, count: int) -> Judged:
     settling: dict[str, list[float]] = {}
     returns: dict[str, list[float]] = {}
     for name, chosen in made.items():
-        env = fixed.make_episodes(case.env, count, **chosen.env_kwargs)
+        env = fixed.make_episodes(case.env, count, **chosen.env_kwargs | RECORDED)
         torques: list[Array] = []
         policy = Watched(chosen.make(env), env, torques)
         outcome = fixed.run(env, policy, first)
@@ -278,7 +278,7 @@ def solve_lot(case: Case, first: int, count: int) -> dict[str, Any]:
     the environment and on the exact beam.
     """
     began = time.process_time()
-    env = fixed.make_episodes(case.env, count)
+    env = fixed.make_episodes(case.env, count, **RECORDED)
     limit = int(env.unwrapped.plan.limit)
     lot = lot_of(env, first)
     starts: dict[str, list[float | None]] = {}
@@ -306,7 +306,7 @@ def solve_lot(case: Case, first: int, count: int) -> dict[str, Any]:
     env.close()
     outcomes = {}
     for name, keywords in {"environment": {}, "exact": {"formulation": "geometrically_exact", **EXACT}}.items():
-        env = fixed.make_episodes(case.env, count, **keywords)
+        env = fixed.make_episodes(case.env, count, **keywords, **RECORDED)
         outcomes[name] = fixed.run(env, Actions(actions), first)
         env.close()
     result = outcomes["environment"]

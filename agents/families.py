@@ -23,6 +23,8 @@ ROOT = Path(__file__).resolve().parents[1]
 TRAINED = ROOT / "agents" / "trained"
 PACKAGED = ROOT / "flexarm_env" / "data" / "policies"
 CONTROL = ("pd", "zv", "zvd", "lqr", "mpc")
+RECORDED = {"rules": 1}
+"""Keywords of the episodes in which the pages of results are recorded: starts and rewards of rules 1."""
 
 
 @dataclass(frozen=True)

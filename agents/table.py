@@ -23,7 +23,7 @@ import numpy as np
 from agents import families
 from agents.best_known import EXACT, joined
 from agents.demo import say
-from agents.families import ROOT, TRAINED, Family
+from agents.families import RECORDED, ROOT, TRAINED, Family
 from benchmarks.machine import table, told
 from benchmarks.pages import write_page
 from flexarm_env import control
@@ -132,7 +132,8 @@ class Judge:
         results: dict[str, Any] = {}
         bounds: dict[str, float] = {}
         for name, word in words.items():
-            asked = Judged(policy=word, env=family.env, episodes=count, **how)
+            given = RECORDED | dict(how.get("env_kwargs", {}))
+            asked = Judged(policy=word, env=family.env, episodes=count, **{**how, "env_kwargs": given})
             if str(asked) not in self._known:
                 found, played, limits = evaluate(asked)
                 ((row,), (one,)) = found.values(), played.values()
@@ -225,7 +226,7 @@ def decisions(judge: Judge, family: Family, content: dict[str, Any]) -> None:
     for name in family.controllers:
         if judge.asked is not None and name not in judge.asked:
             continue
-        env = fixed.make_episodes(family.env, 1)
+        env = fixed.make_episodes(family.env, 1, **RECORDED)
         controller = Timed(control.make(name, env), time.thread_time)
         play(env, controller, range(fixed.TEST, fixed.TEST + TIMED))
         env.close()

@@ -103,7 +103,8 @@ def learned(env_id: str, algorithm: str, seed: int, home: Path, kept: bool = Fal
     told_of = json.loads(record.read_text())
     judgement = folder / "judged.json"
     if not judgement.exists():
-        words = ["--env", env_id, "--policy", str(folder), "--episodes", str(TEST_EPISODES), "--json"]
+        words = ["--env", env_id, "--policy", str(folder), "--episodes", str(TEST_EPISODES), "--json",
+                 "--env-kwargs", '{"rules": 1}']  # fmt: skip
         out = subprocess.run([sys.executable, "-m", "agents.evaluate", *words], check=True, stdout=subprocess.PIPE)
         judgement.write_bytes(out.stdout)
     worth = json.loads(judgement.read_text())

@@ -6,10 +6,28 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import flexarm_env  # noqa: F401  (registers)
+from flexarm_env import arms
+from flexarm_env.envs.options import plan
+from flexarm_env.envs.task import CHAIN, REACH
 from tests.refusals import refuses
 
 NEAR = {"angles": [(0.0, 0.1)], "target": (0.05, 0.1)}
+
+
+def test_joints_start_within_half_a_radian_and_further_by_rules_1() -> None:
+    """Rules 2 change no other draw. `starts` gives the ranges of rules 1."""
+    usual, former = (plan(REACH, rules=rules).starts for rules in (2, 1))
+    assert usual.start == [(-0.5, 0.5)] * 2 and former.start == [(-1.0, 1.0), (-1.8, 1.8)]
+    assert (usual.target, usual.straight) == (former.target, former.straight)
+    given = {"angles": former.start, "straight": former.straight}
+    assert plan(REACH, starts=given).starts.start == former.start
+    ranges = [CHAIN.starts(arms.named("three_strips"), rules).start[1:] for rules in (2, 1)]
+    assert ranges == [[(-0.5, 0.5)] * 2, [(-1.2, 1.2)] * 2]
+    # attribute `starts`: empty ranges are those of the environment's rules
+    for rules, widest in ((1, 1.8), (2, 0.5)):
+        env: Any = gym.make("TwoLinkFlexArm-v0", rules=rules)
+        env.unwrapped.starts = {}
+        assert env.unwrapped.plan.starts.start[1] == (-widest, widest)
 
 
 def test_starts_set_hold_from_the_next_reset_on() -> None:

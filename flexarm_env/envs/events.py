@@ -177,9 +177,9 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool,
     return changes
 
 
-def starts(kind: Kind, arm: Arm, value: Any) -> tuple[Starts, bool]:
+def starts(kind: Kind, arm: Arm, value: Any, rules: int) -> tuple[Starts, bool]:
     """Return the ranges of fresh starts, and whether target angles are absolute or relative to the start."""
-    usual = kind.starts(arm)
+    usual = kind.starts(arm, rules)
     if value is None:
         return usual, False
     table, n = table_of("starts", value, ("angles", "target", "straight", "absolute")), arm.n_links

@@ -60,8 +60,8 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
 
     ## Starting state
 
-    The arm starts as in TwoLinkFlexArm-v0. In the half of the episodes that begin with bent elbows, the elbow angles
-    are -3.6/N to 3.6/N rad.
+    The arm starts as in TwoLinkFlexArm-v0. In the half of the episodes that begin with bent elbows, the joint angles
+    are -0.5 to 0.5 rad, for N > 7 elbows -3.6/N to 3.6/N rad.
 
     ## Episode end and info
 
@@ -82,8 +82,8 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
 
     ## Version history
 
-    * v0: first version. Since 0.2.0 rewards and drawn targets follow [rules 2](options.md#rules); `rules=1` selects the
-      former rules.
+    * v0: first version. Since 0.2.0 rewards, drawn starts and drawn targets follow [rules 2](options.md#rules);
+      `rules=1` selects the former rules, with hubs that start at -1 to 1 rad and elbows at -3.6/N to 3.6/N rad.
     """
 
     kind = CHAIN

@@ -262,7 +262,7 @@ def plan(
         what = "must be given with `cost` or `keep_out`, which say what costs"
         raise check.InvalidValue("reward.cost", dict(reward or {})[COST], what)
     vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
-    begun, absolute = events.starts(kind, own, starts)
+    begun, absolute = events.starts(kind, own, starts, version)
     laws = any(factors.get(name, (1.0, 1.0)) != (1.0, 1.0) for name in OF_JOINTS)
     modes = None
     if vibration > 0.0:
@@ -294,7 +294,8 @@ def plan(
 
 def with_starts(plan: Plan, ranges: Mapping[str, Any] | None) -> Plan:
     """Return the plan with other ranges for fresh starts (keyword `starts`)."""
-    begun, absolute = events.starts(plan.kind, plan.arm, ranges)
+    rules = RULES[0] if plan.record.nearness is None else RULES[-1]
+    begun, absolute = events.starts(plan.kind, plan.arm, ranges, rules)
     if plan.kind.target.numbers == 1 and absolute != (plan.record.relative == 0.0):
         raise check.InvalidValue("starts.absolute", absolute, "must stay as the environment was made with")
     begun = dataclasses.replace(plan.starts, start=begun.start, target=begun.target, straight=begun.straight)

@@ -230,8 +230,8 @@ def _kind(kind: Kind, wall: Wall, duration: float) -> Kind:
     def entries(arm: Arm) -> list[tuple[str, float]]:
         return [*kind.entries(arm), (COMMANDED, largest_force(arm))]
 
-    def starts(arm: Arm) -> Starts:
-        usual = kind.starts(arm)
+    def starts(arm: Arm, rules: int) -> Starts:
+        usual = kind.starts(arm, rules)
         begun = _ranges_in_space(arm, wall, kind.gravity) if kind.space else _ranges(arm, wall)
         return dataclasses.replace(usual, start=begun, straight=0.0)
 
@@ -249,8 +249,8 @@ def _landing(kind: Kind, wall: Wall, duration: float, arm: Arm) -> Kind:
     """Return the kind for task="land" at a wall, with episodes of `duration` s."""
     weights = {name: kind.rewards[name] for name in kind.rewards if name != FAILURE}
 
-    def starts(arm: Arm) -> Starts:
-        return dataclasses.replace(kind.starts(arm), start=_ranges(arm, wall), straight=0.0)
+    def starts(arm: Arm, rules: int) -> Starts:
+        return dataclasses.replace(kind.starts(arm, rules), start=_ranges(arm, wall), straight=0.0)
 
     return dataclasses.replace(
         kind, task=LAND, target=PlaceOnWall(wall, duration), starts=starts,

@@ -144,7 +144,7 @@ def _record(arm: Arm) -> type[Task]:
     return SpaceReach
 
 
-def _starts(arm: Arm) -> Starts:
+def _starts(arm: Arm, rules: int) -> Starts:
     """Return the ranges of starts and targets: joint angles, rad, within the joint limits."""
     rest = 3.6 / arm.n_links
     return Starts(

@@ -48,10 +48,10 @@ class Kind:
     episode, s. target: type of target. rewards: names and default weights of the reward's terms, in the order in which
     the task's `judge` computes them; the last term is failure. entries: names and scales of an arm's observation, in
     the order of `observe`.
-    record: class of the task's record for an arm; it determines the kernels. starts: ranges of fresh starts. bands:
-    default bounds of success with their units, by name. replays: default motions of task="replay"; additional joints
-    use the last motion. space: whether arms leave the plane. period: control period, s. gravity: default gravity,
-    m/s^2. settings: default settings in space.
+    record: class of the task's record for an arm; it determines the kernels. starts: ranges of fresh starts, by arm
+    and version of the rules. bands: default bounds of success with their units, by name. replays: default motions of
+    task="replay"; additional joints use the last motion. space: whether arms leave the plane. period: control period,
+    s. gravity: default gravity, m/s^2. settings: default settings in space.
     """
 
     id: str
@@ -63,7 +63,7 @@ class Kind:
     rewards: Mapping[str, float]
     entries: Callable[[Arm], list[tuple[str, float]]]
     record: Callable[[Arm], type[Task]]
-    starts: Callable[[Arm], Starts]
+    starts: Callable[[Arm, int], Starts]
     bands: Mapping[str, tuple[float, str]]
     replays: str
     space: bool = False
@@ -166,16 +166,21 @@ def at_zero(arm: Arm) -> float:
     return 0.5 * all(own is None or own[0] <= 0.0 <= own[1] for own in arm.joint_limits or ())
 
 
-def _slew_starts(arm: Arm) -> Starts:
+def _slew_starts(arm: Arm, rules: int) -> Starts:
     return Starts(start=within(arm, [(-math.pi, math.pi)]), target=[(-math.pi / 2, math.pi / 2), (0.0, 0.0)])
 
 
-def _reach_starts(arm: Arm) -> Starts:
-    """Return the ranges of starts (joint angles, rad) and of targets (distance, m, and bearing, rad)."""
+def _reach_starts(arm: Arm, rules: int) -> Starts:
+    """Return the ranges of starts (joint angles, rad) and of targets (distance, m, and bearing, rad).
+
+    Rules 2: each joint begins within +-0.5 rad. Rules 1: the hub within +-1 rad, an elbow within +-3.6 / N rad. Large
+    turns and elbows bent to the wrong side are rare there, and policies drive these elbows into their limits.
+    """
     length, elbow = arm.total_length, 3.6 / arm.n_links
+    hub, elbow = (1.0, elbow) if rules == 1 else (0.5, min(0.5, elbow))
     far = 0.95 * (length - 2.0 * centre_shift(arm))  # wherever the arm starts: the centre of mass of all stays there
     return Starts(
-        start=within(arm, [(-1.0, 1.0)] + [(-elbow, elbow)] * (arm.n_links - 1)),
+        start=within(arm, [(-hub, hub)] + [(-elbow, elbow)] * (arm.n_links - 1)),
         target=[(0.3 * length, far), (-2.0 * math.pi / 3, 2.0 * math.pi / 3)],
         straight=at_zero(arm),
     )

@@ -149,7 +149,7 @@ def trials_of(
         Returns the tip positions (PERIODS, lanes, 2 or 3), m; nan after an episode's end, inf in the period of a
         failure.
         """
-        starts = kind.starts(arm)
+        starts = kind.starts(arm, 1)  # the widest ranges
         starts = replace(starts, drawn=dict(starts.drawn) | {name: (x, x) for name, x in factors.items()})
         record = kind.build(arm, reward_weights(kind, None, arm.n_links, period, PERIODS, 2), period, {})
         loop = controller(Frame(kind, arm, settings, period, gravity), mode, share)

@@ -87,12 +87,11 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Starting state
 
-    The arm is at rest with straight links. In half of the episodes both joint angles are 0; in the other half the hub
-    is at -1 to 1 rad and the elbow at -1.8 to 1.8 rad. The target is 0.3 L to 0.95 L from the root, within +-120
-    degrees of the x axis. All draws are uniform and within the joint limits. A target is drawn again if the arm cannot
-    reach it within the joint limits or if the motors cannot hold the arm at the target against gravity; if no target is
-    possible, `make` raises an error. [Starts and resets](options.md#starts-and-resets) describes how to set other
-    starts.
+    The arm is at rest with straight links. In half of the episodes both joint angles are 0; in the other half they are
+    -0.5 to 0.5 rad. The target is 0.3 L to 0.95 L from the root, within +-120 degrees of the x axis. All draws are
+    uniform and within the joint limits. A target is drawn again if the arm cannot reach it within the joint limits or
+    if the motors cannot hold the arm at the target against gravity; if no target is possible, `make` raises an error.
+    [Starts and resets](options.md#starts-and-resets) describes how to set other starts.
 
     ## Episode end
 
@@ -122,8 +121,8 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Version history
 
-    * v0: first version. Since 0.2.0 rewards and drawn targets follow [rules 2](options.md#rules); `rules=1` selects the
-      former rules.
+    * v0: first version. Since 0.2.0 rewards, drawn starts and drawn targets follow [rules 2](options.md#rules);
+      `rules=1` selects the former rules, with hubs that start at -1 to 1 rad and elbows at -1.8 to 1.8 rad.
     """
 
     kind = REACH
