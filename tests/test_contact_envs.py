@@ -140,6 +140,49 @@ def test_a_vector_is_single_arms_that_touch(kind: str) -> None:
     assert both[1].unwrapped.batch.view(0).touches.shape[1] == 7
 
 
+TABLE = HalfSpace((0.0, 0.0, 0.6), (0.0, 0.0, 1.0))
+INSIDE: dict[str, tuple[str, dict[str, Any]]] = {
+    "angle": ("FlexibleArm-v0", {"contacts": WALL, "starts": {"angles": [(-1.0, 1.5)], "target": (-2.0, 2.0)}}),
+    "point": ("TwoLinkFlexArm-v0", {"contacts": [{**WALL, "bodies": ["tip", "joint1"]}]}),
+    "space": ("SpatialFlexArm-v0", {"contacts": {**FLOOR, "obstacle": TABLE.to_dict()}}),
+}  # fmt: skip
+"""Environments of whose drawn starts and targets many would be inside an obstacle."""
+
+
+@pytest.mark.parametrize("kind", ["angle", pytest.param("point", marks=pytest.mark.slow), "space"])
+def test_drawn_starts_and_targets_are_outside_obstacles(kind: str) -> None:
+    """Signed distances of tips, by the shapes' own Python; rules 1 do not draw again."""
+    env_id, keywords = INSIDE[kind]
+    shape = TABLE if kind == "space" else CEILING
+    inside = []
+    for rules in (2, 1):
+        envs: Any = gym.make_vec(env_id, num_envs=40, vectorization_mode="vector_entry_point", rules=rules, **keywords)
+        envs.reset(seed=5)
+        views = [envs.unwrapped.batch.view(i) for i in range(40)]
+        ends = np.array([view.points[-1] for view in views])
+        goals = np.array([view.target for view in views])
+        if kind == "angle":
+            goals = np.array([np.cos(goals[:, 0]), np.sin(goals[:, 0])]).T
+        inside.append(((shape.distance(ends) < -1e-9).sum(), (shape.distance(goals) < -1e-9).sum()))
+        assert rules == 1 or max(view.touches[:, 6].max() for view in views) == 0.0
+    assert inside[0] == (0, 0)
+    assert min(inside[1]) > 0
+
+
+def test_a_vector_draws_its_starts_as_single_arms_do() -> None:
+    env_id, keywords = INSIDE["angle"]
+    assert_pair_same(pair(env_id, 9, duration=0.1, **keywords), 14)
+
+
+def test_starts_that_are_all_inside_an_obstacle_are_refused() -> None:
+    env_id, keywords = INSIDE["angle"]
+    told = refusal(lambda: gym.make(env_id, **{**keywords, "starts": {"angles": [(0.6, 2.0)]}}))
+    assert told.startswith("starts.angles = [(0.6, 2.0)]: must contain places outside the obstacles")
+    high = {"target": (0.6, 2.0), "absolute": True}
+    told = refusal(lambda: gym.make(env_id, **{**keywords, "starts": high}))
+    assert told.startswith("starts.target = ") and "none of 50 drawn ones" in told
+
+
 def test_states_in_contact_are_gone_back_to() -> None:
     env_id, keywords = BUSY["elastica"]
     env = gym.make(env_id, **keywords)

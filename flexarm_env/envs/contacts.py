@@ -5,15 +5,21 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from .. import validation as check
 from ..batch import PayloadChange, standing_scene
+from ..compiler import uncompiled
 from ..physics import assembly
-from ..physics.contact.build import STEPS, check_steps, duration, effective_masses, links_of
+from ..physics.contact.build import STEPS, check_steps, duration, effective_masses, links_of, start_depths
 from ..physics.contact.layout import Touching
 from ..physics.model import EI_Y_FACTOR, GJ_FACTOR, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, System
 from ..scene import Contact, Scene, contacts_of
 from ..scene.contacts import place_on_link
 from ..settings import Settings
+from ..tasks.program import GOAL, TARGET
+from ..tasks.starts import Starts
+from ..tasks.task import Task, aim, target_from
 from ..validation import Array
 from .features import Frame
 from .resolution import FINEST_TOLERANCE
@@ -60,6 +66,49 @@ def framed(
         raise check.InvalidValue("multipliers", True, "must be False with contacts")
     changed = 1.0 if changing is None else float(changing.factor[0])
     return replace(frame, contacts=contacts, settings=_resolved(frame, contacts, given, drawn, changed))
+
+
+DRAWS = 50
+"""Number of drawn starts, and of drawn targets, of which at least one must be outside obstacles."""
+
+
+def free_starts(frame: Frame, task: Task, starts: Starts, targets: bool) -> Starts:
+    """Return the starts so that those inside an obstacle are drawn again. targets: the same of drawn targets.
+
+    Raises:
+        ValueError: none of `DRAWS` drawn starts or targets is outside the obstacles.
+    """
+    rng, begin, aims = np.random.default_rng(0), np.array(starts.start), np.array(starts.target)
+    postures, goals = [], []
+    for _ in range(DRAWS):
+        postures.append(rng.uniform(begin[:, 0], begin[:, 1]) * (rng.uniform() >= starts.straight))
+        first = rng.uniform(aims[:, 0], aims[:, 1])
+        goals.append(_goal(frame, task, postures[-1], first))
+    for name, drawn in (("angles", postures), ("target", goals if targets else [])):
+        if drawn and all(_is_inside(frame, angles) for angles in drawn):
+            what = f"must contain places outside the obstacles of contacts: none of {DRAWS} drawn ones is"
+            given = starts.start if name == "angles" else starts.target
+            raise check.InvalidValue(f"starts.{name}", [tuple(map(float, row)) for row in given], what)
+    return replace(starts, free=(0,), free_targets=(0,) if targets else None)
+
+
+def _goal(frame: Frame, task: Task, angles: Array, drawn: Array) -> Array:
+    """Return the joint angles (rad) that reach a target from joint angles `angles`; drawn: as in `Starts.target`."""
+    if frame.kind.space:
+        return drawn
+    record = np.zeros(GOAL + len(angles))
+    record[GOAL:] = angles
+    record[TARGET : TARGET + 2] = uncompiled(target_from)(task, angles, *drawn.tolist())
+    uncompiled(aim)(task, record)
+    return record[GOAL:]
+
+
+def _is_inside(frame: Frame, angles: Array) -> bool:
+    """Return whether a point of the arm with straight links at joint angles (rad) is inside an obstacle."""
+    assert frame.settings.dt is not None
+    of_links = angles if frame.kind.space else np.cumsum(angles)
+    scene = standing_scene(frame.arm, frame.settings.dt, frame.gravity, of_links.tolist(), contacts=frame.contacts)
+    return bool(start_depths(assembly.assemble(scene, frame.settings)).any())
 
 
 def refuse_motion(contacts: tuple[Contact, ...], path: str, value: Any) -> None:

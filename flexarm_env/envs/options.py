@@ -274,6 +274,8 @@ def plan(
     record = kind.build(own, weights, period, aims, version)
     if version > 1 and word == kind.task and not moves:
         begun = dataclasses.replace(begun, attainable=needs_of(frame, record, begun, extras))
+    if version > 1 and touched and word != "replay":
+        begun = touch.free_starts(frame, record, begun, word == kind.task and not moves)
     if version > 1 and moves:
         extras = dataclasses.replace(extras, reference=path_needs(frame, record, begun, extras, limit))
     return Plan(
@@ -302,6 +304,9 @@ def with_starts(plan: Plan, ranges: Mapping[str, Any] | None) -> Plan:
     if plan.record.nearness is not None and plan.task == plan.kind.task:
         frame = Frame(plan.kind, plan.arm, plan.settings, plan.period, plan.gravity)
         begun = dataclasses.replace(begun, attainable=needs_of(frame, plan.record, begun, plan.extras))
+    if begun.free is not None:
+        frame = Frame(plan.kind, plan.arm, plan.settings, plan.period, plan.gravity, plan.contacts)
+        begun = touch.free_starts(frame, plan.record, begun, begun.free_targets is not None)
     return dataclasses.replace(plan, starts=begun)
 
 

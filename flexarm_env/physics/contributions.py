@@ -42,6 +42,8 @@ Work and energy
     measure_near(lane, part, model, par, q, S, increment)   In a Newton iteration: store in S distances at the iterate
                                                             q which a weighted increment of this size may change in
                                                             sign.
+    nearest(lane, part, model, par, q, distance)            Return the smaller of `distance` and the least distance of
+                                                            a point from an obstacle at q, m.
     conserve_momentum(lane, part, model, par, before, h, q, v, u, r, S)     As in `protocol`, or None.
     after_step(lane, part, model, par, q, v, S, h)          Record in S the state at the end of a step of h (s).
 
@@ -88,6 +90,7 @@ start_account = CONTRIBUTIONS.function("start_account", "lane, part, model, par,
 acts = CONTRIBUTIONS.function("acts", "lane, part, model, par, q, S, instant")
 measure_near = CONTRIBUTIONS.function("measure_near", "lane, part, model, par, q, S, increment")
 after_step = CONTRIBUTIONS.function("after_step", "lane, part, model, par, q, v, S, h")
+nearest = CONTRIBUTIONS.function("nearest", "lane, part, model, par, q, distance")
 set_joint_configuration = CONTRIBUTIONS.function("set_joint_configuration", "lane, part, model, live, rates, q, v")
 poses = CONTRIBUTIONS.function("poses", "lane, part, model, q, v, out")
 vjp_residual = CONTRIBUTIONS.function("vjp_residual", "lane, part, model, par, state, bar, u_bar, r_bar")
@@ -107,12 +110,19 @@ def _no_power(lane, part, model, par, q, v, x, total):
 
 
 @kernel
+def _no_obstacle(lane, part, model, par, q, distance):
+    """Return `distance` (m) unchanged: default `nearest` of a contribution."""
+    return distance
+
+
+@kernel
 def _always_acts(lane, part, model, par, q, S, instant):
     """Return True: default `acts` of a contribution."""
     return True
 
 
 CONTRIBUTIONS.defaults.update(
-    dict.fromkeys(CONTRIBUTIONS.names, returns_none), energy=_no_energy, damping_power=_no_power, acts=_always_acts
+    dict.fromkeys(CONTRIBUTIONS.names, returns_none), energy=_no_energy, damping_power=_no_power, acts=_always_acts,
+    nearest=_no_obstacle,
 )
 """Kernels of a contribution that adds no terms: the defaults for functions that a contribution does not register."""

@@ -8,11 +8,10 @@ import numpy as np
 
 from ..compiler import dereference, kernel, load, noinline, size, splat, stack, store, store_lane
 from ..physics.integrator.work import copy_rows, solve_unknown_rows, unpack
-from ..physics.joints.layout import LAWS
 from ..physics.layout import SPACE_POSE
-from ..physics.model import EI_Y_FACTOR, GJ_FACTOR, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
+from ..physics.model import EI_Y_FACTOR, GJ_FACTOR
 from ..physics.protocol import RESIDUAL_ALONE, State, Weights, assemble, energy, set_joint_configuration, task_poses
-from ..tasks.attainable import MOST_DRAWS, attainable, held_in_space
+from ..tasks.attainable import MOST_DRAWS
 from ..tasks.own_terms import judge_with_terms
 from ..tasks.program import (
     FURTHER,
@@ -24,25 +23,23 @@ from ..tasks.program import (
     START,
     TARGET,
     TORQUE_FACTOR,
-    basis_at,
     request_at,
     sections,
     start_at,
 )
-from ..tasks.starts import ALWAYS, FACTOR
+from ..tasks.starts import FACTOR
 from ..tasks.stream import draw, uniform
-from ..tasks.task import aim, info_of, target_from
+from ..tasks.task import aim, info_of
 from ..tasks.track import start_path
+from .draws import MODES, draw_free, draw_free_goal, draw_held, draw_more, draw_start, given, place
 from .episode import advance_group, copy_info, observe_material, observe_state, record_energies, record_torques
 from .events import draw_events
 from .guided import motions_of, start_motions
 from .keep_out import record_clearance
 from .motors import draw_delay, draw_lag, draw_lateness, record_delay
 from .sensors import draw_age, record_drawn, write_observation
-from .touch import put_contacts, start_contacts
+from .touch import is_free, put_contacts, start_contacts
 
-_MODES = 3
-"""Number of vibration modes in an initial vibration in space: bending along y, bending along z, torsion."""
 _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
 
 
@@ -74,7 +71,9 @@ def _start(lane, p, arm, mode, block, w):
     par, poses, record, action, seen, info, _, _ = sections(p.layout, block)
     own, at = stack(_ONE, task.links + _START), start_at(0, n_joints)
     # own: a `START` of this arm without lanes, because draws branch arm by arm
-    _draw(task, p.ranges, p.stream, p.request, arm, own)
+    draw_start(task, p.ranges, p.stream, p.request, arm, own)
+    if p.ranges.free is not None and p.ranges.pose is not None:
+        draw_free(lane, p, arm, own, par, w)
     # record: all zero but for the numbers drawn and the periods allowed, which a reset sets
     limit = record[PERIODS_ALLOWED * lanes + i]
     for k in range(record.shape[0] // lanes):
@@ -89,13 +88,13 @@ def _start(lane, p, arm, mode, block, w):
         w.u[k * lanes + i] = 0.0
     # q: straight links at the drawn joint angles, in the plane by a table of each row (`assembly`)
     if p.ranges.pose is not None:
-        _place(lanes, i, p.ranges.pose, p.ranges.shake, n_joints, own, size(p.model.n), w.q, w.v, w.a, w.b)
+        place(lanes, i, p.ranges.pose, p.ranges.shake, n_joints, own, size(p.model.n), w.q, w.v, w.a, w.b)
     else:
         par[EI_Y_FACTOR * lanes + i] = p.ranges.nominal[EI_Y_FACTOR] * own[at.factors + FACTOR.EI]
         par[GJ_FACTOR * lanes + i] = p.ranges.nominal[GJ_FACTOR]
         _place_in_space(lane, p, arm, own, par, poses, record, action, w)
     if p.ranges.more is not None:
-        _draw_more(p, lanes, i, arm, own[at.factors : at.parameters], par)
+        draw_more(p, lanes, i, arm, own[at.factors : at.parameters], par)
     if p.ranges.pose is None and p.ranges.shake is not None:
         _swing(lane, p, i, _only(lane, i), own, par, action, w)
     # goal <- initial joint angles: `aim` finds the posture nearest to them that reaches the target
@@ -141,116 +140,6 @@ def _only(lane, i):
 
 
 @kernel
-def _draw(task, ranges, stream, request, arm, own):
-    """Draw an arm's `START` (joint angles, target, vibration, factors, parameters) into own, unless requested.
-
-    request: a `REQUEST`, NaN where a number is to be drawn. Every request consumes the same number of random numbers,
-    so that later draws do not depend on it.
-    # in        task, ranges (`Ranges`), request
-    # in, out   stream[arm]
-    # out       own: angles, rad; target (2,), m or rad; vibration, over L; factors; parameters (kg, kg m^2, -, s)
-    """
-    n = size(task.links)
-    at, asked = start_at(0, n), request_at(0, n, 0)
-    # theta_k (rad), drawn or requested; a share of the starts is straight, all 0
-    straight = uniform(stream, arm) < ranges.straight[0]
-    for k in range(n):
-        angle = draw(stream, arm, ranges.start, k)
-        own[at.angles + k] = _given(request[asked.angles + k], 0.0 if straight else angle)
-    # target (m or rad); in the plane drawn again until tau_k of its posture are within the limits
-    first, second = draw(stream, arm, ranges.target, 0), draw(stream, arm, ranges.target, 1)
-    first, second = target_from(task, own[at.angles : at.end], first, second)
-    if ranges.attainable is not None and ranges.pose is not None:
-        for _ in range(MOST_DRAWS):
-            if attainable(task, ranges.attainable, own[at.angles : at.end], first, second) > 0.5:
-                break
-            first, second = draw(stream, arm, ranges.target, 0), draw(stream, arm, ranges.target, 1)
-            first, second = target_from(task, own[at.angles : at.end], first, second)
-    own[at.target] = _given(request[asked.target], first)
-    own[at.target + 1] = _given(request[asked.target + 1], second)
-    # amplitude of the initial vibration, in [-1, 1] ranges.vibration: of one mode in the plane, of _MODES in space
-    for k in range(1 if ranges.pose is not None or ranges.shake is None else _MODES):
-        vibration = (2.0 * uniform(stream, arm) - 1.0) * ranges.vibration
-        own[at.vibration + k] = _given(request[asked.vibration + k], vibration)
-    # factors on nominal values; those behind ALWAYS are 1 here and drawn by `_draw_more`
-    for k in range(ALWAYS):
-        own[at.factors + k] = draw(stream, arm, ranges.factors, k)
-    for k in range(ALWAYS, FACTOR.end):
-        own[at.factors + k] = 1.0
-    own[at.parameters + PAYLOAD_MASS] = ranges.nominal[PAYLOAD_MASS] * own[at.factors + FACTOR.payload]
-    own[at.parameters + PAYLOAD_INERTIA] = ranges.nominal[PAYLOAD_INERTIA] * own[at.factors + FACTOR.payload]
-    own[at.parameters + STIFFNESS_FACTOR] = ranges.nominal[STIFFNESS_FACTOR] * own[at.factors + FACTOR.EI]
-    own[at.parameters + TAU_D] = ranges.nominal[TAU_D] * own[at.factors + FACTOR.damping]
-
-
-@kernel
-def _draw_more(p, lanes, i, arm, factors, par):
-    """Draw the optional factors (friction, backlash, inertias, EI_y, GJ) of an arm and apply them to par in lane i.
-
-    factors: a `FACTORS`, of which entries from ALWAYS on are written. par: the arm's own parameters in lanes; behind
-    them the laws of its joints (`joints.layout.LAWS`), which get the model's laws times the factors.
-    """
-    for k in range(p.ranges.more.shape[0] // 2):
-        factors[ALWAYS + k] = draw(p.stream, arm, p.ranges.more, k)
-    # J_p = nominal * payload * payload_inertia: the former scales m_p and J_p, the latter J_p alone
-    par[PAYLOAD_INERTIA * lanes + i] = par[PAYLOAD_INERTIA * lanes + i] * factors[FACTOR.payload_inertia]
-    friction, play, rotor = factors[FACTOR.friction], factors[FACTOR.backlash], factors[FACTOR.motor_inertia]
-    if p.ranges.pose is None:
-        par[EI_Y_FACTOR * lanes + i] = par[EI_Y_FACTOR * lanes + i] * factors[FACTOR.EI_y]
-        par[GJ_FACTOR * lanes + i] = par[GJ_FACTOR * lanes + i] * factors[FACTOR.GJ]
-    # par of the joints <- the model's numbers (`LAWS`), then the drawn factors on friction, play, rotor
-    if p.ranges.laws is not None:
-        laws = par[size(p.model.own) * lanes :]
-        for k in range(0, p.model.data.shape[0], LAWS.end):
-            for j in range(LAWS.end):
-                laws[(k + j) * lanes + i] = p.model.data[k + j]
-            laws[(k + LAWS.viscous) * lanes + i] = p.model.data[k + LAWS.viscous] * friction
-            laws[(k + LAWS.coulomb) * lanes + i] = p.model.data[k + LAWS.coulomb] * friction
-            laws[(k + LAWS.play) * lanes + i] = p.model.data[k + LAWS.play] * play
-            laws[(k + LAWS.rotor) * lanes + i] = p.model.data[k + LAWS.rotor] * rotor
-        # change of J_hub (kg m^2): to `LAWS.hub` if the hub is behind an elastic gear, otherwise to the rotor, which
-        # turns with it
-        at = LAWS.rotor * lanes + i
-        if p.model.hub is not None:
-            at = LAWS.hub * lanes + i
-        laws[at] = laws[at] + p.ranges.hub * (factors[FACTOR.hub_inertia] - 1.0)
-
-
-@kernel
-def _given(requested, drawn):
-    """Return `requested`, or `drawn` where requested is NaN."""
-    if math.isnan(requested):
-        return drawn
-    return requested
-
-
-@kernel
-def _place(lanes, i, pose, shake, n_joints, own, rows, q, v, a, b):
-    """Set the state of lane i in the plane: straight links at their joint angles, with the initial vibration.
-
-    q and v are linear in the `BASIS` (1, alpha_k, cos alpha_k, sin alpha_k) of the links' absolute angles alpha (rad):
-    q = pose BASIS, v = vibration * shake BASIS.
-    # in        pose, shake (rows, BASIS); own, a `START` with joint angles and vibration (tip deflection over L)
-    # out       q (m, rad), v (m/s, rad/s), a = b = 0 in lane i, `rows` rows
-    """
-    at = start_at(0, n_joints)
-    vibration = own[at.vibration]
-    length = basis_at(0, n_joints).end
-    for row in range(rows):
-        by = basis_at(row * length, n_joints)
-        # alpha: absolute angle of link k, the sum of joint angles up to k
-        alpha, value, rate = 0.0, pose[by.one], shake[by.one]
-        for k in range(n_joints):
-            alpha += own[at.angles + k]
-            value += pose[by.angles + k] * alpha
-            value += pose[by.cosines + k] * math.cos(alpha) + pose[by.sines + k] * math.sin(alpha)
-            rate += shake[by.cosines + k] * math.cos(alpha) + shake[by.sines + k] * math.sin(alpha)
-        q[row * lanes + i] = value
-        v[row * lanes + i] = rate * vibration
-        a[row * lanes + i], b[row * lanes + i] = 0.0, 0.0
-
-
-@kernel
 def _place_in_space(lane, p, arm, own, par, poses, record, action, w):
     """Set the state of an arm in space at rest, and its target, the tip's position at drawn joint angles.
 
@@ -269,35 +158,30 @@ def _place_in_space(lane, p, arm, own, par, poses, record, action, w):
         record[(GOAL + k) * lanes + i] = draw(p.stream, arm, p.ranges.target, k)
         action[k * lanes + i] = own[at.angles + k]
     if p.ranges.attainable is not None:
-        _draw_held(p, arm, lanes, record)
+        draw_held(p, arm, lanes, record)
     for k in range(n):
-        record[(GOAL + k) * lanes + i] = _given(p.request[asked.goals + k], record[(GOAL + k) * lanes + i])
+        record[(GOAL + k) * lanes + i] = given(p.request[asked.goals + k], record[(GOAL + k) * lanes + i])
     # target r (inertial axes): the tip of straight links at the goal angles
     set_joint_configuration(lane, p.model, live, record[GOAL * lanes : (GOAL + n) * lanes], None, w.q, w.v)
+    if p.ranges.free_targets is not None:
+        if math.isnan(p.request[asked.goals]):
+            draw_free_goal(lane, p, arm, live, record, par, w)
     task_poses(lane, p.model, par, w.q, w.v, poses)
     for d in range(size(p.task.targets)):
         record[(TARGET + d) * lanes + i] = poses[(SPACE_POSE.end * (n - 1) + SPACE_POSE.tip + d) * lanes + i]
     # q <- straight links at the initial angles, which `action` holds meanwhile because u = 0 here
     set_joint_configuration(lane, p.model, live, action, None, w.q, w.v)
-
-
-@kernel
-def _draw_held(p, arm, lanes, record):
-    """Draw goal angles (rad) anew until the motors can hold the rigid arm there, at most MOST_DRAWS times.
-
-    record.goal of the arm's lane: in and out. arm: number in the batch; lanes: number of lanes of a group.
-    """
-    n, i = size(p.task.links), arm % lanes
-    mine = stack(_ONE, p.task.links)
-    for k in range(n):
-        mine[k] = record[(GOAL + k) * lanes + i]
-    for _ in range(MOST_DRAWS):
-        if held_in_space(p.ranges.attainable, p.task.links, mine) > 0.5:
-            break
-        for k in range(n):
-            mine[k] = draw(p.stream, arm, p.ranges.target, k)
-    for k in range(n):
-        record[(GOAL + k) * lanes + i] = mine[k]
+    if p.ranges.free is not None:
+        if math.isnan(p.request[asked.angles]):
+            for _ in range(MOST_DRAWS):
+                if is_free(lane, p, par, w, i):
+                    break
+                straight = uniform(p.stream, arm) < p.ranges.straight[0]
+                for k in range(n):
+                    angle = draw(p.stream, arm, p.ranges.start, k)
+                    own[at.angles + k] = 0.0 if straight else angle
+                    action[k * lanes + i] = own[at.angles + k]
+                set_joint_configuration(lane, p.model, live, action, None, w.q, w.v)
 
 
 @kernel
@@ -320,15 +204,15 @@ def _swing(lane, p, i, live, own, par, angles, w):
     # w.b <- joint rates and strain rates of the modes' sum; v follows for straight links at `angles`
     for k in range(n):
         rate = 0.0
-        for mode in range(_MODES):
-            rate += shake[_MODES * k + mode] * own[at.vibration + mode]
+        for mode in range(MODES):
+            rate += shake[MODES * k + mode] * own[at.vibration + mode]
         w.b[k * lanes + i] = rate
     set_joint_configuration(lane, p.model, live, angles, w.b, w.q, w.v)
     # w.b0 <- residual of accelerations v, w.S <- M + c K; less the residual at rest, M v is left
     for k in range(n):
         store(w.v0, k, splat(lane, 0.0))
         store(w.a0, k, load(lane, w.v, k) * live)
-    assemble(lane, p.model, par, State(w.q, w.v0, w.a0), w.u, Weights(1.0, 0.0, shake[_MODES * (n + 1)]), w.r, w.S)
+    assemble(lane, p.model, par, State(w.q, w.v0, w.a0), w.u, Weights(1.0, 0.0, shake[MODES * (n + 1)]), w.r, w.S)
     copy_rows(lane, n, w.r, w.b0)
     assemble(lane, p.model, par, State(w.q, w.v0, w.v0), w.u, RESIDUAL_ALONE, w.r, w.S)
     for k in range(n):
@@ -338,9 +222,9 @@ def _swing(lane, p, i, live, own, par, angles, w):
     for k in range(i, n * lanes, lanes):
         w.v[k], w.b[k] = w.v[k] - w.r[k], 0.0
     # scale v to the energy asked for, J; 1e-300 avoids 0 / 0 without a vibration
-    for mode in range(_MODES):
+    for mode in range(MODES):
         amplitude = own[at.vibration + mode]
-        asked += shake[_MODES * n + mode] * (amplitude * amplitude)
+        asked += shake[MODES * n + mode] * (amplitude * amplitude)
     store(w.r, 0, energy(lane, p.model, par, w.q, w.v)[0])
     scale = math.sqrt(asked / max(w.r[i], 1e-300))
     for k in range(i, n * lanes, lanes):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ..compiler import Lanes, kernel, maximum, select_lt, size
+from ..compiler import Lanes, kernel, maximum, select_lt, size, store
+from ..physics import contributions
 from ..physics.contact.integration import reading_at, record_contacts, reset_impulses
 from ..physics.contact.layout import READ
 from ..physics.integrator.work import Work
@@ -16,6 +17,19 @@ from .laws import LAW_SIZE, channel_of
 def open_contacts(lane, model, w: Work):
     """Set the impulses of all contact points to 0 at the start of a control period. Without contact nothing is done."""
     reset_impulses(lane, model, w.S)
+
+
+@kernel
+def is_free(lane, p, par, w, i):
+    """Return whether no contact point of the arm in lane i is inside an obstacle at w.q (m, rad).
+
+    # in        par, the arms' own parameters.   # scratch   w.r
+    """
+    far = 1e300
+    for part in p.model.contributions:
+        far = contributions.nearest(lane, part, p.model, par, w.q, far)
+    store(w.r, 0, far)
+    return w.r[i] >= 0.0
 
 
 @kernel

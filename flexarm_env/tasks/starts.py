@@ -47,6 +47,8 @@ class Ranges(NamedTuple):
     laws: tuple[int, ...] | None = None  # a tag where the joints' laws are each arm's own, for factors on them
     hub: float = 0.0  # kg m^2, nominal hub inertia; a drawn deviation is added to the first joint's rotor
     attainable: Any = None  # an `attainable.Attainable`, conditions on drawn targets; None: no conditions
+    free: tuple[int, ...] | None = None  # a tag: starts that touch an obstacle of `contacts` are drawn again
+    free_targets: tuple[int, ...] | None = None  # a tag: the same of targets, by the posture that reaches them
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,8 @@ class Starts:
     laws: bool = False
     hub: float = 0.0
     attainable: Any = None
+    free: tuple[int, ...] | None = None
+    free_targets: tuple[int, ...] | None = None
 
     def ranges(self, pose: Array | None, nominal: Array) -> Ranges:
         """Return the `Ranges` for compiled code.
@@ -84,5 +88,5 @@ class Starts:
             pose=None if pose is None else pose.ravel(), nominal=nominal.copy(),
             shake=still if self.shake is None else self.shake.ravel(), straight=np.array([float(self.straight)]),
             vibration=float(self.vibration), laws=(0,) if self.laws else None, hub=float(self.hub),
-            attainable=self.attainable,
+            attainable=self.attainable, free=self.free, free_targets=self.free_targets,
         )  # fmt: skip

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ...compiler import Lanes, kernel, max_over_lanes, select_lt, size
+from ...compiler import Lanes, kernel, max_over_lanes, select_lt, size, stack
+from .. import protocol
 from ..layout import POSE, SPACE_POSE
 from ..space.rotations import Vector, cross, load_vector, matrix, quaternion
 from .law import gap_of, meet
@@ -84,6 +85,17 @@ def gap_at(lane, part, q: Lanes, y: Lanes, p):
             gap = gap_of(part, p, o, less_obstacle(lane, part, o, q, place))
             least = select_lt(gap, least, gap, least)
     return least
+
+
+@kernel
+def nearest(lane, part, model, par, q, distance):
+    """Return the smaller of `distance` (m) and the least distance of a point from an obstacle at coordinates q."""
+    y = stack(lane, model.points)
+    protocol.input_displacements(lane, model.arm, par, q, y)
+    for p in range(len(part.points)):
+        gap = gap_at(lane, part, q, y, p)
+        distance = select_lt(gap, distance, gap, distance)
+    return distance
 
 
 @kernel
