@@ -109,8 +109,7 @@ def needs(what: str, package: str, extra: str, error: type[Exception] = ImportEr
 
 def installed(package: str) -> str | None:
     """Return the version of an installed package, or None."""
-    # takes 0.01 s, and environments do not need it
-    from importlib import metadata
+    from importlib import metadata  # 0.01 s of a start, which does not need it
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
