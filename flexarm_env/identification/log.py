@@ -26,8 +26,8 @@ SATURATED = 4
 class Run:
     """Log of one measured run, in SI units.
 
-    stem: file name without ending. t (n,): instants, s, evenly spaced from 0 on. inputs, outputs: values (n,) of each
-        channel by name.
+    stem: file name without ending. t (n,): instants, s, evenly spaced from 0 on.
+    inputs, outputs: values (n,) of each channel by name.
     kept (n,): True for the samples that are compared with predictions.
     """
 
