@@ -214,8 +214,7 @@ def plan(
     settings, estimate, coarse = _settings(kind, formulation, period, options, own, drive, factors, trial, packaged)
     length = check.number("duration", kind.duration if duration is None else duration, "s", minimum=period)
     if not length / period <= MOST_PERIODS:
-        what = f"must be at most {MOST_PERIODS:.0e} control periods of {period:g} s"
-        raise check.InvalidValue("duration", length, what)
+        raise check.InvalidValue("duration", length, f"must be at most {MOST_PERIODS:.0e} control periods of {period:g} s")
     limit = max(1, math.floor(length / period * (1.0 + 1e-9)))
     if duration is None and max_episode_steps is None and not _packaged(arm):
         warn_of_times(own, length)
@@ -261,10 +260,9 @@ def plan(
     if COST in kind.rewards and extras.cost is None and extras.keep_out is None:
         what = "must be given with `cost` or `keep_out`, which say what costs"
         raise check.InvalidValue("reward.cost", dict(reward or {})[COST], what)
-    vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
     begun, absolute = events.starts(kind, own, starts, version)
-    laws = any(factors.get(name, (1.0, 1.0)) != (1.0, 1.0) for name in OF_JOINTS)
-    modes = None
+    laws, modes = any(factors.get(name, (1.0, 1.0)) != (1.0, 1.0) for name in OF_JOINTS), None
+    vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
     if vibration > 0.0:
         modes = swing(own, settings) if kind.space else shake(own, settings, frame.gravity)
     begun = dataclasses.replace(begun, drawn=factors, laws=laws, hub=hub, vibration=vibration, shake=modes)
@@ -281,16 +279,15 @@ def plan(
     return Plan(
         kind=kind, task=word, arm=own, settings=settings, period=period, duration=length, limit=limit,
         max_steps=max_episode_steps, gravity=frame.gravity, full=full, words=words, render_mode=render_mode,
-        starts=begun, record=record, extras=extras,
-        names=seen.of(seen.names), scales=seen.of(seen.scales), history=frames, sensors=carried,
-        gauges=tuple(gauge.spot for gauge in gauges), gauge_scales=tuple(gauge_scales(frame, gauges)),
+        starts=begun, record=record, extras=extras, names=seen.of(seen.names), scales=seen.of(seen.scales),
+        history=frames, sensors=carried, gauges=tuple(gauge.spot for gauge in gauges),
+        gauge_scales=tuple(gauge_scales(frame, gauges)), estimate=estimate, coarse=coarse,
         motion=_replayed(kind, own.n_links, motion) if word == "replay" else None,
         entries=info_entries(
             kind, record, full, full and own.jointed and word != "replay", extras, settings.step_tolerance is not None,
             drawn, bool(touched),
         ),
         action_mode=action_mode, keep_out=events.shapes_of(kind.space, keep_out), contacts=touched,
-        estimate=estimate, coarse=coarse,
     )  # fmt: skip
 
 
