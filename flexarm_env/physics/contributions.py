@@ -36,9 +36,9 @@ Work and energy
     acts(lane, part, model, par, q, S, instant)             Return False if it adds no forces to the arm at q. The
                                                             caller then does not call `point_forces` or
                                                             `damping_power`. instant: None (any state and S), or
-                                                            ITERATE, STEP_START or STEP_END of `protocol`.
-    start_account(lane, part, model, par, q, S)             Before steps with an energy account: prepare `acts` for
-                                                            the first step's start at q.
+                                                            ITERATE, STEP_START, STEP_END or STEPS_START of
+                                                            `protocol`. The call with STEPS_START prepares S for
+                                                            that with STEP_START.
     measure_near(lane, part, model, par, q, S, increment)   In a Newton iteration: store in S distances at the iterate
                                                             q which a weighted increment of this size may change in
                                                             sign.
@@ -86,7 +86,6 @@ damping_power = CONTRIBUTIONS.function("damping_power", "lane, part, model, par,
 input_displacements = CONTRIBUTIONS.function("input_displacements", "lane, part, model, q, y")
 inertia_forces = CONTRIBUTIONS.function("inertia_forces", "lane, part, model, par, a, r")
 conserve_momentum = CONTRIBUTIONS.function("conserve_momentum", "lane, part, model, par, before, h, q, v, u, r, S")
-start_account = CONTRIBUTIONS.function("start_account", "lane, part, model, par, q, S")
 acts = CONTRIBUTIONS.function("acts", "lane, part, model, par, q, S, instant")
 measure_near = CONTRIBUTIONS.function("measure_near", "lane, part, model, par, q, S, increment")
 after_step = CONTRIBUTIONS.function("after_step", "lane, part, model, par, q, v, S, h")

@@ -61,12 +61,9 @@ Work, energy and momentum
         at the coordinates `start`, because they do not add up.
     energy(lane, model, par, q, v)                Return (kinetic, strain, gravitational) energy, J.
     damping_power(lane, model, par, q, v, x, since=None)
-        Return x^T C(q) v, W; v^T C v is dissipated. With since = (start, v0, h), only where q contains rotations: of a
-        step of h from `start`, v0 to q, v with mean rates x return (dissipated mean power, excess of the mean of the
-        damping forces' power over it, or None), W.
-    mean_damping_power(lane, model, par, start, v0, end, v, x, h, S)
-        Return the pair of a step in every formulation: from coordinates `start` and rates v0 to `end` and v, x: mean
-        rates. S: the matrix array of the step, which tells which contributions act (`contributions.acts`), or None.
+        Return x^T C(q) v, W; v^T C v is dissipated. With since = (start, v0, h, S), only where q contains rotations or
+        the arm may touch obstacles: of a step of h from `start`, v0 to q, v with mean rates x return (dissipated mean
+        power, excess of the mean of the damping forces' power over it, or None), W. S: the step's, or None.
     conserve_momentum(lane, model, par, before, h, q, v, u, r, S)
         Return (momentum, force that changes it), or None where a support holds the arm. With `before`, the pair at the
         start of the step, first change v so that the momentum changes by the impulse of the mean force.
@@ -172,8 +169,9 @@ class Weights(NamedTuple):
     instant: tuple[int, ...] | None = None  # of the state, for `contributions.acts`: None, ITERATE or STEP_END
 
 
-ITERATE, STEP_START, STEP_END = (0,), (0, 0), (0, 0, 0)
-"""Tags of a state by their lengths: iterate, start or end of the step whose Newton iteration S belongs to."""
+ITERATE, STEP_START, STEP_END, STEPS_START = (0,), (0, 0), (0, 0, 0), (0, 0, 0, 0)
+"""Tags of a state by their lengths: iterate, start or end of the step whose Newton iteration S belongs to; start of the
+first of several steps."""
 
 RESIDUAL_ALONE = Weights(0.0, 0.0, 0.0, with_matrix=False)
 ITERATE_ALONE = Weights(0.0, 0.0, 0.0, with_matrix=False, instant=ITERATE)
@@ -214,15 +212,16 @@ def _subtract(lane, model, start: Lanes, q: Lanes, d: Lanes):
 
 
 @inlined
-def _mean_damping_power(lane, model, par, start, v0, end, v, x, h, S):
+def mean_damping_power(lane, model, par, start, v0, end, v, x, h, S):
     """Return (dissipated mean power, excess of the damping forces' mean power over it or None), W, of a step of h (s).
 
-    Default of `mean_damping_power`. With rotations in q the formulation's `damping_power` integrates over the step.
-    Without rotations in q strains are nearly linear in q: the dissipated power is the mean of x^T C v at both ends, and
-    there is no excess (None). S is not used.
+    The step leads from coordinates `start` with rates v0 to `end` with v; x: mean rates. With rotations in q the
+    formulation's `damping_power` integrates over the step. Without rotations in q strains are nearly linear in q: the
+    dissipated power is the mean of x^T C v at both ends, and there is no excess (None). S: the step's matrix array, in
+    which contacts store whether points touch, or None.
     """
-    if model.newton.rotations is not None:
-        return damping_power(lane, model, par, end, v, x, (start, v0, h))
+    if model.newton.rotations is not None or model.newton.contact is not None:
+        return damping_power(lane, model, par, end, v, x, (start, v0, h, S))
     before, after = damping_power(lane, model, par, start, v0, x), damping_power(lane, model, par, end, v, x)
     return (before + after) * 0.5, None
 
@@ -336,7 +335,6 @@ note_inverse = FORMULATIONS.function("note_inverse", "lane, model, d, share")
 noted_inverse = FORMULATIONS.function("noted_inverse", "lane, model, d, share, x")
 conserve_momentum = FORMULATIONS.function("conserve_momentum", "lane, model, par, before, h, q, v, u, r, S")
 damping_power = FORMULATIONS.function("damping_power", "lane, model, par, q, v, x, since")
-mean_damping_power = FORMULATIONS.function("mean_damping_power", "lane, model, par, start, v0, end, v, x, h, S")
 energy = FORMULATIONS.function("energy", "lane, model, par, q, v")
 link_poses = FORMULATIONS.function("link_poses", "lane, model, par, q, v, out, tasks")
 strain_gauge = FORMULATIONS.function("strain_gauge", "lane, model, q, row")
@@ -347,7 +345,7 @@ centerline = FORMULATIONS.function("centerline", "model, q, points")
 FORMULATIONS.defaults.update(
     correct_positions=returns_none, retract=_add, local_difference=_subtract,
     residual=_by_assembling, constraint_residual=returns_none,
-    conserve_momentum=returns_none, mean_damping_power=_mean_damping_power,
+    conserve_momentum=returns_none,
     strain_gauge=_linear_gauge, out_of_range=_everywhere, solve_transposed=_transposed,
     vjp_residual=vjp_source, vjp_poses=_vjp_poses, vjp_product=_vjp_product,
 )  # fmt: skip

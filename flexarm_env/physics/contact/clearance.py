@@ -95,7 +95,7 @@ def may_touch(lane, part, model, S: Lanes):
 
 
 @kernel
-def start_account(lane, part, model, par, q, S: Lanes):
+def _start_account(lane, part, model, par, q, S: Lanes):
     """Store the penetration of each point at coordinates q in S, or a bound of it where no point touches."""
     if not _is_clear(lane, part, q, S):
         _measure(lane, part, model, par, q, S)
@@ -109,7 +109,7 @@ def acts(lane, part, model, par, q, S, instant):
 
     instant: None: True. ITERATE: by the clearance; then the gaps in S are distances or a lower bound of the distances.
     STEP_START: by the readings in S, which are those of the step before until `after_step`. STEP_END: by the gaps of
-    the last iterate.
+    the last iterate. STEPS_START: by the clearance, or the distances; stores the readings for STEP_START.
     """
     if instant is None:
         return True
@@ -117,6 +117,9 @@ def acts(lane, part, model, par, q, S, instant):
         return _touched(lane, part, S)
     if len(instant) == len(protocol.STEP_END):
         return may_touch(lane, part, model, S)
+    if len(instant) == len(protocol.STEPS_START):
+        _start_account(lane, part, model, par, q, S)
+        return True
     if part.levers is None:
         return True
     return _acts_at_iterate(lane, part, model, par, q, S)

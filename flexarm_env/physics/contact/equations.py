@@ -15,7 +15,7 @@ from ..contributions import register
 from ..point_block import column, divide, product, store_columns, store_solutions, subtract
 from ..space.rotations import Vector, cross, dot
 from .account import after_step, damping_power, energy
-from .clearance import acts, measure_near, start_account
+from .clearance import acts, measure_near
 from .friction import column_of_slip, component, solve_friction, unit_entry
 from .kinematics import any_touches, gap_at, here_of, meeting, motion_of, nearest, obstacle_count, place_of, wrench
 from .layout import LAWS, Touching
@@ -290,5 +290,5 @@ def multiply(lane, part, model, S: Lanes, x, y: Lanes):
 
 register(
     Touching, point_forces, assemble, fix_coordinate, before_factor, after_factor, before_solve, after_solve, multiply,
-    energy, damping_power, acts, start_account, measure_near, after_step, correct_increment, inertia_forces, nearest,
+    energy, damping_power, acts, measure_near, after_step, correct_increment, inertia_forces, nearest,
 )  # fmt: skip

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from ...compiler import Lanes, absolute, kernel, maximum, select_lt
 from .. import contributions
+from ..protocol import STEPS_START
 from .layout import READ
 
 
@@ -64,7 +65,7 @@ def start_contact_account(lane, model, par, q, S):
     """Store the penetrations of all points at coordinates q in S: the start of the energy account's first step."""
     if model.newton.contact is not None:
         for part in model.contributions:
-            contributions.start_account(lane, part, model, par, q, S)
+            contributions.acts(lane, part, model, par, q, S, STEPS_START)
 
 
 @kernel

@@ -174,29 +174,28 @@ def _with_contributions(lane, model, par, q, v, x, total, S, instant):
 
 @kernel
 def damping_power(lane, model, par, q, v, x, since=None):
-    """Return x^T C v (W): power at virtual rates x of the damping forces of arm and contributions at rates v."""
-    power = protocol.damping_power(lane, model.arm, par, q, v, x)
-    return _with_contributions(lane, model, par, q, v, x, power, None, None)
+    """Return x^T C v (W): power at virtual rates x of the damping forces of arm and contributions at rates v.
 
-
-@kernel
-def mean_damping_power(lane, model, par, start, v0, end, v, x, h, S):
-    """Return (dissipated mean power, excess of the damping forces' mean power over it or None), W, of a step of h (s).
-
-    The step leads from coordinates `start` with rates v0 to `end` with v; x: mean rates. Contributions dissipate the
-    mean of x^T C v at both ends of the step, because their coordinates add up. S: the step's matrix array, or None.
+    since: None, or (start, v0, h, S) of a step of h (s) from coordinates `start` and rates v0 to q and v, with mean
+    rates x. The function then returns, in W, the dissipated mean power and the excess of the damping forces' mean power
+    over the dissipated power (or None). Contributions dissipate the mean of x^T C v at both ends of the step, because
+    their coordinates add up. S: the step's matrix array, or None: all contributions act.
     """
+    if since is None:
+        power = protocol.damping_power(lane, model.arm, par, q, v, x)
+        return _with_contributions(lane, model, par, q, v, x, power, None, None)
+    start, v0, _, S = since
     first, last = None if S is None else STEP_START, None if S is None else STEP_END
     if model.newton.rotations is None:
         before = protocol.damping_power(lane, model.arm, par, start, v0, x)
         before = _with_contributions(lane, model, par, start, v0, x, before, S, first)
-        after = protocol.damping_power(lane, model.arm, par, end, v, x)
-        after = _with_contributions(lane, model, par, end, v, x, after, S, last)
+        after = protocol.damping_power(lane, model.arm, par, q, v, x)
+        after = _with_contributions(lane, model, par, q, v, x, after, S, last)
         return (before + after) * 0.5, None
     nothing = 0.0
     own = _with_contributions(lane, model, par, start, v0, x, nothing, S, first)
-    own = own + _with_contributions(lane, model, par, end, v, x, nothing, S, last)
-    power, beyond = protocol.damping_power(lane, model.arm, par, end, v, x, (start, v0, h))
+    own = own + _with_contributions(lane, model, par, q, v, x, nothing, S, last)
+    power, beyond = protocol.damping_power(lane, model.arm, par, q, v, x, since)
     return power + own * 0.5, beyond
 
 
@@ -279,7 +278,7 @@ def conserve_momentum(lane, model, par, before, h, q, v, u, r, S):
 
 register(
     Jointed, assemble, add_stiffness, factor, solve, solve_transposed, multiply, retract, local_difference,
-    inertia_forces, input_displacements, damping_power, mean_damping_power, energy, set_joint_configuration,
+    inertia_forces, input_displacements, damping_power, energy, set_joint_configuration,
     vjp_residual, link_poses, conserve_momentum,
 )  # fmt: skip
 FORMULATIONS.delegate(
