@@ -217,7 +217,7 @@ def policies(case: Case, first: int, count: int) -> Judged:
     settling: dict[str, list[float]] = {}
     returns: dict[str, list[float]] = {}
     for name, chosen in made.items():
-        env = fixed.make_episodes(case.env, count, **chosen.env_kwargs | RECORDED)
+        env = fixed.make_episodes(case.env, count, **{**chosen.env_kwargs, **RECORDED})
         torques: list[Array] = []
         policy = Watched(chosen.make(env), env, torques)
         outcome = fixed.run(env, policy, first)

@@ -16,6 +16,8 @@ import numpy as np
 from flexarm_env import arms, control, scenes, suite
 from flexarm_env.derivatives import Arms
 from flexarm_env.derivatives.runs import Run
+from flexarm_env.envs.options import plan
+from flexarm_env.envs.task import CHAIN, REACH
 from flexarm_env.linear import linearize, modes, static_equilibrium
 from flexarm_env.parameters import Arm, Elbow, Joint, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
@@ -273,8 +275,18 @@ def episode(env: Any, periods: int = 40, **options: Any) -> Parts:
     return found
 
 
+def _recorded(env_id: str, keywords: dict[str, Any]) -> dict[str, Any]:
+    """Return keywords of an environment with the starts of rules 1, from which the cases are recorded."""
+    if env_id not in (TWO, MULTI) or keywords.keys() & {"starts", "rules"} or keywords.get("task") in ("press", "land"):
+        return keywords
+    made = plan(REACH if env_id == TWO else CHAIN, **keywords)
+    wide = made.kind.starts(made.arm, 1)
+    return {**keywords, "starts": {"angles": wide.start, "straight": wide.straight}}
+
+
 def environment(env_id: str, keywords: dict[str, Any], n: int, threads: int = 1, periods: int = 40) -> Parts:
     """Run an episode in a vector of n arms, or in a single environment (n = 1)."""
+    keywords = _recorded(env_id, keywords)
     if n == 1:
         return episode(gym.make(env_id, **keywords), periods)
     return episode(gym.make_vec(env_id, num_envs=n, threads=threads, **keywords), periods)
@@ -282,7 +294,7 @@ def environment(env_id: str, keywords: dict[str, Any], n: int, threads: int = 1,
 
 def guided(env_id: str, keywords: dict[str, Any]) -> Parts:
     """Run three arms that follow prescribed motions in a vector, and the first arm in a single environment."""
-    motions = MOTIONS[env_id]
+    motions, keywords = MOTIONS[env_id], _recorded(env_id, keywords)
     shared = "multipliers" in keywords
     many = gym.make_vec(env_id, num_envs=3, threads=1, **keywords)
     parts = episode(many, 20, motion=motions[0] if shared else motions)
@@ -292,7 +304,7 @@ def guided(env_id: str, keywords: dict[str, Any]) -> Parts:
 
 def derivatives(env_id: str, keywords: dict[str, Any], n: int = 9, periods: int = 6, **options: Any) -> Parts:
     """Compute a rollout, its directional derivatives and gradients, and the Jacobians of one period."""
-    own, rng = Arms(env_id, n, threads=1, **keywords), np.random.default_rng(5)
+    own, rng = Arms(env_id, n, threads=1, **_recorded(env_id, keywords)), np.random.default_rng(5)
     state = own.reset(seed=2, options=options or None)
     run = own.rollout(state, rng.uniform(-0.7, 0.7, (periods, n, own.action_size)))
     by_state = np.zeros_like(state)
@@ -313,7 +325,7 @@ def derivatives(env_id: str, keywords: dict[str, Any], n: int = 9, periods: int 
 
 def steered(name: str, env_id: str, **keywords: Any) -> Parts:
     """Run 25 control periods of four arms under a controller; return actions and observations."""
-    env: Any = gym.make_vec(env_id, num_envs=4, threads=1, **keywords)
+    env: Any = gym.make_vec(env_id, num_envs=4, threads=1, **_recorded(env_id, keywords))
     seen, _ = env.reset(seed=5)
     controller = control.make(name, env)
     controller.reset(seen)
@@ -332,7 +344,7 @@ def _model(model: Any) -> Parts:
 
 def many(env_id: str, keywords: dict[str, Any], discrete: float | None) -> Parts:
     """Return the linear models of five moving arms of a vector environment."""
-    env: Any = gym.make_vec(env_id, num_envs=5, threads=1, **keywords)
+    env: Any = gym.make_vec(env_id, num_envs=5, threads=1, **_recorded(env_id, keywords))
     env.reset(seed=1)
     for _ in range(5):
         env.step(np.full(env.action_space.shape, 0.4, np.float32))
