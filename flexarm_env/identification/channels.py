@@ -2,8 +2,7 @@
 
 Each test adds one parameter e, such as an error of a gain, to a finished fit. To first order the value of e is the last
 component of -(K'K)^-1 K' r, where r are the residuals and K = [J, g] their derivatives by the fitted parameters and by
-e. A log is suspect if e is significant, which means that it exceeds `CERTAIN` half widths of its 95 % interval, and
-large enough to matter.
+e. A log is suspect if the error e exceeds `CERTAIN` half widths of its 95 % interval and is large enough to matter.
 """
 
 from __future__ import annotations
