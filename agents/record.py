@@ -47,7 +47,8 @@ G suffices if rounding reduces the episode's value by at most LOST, and not belo
 
 AT_WALL = 512.0
 """Grid of actions at a wall. There the policies' own actions are rounded while they play, so that feedback corrects the
-rounding; open-loop torques that are rounded later do not keep the tip on its path."""
+rounding; open-loop torques that are rounded later do not keep the tip on its path. Episodes in which a published run is
+better keep exact actions."""
 
 
 class Rounded(Policy):
@@ -108,18 +109,22 @@ def gathered(task: suite.Task, home: Path) -> tuple[Any, Any, list[str]]:
     shown = suite.make_vec(task.id, EPISODES)
     seen = foresight.seen_whole(task)
     wide = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen)
-    names, ways, values = [], [], []
+    names, ways, values, exact = [], [], [], []
     for name, make, whole in candidates(task, home):
         env = wide if whole else shown
         with suppress(ValueError):  # of a controller that is not made for the task
-            policy = make(env)
             # actions of the present record are rounded already
-            policy = Rounded(policy, AT_WALL) if task.id in PRESSED and name else policy
-            way, value = foresight.played(env, policy, task.price)
-            names.append(name)
-            ways.append(way)
-            values.append(value)
+            for grid in (AT_WALL, None) if task.id in PRESSED and name else (None,):
+                policy = make(env)
+                way, value = foresight.played(env, policy if grid is None else Rounded(policy, grid), task.price)
+                names.append(name)
+                ways.append(way)
+                values.append(value)
+                exact.append(task.id in PRESSED and name != "" and grid is None)
     wide.close()
+    # at a wall, exact actions only where the rounded ones are below a published run
+    enough = np.max([v for v, e in zip(values, exact, strict=True) if not e], axis=0) >= published(task)
+    values = [np.where(enough & e, -np.inf, v) for v, e in zip(values, exact, strict=True)]
     by = [names[i] or best.record(task).by[k] for k, i in enumerate(np.argmax(values, axis=0))]
     return *foresight.best_of(ways, values), by
 
