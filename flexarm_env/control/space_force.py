@@ -113,6 +113,7 @@ class SpatialHybridForce(WallController):
         self._shift, self._excess = np.zeros((len(self.goal), 3)), np.zeros(len(self.goal))
 
     def pressed(self, signals: Signals, seen: Array) -> Array:
+        """Return joint torques (n, N), N m; see `WallController.pressed`."""
         setup, gains, dt, n = self.setup, self.gains, self.setup.control_dt, self._normal
         values = seen[:, self._at] * self._scales
         hub = frames(setup.arm, signals.angles)[2][:, 0]
@@ -203,5 +204,6 @@ class SpatialPathPD(SpatialImpedance):
         super().__init__(setup, SpatialForceGains(rate=gains.rate, ratio=gains.ratio, lag=gains.lag))
 
     def progress(self) -> tuple[Array, Array, Array]:
+        """Return the progress of the approach; the force does not rise."""
         near, share, touching = super().progress()
         return near, 0.0 * share, 0.0 * touching
