@@ -47,7 +47,7 @@ REFERENCES = ROOT / "flexarm_env" / "data" / "suite" / "references.json"
 FEW = ("slew-unknown-v2", "slew-geared-v2", "reach-measured-v1")
 """Tasks on which methods with memory, and methods that learn from earlier data, should have an advantage."""
 
-PRESSED = ("press-v1", "land-v1")
+PRESSED = ("press-v1", "land-v1", "wipe-v1")
 """Tasks for controllers of the contact force."""
 
 FREE = tuple(task.id for task in suite.tasks() if task.id not in PRESSED)
@@ -88,7 +88,7 @@ METHODS = (
     Method("tqc", 2, "tqc", FEW),
     Method("recurrent_ppo", 2, "recurrent_ppo", FEW),
     Method("ppo_around", 5, "ppo", ("reach-measured-v1",), "around"),
-    Method("ppo_press", 1, "ppo", ("press-v1",), "press"),
+    Method("ppo_press", 1, "ppo", ("press-v1", "land-v1"), "press"),
     Method("foresight", 1, "foresight"),
 )
 

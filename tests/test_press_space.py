@@ -9,6 +9,8 @@ import pytest
 
 from flexarm_env import PointLoad, Scene, arms, control
 from flexarm_env.control.space_statics import SpatialChain
+from flexarm_env.envs.pictures import renderer
+from flexarm_env.envs.space_rendering import _above
 from flexarm_env.linear import linearize, static_equilibrium
 from flexarm_env.physics.space.reading import tips
 from flexarm_env.sensors import StrainGauge
@@ -94,6 +96,21 @@ def test_a_measured_observation_has_the_commanded_force() -> None:
     assert "tip_velocity_x" not in env.unwrapped.plan.names
 
 
+def test_a_wall_stands_on_the_ground_in_pictures() -> None:
+    square = np.array([[0.8, -1.0, -1.0], [0.8, 1.0, -1.0], [0.8, 1.0, 1.0], [0.8, -1.0, 1.0]])
+    found = _above(square, 0.0)
+    assert found[:, 2].min() == 0.0
+    assert found[:, 2].max() == 1.0
+    assert np.ptp(found[:, 1]) == 2.0
+    assert _above(square, 2.0) is square
+    assert np.array_equal(_above(square, -2.0), square)
+    pen = renderer(pressing().unwrapped.plan, "rgb_array")
+    pen.touches = np.array([[0.8, 0.0, 0.2, -3.0, 0.0, 0.0, 3.0]])
+    ((start, end),) = pen.arrows()
+    assert start == pytest.approx([0.8, 0.0, 0.2])
+    assert 0.1 < np.linalg.norm(end - start) / 1.15 < 0.4
+
+
 @pytest.mark.parametrize(
     ("keywords", "words"),
     [
@@ -162,7 +179,7 @@ def test_the_gauges_of_a_pressed_arm_at_rest_reveal_the_force() -> None:
         reference=still, sensors={"strain_gauges": GAUGES}, duration=9.0,
         observation=[name for name in names if "tip_force" not in name],
     )  # fmt: skip
-    own: Any = control.make("hybrid_force", env, {"friction": 0.0, "force": 0.5, "path": 3.0})
+    own: Any = control.make("hybrid_force", env, {"friction": 0.0, "force": 0.5, "path": 1.5})
     seen, _ = env.reset(seed=3)
     own.reset(seen)
     for _ in range(900):

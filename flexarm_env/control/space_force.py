@@ -41,7 +41,7 @@ class SpatialForceGains(Approach):
     rate: float = 7.0
     ratio: float = 1.0
     lag: float = 0.06
-    path: float = 3.0
+    path: float = 1.5
     force: float = 0.5
     filter: float = 0.05
 
@@ -80,10 +80,11 @@ class SpatialHybridForce(WallController):
                 what = "must have tip_force_normal or at least three strain gauges, which reveal the force"
                 raise check.InvalidValue("observation", known, what)
             _, scales = self.entries(names)
-            ratios = np.array([gauge.per_curvature_of(setup.arm.links[gauge.link]) for gauge in gauges])
-            floor = 1e-3 * scales
-            errors = [max(gauge.noise + gauge.bias, own) for gauge, own in zip(gauges, floor.tolist(), strict=True)]
-            self._ratios, self._weights = ratios, ratios / np.array(errors)
+            ratios = [g.per_curvature_of(setup.arm.links[g.link]) * float(np.mean(g.gains)) for g in gauges]
+            self._centers, self._ratios = np.array([np.mean(g.biases) for g in gauges]), np.array(ratios)
+            # readings count by their largest errors, at least a thousandth of the scale
+            errors = np.array([g.noise + 0.5 * np.ptp(g.biases) for g in gauges])
+            self._weights = self._ratios / np.maximum(errors, 1e-3 * scales)
         self.gravity = np.array(setup.gravity or (0.0, 0.0, 0.0))
         self.chain, self.bodies = SpatialChain(setup.arm, self.gravity, gauges), link_bodies(setup.arm)
         assert setup.wall is not None
@@ -112,6 +113,7 @@ class SpatialHybridForce(WallController):
         self._shift, self._excess = np.zeros((len(self.goal), 3)), np.zeros(len(self.goal))
 
     def pressed(self, signals: Signals, seen: Array) -> Array:
+        """Return joint torques (n, N), N m; see `WallController.pressed`."""
         setup, gains, dt, n = self.setup, self.gains, self.setup.control_dt, self._normal
         values = seen[:, self._at] * self._scales
         hub = frames(setup.arm, signals.angles)[2][:, 0]
@@ -159,7 +161,7 @@ class SpatialHybridForce(WallController):
         self._shape = rest.curvatures
         if force is None:
             rows = rest.rows * self._weights[:, None]
-            left = signals.gauges / self._ratios - rest.offsets
+            left = (signals.gauges - self._centers) / self._ratios - rest.offsets
             square = np.swapaxes(rows, 1, 2) @ rows
             square += DAMPED * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3)
             found = np.linalg.solve(square, np.swapaxes(rows, 1, 2) @ (left * self._weights)[..., None])[..., 0]
@@ -202,5 +204,6 @@ class SpatialPathPD(SpatialImpedance):
         super().__init__(setup, SpatialForceGains(rate=gains.rate, ratio=gains.ratio, lag=gains.lag))
 
     def progress(self) -> tuple[Array, Array, Array]:
+        """Return the progress of the approach; the force does not rise."""
         near, share, touching = super().progress()
         return near, 0.0 * share, 0.0 * touching

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.outlines import faces_of
+from ..shapes import HalfSpace
 from ..validation import Array
 from .drawing import AXIS, FAINT, GRID, INK, PAPER, SHADE, SUPERSAMPLING, Color, blend, draw_arrow, pygame_module, write
 from .rendering import (
@@ -158,7 +159,10 @@ class SpaceRenderer(Renderer):
         if target is not None:
             self._draw_target(canvas, camera, np.asarray(target, np.float64))
         around = [face for shape in self.keep_out for face in faces_of(shape, self._center, 0.7 * self.reach)]
-        solid = [face for shape in self.obstacles for face in faces_of(shape, self._center, 0.7 * self.reach)]
+        solid = [
+            _above(face, self.ground) if isinstance(shape, HalfSpace) else face
+            for shape in self.obstacles for face in faces_of(shape, self._center, 0.7 * self.reach)
+        ]  # fmt: skip
         self._draw_faces(canvas, camera, [face for face in around if not _facing(face, camera.eye)])
         self._draw_faces(canvas, camera, [face for face in solid if not _facing(face, camera.eye)], OBSTACLE)
         for _, draw in sorted(self._pieces(canvas, camera, chain), key=lambda piece: -piece[0]):
@@ -240,6 +244,17 @@ class SpaceRenderer(Renderer):
                 pg.draw.circle(canvas, own, seen + radius * shift * np.array([-0.6, -0.8]), part * radius)
 
         return float(away) - share * self.reach, draw
+
+
+def _above(face: Array, ground: float) -> Array:
+    """Return the part of a wall's face (n, 3), m, above the ground; the whole face if all of it is below."""
+    kept = []
+    for a, b in zip(face, np.roll(face, -1, axis=0), strict=True):
+        if a[2] >= ground:
+            kept.append(a)
+        if (a[2] - ground) * (b[2] - ground) < 0.0:
+            kept.append(a + (b - a) * ((ground - a[2]) / (b[2] - a[2])))
+    return np.array(kept) if len(kept) > 2 else face
 
 
 def _facing(face: Array, eye: Array) -> bool:
