@@ -15,13 +15,16 @@ from typing import Any
 import numpy as np
 
 from flexarm_env import validation as check
-from flexarm_env.parameters import Arm
+from flexarm_env.parameters import AXES, Arm
 from flexarm_env.scene import toml
 from flexarm_env.scene.contacts import Contact, contacts_of
 from flexarm_env.scene.drives import ROOT, JointTorque, Load, Motion, PointLoad
 from flexarm_env.scene.mesh import default_mesh
 from flexarm_env.settings import Settings, default_options, expand_preset, merged
 from flexarm_env.time_functions import TimeFunction, constant
+
+PREFERRED = {"xy": "floating_frame", "xyz": "geometrically_exact"}
+"""Default formulation by the axes along which a scene's arm moves."""
 
 _SAME_TIME = 1e-9
 """Instants of different functions count as one if their difference is smaller (in s, or relative to the duration)."""
@@ -142,11 +145,10 @@ class Scene:
                     raise check.InvalidValue(name, getattr(self, name), what)
         # a rigid joint: equal absolute rates in the plane, zero joint rate in space
         for k in self.rigid_joints:
-            if self.arm.spatial and self.rates[k]:
-                raise check.InvalidValue(f"rates[{k}]", self.rates[k], f"must be 0: joint {k} is rigid")
-            if not self.arm.spatial and self.rates[k] != self.rates[k - 1]:
-                what = f"must be that of the link before, {self.rates[k - 1]!r}: joint {k} is rigid"
-                raise check.InvalidValue(f"rates[{k}]", self.rates[k], what)
+            if self.arm.relative(self.rates, k):
+                own, still = self.rates[k], self.rates[k] - self.arm.relative(self.rates, k)
+                what = f"that of the link before, {self.rates[k - 1]!r}" if still == self.rates[k - 1] else "0"
+                raise check.InvalidValue(f"rates[{k}]", own, f"must be {what}: joint {k} is rigid")
         # the root's velocity must belong to a motion, or the root be free
         if self.root != "free" and any(self.velocity):
             for name, rate in zip(ROOT, self.velocity, strict=False):
@@ -219,9 +221,9 @@ class Scene:
 
     def _check_contacts(self) -> None:
         """Check that obstacles have two dimensions in the plane and three in space, and move in these."""
-        contacts_of("contacts", self.contacts, self.arm, self.spatial)
+        contacts_of("contacts", self.contacts, self.arm, len(self.axes))
         for i, contact in enumerate(self.contacts):
-            if contact.displacement_z is not None and not self.spatial:
+            if any(axis >= len(self.axes) for axis, _ in contact.displacements):
                 what = "must be left out in the plane"
                 raise check.InvalidValue(f"contacts[{i}].displacement_z", contact.displacement_z, what)
 
@@ -268,12 +270,7 @@ class Scene:
             return (*self.position, 0.0)[ROOT.index(coordinate)]
         # names end in the index: "joint0", "motor0"
         joint = int(coordinate[5:])
-        if joint == 0 or self.arm.spatial:
-            return self.angles[joint]
-        # relative angle: from the tip tangent of the link before
-        before = self.angles[joint - 1]
-        link = self.arm.links[joint - 1]
-        return self.angles[joint] - (before + link.turn if link.curved else before)
+        return self.arm.relative(self.angles, joint, self.arm.links[max(joint - 1, 0)].turn)
 
     @property
     def spatial(self) -> bool:
@@ -284,6 +281,11 @@ class Scene:
         away = any(any(v[2:]) for v in vectors) or self.motion_of("root_z") is not None
         touched = any(contact.spatial for contact in self.contacts)
         return self.space or self.arm.spatial or loads or away or touched
+
+    @property
+    def axes(self) -> str:
+        """Axes along which the scene's arm moves: "xy" in the plane, "xyz" in space."""
+        return AXES[self.spatial]
 
     @property
     def floats(self) -> bool:
@@ -321,7 +323,7 @@ class Scene:
         only to its own formulation (default "floating_frame", in space "geometrically_exact").
         """
         own = dict(self.solver)
-        preferred = own.pop("formulation", "geometrically_exact" if self.spatial else "floating_frame")
+        preferred = own.pop("formulation", PREFERRED[self.axes])
         formulation, options = expand_preset(formulation or preferred, options)
         # the scene's options belong to its own formulation
         if formulation != preferred:
