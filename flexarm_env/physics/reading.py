@@ -21,7 +21,7 @@ from .space.reading import read
 
 
 def link_deflection(poses: Array) -> Array:
-    """Return each link's tip deflection (m): the component of the vector root to tip normal to the tangent at the root.
+    """Return each link's tip deflection, m: the signed distance of the tip from the tangent at the root.
 
     poses (..., n_links, 12): poses of links with the fields of `layout.POSES`. The result has shape (..., n_links).
     """
@@ -31,7 +31,7 @@ def link_deflection(poses: Array) -> Array:
 
 
 def joint_angles(poses: Array) -> tuple[Array, Array]:
-    """Return joint angles (rad) and rates (rad/s), joint 0 relative to the x axis, joint k to the tip of link k - 1.
+    """Return joint angles (rad) and rates (rad/s): of joint 0 from the x axis, of joint k from the tip of link k - 1.
 
     poses (..., n_links, 12): poses of links with the fields of `layout.POSES`. Both results have shape (..., n_links).
     """

@@ -16,6 +16,7 @@ import numpy as np
 
 from flexarm_env import validation as check
 from flexarm_env.parameters import AXES, Arm
+from flexarm_env.records import choice, number, switch, validate, words
 from flexarm_env.scene import toml
 from flexarm_env.scene.contacts import Contact, contacts_of
 from flexarm_env.scene.drives import ROOT, JointTorque, Load, Motion, PointLoad
@@ -62,13 +63,15 @@ class Scene:
         description, source, note: content, origin and assumptions.
     """
 
-    name: str
-    arm: Arm
+    name: str = words("a short word", empty=False)
+    arm: Arm = dataclasses.field()
     _: KW_ONLY
-    duration: float
-    dt: float
-    sample: float | None = None
-    root: str = "pinned"
+    duration: float = number("length of the run", "s", above=0.0)
+    dt: float = number("default time step", "s", above=0.0)
+    sample: float | None = number(
+        "default sampling interval; left out: the step", "s", None, above=0.0, optional=True
+    )
+    root: str = choice(("pinned", "free"), "whether the root is on its joint, or the arm is a free body", "pinned")
     position: tuple[float, ...] = (0.0, 0.0)
     angles: tuple[float, ...] = ()
     velocity: tuple[float, ...] = (0.0, 0.0)
@@ -78,23 +81,22 @@ class Scene:
     loads: tuple[Load, ...] = ()
     gravity: tuple[float, ...] | None = None
     solver: tuple[tuple[str, Any], ...] = ()
-    description: str = ""
-    source: str = ""
-    note: str = ""
-    start: str = "unloaded"
-    space: bool = False
+    description: str = words("content", "")
+    source: str = words("origin", "")
+    note: str = words("assumptions", "")
+    start: str = choice(
+        ("unloaded", "held", "equilibrium"), "start without stress, or at rest with held or with free joints",
+        "unloaded",
+    )  # fmt: skip
+    space: bool = switch("compute in space, even if the plane would do", False)
     contacts: tuple[Contact, ...] = ()
 
     def __post_init__(self) -> None:
         """Validate each field, then combinations of fields; an `InvalidValue` names the field."""
-        check.text("name", self.name, empty=False)
         n = check.instance("arm", self.arm, Arm).n_links
-        check.choice("root", self.root, ("pinned", "free"))
-        check.choice("start", self.start, ("unloaded", "held", "equilibrium"))
+        validate(self)
         # each field by itself
         values: dict[str, Any] = {
-            "duration": check.number("duration", self.duration, "s", above=0.0),
-            "dt": check.number("dt", self.dt, "s", above=0.0),
             "position": _vector("position", self.position, "m"),
             "angles": self._one_a_link("angles", "rad", n),
             "velocity": _vector("velocity", self.velocity, "m/s"),
@@ -107,13 +109,11 @@ class Scene:
             "contacts": contacts_of("contacts", self.contacts, self.arm),
         }
         # sampling interval: dt unless given
-        values["sample"] = values["dt"] if self.sample is None else check.number("sample", self.sample, "s", above=0.0)
+        check.store(self, sample=self.dt if self.sample is None else self.sample)
         for name in ("dt", "sample"):
-            if values[name] > values["duration"]:
-                raise check.InvalidValue(name, values[name], f"must not exceed the duration, {values['duration']:g} s")
-        for name in ("description", "source", "note"):
-            check.text(name, getattr(self, name))
-        check.flag("space", self.space)
+            if getattr(self, name) > self.duration:
+                what = f"must not exceed the duration, {self.duration:g} s"
+                raise check.InvalidValue(name, getattr(self, name), what)
         # the checks of combinations below read the validated fields
         check.store(self, **values)
         self._check_rates()
@@ -331,6 +331,11 @@ class Scene:
         chosen = merged(own, options)
         mesh = default_mesh(self.arm, formulation, chosen, self.spatial)
         return Settings.make(formulation, **{**mesh, **chosen}).with_dt(self.dt)
+
+    @classmethod
+    def schema(cls) -> dict[str, Any]:
+        """Return the JSON schema (draft 2020-12) of scene files, with which editors complete and check them."""
+        return toml.schema(cls)
 
     @classmethod
     def from_toml(cls, source: str | os.PathLike[str], parameter_set: str | None = None) -> Scene:
