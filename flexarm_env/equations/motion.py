@@ -313,6 +313,8 @@ class Equations:
 
     def _vertices(self) -> list[int]:
         """Return, for each vertex of an arm in space, the index of its first row in the equations."""
+        if not self.turning.size:  # in the plane no rows are rotation vectors
+            return []
         return [i for i, name in enumerate(self.names_of_rows) if name.startswith("link") and ".x" in name]
 
     # --- linear equations --------------------------------------------------------------------------------------------
