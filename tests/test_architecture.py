@@ -350,7 +350,7 @@ def test_the_core_imports_no_other_room() -> None:
     assert beyond == BEYOND_THE_CORE
 
 
-BRANCHES, FLAGS = 37, 36
+BRANCHES, FLAGS = 39, 43
 """Largest numbers of places outside of `physics` that ask whether an arm or scene is `spatial`, or whether a kind of
 environment or an option is in `space`; a place that reads poses by `physics.reading` need not ask."""
 

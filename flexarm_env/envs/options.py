@@ -418,8 +418,7 @@ def _factors(value: Any, arm: Arm) -> dict[str, events.Pair]:
     Every arm draws the first `ALWAYS` factors. If the user gives one of the other factors before `LATER`, the arm draws
     all factors before `LATER`. If the user gives one of `LATER`, the arm draws all factors that it supports.
     """
-    absent = {*STIFFNESSES} - {*reading_of(arm).stiffnesses}
-    names = [name for name in FACTOR_NAMES if name not in absent]
+    names = [name for name in FACTOR_NAMES if name not in STIFFNESSES or name in reading_of(arm).stiffnesses]
     if isinstance(value, Mapping) and "length" in value:
         what = "is no factor, since the arms of a batch share their mesh: flexarm_env.envs.lengths and"
         raise check.InvalidValue("randomization.length", value["length"], f"{what} make_sb3_vec(..., lengths=...)")
