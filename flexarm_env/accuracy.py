@@ -98,11 +98,12 @@ HALF = 0.5
 """Error of a run divided by its distance from a run with twice the step, or from a run on half the mesh."""
 
 
-def other_mesh(settings: Settings, space: bool = False) -> tuple[Settings, float]:
+def other_mesh(settings: Settings, space: bool = False, full: int = 5) -> tuple[Settings, float]:
     """Return settings with another mesh, and the run's error divided by its distance from a run with that mesh.
 
     The other mesh is coarser, or finer if there is no coarser mesh. For links reduced to modes the returned settings
-    are those of the full model (in the plane), or have another number of segments with as many modes (in space)."""
+    are those of the full model with at least `full` segments (in the plane), or have another number of segments with as
+    many modes (in space)."""
     if settings.formulation == "elastica":
         assert settings.nodes is not None
         # the smallest mesh is compared with a finer one
@@ -114,7 +115,7 @@ def other_mesh(settings: Settings, space: bool = False) -> tuple[Settings, float
         n = settings.segments or 1
         return settings.replace(segments=2 if n == 1 else -(-n // 2), modes=settings.modes), mesh_factor(n)
     if settings.modes is not None:
-        return settings.replace(segments=max(5, settings.segments or 1), elements=1), 1.0
+        return settings.replace(segments=max(full, settings.segments or 1), elements=1), 1.0
     assert settings.elements is not None
     if settings.formulation == "geometrically_exact":
         # exact beams: half the elements; floating frames: half the segments
@@ -134,13 +135,9 @@ def companion_mesh(scene: Scene, settings: Settings) -> tuple[Scene, Settings, f
     """Return scene and settings with another mesh, and the error divided by the distance from a run on this mesh. If a
     section jumps or kinks, all cells are halved: a coarser mesh may have the same cells in the critical piece and would
     hide the error of these cells. Otherwise the mesh is that of `other_mesh`."""
-    if divided(scene.arm):
-        if halved := halved_mesh(scene.arm, settings):
-            return replace(scene, arm=halved[0]), halved[1], 1.0
-        if settings.modes is not None and not scene.spatial:
-            usual = default_mesh(scene.arm, settings.formulation)["segments"]
-            return scene, settings.replace(segments=max(usual, settings.segments or 1), elements=1), 1.0
-    return scene, *other_mesh(settings, scene.spatial)
+    if divided(scene.arm) and (halved := halved_mesh(scene.arm, settings)):
+        return replace(scene, arm=halved[0]), halved[1], 1.0
+    return scene, *other_mesh(settings, scene.spatial, default_mesh(scene.arm, settings.formulation).get("segments", 5))
 
 
 COARSE, FINER = 0.5, 0.125

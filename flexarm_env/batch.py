@@ -16,16 +16,15 @@ from .compiler import SINGLE, WIDEST, Beside, Placed, entry, native, uncompiled
 from .compiler.crew import CROWDED, OneAtATime, one_at_a_time
 from .compiler.pace import Team, default_threads
 from .compiler.sheets import Sheet
-from .geometry.poses import joint_angles
 from .parameters import Arm
 from .physics import assembly, precision
 from .physics.gauges import Spot, curvature_rows
 from .physics.integrator.work import unpack, work_size
 from .physics.joints.build import with_own_laws
-from .physics.layout import COUNTS, POSE, SPACE_POSE
+from .physics.layout import COUNTS
 from .physics.model import System
 from .physics.obstacles import KeepOut, packed
-from .physics.space.reading import read
+from .physics.reading import Reading, reading_of
 from .runtime import episode as environment
 from .runtime import starts
 from .runtime.energy_balance import inertia_per_rate
@@ -33,7 +32,7 @@ from .runtime.guided import Guided
 from .runtime.keep_out import with_room
 from .runtime.laws import LAW_SIZE, law_of, room_of
 from .runtime.layout import aligned, layout_of, record_sizes
-from .runtime.sampling import STRETCH, observe_arm
+from .runtime.sampling import STRETCH
 from .runtime.starts import guided_period
 from .runtime.told import View, info_places, touches_of
 from .scene import Contact, standing_scene
@@ -133,7 +132,7 @@ class Batch:
         self.groups = -(-n // len(self.lane))
         self.paced = threads is None
         self.threads = max(1, min(default_threads(n) if threads is None else threads, self.groups))
-        self.pose = None if arm.spatial else assembly.pose_table(arm, settings, gravity)
+        self.pose = self.reading.pose_table(arm, settings, gravity)
         self._build()
 
     def _build(self) -> None:
@@ -162,10 +161,10 @@ class Batch:
         self.reward = np.zeros(count)
         self.terminated, self.truncated = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
         self.stream = np.zeros(count, np.uint64)
-        self.request = np.full(REQUEST.offsets(0, links, links * self.arm.spatial).end, np.nan)
+        self.request = np.full(REQUEST.offsets(0, links, links * (task.given == "goals")).end, np.nan)
         # the program: a record of all arrays and constants that compiled code reads
         n_steps = round(self.period / settings.dt)
-        room = np.zeros((assembly.room_for_points(settings, links), 3 if self.arm.spatial else 2))
+        room = np.zeros((assembly.room_for_points(settings, links), len(self.arm.axes)))
         shapes = with_room(self.extras.keep_out, model, self.system.q0, room, self.groups, self.arm.total_length)
         self.program = Program(
             lane=self.lane, model=model, scheme=assembly.scheme_of(settings, self.tolerance), task=task,
@@ -211,6 +210,11 @@ class Batch:
         An unknown error is inf, since nan would differ from itself in checks of determinism."""
         return self.left + self.system.notes.get("stretch_and_shear", 0.0)
 
+    @property
+    def reading(self) -> Reading:
+        """How poses and points of the arms are read."""
+        return reading_of(self.arm)
+
     # --- one arm's entries -----------------------------------------------------------------------
     def _mine(self, first: int, last: int, i: int) -> Array:
         """Return arm i's entries of [first, last) of the block, a view."""
@@ -232,8 +236,7 @@ class Batch:
 
     def joints(self, i: int) -> tuple[Array, Array]:
         """Return arm i's joint angles (N,), rad, and rates (N,), rad/s; a floating hub's angle is from the x axis."""
-        poses = self.poses(i)
-        return (poses[:, SPACE_POSE.angle], poses[:, SPACE_POSE.rate]) if self.arm.spatial else joint_angles(poses)
+        return self.reading.joints(self.poses(i))
 
     # --- motion ----------------------------------------------------------------------------------
     def parameters(self, i: int) -> Array:
@@ -277,9 +280,8 @@ class Batch:
         """Set the next episode's start: joint angles (N,), rad, target (2,), vibration (1,) or (3,). NaN is drawn at
         random. In space the target is given as joint angles (N,) with which the arm reaches the target.
         """
-        asked = {"angles": angles, "target": target, "vibration": np.resize(vibration, 3), "goals": np.zeros(0)}
-        if self.arm.spatial:
-            asked |= {"target": np.full(2, np.nan), "goals": target}
+        asked = {"angles": angles, "target": np.full(2, np.nan), "goals": np.zeros(0)}
+        asked |= {"vibration": np.resize(vibration, 3), self.task.given: target}
         self.request[:] = REQUEST.pack({"joints": self.arm.n_links, "goals": len(asked["goals"])}, **asked)
 
     def start(self, arms: Sequence[int], keys: Sequence[int], *, limit: int, mode: int = RUNNING) -> None:
@@ -382,20 +384,12 @@ class Batch:
 
     def view(self, i: int) -> View:
         """Return arm i at the present instant, for rendering: shape, poses, target, torques (N m) and time (s)."""
-        links, (q, v) = self.arm.n_links, (rows[i] for rows in self.motions()[:2])
-        if self.arm.spatial:
-            points = read(self.arm, self.settings, q[None], v[None])["shapes"][0]
-            poses, size = self._mine(self.layout.poses, self.layout.record, i).copy(), SPACE_POSE.end
-        else:
-            poses, size = np.zeros(POSE.end * links), POSE.end
-            points = np.full((assembly.room_for_points(self.settings, links), 2), np.nan)
-            count = observe_arm(SINGLE, self.system.model, self._par(i).copy(), q, v, poses, np.zeros(3), points)
-            points = points[:count]
+        links, q = self.arm.n_links, self.motions()[0][i]
         record, targets, at = self.record(i), len(self.task.targets), self.info_at
         info = self._mine(self.layout.info, self.layout.saved, i)
         return View(
-            points=points.copy(),
-            poses=poses.reshape(-1, size),
+            points=self.reading.points(self.arm, self.settings, self.system.model, q),
+            poses=self.poses(i),
             time=float(record[PERIODS]) * self.period,
             target=record[TARGET : TARGET + targets].copy(),
             torques=info[at.torque : at.torque + links].copy(),

@@ -9,8 +9,11 @@ invalid value raises a ``ValueError`` that names the key path, the value and the
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
 
 from flexarm_env import bodies
 from flexarm_env import validation as check
@@ -26,6 +29,9 @@ __all__ = [
 ]  # fmt: skip
 
 JointRange = tuple[float, float]
+
+AXES = {False: "xy", True: "xyz"}
+"""Axes along which arms move: in the plane, and in space."""
 
 
 @described
@@ -302,6 +308,25 @@ class Arm:
         hub = self.hub_axis != bodies.Z or self.hub_mount is not None or isinstance(self.hub_inertia, tuple)
         parts: tuple[Elbow | Payload, ...] = (*self.elbows, self.payload)
         return hub or any(part.spatial for part in parts) or any(link.rigid for link in self.links)
+
+    @property
+    def axes(self) -> str:
+        """Axes along which the arm moves: "xy" in the plane, "xyz" in space."""
+        return AXES[self.spatial]
+
+    def relative(self, values: Sequence[float], joint: int, turn: float = 0.0) -> float:
+        """Return a joint's angle (rad) or rate (rad/s) from a scene's `angles` or `rates`.
+
+        A scene's values are absolute angles of links in the plane, and joint angles in space. turn: angle of a curved
+        link from its root to the joint, rad.
+        """
+        if joint == 0 or self.spatial:
+            return values[joint]
+        return values[joint] - (values[joint - 1] + turn if turn else values[joint - 1])
+
+    def stated(self, joints: Sequence[float]) -> tuple[float, ...]:
+        """Return a scene's `angles` (rad) from joint angles: their sums in the plane, the joint angles in space."""
+        return tuple(joints if self.spatial else np.cumsum(joints).tolist())
 
     def check_planar(self) -> None:
         """Raise ValueError if the arm leaves the plane or has a rigid link."""

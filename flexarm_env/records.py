@@ -11,16 +11,18 @@
             validate(self)
 
 The declarations of the fields define their validation (`validate`, with the messages of `validation`), reading from
-TOML (`made`), the arguments in the docstring (`described`), rows of tables in the documentation (`rows`) and a JSON
-schema (`schema`). Rules that relate several fields remain code in `__post_init__`.
+TOML (`made`), the arguments in the docstring (`described`), rows of tables in the documentation (`rows`), command-line
+flags with their help (`add_flags`) and a JSON schema (`schema`). Rules that relate several fields remain code in
+`__post_init__`.
 """
 
+import argparse
 import dataclasses
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from flexarm_env import validation as check
 
@@ -81,9 +83,20 @@ def integer(
     return value(rule, json, text, "", default, optional=optional)
 
 
-def choice(words: Sequence[str], text: str, default: Any = MISSING) -> Any:
+def choice(words: Sequence[str], text: str, default: Any = MISSING, *, optional: bool = False) -> Any:
     """Declare a field whose value is one of `words`."""
-    return value(partial(check.choice, allowed=words), {"enum": list(words)}, text, "", default)
+    return value(partial(check.choice, allowed=words), {"enum": list(words)}, text, "", default, optional=optional)
+
+
+def switch(text: str, default: Any = MISSING, *, optional: bool = False) -> Any:
+    """Declare a field that is True or False."""
+    return value(check.flag, {"type": "boolean"}, text, "", default, optional=optional)
+
+
+def words(text: str, default: Any = MISSING, *, empty: bool = True) -> Any:
+    """Declare a field with a text. empty: whether the empty text is permitted."""
+    json = {"type": "string"} if empty else {"type": "string", "minLength": 1}
+    return value(partial(check.text, empty=empty), json, text, "", default)
 
 
 def value(
@@ -165,6 +178,45 @@ def rows(kind: Any) -> list[tuple[str, str, str, str]]:
         shown = "required" if name in required else "" if default in (None, MISSING) else f"`{default!r}`"
         found.append((f"`{name}`", shown, ", ".join([*filter(None, [rule.unit]), *_bounds(rule)]), rule.text))
     return found
+
+
+# ------------------------------------------------------------------ command line
+PARSED = {"integer": (int, "N"), "number": (float, "X"), "boolean": (bool, ""), "string": (str, "TEXT")}
+"""Type of a flag's value and its placeholder, by the type in the JSON schema."""
+
+
+class Flag(NamedTuple):
+    """A command-line flag for a field of a record."""
+
+    name: str  # of the field
+    kind: type  # int, float, bool or str
+    metavar: str  # placeholder of the value
+    help: str
+
+
+def flags(kind: Any) -> list[Flag]:
+    """Return a flag for each field whose value is a number, a text, a word or True or False."""
+    found = []
+    for name, rule in rules(kind).items():
+        parsed, metavar = (str, "NAME") if "enum" in rule.json else PARSED.get(rule.json.get("type", ""), (None, ""))
+        if parsed is not None:
+            limits = [word for word in _bounds(rule) if word != "or left out"]
+            inside = ", ".join([*filter(None, [rule.unit]), *limits])
+            found.append(Flag(name, parsed, metavar, f"{rule.text}{f' ({inside})' if inside else ''}"))
+    return found
+
+
+def add_flags(parser: Any, kind: Any) -> None:
+    """Add the `flags` of a record to an argparse parser or group; a flag that is not given is None.
+
+    Values are validated when the record is made, with its messages.
+    """
+    for name, parsed, metavar, text in flags(kind):
+        flag, text = f"--{name.replace('_', '-')}", text.replace("%", "%%")
+        if parsed is bool:
+            parser.add_argument(flag, action=argparse.BooleanOptionalAction, default=None, help=text)
+        else:
+            parser.add_argument(flag, type=parsed, metavar=metavar, help=text)
 
 
 # ------------------------------------------------------------------ JSON schema

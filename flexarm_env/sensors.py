@@ -25,6 +25,8 @@ from flexarm_env.records import choice, described, integer, number, validate, va
 Range = tuple[float, float]
 UNITS, SIDES = ("curvature", "strain"), ("link", "motor")
 MEASURES = ("xy", "xz", "torsion")
+MEASURED = {"xy": ("xy",), "xyz": MEASURES}
+"""What a strain gauge can measure, by the axes along which an arm moves."""
 RATE_FREQUENCY = 20.0
 """Default frequency (Hz) of the first-order low-pass filter with which an encoder computes the rate from readings."""
 LARGEST, FINEST = 1e15, 1e-12
@@ -272,13 +274,13 @@ SINGLES: dict[str, type[Law]] = {
 """Classes of sensors of which an arm has at most one, by key in a table of sensors."""
 
 _OF_CONTACT = {"force": ("tip_force_normal", "tip_force_tangential"), "switch": ("contact_switch",)}
-OF_THE_TIP: dict[bool, dict[str, tuple[str, ...]]] = {
-    False: {
+OF_THE_TIP: dict[str, dict[str, tuple[str, ...]]] = {
+    "xy": {
         "accelerometer": ("tip_acceleration_x", "tip_acceleration_y"),
         "camera": ("camera_x", "camera_y"),
         **_OF_CONTACT,
     },
-    True: {
+    "xyz": {
         "accelerometer": ("tip_acceleration_x", "tip_acceleration_y", "tip_acceleration_z"),
         "gyroscope": ("gyroscope_x", "gyroscope_y", "gyroscope_z"),
         "camera": ("camera_x", "camera_y", "camera_z", "camera_rise_y", "camera_rise_z"),
@@ -322,7 +324,7 @@ class Sensors:
         """Return the encoder of a joint."""
         return self.encoders[joint if len(self.encoders) > 1 else 0]
 
-    def readings(self, arm: Any, space: bool = False) -> dict[str, tuple[str, Law]]:
+    def readings(self, arm: Any, axes: str = "xy") -> dict[str, tuple[str, Law]]:
         """Return a dict of an arm's readings in order: name as in `Trajectory.measured` to (key path, sensor).
 
         Key paths begin after "sensors". Encoders have their resolution at the output of the gear.
@@ -333,21 +335,21 @@ class Sensors:
             # an encoder gives two readings, angle and rate
             own = self.encoder(k).behind(arm.joint(k).gear_ratio)
             found |= {f"{joint}_{of}": (f"encoders[{k}]", own) for of in ("angle", "rate")}
-        for place, names in OF_THE_TIP[space].items():
+        for place, names in OF_THE_TIP[axes].items():
             if (law := getattr(self, place)) is not None:
                 found |= dict.fromkeys(names, (place, law))
         gauges = enumerate(self.strain_gauges)
         return found | {f"strain_gauge_{i + 1}": (f"strain_gauges[{i}]", gauge) for i, gauge in gauges}
 
-    def check_for(self, links: Sequence[Any], space: bool = True, touches: bool = True) -> None:
+    def check_for(self, links: Sequence[Any], axes: str = "xyz", touches: bool = True) -> None:
         """Raise ValueError unless the sensors fit an arm.
 
-        links: the arm's links. space: whether the arm is in space. touches: whether contact forces are computed.
+        links: the arm's links. axes: axes along which the arm moves. touches: whether contact forces are computed.
         """
         for name in () if touches else ("force", "switch"):
             if getattr(self, name) is not None:
                 raise check.InvalidValue(name, getattr(self, name), "must be left out: no contact forces are recorded")
-        if not space and (own := self.gyroscope) is not None:
+        if "gyroscope" not in OF_THE_TIP[axes] and (own := self.gyroscope) is not None:
             raise check.InvalidValue("gyroscope", own, "must be left out: there are gyroscopes in space alone")
         # none, one for all joints, or one per joint
         if len(self.encoders) not in (0, 1, len(links)):
@@ -357,8 +359,13 @@ class Sensors:
             if links[gauge.link].rigid:
                 what = "must be a link that bends: this one is rigid"
                 raise check.InvalidValue(f"strain_gauges[{i}].link", gauge.link, what)
-            if not space and gauge.measures != "xy":
+            if gauge.measures not in MEASURED[axes]:
                 raise check.InvalidValue(f"strain_gauges[{i}].measures", gauge.measures, 'must be "xy" in the plane')
+
+    @classmethod
+    def usual(cls, arm: Any) -> Sensors:
+        """Return the sensors of an environment's arm that has none of its own: ideal sensors, in space no sensors."""
+        return {"xy": cls.ideal(arm.links), "xyz": cls()}[arm.axes]
 
     @classmethod
     def ideal(cls, links: Sequence[Any]) -> Sensors:

@@ -14,6 +14,7 @@ from functools import partial
 from typing import Any
 
 from flexarm_env import validation as check
+from flexarm_env.records import choice, described, integer, number, rules, switch, value
 
 FORMULATIONS = ("floating_frame", "geometrically_exact", "elastica")
 COUPLINGS = ("von_karman", "paper", "linear")
@@ -73,6 +74,11 @@ _MESH = ("segments", "elements", "coupling")
 _REPLACED = ("elements", "coupling")
 """Options that have no meaning together with `modes`."""
 
+_RELATED = ("formulation", "dt", "rho_inf", "newmark", "step_tolerance")
+"""Fields of `Settings` that are validated together with others."""
+
+_PAIR = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+
 
 def expand_preset(formulation: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     """Return a preset's formulation and options, overridden by ``options``; return a formulation unchanged."""
@@ -105,34 +111,20 @@ def check_options(formulation: str, names: Iterable[str]) -> None:
             raise check.UnknownKey(str(name), taken, f"option of {formulation}", hint)
 
 
+@described
 @dataclass(frozen=True)
 class Settings:
     """A formulation with all its options, created by :meth:`make`; options of other formulations are None.
 
+    Options without a range here may be left out and then have the defaults of :func:`default_options`.
+
     Args:
-        formulation: "floating_frame", "geometrically_exact" or "elastica".
-        segments: floating frames per link, 1 to 1000 (floating_frame, default 5; with modes 1).
-        elements: beam elements per segment (floating_frame, default 1) or per link (geometrically_exact, default 5); at
-            most 1000 per link in total.
-        coupling: axial-bending coupling (floating_frame), "von_karman" (default), "paper" or "linear".
-        modes: bending modes per segment, 1 to 8; they replace elements and coupling (floating_frame).
         frame: axes of a segment's floating frame (floating_frame). "chord" (default): through both ends. "root":
             clamped to its root section, as in the paper; the default with multipliers. If shear strains are large (EI /
             (C L^2) = 0.025), segments with "chord" keep a deviation of 4e-5 of the length from the exact beam.
-        multipliers: join segments and links by Lagrange multipliers, as in the paper, and not by minimal coordinates;
-            slower, for comparison (floating_frame, default False; frame "root").
-        order: polynomial order of the elements, 1 to 3 (geometrically_exact, default 2).
         period_correction: correct the integrator's period error in each step (geometrically_exact, default False;
             always on for the elastica). A step is not corrected if the correction exceeds 3 % of the arm's length, or
             if none of its Newton increments is below both 1 % of the length and the root of the tolerance.
-        nodes: tangent angles per link, 3 to 12, or to 48 where the section jumps or kinks (elastica, default 6).
-        dt: time step, s, or None for the scene's step.
-        rho_inf: spectral radius of generalized-alpha at infinite frequency, 0 to 1 (defaults 0.9, 0.7 and 1.0).
-        newmark: (beta, gamma) of plain Newmark, which replaces rho_inf.
-        tolerance: tolerance of the Newton iteration, default 1e-10.
-        newton: "full" (default) or "modified".
-        max_iterations: Newton iterations per step, at most 10,000, default 20.
-        max_halvings: halvings of a step whose Newton iteration fails, default 8.
         step_tolerance: permitted error of the tip, a fraction of the arm's length. The tolerance applies to a control
             period of an environment, or to an interval between two samples or kinks of a scene. dt is then the longest
             step and is halved up to five times as the motion requires. If this does not suffice,
@@ -141,31 +133,64 @@ class Settings:
             that both runs reverse late, or of the mesh. At least `tolerance`. None (default): constant dt.
     """
 
-    formulation: str
-    segments: int | None = None
-    elements: int | None = None
-    coupling: str | None = None
-    modes: int | None = None
-    frame: str | None = None
-    multipliers: bool | None = None
-    order: int | None = None
-    period_correction: bool | None = None
-    nodes: int | None = None
-    dt: float | None = None
-    rho_inf: float | None = None
-    tolerance: float = 1e-10
-    newton: str = "full"
-    max_iterations: int = 20
-    max_halvings: int = 8
-    newmark: tuple[float, float] | None = None
-    step_tolerance: float | None = None
+    formulation: str = choice(FORMULATIONS, 'model of the links; "paper" is short for the solver of Meek & Liu (1995)')
+    segments: int | None = integer(
+        "floating frames per link (floating_frame, default 5; with modes 1)", None,
+        minimum=1, maximum=MOST_ELEMENTS, optional=True,
+    )  # fmt: skip
+    elements: int | None = integer(
+        "beam elements per segment (floating_frame, default 1) or per link (geometrically_exact, default 5)", None,
+        minimum=1, maximum=MOST_ELEMENTS, optional=True,
+    )  # fmt: skip
+    coupling: str | None = choice(
+        COUPLINGS, "coupling of stretch and bending (floating_frame, default von_karman)", None, optional=True
+    )
+    modes: int | None = integer(
+        "bending modes per segment, which replace elements and coupling (floating_frame)", None,
+        minimum=1, maximum=8, optional=True,
+    )  # fmt: skip
+    frame: str | None = choice(
+        FRAMES, "axes of a segment's floating frame (floating_frame, default chord)", None, optional=True
+    )
+    multipliers: bool | None = switch(
+        "join segments and links by Lagrange multipliers, as in the paper; slower, for comparison (floating_frame)",
+        None, optional=True,
+    )  # fmt: skip
+    order: int | None = integer(
+        "polynomial order of the elements (geometrically_exact, default 2)", None, minimum=1, maximum=3, optional=True
+    )
+    period_correction: bool | None = switch(
+        "correct the integrator's period error in each step (geometrically_exact)", None, optional=True
+    )
+    nodes: int | None = integer(
+        "tangent angles per link, up to 12 per piece between jumps of the section (elastica, default 6)", None,
+        minimum=3, maximum=MOST_NODES, optional=True,
+    )  # fmt: skip
+    dt: float | None = number("time step; left out: the scene's step", "s", None, above=0.0, optional=True)
+    rho_inf: float | None = number(
+        "spectral radius of generalized-alpha at infinite frequency: 1 no numerical damping, 0 most", "", None,
+        minimum=0.0, maximum=1.0, optional=True,
+    )  # fmt: skip
+    tolerance: float = number("tolerance of the Newton iteration", "", 1e-10, above=0.0, maximum=1.0)
+    newton: str = choice(("full", "modified"), "kind of Newton iteration", "full")
+    max_iterations: int = integer("Newton iterations per step", 20, minimum=1, maximum=10_000)
+    max_halvings: int = integer("halvings of a step whose Newton iteration fails", 8, minimum=0, maximum=30)
+    newmark: tuple[float, float] | None = value(
+        partial(check.numbers, what="two numbers, (beta, gamma)", length=2, above=0.0, maximum=1.0), _PAIR,
+        "(beta, gamma) of plain Newmark, which replaces rho_inf", "", None, optional=True,
+    )  # fmt: skip
+    step_tolerance: float | None = number(
+        "permitted error of the tip between two samples, a fraction of the arm's length; dt is halved as required", "",
+        None, above=0.0, maximum=1.0, optional=True,
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         """Validate the options of the formulation; an `InvalidValue` names the option."""
-        check.choice("formulation", self.formulation, FORMULATIONS)
+        own = rules(Settings)
+        own["formulation"]("formulation", self.formulation)
         taken = _DEFAULTS[self.formulation]
         # options of other formulations must be None; modes and the mesh that it replaces may be None
-        for name in _CHECKS:
+        for name in (name for name in own if name not in _RELATED):
             value = getattr(self, name)
             if name not in taken:
                 check_options(self.formulation, [name] if value is not None else [])
@@ -173,7 +198,7 @@ class Settings:
             reduced = self.modes is not None
             if (name == "modes" or (reduced and name in _MESH)) and value is None:
                 continue
-            check.store(self, **{name: _CHECKS[name](name, value)})
+            check.store(self, **{name: own[name].check(name, value)})
             if reduced and name in _REPLACED:
                 raise check.InvalidValue(name, value, "must not be given together with modes, which replaces it")
         if self.formulation == "floating_frame":
@@ -182,15 +207,13 @@ class Settings:
         if (self.segments or 1) * (self.elements or 1) > MOST_ELEMENTS:
             what = f"must be at most {MOST_ELEMENTS} elements a link: take fewer segments or elements"
             raise check.InvalidValue("segments * elements", f"{self.segments} * {self.elements}", what)
-        if self.dt is not None:
-            check.store(self, dt=check.number("dt", self.dt, "s", above=0.0))
+        check.store(self, dt=own["dt"]("dt", self.dt))
         # Newton's tolerance must not exceed the permitted error
-        if self.step_tolerance is not None:
-            allowed = check.number("step_tolerance", self.step_tolerance, above=0.0, maximum=1.0)
-            if allowed < self.tolerance:
-                what = f"must be at least tolerance = {self.tolerance:g}, to which Newton solves each step"
-                raise check.InvalidValue("step_tolerance", allowed, what)
-            check.store(self, step_tolerance=allowed)
+        allowed = own["step_tolerance"]("step_tolerance", self.step_tolerance)
+        if allowed is not None and allowed < self.tolerance:
+            what = f"must be at least tolerance = {self.tolerance:g}, to which Newton solves each step"
+            raise check.InvalidValue("step_tolerance", allowed, what)
+        check.store(self, step_tolerance=allowed)
         self._check_integrator()
 
     def _check_frame(self) -> None:
@@ -204,13 +227,13 @@ class Settings:
 
     def _check_integrator(self) -> None:
         """Check that exactly one of rho_inf and newmark is given, and its values."""
+        own = rules(Settings)
         if self.newmark is None:
-            check.store(self, rho_inf=check.number("rho_inf", self.rho_inf, minimum=0.0, maximum=1.0))
+            check.store(self, rho_inf=own["rho_inf"].check("rho_inf", self.rho_inf))
             return
         if self.rho_inf is not None:
             raise check.InvalidValue("rho_inf", self.rho_inf, "must not be given together with newmark")
-        both = check.numbers("newmark", self.newmark, "two numbers, (beta, gamma)", 2, above=0.0, maximum=1.0)
-        check.store(self, newmark=both)
+        check.store(self, newmark=own["newmark"]("newmark", self.newmark))
 
     @classmethod
     def make(cls, formulation: str = "floating_frame", **options: Any) -> Settings:
@@ -288,21 +311,3 @@ def merged(base: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
         dropped.add("modes")
     dropped.update(other for name, other in (("newmark", "rho_inf"), ("rho_inf", "newmark")) if name in given)
     return {name: value for name, value in base.items() if name not in dropped} | given
-
-
-_count = partial(check.integer, minimum=1)
-_CHECKS: dict[str, Any] = {
-    "segments": partial(_count, maximum=MOST_ELEMENTS),
-    "elements": partial(_count, maximum=MOST_ELEMENTS),
-    "coupling": partial(check.choice, allowed=COUPLINGS),
-    "modes": partial(_count, maximum=8),
-    "frame": partial(check.choice, allowed=FRAMES),
-    "multipliers": check.flag,
-    "order": partial(_count, maximum=3),
-    "period_correction": check.flag,
-    "nodes": partial(check.integer, minimum=3, maximum=MOST_NODES),
-    "tolerance": partial(check.number, above=0.0, maximum=1.0),
-    "newton": partial(check.choice, allowed=("full", "modified")),
-    "max_iterations": partial(_count, maximum=10_000),
-    "max_halvings": partial(check.integer, minimum=0, maximum=30),
-}

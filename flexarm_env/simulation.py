@@ -18,8 +18,8 @@ from .physics import assembly, precision
 from .physics.integrator.start import restart
 from .physics.integrator.work import Work, unpack, work_size
 from .physics.layout import DISSIPATED, POSE, WORK_DONE
-from .physics.model import EI_Y_FACTOR, MESSAGE, OK, STATUS, STIFFNESS_FACTOR, TIMED_OUT, Drive, System
-from .physics.space.reading import read
+from .physics.model import MESSAGE, OK, STATUS, STIFFNESSES, TIMED_OUT, Drive, System
+from .physics.reading import reading_of
 from .rest import NoEquilibrium, rested
 from .runtime.fitted import APART, FITS, close_fit, end_run, open_fit, start_run
 from .runtime.keeping import save_lanes
@@ -347,11 +347,7 @@ class Simulation:
 
     def shape_points(self) -> Array:
         """Return positions along the chain from root to tip, (n_points, 2) m; in space (n_points, 3)."""
-        if self.scene.spatial:
-            return np.asarray(read(self.scene.arm, self.settings, self.work.q[None], self.work.v[None])["shapes"][0])
-        points = np.empty((self._count(), 2))
-        self._observe(points)
-        return points
+        return reading_of(self.scene).points(self.scene.arm, self.settings, self.model, self.work.q)
 
 
 def simulate(
@@ -439,7 +435,7 @@ def _probe(scene: Scene, settings: Settings, interval: float, levels: Sequence[i
     except NoEquilibrium:  # on its mesh or in its steps; the run itself began at rest
         return accuracy.Probe(np.zeros(0), _NO_POINTS, False)
     simulation.follow = levels
-    simulation.par[[STIFFNESS_FACTOR, EI_Y_FACTOR][: 1 + simulation.scene.spatial]] *= stiffness
+    simulation.par[[STIFFNESSES[name] for name in reading_of(scene).stiffnesses if name != "GJ"]] *= stiffness
     simulation.compile()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed
     fields, _ = simulation.record(end, interval)

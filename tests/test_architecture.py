@@ -57,12 +57,13 @@ ROOMS: dict[str, set[str]] = {
     "shapes": {"validation", "bodies"},
     "parameters": {"validation", "records", "sections", "bodies", "sensors"},
     "rigid": {"validation", "curves", "rotations", "sections", "bodies", "parameters"},
-    "settings": {"validation"},
+    "settings": {"validation", "records"},
     "files": {"validation"},
     "time_functions": {"validation", "files"},
     "arms": {"validation", "records", "files", "bodies", "sections", "parameters", "sensors"},
     "scene": {
         "validation",
+        "records",
         "files",
         "curves",
         "meshing",
@@ -347,6 +348,26 @@ def test_the_core_imports_no_other_room() -> None:
             rooms = {room_of(name) for _, name in imports_in(path, known) if name.split(".")[0] == PACKAGE}
             beyond |= {(module, room) for room in rooms - CORE}
     assert beyond == BEYOND_THE_CORE
+
+
+BRANCHES, FLAGS = 39, 43
+"""Largest numbers of places outside of `physics` that ask whether an arm or scene is `spatial`, or whether a kind of
+environment or an option is in `space`; a place that reads poses by `physics.reading` need not ask."""
+
+
+def test_few_places_above_the_mechanics_ask_for_plane_or_space() -> None:
+    """Reads of an attribute, apart from the properties' own definitions."""
+    found = Counter[str]()
+    for path in python_files(PACKAGE):
+        if room_of(module_name(path)) == "physics":
+            continue
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        functions = [one for one in ast.walk(tree) if isinstance(one, ast.FunctionDef)]
+        own = {id(part) for one in functions if one.name in ("spatial", "axes") for part in ast.walk(one)}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load) and id(node) not in own:
+                found[node.attr] += node.attr in ("spatial", "space")
+    assert found["spatial"] <= BRANCHES and found["space"] <= FLAGS, found
 
 
 def test_the_page_says_how_large_the_core_is() -> None:

@@ -169,6 +169,9 @@ def public(body: list[ast.stmt]) -> list[ast.FunctionDef | ast.ClassDef]:
 def test_every_public_name_has_a_docstring() -> None:
     overridden = {"torques", "initialise", "predict"}  # of `control.Controller`, which describes them
     overridden |= {"value", "slopes"}  # of a cost of `control.ilqr`
+    overridden |= {"of", "finer"}  # of `control.dynamics.Dynamics`
+    # of `envs.small_motions_models.SmallMotions`
+    overridden |= {"postures", "reference", "on_mesh", "unsteady", "link_angles", "spin", "tolerance"}
     overridden |= {"forget", "pressing"}  # of `control.force.PressController`
     overridden |= {"read", "reached", "place", "entries", "ranges", "path", "check_ranges"}  # `envs.targets.Target`
     bare = []

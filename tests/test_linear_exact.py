@@ -63,7 +63,7 @@ def moving(simulation: Simulation, rng: np.random.Generator) -> tuple[Equations,
     weight = np.maximum(equations.model.weight, 1e-300)
     free = np.zeros(equations.n)
     free[equations.free] = 1.0
-    stiff = 1e-3 if equations.spatial else 1e-2
+    stiff = 1e-3 if equations.simulation.scene.spatial else 1e-2
     q = equations.moved(w.q, free * stiff * rng.normal(size=equations.n) / weight * (weight > 1e-300))
     v, a = (size * free * rng.normal(size=equations.n) / weight for size in (3.0, 20.0))
     return equations, Point(q, v, a, rng.normal(size=len(w.u)), w.psi.copy())

@@ -1,5 +1,6 @@
 """Fields as data: validation, TOML, docstrings, tables and the JSON schema of arm files follow from one declaration."""
 
+import argparse
 import copy
 import tomllib
 from collections.abc import Iterator
@@ -8,13 +9,18 @@ from importlib import resources
 from typing import Any
 
 import pytest
+import tomli_w
 
 from benchmarks import arm_page
-from flexarm_env import Arm, Joint, Link, Motor, Payload, Section, arms, records
+from flexarm_env import Arm, Joint, Link, Motor, Payload, Scene, Section, arms, records, scenes
 from flexarm_env.cli import main
 from flexarm_env.files import from_json
+from flexarm_env.settings import FORMULATIONS, Settings, default_options
+from flexarm_env.training.arguments import parse
+from flexarm_env.training.runs import Training
 from tests.schema_tools import faults, own_faults
 
+ENUMS = [name for name, rule in records.rules(Settings).items() if "enum" in rule.json]
 STEEL = {"width": 0.03, "thickness": 0.003, "E": 7e10, "rho": 2700.0, "G": 2.6e10}
 
 
@@ -54,6 +60,71 @@ def test_a_new_field_yields_validation_table_documentation_and_schema() -> None:
         "type": "number", "exclusiveMinimum": 0.0, "maximum": 1e6, "description": "stiffness of the spring (N/m)",
     }  # fmt: skip
     assert not faults({"stiffness": 5.0}, json) and faults({"stiffness": -5.0}, json)
+    # a flag of the command line, with its help
+    parser = argparse.ArgumentParser()
+    records.add_flags(parser, SprungPayload)
+    assert parser.parse_args(["--stiffness", "5"]).stiffness == 5.0 and parser.parse_args([]).stiffness is None
+    assert "--stiffness X stiffness of the spring (N/m, positive, at most 1e+06)" in " ".join(
+        parser.format_help().split()
+    )
+
+
+def test_a_new_field_of_a_training_run_is_a_flag_that_is_validated(capsys: pytest.CaptureFixture[str]) -> None:
+    @dataclass(frozen=True, kw_only=True)
+    class Longer(Training):
+        """A run with one more option."""
+
+        pauses: int = records.integer("pauses between rollouts", 2, minimum=0, maximum=9)
+
+    with pytest.raises(SystemExit):
+        parse(Longer, "train", None, ["--help"])
+    assert "pauses between rollouts (zero or positive, at most 9) (2)" in " ".join(capsys.readouterr().out.split())
+    given = parse(Longer, "train", None, ["--pauses", "10"])
+    with pytest.raises(ValueError, match=r"^--pauses = 10: must be a whole number, from 0 to 9"):
+        given.begun()
+
+
+def test_each_solver_option_is_a_flag_a_key_and_a_rule(capsys: pytest.CaptureFixture[str]) -> None:
+    """From one declaration: a rejected value in Python and TOML, the schema of scenes, the help of `replay`."""
+    with pytest.raises(SystemExit):
+        main(["replay", "--help"])
+    shown, schema = capsys.readouterr().out, Scene.schema()
+    for name in records.rules(Settings):
+        assert name == "newmark" or f"--{name.replace('_', '-')}" in shown
+        check_option(name, schema)
+
+
+def check_option(name: str, schema: dict[str, Any]) -> None:
+    """A value that is wrong for a solver option is rejected everywhere."""
+    formulation = next((f for f in FORMULATIONS if name in default_options(f)), "elastica")
+    wrong = -1 if records.rules(Settings)[name].json["type" if name not in ENUMS else "enum"] != "boolean" else 2
+    with pytest.raises(ValueError, match=rf"{name} = {wrong}: must be"):
+        Settings.make(**{"formulation": formulation, name: wrong})
+    table = tomllib.loads(scenes.named("flying_rod").to_toml())
+    table["solver"] = {"formulation": formulation, name: wrong}
+    assert any(path == f"solver.{name}" for path, _ in own_faults(table, schema))
+    with pytest.raises(ValueError, match=name):
+        Scene.from_toml(tomli_w.dumps(table)).settings()
+
+
+def test_the_schema_of_scenes_accepts_the_packaged_scenes_and_rejects_faults() -> None:
+    schema = Scene.schema()
+    for name in scenes.names():
+        table = tomllib.loads(scenes.named(name).to_toml())
+        assert not list(own_faults(table, schema)), name
+    table = tomllib.loads(scenes.named("flying_rod").to_toml())
+    assert not faults(table, schema) and faults({**table, "dt": -1.0}, schema)
+    for name in ("flying_rod", "robot_arm_motion"):
+        table = tomllib.loads(scenes.named(name).to_toml())
+        for key, value, path in (
+            ("duration", 0.0, "duration"), ("root", "welded", "root"), ("solver", {"segmants": 3}, "solver"),
+            ("motions", [{"kind": "ramp"}], "motions.0"), ("loads", [{"link": 0, "end": "middle"}], "loads.0.end"),
+            ("loads", [{"joint": -1, "kind": "pulse"}], "loads.0.joint"), ("space", 1, "space"), ("grvity", [], ""),
+            ("arm", {**table["arm"], "tau_d": -1.0}, "arm.tau_d"),
+        ):  # fmt: skip
+            assert any(place == path for place, _ in own_faults({**table, key: value}, schema)), (name, key)
+            with pytest.raises(ValueError):
+                Scene.from_toml(tomli_w.dumps({**table, key: value})).settings()
 
 
 def test_records_have_the_messages_of_before() -> None:
@@ -79,9 +150,11 @@ def test_records_have_the_messages_of_before() -> None:
 
 def test_the_tables_of_the_page_are_those_of_the_records() -> None:
     """`python -m benchmarks.arm_page` writes them."""
-    assert arm_page.PAGE.read_text("utf-8") == arm_page.page()
-    keys = {name for kind in arm_page.KINDS.values() for name in records.rules(kind)}
-    assert len(keys) > 35 and all(f"| `{key}` |" in arm_page.page() for key in keys)
+    for name, kinds in arm_page.PAGES.items():
+        text = (arm_page.DOCS / f"{name}.md").read_text("utf-8")
+        assert text == arm_page.page(name)
+        assert all(f"| `{key}` |" in text for kind in kinds.values() for key in records.rules(kind))
+    assert sum(len(records.rules(kind)) for kinds in arm_page.PAGES.values() for kind in kinds.values()) > 100
 
 
 # ------------------------------------------------------------------ the schema of arm files
@@ -148,3 +221,5 @@ def test_the_reader_rejects_what_the_schema_rejects() -> None:
 def test_the_command_prints_the_schema(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["schema"]) == 0
     assert from_json(capsys.readouterr().out, "schema") == arms.schema()
+    assert main(["schema", "scene"]) == 0
+    assert from_json(capsys.readouterr().out, "schema") == Scene.schema()

@@ -16,6 +16,7 @@ from flexarm_env.envs.options import DEFAULT_OPTIONS
 from flexarm_env.envs.resolution import resolve
 from flexarm_env.envs.resolution_warnings import ResolutionWarning
 from flexarm_env.envs.small_motions import Drive
+from flexarm_env.envs.small_motions_models import SMALL_MOTIONS
 from flexarm_env.envs.task import REACH, Kind
 from flexarm_env.parameters import Elbow, RigidLink
 from flexarm_env.settings import Settings
@@ -49,13 +50,13 @@ def refined(tip: Any, rule: Linear, fractions: int = 32) -> tuple[Settings, floa
     """`trials.refined` of tips (x, y) by settings."""
 
     def trial(settings: Settings) -> Array:
-        return np.full((trials.PERIODS, trials.LANES, 2), tip(settings))
+        return np.full((trials.PERIODS, SMALL_MOTIONS["xy"].lanes, 2), tip(settings))
 
     meshes = [replace(USUAL, nodes=6), replace(USUAL, nodes=8)]
     assert USUAL.dt is not None
     return trials.refined(
         trial, rule, USUAL, meshes, lambda mesh, h: replace(mesh, dt=h, tolerance=1e-9), USUAL.dt / fractions, 1.0,
-        trials.TRIALS,
+        SMALL_MOTIONS["xy"].trials,
     )
 
 
@@ -109,7 +110,7 @@ def settled(tip: Any, fractions: int = 32) -> tuple[Settings, float]:
     """`trials.settled` of tips (x, y) by settings; meshes of 6 and 8 nodes."""
 
     def trial(settings: Settings) -> Array:
-        return np.full((trials.PERIODS, trials.LANES, 2), tip(settings))
+        return np.full((trials.PERIODS, SMALL_MOTIONS["xy"].lanes, 2), tip(settings))
 
     mesh, finer = replace(USUAL, nodes=6), replace(USUAL, nodes=8)
     assert USUAL.dt is not None
@@ -136,7 +137,7 @@ def test_fine_steps_of_the_rule_are_tried_too() -> None:
     draw = np.random.default_rng(0)
 
     def trial(settings: Settings) -> Array:
-        return draw.normal(size=(trials.PERIODS, trials.LANES, 2))
+        return draw.normal(size=(trials.PERIODS, SMALL_MOTIONS["xy"].lanes, 2))
 
     drive, usual = Drive.of(arm, "torque", None, None), DEFAULT_OPTIONS["elastica"]
     alone = resolve(arm, drive, 0.02, "elastica", usual, {})

@@ -15,8 +15,8 @@ import pytest
 
 from flexarm_env import Arm, Link, Scene, Section, Trajectory, named, simulate
 from flexarm_env.cli import main
-from flexarm_env.geometry.poses import link_deflection
 from flexarm_env.geometry.ribbons import cuts_of, thinned
+from flexarm_env.physics.reading import link_deflection
 from flexarm_env.recording import EpisodeRecorder, load_episodes
 from flexarm_env.suite import best, task
 from flexarm_env.view import Chart, Clip, Player, magnified

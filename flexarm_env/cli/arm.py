@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     found |= frequencies(arm)
     found |= {"duration_s": times.duration, "control_dt_s": times.control_dt, "gamma": times.gamma}
     found |= {"motor_and_sensor_delay_s": setup.delay, "motor_lag_s": setup.lag}
-    for name in MARGINS_OF if not arm.spatial else ():
+    for name in MARGINS_OF:
         own = _margins(name, setup)
         if own is not None:
             found[f"{name}_gain_margin_db"] = 20.0 * math.log10(own.gain)
@@ -61,9 +61,8 @@ def run(args: argparse.Namespace) -> int:
 
 def environment_of(arm: Arm) -> str:
     """Return the id of the environment that fits an arm."""
-    if arm.spatial:
-        return "SpatialFlexArm-v0"
-    return {1: "FlexibleArm-v0", 2: "TwoLinkFlexArm-v0"}.get(arm.n_links, "MultiLinkFlexArm-v0")
+    planar = {1: "FlexibleArm-v0", 2: "TwoLinkFlexArm-v0"}.get(arm.n_links, "MultiLinkFlexArm-v0")
+    return {"xy": planar, "xyz": "SpatialFlexArm-v0"}[arm.axes]
 
 
 def frequencies(arm: Arm) -> dict[str, float]:
@@ -84,7 +83,7 @@ def frequencies(arm: Arm) -> dict[str, float]:
 def _margins(name: str, setup: Setup) -> Any:
     """Return the stability margins of a controller with default gains, or None if the arm does not support it."""
     try:
-        gains = tuned_gains(name, setup.task, setup.n_joints)
+        gains = tuned_gains(name, setup.gains, setup.n_joints)
     except check.InvalidValue:
         return None
     return margins(setup, gains)

@@ -17,6 +17,8 @@ FLAGS = ("segments", "placement", "gravity")
 """Flags that apply only to --to mjcf."""
 _OF_OTHERS = ("name", "cpu", "env", "env_kwargs", "slew", "elbows", "targets", "fmi")
 SEGMENTS = 4
+DOWN = {"xy": (0.0, 0.0, 0.0), "xyz": (0.0, 0.0, -9.81)}
+"""Default gravity, m/s^2, by the axes along which an arm moves."""
 """Default number of springs per link."""
 
 
@@ -28,7 +30,7 @@ def export(args: argparse.Namespace, out: Path) -> int:
             flag = f"--{word.replace('_', '-')}"
             raise check.InvalidValue(flag, getattr(args, word), f"must not be given with --to {args.to}")
     values: dict[str, Any] = {"export": str(out)}
-    gravity = _gravity(args.gravity, arm.spatial)
+    gravity = _gravity(args.gravity, arm.axes)
     comments = [f"{arm.name}: written by flexarm_env, flexarm export --to {args.to}"]
     if args.to == "urdf":
         chain = chain_of(arm, 0)
@@ -44,9 +46,9 @@ def export(args: argparse.Namespace, out: Path) -> int:
     return DONE
 
 
-def _gravity(text: str | None, space: bool) -> tuple[float, float, float]:
+def _gravity(text: str | None, axes: str) -> tuple[float, float, float]:
     if text is None:
-        return (0.0, 0.0, -9.81) if space else (0.0, 0.0, 0.0)
+        return DOWN[axes]
     try:
         x, y, z = (check.number("--gravity", float(word), "m/s^2") for word in text.split(":"))
     except ValueError:

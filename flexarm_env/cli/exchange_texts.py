@@ -52,9 +52,10 @@ You can also edit the TOML file afterwards.
 """
 
 SCHEMA = """\
-Print the JSON schema (draft 2020-12) of arm files. Editors with TOML support use it to complete and check a file whose
-first line names the schema. The rules that relate several fields are checked when the file is read.
+Print the JSON schema (draft 2020-12) of arm files, or of scene files. Editors with TOML support use it to complete and
+check a file whose first line names the schema. The rules that relate several fields are checked when the file is read.
 
   flexarm schema > arm.schema.json
   #:schema arm.schema.json                        (first line of my_arm.toml)
+  flexarm schema scene > scene.schema.json
 """

@@ -9,6 +9,7 @@ import gymnasium as gym
 from flexarm_env import arms, suite
 from flexarm_env import validation as check
 from flexarm_env.cli import exchange
+from flexarm_env.cli.arm import environment_of
 from flexarm_env.cli.codes import DONE
 from flexarm_env.cli.exchange_texts import FORMS
 from flexarm_env.cli.play import keywords
@@ -154,9 +155,7 @@ def environment(word: str, options: dict[str, Any]) -> Any:
     if word.removeprefix("flexarm_env:") in own_ids():
         return gym.make(word, **options)
     if word in arms.names() or Path(word).suffix == ".toml":
-        ids, arm = {1: "FlexibleArm-v0", 2: "TwoLinkFlexArm-v0"}, arms.resolve(word)
-        planar = ids.get(arm.n_links, "MultiLinkFlexArm-v0")
-        return gym.make("SpatialFlexArm-v0" if arm.spatial else planar, arm=word, **options)
+        return gym.make(environment_of(arms.resolve(word)), arm=word, **options)
     raise check.UnknownKey(word, _arms(), "environment, task, arm or TOML file")
 
 

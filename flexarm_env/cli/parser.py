@@ -9,6 +9,8 @@ from collections.abc import Sequence
 
 from flexarm_env.cli.codes import BAD_INPUT, DONE, INTERRUPTED, sentence
 from flexarm_env.cli.exchange_texts import EXPORT, FORMS, IMPORT, SCHEMA
+from flexarm_env.records import add_flags
+from flexarm_env.settings import Settings
 from flexarm_env.training.arguments import Parser
 
 OVERVIEW = """\
@@ -20,7 +22,7 @@ Robot arms with flexible links, in the plane and in space: simulate, train, eval
   flexarm view robot_arm_motion                    write an HTML page that plays it
   flexarm view two_link pd                         show a policy and a controller in the same episode
   flexarm arm my_arm.toml                          print an arm's time scales, frequencies and margins
-  flexarm schema > arm.schema.json                 write the JSON schema of arm files, for editors
+  flexarm schema > arm.schema.json                 write the JSON schema of arm files (or scenes), for editors
   flexarm play FlexibleArm-v0 --policy lqr         watch a controller; without --policy, use the keyboard
   flexarm train --env FlexibleArm-v0               train a policy
   flexarm evaluate --policy pd,zvd,lqr             evaluate controllers and policies
@@ -220,35 +222,9 @@ TwoLinkFlexArm-v0 and their vector environments. The first test compiles, which 
 """
 
 
-SOLVER: tuple[tuple[str, type, str, str], ...] = (
-    ("segments", int, "N", "segments per link (floating_frame)"),
-    ("elements", int, "N", "elements per segment (floating_frame) or per link (geometrically_exact)"),
-    ("frame", str, "NAME", "position of the frame: chord or root (floating_frame)"),
-    ("coupling", str, "NAME", "coupling of stretch and bending: von_karman, paper or linear (floating_frame)"),
-    ("modes", int, "N", "bending modes per link, or per segment with --segments (floating_frame)"),
-    ("multipliers", bool, "", "join bodies by Lagrange multipliers, as the paper does (floating_frame)"),
-    ("order", int, "P", "polynomial order of the elements, 1 to 3 (geometrically_exact)"),
-    ("nodes", int, "N", "nodes per link, 3 to 12, more if sections jump (elastica)"),
-    ("dt", float, "H", "time step, s"),
-    ("rho_inf", float, "R", "numerical damping of the highest frequencies: 1 none, 0 most"),
-    ("tolerance", float, "T", "tolerance of Newton's method"),
-    ("step_tolerance", float, "E",
-     "halve dt if the time between two samples would add more error than this, a fraction of the length"),
-    ("period_correction", bool, "", "correct the integrator's period error (geometrically_exact)"),
-)  # fmt: skip
-"""Options of `flexarm_env.settings` for `replay` and `simulate`: name, type, placeholder of the value, help."""
-
-
 def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     """Add the flags of `replay` and `simulate`, which have the names of the options in Python."""
-    solver = parser.add_argument_group("solver", SOLVER_NOTE)
-    solver.add_argument("--formulation", metavar="NAME", help="floating_frame, geometrically_exact, elastica or paper")
-    for name, kind, metavar, text in SOLVER:
-        flag = "--" + name.replace("_", "-")
-        if kind is bool:
-            solver.add_argument(flag, action=argparse.BooleanOptionalAction, default=None, help=text)
-        else:
-            solver.add_argument(flag, type=kind, metavar=metavar, help=text)
+    add_flags(parser.add_argument_group("solver", SOLVER_NOTE), Settings)
     run = parser.add_argument_group("run and comparison")
     run.add_argument("--duration", type=float, metavar="T", help="duration, s")
     run.add_argument("--sample", type=float, metavar="DT", help="sampling interval of the output, s")
@@ -405,7 +381,8 @@ def build_parser() -> Parser:
     compile_.add_argument("--all", action="store_true", help="all formulations, not only the defaults")
     compile_.add_argument("--clean", action="store_true", help="delete the cached code and compile nothing")
 
-    add("schema", "print the JSON schema of arm files", SCHEMA, "schema", "")
+    schema = add("schema", "print the JSON schema of arm or scene files", SCHEMA, "schema", "")
+    schema.add_argument("of", nargs="?", choices=("arm", "scene"), default="arm", help="kind of file (arm)")
     add("doctor", "print versions, threads and cache; run a self-test", DOCTOR, "doctor", "")
     return parser
 

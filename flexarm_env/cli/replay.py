@@ -16,10 +16,10 @@ from flexarm_env import scenes
 from flexarm_env import validation as check
 from flexarm_env.accuracy import INACCURATE
 from flexarm_env.cli.codes import DONE, FAILED, NOT_ACCURATE
-from flexarm_env.cli.parser import SOLVER
 from flexarm_env.cli.progress import ProgressBar, show
 from flexarm_env.comparison import tip_error
 from flexarm_env.files import to_file, to_folder
+from flexarm_env.records import flags
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 from flexarm_env.trajectory import check_work
@@ -34,8 +34,8 @@ Columns = Mapping[str, NDArray[np.float64]]
 def run(args: argparse.Namespace) -> int:
     """Run the scene and print the report; returns 1 if the run ended early, 3 with --strict if it is inaccurate."""
     scene = scenes.resolve(args.scene)
-    options = {name: getattr(args, name) for name, *_ in SOLVER if getattr(args, name) is not None}
-    settings = scene.settings(args.formulation, **options)
+    given = {flag.name: getattr(args, flag.name) for flag in flags(Settings)}
+    settings = scene.settings(**{name: value for name, value in given.items() if value is not None})
     reference, origin = _reference(args)
     outputs = {"out": (args.out, TABLES), "plot": (args.plot, FIGURES), "video": (args.video, FILMS)}
     paths = {name: writable(name, path, endings) for name, (path, endings) in outputs.items() if path is not None}

@@ -1,13 +1,14 @@
-"""`flexarm schema`: JSON schema of arm files."""
+"""`flexarm schema`: JSON schema of arm files and of scene files."""
 
 import argparse
 import json
 
 from flexarm_env import arms
 from flexarm_env.cli.codes import DONE
+from flexarm_env.scene import Scene
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the JSON schema of arm files; returns the exit code."""
-    print(json.dumps(arms.schema(), indent=2))
+    """Print the JSON schema of arm files or of scene files; returns the exit code."""
+    print(json.dumps(Scene.schema() if args.of == "scene" else arms.schema(), indent=2))
     return DONE

@@ -47,15 +47,14 @@ class Inside:
         check.choice("around", name, NAMES)
         part = RESIDUAL_SHARE if share is None else check.number("share", share, above=0.0)
         setup = Setup.of(env)
-        space = setup.arm.spatial
         if at:
             try:
                 tables, _ = read_toml(Path(file))
             except OSError as error:
                 raise ValueError(f"around = {word}: {file}: {error.strerror}") from error
-            gains = gains_from(name, check.table_of(f"{file}: {name}", tables.get(name)), space)
+            gains = gains_from(name, check.table_of(f"{file}: {name}", tables.get(name)), setup.arm.axes)
         else:
-            gains = tuned_gains(name, "space" if space else setup.task, setup.n_joints)
+            gains = tuned_gains(name, setup.gains, setup.n_joints)
         table = {key: list(v) if isinstance(v, tuple) else v for key, v in dataclasses.asdict(gains).items()}
         return cls(name, part, table)
 

@@ -8,7 +8,7 @@ import json
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,6 +118,11 @@ class Setup:
         )  # fmt: skip
 
     @property
+    def gains(self) -> str:
+        """Name of the table of tuned gains: the task, or "space" for an arm in space."""
+        return {"xy": self.task, "xyz": "space"}[self.arm.axes]
+
+    @property
     def n_joints(self) -> int:
         """Number of joints N."""
         return self.arm.n_links
@@ -182,9 +187,25 @@ class Signals:
         return np.concatenate([angles, self.rates, self.bends, self.bend_rates], axis=1)
 
 
-BENDS = ("tip_deflection_y", "tip_deflection_z", "twist")
-BEND_RATES = ("tip_deflection_rate_y", "tip_deflection_rate_z", "twist_rate")
-"""Observed deflections and twist of each link of an arm in space, and the rates of these quantities."""
+class Observed(NamedTuple):
+    """Entries of an observation, without link numbers, from which controllers read how links bend.
+
+    bends, rates: names of deflections and twist, and of their rates. aims: whether goals are computed from the bends.
+    """
+
+    bends: tuple[str, ...]
+    rates: tuple[str, ...]
+    aims: bool
+
+
+OBSERVED = {
+    "xy": Observed(("tip_deflection",), ("tip_deflection_rate",), True),
+    "xyz": Observed(
+        ("tip_deflection_y", "tip_deflection_z", "twist"),
+        ("tip_deflection_rate_y", "tip_deflection_rate_z", "twist_rate"), False,
+    ),
+}  # fmt: skip
+"""Observed bends by the axes along which an arm moves."""
 
 
 class Reader:
@@ -203,16 +224,14 @@ class Reader:
         self.scales, self.size = np.asarray(setup.scales), setup.size
         place = {name: i for i, name in enumerate(setup.names)}
         joints = setup.arm.joint_names
-        deflections, deflection_rates = (setup.arm.by_link(f"tip_deflection{rate}") for rate in ("", "_rate"))
+        own, arm = OBSERVED[setup.arm.axes], setup.arm
+        # only flexible links have deflections
+        bending = [k for k, link in enumerate(arm.links) if (bends or own.aims) and not link.rigid]
+        deflections, deflection_rates = (
+            tuple(arm.by_link(name)[k] for name in names for k in bending) for names in (own.bends, own.rates)
+        )
         # names of the entries that tell the distance to the target
-        error = ("target_error",) if setup.task == "slew" else ("to_target_x", "to_target_y")
-        # in space only flexible links have deflections, and the error has three components
-        if setup.arm.spatial:
-            bending = [k for k, link in enumerate(setup.arm.links) if bends and not link.rigid]
-            deflections, deflection_rates = (
-                tuple(setup.arm.by_link(name)[k] for name in names for k in bending) for names in (BENDS, BEND_RATES)
-            )
-            error = (*error, "to_target_z")
+        error = ("target_error",) if setup.task == "slew" else tuple(f"to_target_{axis}" for axis in arm.axes)
         aims = tuple(f"{joint}_error" for joint in joints)
         self.aimed = goals or (
             not bends and any(name not in place for name in (*error, *deflections)) and aims[0] in place
@@ -262,6 +281,8 @@ class Controller(ABC):
     """Whether the controller requires tip deflections and their rates."""
     needs_goals: ClassVar[bool] = False
     """Whether the controller requires goal joint angles minus measured joint angles (observation="measured")."""
+    follows_goal: ClassVar[bool] = True
+    """Whether observed goal joint angles are followed in every period; otherwise the goal is fixed at reset."""
     restarts: ClassVar[bool] = False
     """Whether single environments may begin a new episode (`restart`); each then has its own memory."""
 
@@ -316,7 +337,7 @@ class Controller(ABC):
         if count != begun:
             raise check.InvalidValue("rows of observation", count, f"must be {begun}, as reset had")
         # goal minus joint angles: observed, from the tip's angle, or from the goal fixed at reset (angles unwrapped)
-        if signals.to_go is not None and not self.setup.arm.spatial:
+        if signals.to_go is not None and self.follows_goal:
             to_go = signals.to_go
         elif self.setup.task == "slew":
             to_go = _hub_error(signals)

@@ -47,6 +47,8 @@ _SPACE_WALL: dict[str, Callable[[Setup, Any], Controller]] = {
     "pd": SpatialPathPD, "hybrid_force": SpatialHybridForce, "impedance": SpatialImpedance,
 }  # fmt: skip
 """Controller classes for task "press" in space, by name."""
+CLASSES = {"xy": _KINDS, "xyz": _SPACE}
+"""Gains and controller classes by the axes along which an arm moves."""
 
 PRESS, LAND = "press", "land"
 """Names of the tasks at a wall, which share gains for any number of joints."""
@@ -79,15 +81,16 @@ def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
     if name not in table:
         known = ", ".join(f'"{other}"' for other in table)
         raise check.InvalidValue("controller", name, f'must be one of {known} for task="{task}"')
-    return gains_from(name, table[name], task == "space")
+    return gains_from(name, table[name], "xyz" if task == "space" else "xy")
 
 
-def gains_from(name: str, values: Mapping[str, Any], space: bool = False) -> Any:
+def gains_from(name: str, values: Mapping[str, Any], axes: str = "xy") -> Any:
     """Build the gains of controller `name` from values by key.
 
-    space: whether the arm moves in space. Raises ValueError for an unknown key; the message lists the known keys.
+    axes: axes along which the arm moves (`Arm.axes`). Raises ValueError for an unknown key; the message lists the known
+        keys.
     """
-    kind, _ = (_SPACE if space else _KINDS)[name]
+    kind, _ = CLASSES[axes][name]
     needed = [field.name for field in dataclasses.fields(kind) if field.default is dataclasses.MISSING]
     return check.made(name, kind, values, **dict.fromkeys(needed, "must be given"))
 
@@ -143,22 +146,22 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
             what = "must be left out with mpc: its plans ignore obstacles that push the arm back"
             raise check.InvalidValue("contacts", plan.contacts, what)
     # arms in space have their own classes
-    space = setup.arm.spatial
-    if space and name not in _SPACE:
-        there = ", ".join(f'"{one}"' for one in _SPACE)
+    classes = CLASSES[setup.arm.axes]
+    if name not in classes:
+        there = ", ".join(f'"{one}"' for one in classes)
         raise check.InvalidValue("controller", name, f"must be one of {there} for an arm in space")
-    kind, made = (_SPACE if space else _KINDS)[name]
-    if space and setup.task == PRESS:
+    kind, made = classes[name]
+    if classes is _SPACE and setup.task == PRESS:
         if name not in _SPACE_WALL:
             there = ", ".join(f'"{one}"' for one in _SPACE_WALL)
             raise check.InvalidValue("controller", name, f'must be one of {there} for task="{PRESS}" in space')
         made = _SPACE_WALL[name]
     # default, table or instance of gains
     if gains is None:
-        gains = tuned_gains(name, "space" if space else setup.task, setup.n_joints)
-        gains = for_arm(gains, setup) if name == "lqr" and setup.n_joints == 1 and not space else gains
+        gains = tuned_gains(name, setup.gains, setup.n_joints)
+        gains = for_arm(gains, setup) if kind is LQRGains and setup.n_joints == 1 else gains
     elif isinstance(gains, Mapping):
-        gains = gains_from(name, gains, space)
+        gains = gains_from(name, gains, setup.arm.axes)
     gains = check.instance("gains", gains, kind)
     found = made(setup, gains)
     warn_of_delay(name, setup, gains)

@@ -14,15 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import arms
 from .. import validation as check
-from ..batch import MODE, PERIODS, RUNNING, Batch, Chain, Reach, Slew, SpaceReach, Starts, Task
+from ..batch import MODE, PERIODS, RUNNING, Batch
 from ..derivatives import Periods
 from ..parameters import Arm
-from ..physics.elastica.chain import chain
+from ..physics.elastica.chain import MOST_IN_PIECE, chain
 from ..physics.space.reading import links, read, shapes
 from ..rigid import rigid_inertia, weight_and_inertia
 from ..settings import Settings
 from ..validation import Array
 from .arm_model import arm_model
+from .bare import bare_starts, bare_task
 from .lqr import StateWeights, riccati
 from .space import held_model
 
@@ -47,6 +48,7 @@ class Dynamics:
     """
 
     gravity: Vector | None = None
+    usual_nodes, halvings = 4, 0  # default number of nodes per link; number of times that plans may halve the step
     step = 0.02 / 3.0
     """Default of the longest solver step, s, which is that of the planar environments."""
 
@@ -89,6 +91,15 @@ class Dynamics:
         """Positions of the joint angles in x; the position of a joint's rate is `half` larger."""
         self._batches: dict[int, Batch] = {}
         self._differentiated: dict[int, tuple[Periods, Array]] = {}
+
+    @classmethod
+    def of(cls, arm: Arm, period: float, nodes: int, gravity: Vector | None, step: float | None) -> "Dynamics":
+        """Create the dynamics of an arm of this kind; gravity is ignored in the plane."""
+        return cls(arm, period, nodes, step)
+
+    def finer(self, period: float) -> "Dynamics":
+        """Return a plant with another period (s) and step; in the plane with twice as many nodes if possible."""
+        return Dynamics(self.arm, period, max(self.nodes, min(MOST_IN_PIECE, 2 * self.nodes)), period)
 
     def in_steps(self, step: float) -> "Dynamics":
         """Return the `Dynamics` of the same arm with another longest solver step, s, from the cache."""
@@ -279,9 +290,8 @@ class Dynamics:
         while size < m:
             size *= 2
         if size not in self._batches:
-            arm, reach, none = self.arm, self.arm.total_length, [(0.0, 0.0)] * self.n_inputs
-            standing = Starts(start=none, target=none if arm.spatial else [(reach, reach), (0.0, 0.0)])
-            made = Batch(arm, self.settings, size, _task(arm), standing, period=self.period, gravity=self.gravity)
+            task, starts = bare_task(self.arm), bare_starts(self.arm)
+            made = Batch(self.arm, self.settings, size, task, starts, period=self.period, gravity=self.gravity)
             made.start(range(size), [0] * size, limit=10**9)
             self._batches[size] = made
         return self._batches[size]
@@ -304,6 +314,7 @@ class SpatialDynamics(Dynamics):
     Deflections are the flexible links' tip deflections along y, then along z, divided by length, then twists, rad.
     """
 
+    usual_nodes, halvings = 3, 3
     step = 0.005
 
     def __init__(self, arm: Arm, period: float, nodes: int, gravity: Vector, step: float | None = None) -> None:
@@ -316,6 +327,13 @@ class SpatialDynamics(Dynamics):
         self._begin(arm, period, nodes, np.cumsum([0, *counts[:-1]]), rows)
         self._bending = [k for k, link in enumerate(arm.links) if not link.rigid]
         self._strains = np.setdiff1d(np.arange(self.half), self.joints)
+
+    @classmethod
+    def of(cls, arm: Arm, period: float, nodes: int, gravity: Vector | None, step: float | None) -> Dynamics:
+        return cls(arm, period, nodes, gravity or (0.0, 0.0, 0.0), step)
+
+    def finer(self, period: float) -> Dynamics:
+        return SpatialDynamics(self.arm, period, self.nodes, self.gravity or (0.0, 0.0, 0.0))
 
     def still(self, angles: ArrayLike) -> tuple[Array, Array]:
         """Find static rests as fixed points of a period, by Newton's method; see `Dynamics.still`."""
@@ -405,6 +423,10 @@ class SpatialDynamics(Dynamics):
         return np.concatenate([bent[..., 0], bent[..., 1], twist], axis=1)
 
 
+# classes by the axes along which an arm moves
+DYNAMICS: dict[str, type[Dynamics]] = {"xy": Dynamics, "xyz": SpatialDynamics}
+
+
 def dynamics(
     arm: Arm | str | os.PathLike[str], period: float, nodes: int | None = None, gravity: Vector | None = None,
     step: float | None = None,
@@ -416,30 +438,13 @@ def dynamics(
     """
     arm = arms.resolve(arm)
     period = check.number("period", period, "s", above=0.0)
-    usual = 3 if arm.spatial else 4
-    nodes = usual if nodes is None else check.integer("nodes", nodes, minimum=3, maximum=12)
+    kind = DYNAMICS[arm.axes]
+    nodes = kind.usual_nodes if nodes is None else check.integer("nodes", nodes, minimum=3, maximum=12)
     step = None if step is None else check.number("step", step, "s", above=0.0)
-    return _one_for_all(arm, period, nodes, gravity if arm.spatial else None, step)
+    return _one_for_all(arm, period, nodes, gravity, step)
 
 
 @lru_cache(maxsize=16)
 def _one_for_all(arm: Arm, period: float, nodes: int, gravity: Vector | None, step: float | None) -> Dynamics:
     """Create the `Dynamics` or `SpatialDynamics` of an arm, once per set of arguments."""
-    if arm.spatial:
-        return SpatialDynamics(arm, period, nodes, gravity or (0.0, 0.0, 0.0), step)
-    return Dynamics(arm, period, nodes, step)
-
-
-def _task(arm: Arm) -> Task:
-    """Build a task without reward, of the environments' kind, so that their compiled functions are reused."""
-    n, space = arm.n_links, arm.spatial
-    kind = SpaceReach if space else Slew if n == 1 else Reach if n == 2 else Chain
-    entries = 3 * n + 6 * sum(not link.rigid for link in arm.links) + 6 if space else 6 if n == 1 else 5 * n + 4
-    assert arm.torque_limits is not None
-    return kind(
-        links=(0,) * n, targets=(0,) * (3 if space else 1 if n == 1 else 2), terms=(0,) * 6, entries=(0,) * entries,
-        length=arm.total_length, lengths=np.array([0.0 if link.rigid else link.span for link in arm.links]),
-        scales=np.ones(entries),
-        rates=np.ones(n), weights=np.zeros(6), torque_limits=np.array(arm.torque_limits),
-        joint_limits=np.array([(-np.inf, np.inf)] * n).ravel(), hold=1.0, bands=np.full(3, np.inf),
-    )  # fmt: skip
+    return DYNAMICS[arm.axes].of(arm, period, nodes, gravity, step)

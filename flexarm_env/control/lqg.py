@@ -11,6 +11,7 @@ bias cannot be distinguished from a rotation of the arm. Filtered rates derive f
 reads and add no information. The model omits sensor delays, sensor low-passes, and motor lag.
 """
 
+import re
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -25,7 +26,7 @@ from ..rigid import rigid_inertia
 from ..sensors import Encoder, Sensors, StrainGauge
 from ..validation import Array
 from .arm_model import linear_model, postures
-from .base import Controller, Setup, Signals
+from .base import OBSERVED, Controller, Setup, Signals
 from .lqr import SENSOR, StateWeights, riccati
 from .space import AboutRest, held_model
 
@@ -127,11 +128,12 @@ def bent_of(arm: Arm) -> list[tuple[str, float]]:
     The divisor is the link's length. In space the outputs are deflections along y and z, and twists (rad, divisor 1),
     of the flexible links.
     """
-    if not arm.spatial:
-        return [(f"deflection{k}", link.span) for k, link in enumerate(arm.links)]
-    bending = [(k, link.span) for k, link in enumerate(arm.links) if not link.rigid]
-    bends = [(f"deflection{k}_{d}", span) for d in "yz" for k, span in bending]
-    return bends + [(f"twist{k}", 1.0) for k, _ in bending]
+    found = []
+    for name in OBSERVED[arm.axes].bends:
+        what, axis = re.fullmatch(r"(?:tip_)?([a-z]+)(_[yz])?", name).groups("")  # type: ignore[union-attr]
+        over = [(k, 1.0 if what == "twist" else link.span) for k, link in enumerate(arm.links) if not link.rigid]
+        found += [(f"{what}{k}{axis}", divisor) for k, divisor in over]
+    return found
 
 
 def _shown(arm: Arm, rows: dict[str, Array]) -> list[Array]:

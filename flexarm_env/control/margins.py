@@ -60,7 +60,7 @@ def warn_of_delay(name: str, setup: Setup, gains: Any) -> None:
 
     name: name of the controller. An unstable PD loop causes no warning here, since `PDGains.on` already warns.
     """
-    if not (setup.delay or setup.lag) or setup.arm.spatial:
+    if not (setup.delay or setup.lag):
         return
     # controllers that follow plans are judged by a comparable LQR
     if not isinstance(gains, PDGains | LQRGains):

@@ -135,9 +135,8 @@ class MPC(Controller):
         super().__init__(setup)
         self.gains = gains
         arm, dt = setup.arm, setup.control_dt
-        own = setup.gravity if arm.spatial else None
         # blocks of 1 ... `block` periods; a plan's first stage is what remains of the current block
-        held = [dynamics(arm, k * dt, gravity=own) for k in range(1, gains.block + 1)]
+        held = [dynamics(arm, k * dt, gravity=setup.gravity) for k in range(1, gains.block + 1)]
         self.plant, self.grids = held[0], [Grid(first, held[-1]) for first in held]
         self.stage = self.plant.stage_weight(gains)
         # joint limits narrowed by the margin, at most a tenth of their range on either side

@@ -8,7 +8,7 @@
 angles and deflections, and terminal conditions. Times are whole control periods, found by bisection for all arms
 together. Solutions are local optima. Plans of `least_effort`, `least_time` and `follow` are replayed on a finer mesh
 with shorter steps (`Motion.replay`). In space, a plan whose replay violates a limit is computed again with half the
-step, at most `HALVINGS` times, unless a step was passed to `dynamics`.
+step, at most `Dynamics.halvings` times, unless a step was passed to `dynamics`.
 """
 
 from collections.abc import Callable, Sequence
@@ -164,7 +164,7 @@ def _refined(plant: Dynamics, solve: Callable[[Dynamics, Motion | None], Motion]
     solve: (plant, last plan or None) -> replayed motion. A step that the user gave is kept. If a shorter step finds
     fewer plans, the plan with the longer step is kept.
     """
-    halvings = HALVINGS if plant.arm.spatial and plant.step == type(plant).step else 0
+    halvings = plant.halvings if plant.step == type(plant).step else 0
     best = last = None
     for k in range(halvings + 1):
         try:

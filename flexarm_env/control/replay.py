@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..physics.elastica.chain import MOST_IN_PIECE, Line, chain, nodes
+from ..physics.elastica.chain import Line, chain, nodes
 from ..validation import Array
 from .dynamics import Dynamics
 
@@ -48,9 +48,7 @@ def finer(plant: Dynamics) -> Dynamics:
     """Return a plant whose period is a quarter of the plan's step; planar plants have twice as many nodes, up to 12."""
     assert plant.settings.dt is not None
     period = plant.settings.dt / FINER
-    if plant.arm.spatial:
-        return type(plant)(plant.arm, period, plant.nodes, plant.gravity)  # type: ignore[arg-type]
-    return Dynamics(plant.arm, period, max(plant.nodes, min(MOST_IN_PIECE, 2 * plant.nodes)), period)
+    return plant.finer(period)
 
 
 def _places(line: Line, tip: bool) -> Array:

@@ -169,7 +169,7 @@ def _gains(name: str, path: Path) -> Any:
 def _gains_in_space(name: str, table: Mapping[str, Any]) -> bool:
     """Return whether a table contains valid gains for an arm in space."""
     try:
-        gains_from(name, table, True)
+        gains_from(name, table, "xyz")
     except ValueError:
         return False
     return True

@@ -56,6 +56,8 @@ class AboutRest(Controller):
     Goals are static rests of the flexible arm (`linear.static_equilibrium`); each takes a few tenths of a second.
     """
 
+    follows_goal = False
+
     def __init__(self, setup: Setup) -> None:
         """Store gravity and the rigid arm's bodies."""
         super().__init__(setup)

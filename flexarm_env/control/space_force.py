@@ -55,6 +55,8 @@ class SpatialHybridForce(WallController):
     the wall's reaction (Raibert & Craig 1981).
     """
 
+    follows_goal = False
+
     def __init__(self, setup: Setup, gains: SpatialForceGains | None = None) -> None:
         """Look up the entries of the observation.
 

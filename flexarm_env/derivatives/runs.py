@@ -11,11 +11,11 @@ import numpy as np
 from ..compiler import SINGLE, dual, size, uncompiled
 from ..physics.integrator.work import unpack
 from ..physics.layout import HALVINGS, OF_MOTION, POSE
-from ..physics.space.reading import read as read_in_space
+from ..physics.reading import reading_of
 from ..runtime import sensitivity
 from ..runtime.sensitivity import Neighbour, Steps
 from ..simulation import Simulation
-from ..trajectory import Trajectory, placed, recorded
+from ..trajectory import Trajectory, recorded
 from ..validation import Array
 from .methods import PASSES
 
@@ -146,13 +146,14 @@ class Run:
         """
         q, v = self.trajectory.q + change[:, 0], self.trajectory.v + change[:, 1]
         found: dict[str, Any] = {}
-        if places and other.scene.spatial:
-            found = read_in_space(other.scene.arm, other.settings, q, v)
-        elif places:
-            links = other.scene.arm.n_links
-            poses = np.zeros((len(q), POSE.end * links))
-            sensitivity.pose_rows(SINGLE, other.model, other.par, q, v, poses)
-            found = placed(other.system.coordinates, poses.reshape(len(q), links, POSE.end), q, v)
+        if places:
+
+            def poses() -> Array:
+                found = np.zeros((len(q), other.scene.arm.n_links, POSE.end))
+                sensitivity.pose_rows(SINGLE, other.model, other.par, q, v, found.reshape(len(q), -1))
+                return found
+
+            found = reading_of(other.scene).motion(other.scene.arm, other.settings, other.system, q, v, poses)
         return replace(self.trajectory, scene=other.scene, q=q, v=v, **found)
 
     def _factored(self, k: int, steps: Steps) -> Array:

@@ -14,6 +14,7 @@ from ..physics import assembly
 from ..physics.contact.build import STEPS, check_steps, duration, effective_masses, links_of, start_depths
 from ..physics.contact.layout import Touching
 from ..physics.model import EI_Y_FACTOR, GJ_FACTOR, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, System
+from ..physics.reading import reading_of
 from ..scene import Contact, Scene, contacts_of
 from ..scene.contacts import place_on_link
 from ..settings import Settings
@@ -45,7 +46,7 @@ def framed(
         ValueError: the message names the key path, the value and the allowed values.
     """
     arm, settings = frame.arm, frame.settings
-    contacts = contacts_of("contacts", value, arm, frame.kind.space)
+    contacts = contacts_of("contacts", value, arm, len(arm.axes))
     if not contacts:
         return frame
     for i, contact in enumerate(contacts):
@@ -163,7 +164,8 @@ def _with_least_masses(
     par[PAYLOAD_INERTIA] *= lightest * drawn.get("payload_inertia", (1.0, 1.0))[0]
     softer = drawn.get("EI", (1.0, 1.0))[0]
     par[STIFFNESS_FACTOR] *= softer
-    if scene.spatial:
+    # in space EI_y and GJ also have factors of their own; that of EI acts on EI_y, too
+    if "GJ" in reading_of(scene).stiffnesses:
         par[EI_Y_FACTOR] *= softer * drawn.get("EI_y", (1.0, 1.0))[0]
         par[GJ_FACTOR] *= drawn.get("GJ", (1.0, 1.0))[0]
     if (par == system.par).all():

@@ -12,8 +12,8 @@ from .. import sensors as description
 from .. import validation as check
 from ..batch import Actuator, Amplifier, Controller, Reference, Sensors, gauge_table
 from ..parameters import Arm
-from ..physics.gauges import over
 from ..physics.joints.build import NOTHING
+from ..physics.reading import reading_of
 from ..rigid import inertia_beyond
 from ..scene import Contact
 from ..settings import Settings
@@ -219,7 +219,7 @@ def sensors(
     if not places and age == 0 and not noise.any():
         return None
     own = np.array(gauge_scales(frame, gauges))
-    seen = over(rows, own, frame.kind.space).ravel() if places else np.zeros(0)
+    seen = reading_of(frame.arm).scale_rows(rows, own).ravel() if places else np.zeros(0)
     drawn = (float(least), float(age)) if least < age else None
     return Sensors(noise=noise, age=age, gauges=seen, drawn=drawn)
 

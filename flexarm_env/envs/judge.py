@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 
 from ..parameters import Arm
-from ..physics.elastica.chain import Chain, chain
 from ..rigid import inertia_beyond
 from ..settings import Settings
 from ..validation import Array
-from .small_motions import HELD, PERIODS, Drive, Motion, actions, cut, fine, frequency_unless_damped, poses
-from .small_motions_space import of_space, poses_in_space
+from .small_motions import HELD, PERIODS, Drive, Motion, actions
+from .small_motions_models import small_motions
 
 OF_ELBOWS = 0.1  # weight of the spin of elbows, which links that hardly bend follow to higher order
 MARGIN, MARGIN_OF_FRICTION = 3.0, 10.0
@@ -29,11 +28,7 @@ MESHES: Mapping[str, tuple[str, tuple[int, ...]]] = {
 }
 """Mesh option of each formulation and its sizes, from the usual size to finer sizes."""
 
-AMPLIFIED, AMPLIFIED_IN_SPACE, POWER = 0.55, 1.1, 3
-"""Constants of G = 1 + (theta / bend)^POWER: the bend in the plane and in space, rad, and the exponent.
-
-In space, links turn out of each other's planes, and gravity limits the swing of the whole arm.
-"""
+POWER = 3  # exponent in G = 1 + (theta / bend)^POWER
 
 CONTACT = 0.3  # largest omega_c h
 THIRD, DAMPED, STEADY = 2, 0.1, 0.45
@@ -43,11 +38,9 @@ THIRD, DAMPED, STEADY = 2, 0.1, 0.45
 `STEADY` is the largest omega h of this vibration.
 """
 
-TURNED = 2.0  # largest angle of an element in space at rest, rad; from pi on a moving one has no rotation vector
 SELDOM = 0.25  # weight of the arms that are drawn farthest from the nominal one
 TRAVEL = 1.0  # time for which a rate stays wrong after a reversal, s
 SLENDER = 0.1  # largest radius of gyration of a section over its link's length: small motions have no shear
-REFERENCE = 8  # elements of a link of the reference in space
 STIFFEST = 1e8
 """Largest w^2 T, 1/s, of vibrations with frequency w in a control period T. Stiffer vibrations are softened, because
 the matrix exponential has a round-off error of 1e-16 w^2 T."""
@@ -72,16 +65,14 @@ class Judge:
         # frequencies of rotors on their gears, and of those that play makes contacts of, rad/s
         self.swing = max(self._swing(k) for k in range(n))
         self.contact = max(self._swing(k) if arm.joint(k).backlash else 0.0 for k in range(n))
-        self.poses = poses_in_space(n) if arm.spatial else poses(n)
-        self.places = 3 if arm.spatial else 2  # coordinates of the tip
+        self.motions = small_motions(arm)
+        self.poses, self.places = self.motions.postures(n), len(arm.axes)  # coordinates of the tip
         self.asked: list[Array] = []  # torques of the first run
         # responses of the reference (PERIODS, tip, joint angles, bends; runs), one for each posture
         self.fine = [self._response(self._fine(pose)) for pose in self.poses]
         self.spun, self.bent = (max(self._spun(one, inner) for one in self.fine) for inner in (False, True))
         # third vibration frequency of a chain, rad/s, 0 where it is well damped
-        self.unsteady = (
-            0.0 if arm.spatial or n == 1 else frequency_unless_damped(self._fine(self.poses[0]), THIRD, DAMPED)
-        )
+        self.unsteady = self.motions.unsteady(self._fine(self.poses[0]), n, THIRD, DAMPED)
         # the last run counts for its spin alone
         self.theta = max(float(np.abs(one[:, self.places + n :, :-1]).max(initial=0.0)) for one in self.fine)
         self._known: dict[tuple[Any, ...], float] = {}
@@ -131,8 +122,8 @@ class Judge:
         angles = response[:, self.places : self.places + count]
         if inner:
             angles = angles[:, [k for k in range(1, count) if limits[k] is None]]
-        elif not self.arm.spatial:
-            angles = np.cumsum(angles, axis=1)
+        else:
+            angles = self.motions.link_angles(angles)
         turns = np.abs(np.diff(angles, axis=0)) / self.period
         return float((turns**3).sum(axis=0).max(initial=0.0) * self.period)
 
@@ -161,17 +152,11 @@ class Judge:
 
         pose (N,), rad: absolute link angles in the plane, joint angles in space.
         """
-        if self.arm.spatial:
-            return self._softened(of_space(self.arm, REFERENCE, pose, stiffness=self.stiffness))
-        return self._softened(Motion.of(self.arm, self._scaled(fine(self.arm), self.stiffness), pose))
+        return self._softened(self.motions.reference(self.arm, pose, self.stiffness))
 
     def _softened(self, motion: Motion) -> Motion:
         """Return the motion with its frequencies limited to those that double precision resolves in a period."""
         return motion.softened(math.sqrt(STIFFEST / self.period))
-
-    def _scaled(self, parts: Chain, stiffness: float) -> Chain:
-        """Return a chain with its bending stiffness multiplied by a factor."""
-        return parts if stiffness == 1.0 else replace(parts, K=stiffness * parts.K)
 
     def _motion(self, settings: Settings, pose: Array, h: float) -> Motion:
         """Return the small motions about a posture on the settings' mesh, with the integrator's inertia and damping.
@@ -183,14 +168,7 @@ class Judge:
         stiffness = self.stiffness
         if settings.order == 1:
             stiffness *= 1.0 + 0.25 / elements**2
-        if self.arm.spatial:
-            elements = REFERENCE if settings.modes else elements
-            motion = of_space(self.arm, elements, pose, settings, h, stiffness)
-        else:
-            parts = fine(self.arm) if settings.modes else cut(self.arm, elements)
-            if settings.nodes is not None:
-                parts = chain(self.arm, settings.nodes)
-            motion = Motion.of(self.arm, self._scaled(parts, stiffness), pose, settings, h)
+        motion = self.motions.on_mesh(self.arm, settings, pose, h, stiffness)
         excess = settings.newmark[1] - 0.5 if settings.newmark is not None else 0.0
         if excess > 0.0:
             # Newmark's scheme damps a frequency w by the ratio (gamma - 1/2) w h / 2
@@ -241,14 +219,12 @@ class Judge:
     @property
     def gain(self) -> float:
         """Factor G by which large bends of the links amplify e_1, the error of small motions."""
-        return 1.0 + (self.theta / (AMPLIFIED_IN_SPACE if self.arm.spatial else AMPLIFIED)) ** POWER
+        return 1.0 + (self.theta / self.motions.bend) ** POWER
 
     def spin(self, settings: Settings, h: float) -> float:
         """Return e_3: the tip's error in a fast turn in steps of h (s), divided by the arm's length."""
-        if self.arm.spatial:
-            return 0.0
         turned = self.spun if settings.formulation == "geometrically_exact" else OF_ELBOWS * self.bent
-        return settings.period_error * h * h * turned
+        return self.motions.spin(settings.period_error * h * h * turned)
 
     def bound(self, settings: Settings, h: float) -> float:
         """Return the error bound e = G e_1 + e_2, divided by L; inf if steps of h (s) miss a contact or a vibration."""
@@ -271,23 +247,12 @@ class Worst:
         # drawn extremes count by a smaller weight
         self.theta = max(rules[0].theta, *(SELDOM * rule.theta for rule in rules))
         self.slender, self.chatters, self.inertia = rules[0].slender, rules[0].chatters, rules[0].inertia
-        self.swing = rules[0].swing
+        self.swing, self.motions = rules[0].swing, rules[0].motions
 
     @property
     def elements(self) -> int:
-        """Number of elements per link in space.
-
-        With this number of elements, the full torque of a link's joint turns each element by at most `TURNED` (rad) at
-        rest.
-        """
-        arm, most = self.arm, 1
-        for k, link in enumerate(arm.links if arm.spatial else ()):
-            if not link.rigid:
-                s = np.linspace(0.0, link.length, 9)
-                softest = min(float(link.along(s).EI.min()), float(link.across(s)["EI_y"].min()))
-                soft = softest * min(rule.stiffness for rule in self.rules)
-                most = max(most, math.ceil((arm.torque_limits or ())[k] * link.length / (TURNED * soft)))
-        return most
+        """Number of elements per link that resolves the bends at full torque (`SmallMotions.elements`)."""
+        return self.motions.elements(self.arm, min(rule.stiffness for rule in self.rules))
 
     def bound(self, settings: Settings, h: float) -> float:
         """Return the largest error bound e (`Judge.bound`) of all arms, divided by the arm's length."""

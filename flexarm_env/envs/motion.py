@@ -18,11 +18,10 @@ from .. import validation as check
 from ..accuracy import in_steps
 from ..batch import FURTHER, STRETCH, Batch, Guided, View, aligned, guided_period, layout_of
 from ..compiler import SINGLE, Placed, uncompiled
-from ..geometry.poses import joint_angles, link_deflection
-from ..physics.gauges import Spot, curvature_rows, over
+from ..physics.gauges import Spot, curvature_rows
 from ..physics.integrator.work import unpack
 from ..physics.model import OK
-from ..physics.space.reading import read
+from ..physics.reading import reading_of
 from ..scene import Motion, Scene
 from ..settings import Settings, steps_in
 from ..simulation import Simulation
@@ -189,7 +188,7 @@ class Guide:
         self.settings = in_steps(scene, settings, scene.duration, period)
         self.simulation = Simulation(scene, self.settings, starts=False)
         rows = curvature_rows(scene, settings, self.simulation.system, gauges)
-        self.gauges = over(rows, np.array(gauge_scales), scene.spatial)
+        self.gauges = reading_of(scene).scale_rows(rows, np.array(gauge_scales))
         loaded = {getattr(load, "joint", None) for load in scene.loads}
         joints = range(scene.arm.n_links)
         self.free = np.array([scene.motion_of(f"joint{k}") is None and k not in loaded for k in joints])
@@ -271,22 +270,14 @@ class Guide:
 
     def starts(self) -> Array:
         """Return the joint angles (N,), rad, at the motion's start."""
-        if self.scene.spatial:
-            return np.array(self.scene.angles)
-        return joint_angles(self.simulation.observe()[0])[0]
+        return reading_of(self.scene).start_angles(self.scene, self.simulation.observe()[0])
 
     def view(self, view: View) -> View:
         """Return the arm's present shape: the `View` of its batch with this arm's points, deflections and torques."""
-        simulation, q, v = self.simulation, self.simulation.work.q, self.simulation.work.v
-        poses = view.poses
-        if self.scene.spatial:
-            seen = read(self.scene.arm, self.settings, q[None], v[None])
-            points, deflection = seen["shapes"][0], seen["tip_deflection"][0].T.ravel()
-        else:
-            points, poses = simulation.shape_points(), simulation.observe()[0]
-            deflection = link_deflection(poses) / np.array([link.span for link in self.scene.arm.links])
+        simulation, q = self.simulation, self.simulation.work.q
+        deflection = reading_of(self.scene).bends(self.scene.arm, self.settings, view.poses, q)
         return replace(
-            view, points=points, poses=poses, time=simulation.t, torques=simulation.joint_torques(),
+            view, points=simulation.shape_points(), time=simulation.t, torques=simulation.joint_torques(),
             deflection=deflection, q=q.copy(),
         )  # fmt: skip
 
@@ -326,6 +317,6 @@ def _moved(plan: Any, motion: Prescribed, starts: Array) -> Scene:
     end = motion.end if motion.end > 0.0 else plan.duration
     return Scene(
         "motion", plan.arm, duration=end, dt=min(plan.settings.dt, end), sample=min(plan.period, end),
-        gravity=plan.gravity, angles=tuple(joints if plan.arm.spatial else np.cumsum(joints).tolist()),
+        gravity=plan.gravity, angles=plan.arm.stated(joints),
         motions=tuple(Motion(f"joint{k}", f) for k, f in functions.items()),
     )  # fmt: skip

@@ -86,7 +86,7 @@ def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any, touches
             what = "must be left out: the environment has no contacts; give the keyword contacts, too"
             raise check.InvalidValue(f"sensors.{name}", getattr(found, name), what)
     if observation != FULL:
-        base = own or (description.Sensors() if arm.spatial else description.Sensors.ideal(arm.links))
+        base = own or description.Sensors.usual(arm)
         if own is None and observation != MEASURED:
             gauged = any(name.startswith("strain_gauge_") for name in observation)
             base = description.Sensors(strain_gauges=base.strain_gauges if gauged else ())
@@ -94,7 +94,7 @@ def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any, touches
         if observation == MEASURED and not found.encoders:
             found = dataclasses.replace(found, encoders=(description.Encoder(),))
     with check.under("sensors"):
-        found.check_for(arm.links, arm.spatial)
+        found.check_for(arm.links, arm.axes)
     return found
 
 
@@ -109,7 +109,7 @@ def sight(frame: Frame, observation: str | tuple[str, ...], sensors: description
     sizes = {"accelerometer": push, "gyroscope": rate_scale(arm, 0), "camera": arm.total_length}
     assert arm.torque_limits is not None
     sizes |= {"force": arm.torque_limits[0] / arm.total_length, "switch": 1.0}
-    for sensor, readings in description.OF_THE_TIP[kind.space].items():
+    for sensor, readings in description.OF_THE_TIP[arm.axes].items():
         if getattr(sensors, sensor) is not None:
             entries += [(name, 1.0 if "_rise_" in name else sizes[sensor]) for name in readings]
     gauges = _gauge_entries(frame, sensors.strain_gauges)
@@ -175,8 +175,8 @@ def _instruments(
         each = [sensors.encoder(k).behind(frame.arm.joint(k).gear_ratio) for k in range(len(joints))]
         laws += [law_of(encoder, 1.0, period, f"sensors.encoders[{k}]") for k, encoder in enumerate(each)]
         motors = [int(encoder.side == "motor" and frame.arm.joint(k).elastic) for k, encoder in enumerate(each)]
-    scales, space = dict(entries), frame.kind.space
-    for sensor, readings in description.OF_THE_TIP[space].items():
+    scales = dict(entries)
+    for sensor, readings in description.OF_THE_TIP[frame.arm.axes].items():
         if getattr(sensors, sensor) is not None:
             laws += [law_of(getattr(sensors, sensor), scales[name], period, f"sensors.{sensor}") for name in readings]
     lawful = not all(gauge.is_ideal for gauge in sensors.strain_gauges)
@@ -186,7 +186,7 @@ def _instruments(
     if not laws and not aimed:
         return None
     table = np.array(laws) if laws else np.zeros((0, LAW_SIZE))
-    gravity = frame.gravity or (0.0, 0.0, 0.0)[: 2 + space]
+    gravity = frame.gravity or (0.0, 0.0, 0.0)[: len(frame.arm.axes)]
     return Instruments(
         period=period,
         laws=table.ravel(),

@@ -18,6 +18,8 @@ from ..compiler import compiling
 from ..parameters import Arm, Base
 from ..physics import precision
 from ..physics.gauges import Spot
+from ..physics.model import STIFFNESSES
+from ..physics.reading import reading_of
 from ..scene import Contact
 from ..sensors import Law, Sensors
 from ..settings import PRESETS, Settings, expand_preset, merged
@@ -267,7 +269,7 @@ def plan(
         modes = swing(own, settings) if kind.space else shake(own, settings, frame.gravity)
     begun = dataclasses.replace(begun, drawn=factors, laws=laws, hub=hub, vibration=vibration, shake=modes)
     drawn = {name: k for k, name in enumerate(FACTOR_NAMES) if name in (randomization or {})}
-    drawn |= _drawn_offsets(extras, carried.readings(own, kind.space))
+    drawn |= _drawn_offsets(extras, carried.readings(own, own.axes))
     aims = events.aims(frame, extras, success, turns, absolute, max(drawn.values(), default=-1))
     record = kind.build(own, weights, period, aims, version)
     if version > 1 and word == kind.task and not moves:
@@ -406,8 +408,6 @@ def _settings(
 
 OF_JOINTS = ("friction", "backlash", "motor_inertia", "hub_inertia")
 """Factors on properties of joints."""
-OF_SPACE = ("EI_y", "GJ")
-"""Factors on properties that links have in space only."""
 LATER = FACTOR_NAMES[FACTOR_NAMES.index("hub_inertia") :]
 """Factors that are drawn only if at least one of these factors is given."""
 
@@ -418,7 +418,7 @@ def _factors(value: Any, arm: Arm) -> dict[str, events.Pair]:
     Every arm draws the first `ALWAYS` factors. If the user gives one of the other factors before `LATER`, the arm draws
     all factors before `LATER`. If the user gives one of `LATER`, the arm draws all factors that it supports.
     """
-    names = [name for name in FACTOR_NAMES if arm.spatial or name not in OF_SPACE]
+    names = [name for name in FACTOR_NAMES if name not in STIFFNESSES or name in reading_of(arm).stiffnesses]
     if isinstance(value, Mapping) and "length" in value:
         what = "is no factor, since the arms of a batch share their mesh: flexarm_env.envs.lengths and"
         raise check.InvalidValue("randomization.length", value["length"], f"{what} make_sb3_vec(..., lengths=...)")

@@ -187,7 +187,7 @@ def pressing(kind: Kind, arm: Arm, task: Any, duration: Any, contacts: Any, sens
         raise check.InvalidValue("task", task, "must not be given for an arm whose base floats")
     longer = LONGER if task == PRESS else 1.0
     length = longer * kind.duration if duration is None else check.number("duration", duration, "s", above=0.0)
-    found = contacts_of("contacts", contacts, arm, kind.space) or (_usual_wall(arm),)
+    found = contacts_of("contacts", contacts, arm, len(arm.axes)) or (_usual_wall(arm),)
     wall = _wall_of(found[0], arm)
     options = {} if reference is None else check.table_of("reference", reference)
     for name in ("distance", "bearing", "elevation", "path", *(["speed"] if task == LAND else [])):

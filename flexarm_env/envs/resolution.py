@@ -31,11 +31,11 @@ tolerance: the usual tolerance times (h / usual h)^2 for steps of at most half t
     decrease in this proportion. In space it is also multiplied by 100 I_min / I_max if this is below 1, for light
     wrists.
 
-The bound is e = G e_1 + e_2. The usual settings are kept if e <= `KEPT` and e_3 <= `SPUN`; otherwise the search looks
-for settings with e <= `AIM`. The estimate is `MARGIN` G e_1 + `MARGIN_OF_FRICTION` e_2 + e_3, to which `Batch.estimate`
-adds the error due to neglected stretch and shear. With randomized factors, the rule also applies to the softest arm and
-to the stiffest arm with the smallest payload. The rule does not consider gravity, nor controllers other than the inner
-PD loop.
+The bound is e = G e_1 + e_2. The usual settings are kept if e <= `SmallMotions.kept` and e_3 <= `SPUN`; otherwise the
+search looks for settings with e <= `AIM`. The estimate is `MARGIN` G e_1 + `MARGIN_OF_FRICTION` e_2 + e_3, to which
+`Batch.estimate` adds the error due to neglected stretch and shear. With randomized factors, the rule also applies to
+the softest arm and to the stiffest arm with the smallest payload. The rule does not consider gravity, nor controllers
+other than the inner PD loop.
 """
 
 from __future__ import annotations
@@ -52,21 +52,15 @@ from ..settings import Settings, merged
 from .judge import CONTACT, MARGIN, MESHES, Worst, worst
 from .resolution_warnings import COARSE, COARSE_IF_GIVEN, amplified, too_coarse, unsettled
 from .small_motions import Drive
-from .trials import TRIALS, TRIALS_IN_SPACE, Trial, refined, settled
+from .trials import Trial, refined, settled
 
 # Errors and bounds on errors are distances of the tip over the arm's length L.
-KEPT, KEPT_IN_SPACE, AIM = 5e-3, 6e-3, 1e-3
-"""Largest error bound e with which the usual settings are kept, in the plane and in space; bound to which step and mesh
-are refined otherwise."""
+AIM = 1e-3  # bound to which step and mesh are refined unless the usual settings are kept
 
 SPUN = 0.02  # largest e_3 accepted
-UNEQUAL, FINEST_TOLERANCE = 100.0, 1e-10
-"""Largest ratio of two joints' inertias for which the usual tolerance in space is used; the smallest tolerance."""
+FINEST_TOLERANCE = 1e-10  # the smallest Newton tolerance
 FINE_IF_GIVEN = 0.125  # given step over the usual one up to which no trial is made
 FRACTIONS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # divisors of the usual step that are tried
-BENDS, BENDS_IN_SPACE = (1.6, 3.0), (3.2, 6.0)
-"""Largest angles theta between the ends of a link, rad, above which the search begins with the second and the third
-mesh."""
 
 @dataclass(frozen=True)
 class Resolution:
@@ -117,7 +111,7 @@ def resolve(
     tried = arm.n_links > 1 and settings.modes is None and not fine
     if trial is not None and tried and rule.estimate(settings, h) <= COARSE:
         finer = [one for one in meshes if getattr(one, name) > getattr(settings, name)]
-        most = TRIALS_IN_SPACE if arm.spatial else TRIALS
+        most = rule.motions.trials
         settings, error = refined(trial, rule.rules[0], settings, finer, at, least, arm.total_length, most)
     assert settings.dt is not None
     if gain:
@@ -172,7 +166,7 @@ def _meshes(
     least = pieces + 1 if first.formulation == "elastica" else max(pieces, rule.elements)
     ladder = [begin, *(size for size in sizes if size > begin)]
     # large bends begin with a finer mesh
-    ladder = ladder[sum(rule.theta > bend for bend in (BENDS_IN_SPACE if rule.arm.spatial else BENDS)) :]
+    ladder = ladder[sum(rule.theta > bend for bend in rule.motions.ladder) :]
     fitting = [size for size in ladder if size >= least] or [least]
     return [first if size == begin else replace(first, **{name: size}) for size in fitting]
 
@@ -185,8 +179,7 @@ def _tolerance(rule: Worst, settings: Settings, usual: float) -> float:
     assert settings.dt is not None
     share = settings.dt / usual
     least = 1.0 if share > 0.5 else share * share
-    if rule.arm.spatial:
-        least *= min(1.0, UNEQUAL * float(rule.inertia.min() / rule.inertia.max()))
+    least *= rule.motions.tolerance(rule.inertia)
     return settings.tolerance if least == 1.0 else max(FINEST_TOLERANCE, settings.tolerance * least)
 
 
@@ -197,7 +190,7 @@ def _search(rule: Worst, meshes: list[Settings], fractions: tuple[int, ...]) -> 
     """
     h = meshes[0].dt
     assert h is not None
-    kept = KEPT_IN_SPACE if rule.arm.spatial else KEPT
+    kept = rule.motions.kept
     # the usual settings are good enough
     if rule.bound(meshes[0], h) <= kept and rule.spin(meshes[0], h) <= SPUN:
         return meshes[0]

@@ -83,7 +83,7 @@ def _check_block(batch: Batch, block: Array) -> None:
     first, last = (par + (section - at.par) // lanes for section in (at.record, at.action))
     for k in first + np.flatnonzero(~(np.abs(block[first:last]) <= check.LARGEST)):
         raise check.InvalidValue(f"state.arm.block[{k}]", block[k], "must be a finite number, as get_state gave")
-    factors = {name: block[par + k] for name, k in STIFFNESSES.items() if batch.arm.spatial or name == "EI"}
+    factors = {name: block[par + k] for name, k in STIFFNESSES.items() if name in batch.reading.stiffnesses}
     precision.check_parameters(batch.arm, batch.settings, factors, block[par + TAU_D], 0.0, "state.arm")
 
 

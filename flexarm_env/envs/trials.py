@@ -34,16 +34,15 @@ from ..validation import Array
 from .features import Frame, controller
 from .judge import MARGIN
 from .small_motions import PERIODS
+from .small_motions_models import small_motions
 from .task import Kind, reward_weights
 
-LANES, LANES_IN_SPACE, LANES_AT_CORNERS, HELD = 16, 8, 8, (1, 8)
-"""Number of episodes in a trial, half of which begin straight; numbers of periods for which actions are held."""
+LANES_AT_CORNERS, HELD = 8, (1, 8)
+"""Number of episodes with factors at the ends of their ranges, half of which begin straight; numbers of periods for
+which actions are held."""
 
 TRIED = 2e-3
 """Largest accepted error of a trial, divided by L; steps and meshes are refined until the error is below `TRIED`."""
-
-TRIALS, TRIALS_IN_SPACE = 6, 4
-"""Largest number of settings that are tried."""
 
 NOISE = 2.0
 """A finer setting replaces the best one unless its error is larger by this factor, because chaotic errors scatter."""
@@ -135,12 +134,12 @@ def trials_of(
     key = kind.id, kind.space, arm, period, gravity, mode, share, drive, repr(ends)
     if key in _kept:
         return _kept[key]
-    nominal = LANES_IN_SPACE if arm.spatial else LANES
+    motions = small_motions(arm)
 
-    @lru_cache(2 * TRIALS + 2)
+    @lru_cache(2 * motions.trials + 2)
     def tips(settings: Settings) -> Array:
         # corners of the drawn factors as further lanes
-        parts = [episodes(settings, nominal, {}), *(episodes(settings, LANES_AT_CORNERS, one) for one in ends)]
+        parts = [episodes(settings, motions.lanes, {}), *(episodes(settings, LANES_AT_CORNERS, one) for one in ends)]
         return np.concatenate(parts, axis=1)
 
     def episodes(settings: Settings, lanes: int, factors: Mapping[str, float]) -> Array:

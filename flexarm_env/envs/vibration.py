@@ -11,12 +11,12 @@ import numpy as np
 
 from ..batch import standing_scene
 from ..equations import Equations, at_rest_of, point_of, undamped
-from ..geometry.poses import link_deflection
 from ..parameters import Arm
 from ..physics import assembly
 from ..physics.layout import ROOT, ROOT_RATES, TIP, TIP_RATES
 from ..physics.linalg import product, solve
 from ..physics.model import Jointed
+from ..physics.reading import link_deflection
 from ..physics.space.layout import AXES, E
 from ..physics.space.reading import Frame, LinkMotion, links
 from ..rotations import back

@@ -64,7 +64,7 @@ def pictures(
         "deflection": end_of_scale(float(np.abs(trajectory.tip_deflection).max())),
         "torque": max(1.0, end_of_scale(float(np.abs(shares).max()))),
     }  # fmt: skip
-    renderer, draw = (_in_space if scene.spatial else _in_the_plane)(trajectory, mode, usual)
+    renderer, draw = PENS[scene.axes](trajectory, mode, usual)
     try:
         for i in nearest.tolist():
             picture = draw(i, None if limits is None else shares[i])
@@ -103,6 +103,10 @@ def _in_space(trajectory: Trajectory, mode: str, usual: dict[str, Any]) -> tuple
         return pen.frame_of(found.chain(i), None, float(trajectory.t[i]), torques, off, rigid)
 
     return pen, draw
+
+
+PENS = {"xy": _in_the_plane, "xyz": _in_space}
+"""Renderers of runs by the axes along which an arm moves."""
 
 
 def film_path(path: str | os.PathLike[str]) -> Path:

@@ -21,15 +21,14 @@ import numpy as np
 
 from .. import rotations
 from ..compiler import SINGLE, UNCOMPILED, size, uncompiled
-from ..geometry.poses import joint_angles
-from ..physics.assembly import assemble, physical, room_for_points, smooth
+from ..physics.assembly import assemble, physical, smooth
 from ..physics.equations import WITH_SLOPES, Directions, pose_slopes, residual_slopes, slopes_room
 from ..physics.floating.layout import LINK, MULTIPLIERS, SIZE, START
-from ..physics.layout import BASE_POSE, POSE, SPACE_POSE
+from ..physics.layout import BASE_POSE
 from ..physics.model import FloatingFrame
-from ..physics.protocol import State, centerline, retract
+from ..physics.protocol import State, retract
+from ..physics.reading import joint_angles, reading_of
 from ..physics.space.layout import AXES
-from ..physics.space.reading import read
 from ..rigid import axis_of, mount_of
 from ..simulation import Simulation
 from ..validation import Array
@@ -60,10 +59,9 @@ class Equations:
         """
         system, scene = simulation.system, simulation.scene
         self.simulation, self.par, self.n_links = simulation, simulation.par, scene.arm.n_links
-        self.spatial, self.names_of_rows = scene.spatial, system.names
+        self.names_of_rows, self.reading = system.names, reading_of(scene)
         self.model = model = smooth(simulation.model) if stepping else physical(simulation.model)
         self.n = int(size(model.n))
-        self._most_points = room_for_points(simulation.settings, self.n_links)
         self._room = np.zeros(
             int(uncompiled(slopes_room)(WITH_SLOPES, model, len(self.par), simulation.n_motions))
         )
@@ -96,7 +94,9 @@ class Equations:
         self.inputs: Rows = np.array(turning, np.int64)
         self.driven: Rows = np.array([order[row] for row in prescribed if row in order], np.int64)
         # what turns with the arm
-        self.pairs, self.angles = system.vectors, list(system.absolute)
+        # rows of angles that a steady rotation turns: absolute angles, in space those of the first joint
+        root = [system.coordinates[name] for name in ("joint0", "motor0") if name in system.coordinates]
+        self.pairs, self.turned_rigidly = system.vectors, list(system.absolute) or root
         first = [k for k, name in enumerate(system.names) if name == "root_rx" or ".rx" in name]
         self.turning: Rows = np.array(first, np.int64).reshape(-1, 1) + np.arange(3)
         self._no_inputs, self._psi = np.zeros(int(size(model.n_inputs))), simulation.work.psi.copy()
@@ -186,7 +186,7 @@ class Equations:
             returned, as rows of `gauges.curvature_rows`.
         """
         rows = self._no_gauges if gauges is None else gauges
-        own = SPACE_POSE.end if self.spatial else POSE.end
+        own = self.reading.poses.places.end
         poses, count, m = own * self.n_links, own * self.n_links + BASE_POSE.end, dq.shape[1]
         inputs, zero = self._no_inputs, np.zeros(self.n)
         d, e = (np.array(x.T, order="C") for x in (dq, dv))
@@ -223,15 +223,11 @@ class Equations:
 
     def points(self, q: Array) -> Array:
         """Return the positions of points along the chain, from root to tip: (points, 2 or 3), m."""
-        if self.spatial:
-            arm, settings = self.simulation.scene.arm, self.simulation.settings
-            return np.asarray(read(arm, settings, q[None], np.zeros((1, self.n)))["shapes"][0])
-        points = np.full((self._most_points, 2), np.nan)
-        return points[: int(centerline(self.model, q, points))].copy()
+        return self.reading.points(self.simulation.scene.arm, self.simulation.settings, self.model, q)
 
     def joint_angles(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return joint angles and rates (n_links,) of a link's root relative to the previous tip or a floating base."""
-        angles, rates = joint_angles(self.poses(q, v))
+        angles, rates = self.reading.joints(self.poses(q, v))
         if self.base is not None:
             angles[0], rates[0] = angles[0] - q[self.base], rates[0] - v[self.base]
         return angles, rates
@@ -262,10 +258,9 @@ class Equations:
         """Return the independent coordinates and their rates, in the order of `names`."""
         rows = self.free[self.independent]
         x, rate = q[rows], v[rows]
-        if not self.spatial:
-            angles, rates = self.joint_angles(q, v)
-            for k, i in self.joints.items():
-                x[i], rate[i] = angles[k], rates[k]
+        angles, rates = self.joint_angles(q, v)
+        for k, i in self.joints.items():
+            x[i], rate[i] = angles[k], rates[k]
         return x, rate
 
     def changes(self, q: Array, dq: Array) -> Array:
@@ -287,11 +282,8 @@ class Equations:
         for x, y in self.pairs:
             v[x], v[y] = -spin * q[y], spin * q[x]
             a[x], a[y] = -(spin**2) * q[x], -(spin**2) * q[y]
-        if not self.spatial:
-            v[self.angles] = spin
-            return v, a
-        rows, omega = self.simulation.system.coordinates, self._omega(spin)
-        v[[rows[name] for name in ("joint0", "motor0") if name in rows]] = spin
+        v[self.turned_rigidly] = spin
+        omega = self._omega(spin)
         for i in self._vertices():
             v[i : i + 3] = np.cross(omega, q[i : i + 3])
             a[i : i + 3] = np.cross(omega, v[i : i + 3])
@@ -303,11 +295,10 @@ class Equations:
         V, U, W = np.zeros((3, self.n, self.n))
         for x, y in self.pairs:  # x = T(w t) xi: x' = T (xi' + w S xi), x'' = T (xi'' + 2 w S xi' + w^2 S^2 xi)
             V[x, y], V[y, x], W[x, x], W[y, y] = -spin, spin, -(spin**2), -(spin**2)
-        if self.spatial:
-            hat = rotations.skew(self._omega(spin))
-            for i in self._vertices():
-                rows = np.ix_(range(i, i + 3), range(i, i + 3))
-                V[rows], W[rows] = hat, hat @ hat
+        hat = rotations.skew(self._omega(spin))
+        for i in self._vertices():
+            rows = np.ix_(range(i, i + 3), range(i, i + 3))
+            V[rows], W[rows] = hat, hat @ hat
         U += 2.0 * V
         for i in self.turning:
             rows = np.ix_(i, i)
@@ -322,6 +313,8 @@ class Equations:
 
     def _vertices(self) -> list[int]:
         """Return, for each vertex of an arm in space, the index of its first row in the equations."""
+        if not self.turning.size:  # in the plane no rows are rotation vectors
+            return []
         return [i for i, name in enumerate(self.names_of_rows) if name.startswith("link") and ".x" in name]
 
     # --- linear equations --------------------------------------------------------------------------------------------

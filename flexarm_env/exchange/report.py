@@ -140,6 +140,6 @@ def tip_apart(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0
         for _ in range(per_sample):
             mujoco.mj_step(model, data)
         mujoco.mj_kinematics(model, data)
-        place = tip if scene.spatial else np.array([*tip[:2], 0.0])
+        place = np.array([*tip[: len(scene.axes)], 0.0])[:3]
         apart = max(apart, float(np.linalg.norm(data.site_xpos[site] - place)))
     return apart / chain.arm.total_length

@@ -10,7 +10,7 @@ import numpy as np
 
 from flexarm_env import validation as check
 from flexarm_env.files import read_toml
-from flexarm_env.parameters import Arm
+from flexarm_env.parameters import AXES, Arm
 from flexarm_env.sensors import Sensors, from_table
 
 INPUTS = ("joint", "motor", "torque", "current", "voltage")
@@ -170,7 +170,7 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
     # the experiment decides whether the arm is computed in space
     space = arm.spatial or _leaves_the_plane(experiment)
     with check.under("sensors"):
-        carried.check_for(arm.links, space)
+        carried.check_for(arm.links, AXES[space])
     # parameters with unique names
     parameters = tuple(_parameter(p, v) for p, v in check.table_of("parameters", table.get("parameters", {})).items())
     names = [p.name for p in parameters]
@@ -194,7 +194,7 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
         seed=check.integer("seed", table.get("seed", 0), minimum=0),
     )  # fmt: skip
     # every output has to be a reading of some sensor
-    known = carried.readings(arm, space)
+    known = carried.readings(arm, AXES[space])
     for channel in config.outputs:
         if channel.name not in known:
             raise check.UnknownKey(f"outputs.{channel.name}", known, "sensor")

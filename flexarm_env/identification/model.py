@@ -278,7 +278,7 @@ class Experiment:
 
     def _scene(self, arm: Arm, table: Mapping[str, Any], run: Run) -> Scene:
         """Build the run's scene: motions and torques from the log's inputs, loads, gravity, initial angles (rad)."""
-        motions, angles, before = [], [0.0] * arm.n_links, 0.0
+        motions, angles = [], [0.0] * arm.n_links
         loads: list[JointTorque | PointLoad] = []
         for channel in self.config.inputs:
             kind, k, own = channel.kind, channel.joint, table["inputs"][channel.name]
@@ -297,13 +297,9 @@ class Experiment:
         # joints without prescribed angle start at their first reading plus their parameter
         for k in self._read_at_start():
             angles[k] = float(run.outputs[f"{arm.joint_names[k]}_angle"][0]) + begun[k]
-        absolute = []
-        for angle in angles:
-            before = angle if arm.spatial else before + angle
-            absolute.append(before)
         gravity = tuple(table["gravity"]) if any(table["gravity"]) else None
         return Scene(
-            run.stem, arm, duration=float(run.t[-1]), dt=run.period, angles=tuple(absolute), motions=tuple(motions),
+            run.stem, arm, duration=float(run.t[-1]), dt=run.period, angles=arm.stated(angles), motions=tuple(motions),
             loads=tuple(loads), gravity=gravity, space=self.config.space, start=self.config.start,
         )  # fmt: skip
 

@@ -12,7 +12,7 @@ from flexarm_env import arms
 from flexarm_env import validation as check
 from flexarm_env.files import read_toml
 from flexarm_env.linear import modes
-from flexarm_env.parameters import Arm
+from flexarm_env.parameters import AXES, Arm
 from flexarm_env.scene import Scene
 
 from ..validation import Array
@@ -86,7 +86,7 @@ def identify(
     before = Experiment(given, setup, ())
     unfitted = tuple(_judged(run, before.predict(np.zeros(0), run), setup) for run in everything)
     assert setup.sensors is not None
-    laws = {name: law for name, (_, law) in setup.sensors.readings(given, setup.space).items()}
+    laws = {name: law for name, (_, law) in setup.sensors.readings(given, AXES[setup.space]).items()}
     simple = {c.name: oscillator(runs, c.name, laws[c.name]) for c in setup.outputs}
     baseline = tuple(_judged(run, {n: o.predict(run) for n, o in simple.items()}, setup) for run in everything)
     found = experiment.arm_of(values)

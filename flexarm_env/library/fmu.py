@@ -182,7 +182,7 @@ def _pack(
 
 def _variables(source: Any, plan: Any) -> Iterator[Variable]:
     """Yield the FMU's variables; a variable's value reference is its position in this sequence."""
-    joints, batch = range(plan.arm.n_links), source.batch
+    joints = range(plan.arm.n_links)
     yield Variable("time", "TIME", 0, "s", "since the start")
     # inputs: torques (N m) or scaled actions
     torque = plan.action_mode == "torque"
@@ -196,8 +196,8 @@ def _variables(source: Any, plan: Any) -> Iterator[Variable]:
     for k in joints:
         yield Variable(f"start_angle[{k}]", "ANGLE", k, "rad", "of the joint, at the start", 0.0, -angle, angle)
     # target: angles (rad), or a point in the plane (m) inside the reach
-    length, point = plan.arm.total_length, not plan.arm.spatial and len(batch.task.targets) > 1
-    what = "of the joint where the rigid arm's tip reaches the target" if plan.arm.spatial else "of the task"
+    length, point = plan.arm.total_length, source.point
+    what = "of the joint where the rigid arm's tip reaches the target" if source.aims_at_joints else "of the task"
     first: Sequence[float] = (0.5,) * len(joints)
     if point:
         near, far = source.reach
@@ -216,7 +216,7 @@ def _variables(source: Any, plan: Any) -> Iterator[Variable]:
             if field.name not in LEFT_OUT:
                 yield Variable(word, "INFO", at, unit, meaning)
             at += 1
-    posed = list(_spatial(source.poses) if plan.arm.spatial else _planar(source.poses))
+    posed = list(POSED[plan.arm.axes](source.poses))
     for link in joints:
         for k, (word, unit, meaning) in enumerate(posed):
             yield Variable(f"link[{link}].{word}", "POSE", len(posed) * link + k, unit, f"link {link}: {meaning}")
@@ -239,11 +239,15 @@ def _planar(layout: Layout) -> Iterator[tuple[str, str, str]]:
         yield f"{where}_{word}", unit, f"of its {where}"
 
 
-def _spatial(layout: Layout) -> Iterator[tuple[str, str, str]]:
+def _in_space(layout: Layout) -> Iterator[tuple[str, str, str]]:
     """Yield name, unit and meaning of each number of a link pose in space."""
     for field, shape in zip(layout.fields, layout.shapes(), strict=True):
         for place in np.ndindex(shape):
             yield f"{field.name}{list(place) if place else ''}".replace(" ", ""), field.unit, field.meaning
+
+
+POSED = {"xy": _planar, "xyz": _in_space}
+"""Numbers of a link pose by the axes along which an arm moves."""
 
 
 def _info_variables(field: Any, shape: tuple[int, ...]) -> Iterator[tuple[str, str, str]]:

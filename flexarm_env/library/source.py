@@ -17,7 +17,6 @@ from ..control.export import c_named, harmless
 from ..layout import Layout
 from ..physics import precision
 from ..physics.joints.layout import LAW, PLACES
-from ..physics.layout import POSES, SPACE_POSES
 from ..physics.model import STIFFNESSES, Jointed
 from ..rigid import reach
 from ..tasks.program import ENERGIES, INFO, REQUEST, TORQUE_FACTOR
@@ -44,6 +43,14 @@ _OWN_IN_SPACE = (
     _OWN[0], ("payload_inertia", "", "a factor on the payload's tensor", 0.0), ("EI_factor", "", "on EI", LEAST),
     _OWN[3], ("EI_y_factor", "", "on EI_y", LEAST), ("GJ_factor", "", "on GJ", LEAST),
 )  # fmt: skip
+OWN = {"xy": _OWN, "xyz": _OWN_IN_SPACE}
+"""Parameters of an arm by the axes along which it moves."""
+
+MEANT = {
+    1: "an angle, rad", 2: "x and y, m, from {near:.9g} to {far:.9g} m from the root",
+    3: "joint angles that bring the rigid arm's tip there, rad",
+}  # fmt: skip
+"""Meaning of the numbers by which a start's target is given, by the number of the target's coordinates."""
 
 SENTENCES = {
     "ok": "ok",
@@ -104,9 +111,9 @@ class Source:
         self.env, self.name, self.worlds, self.periods = env, name, worlds, periods
         self.absent, self.symbols, self.cpu = absent, symbols, cpu
         self.batch, self.plan, self.setup = env.unwrapped.batch, env.unwrapped.plan, Setup.of(env)
-        self.joints, self.spatial = self.plan.arm.n_links, self.plan.arm.spatial
+        self.joints = self.plan.arm.n_links
         # layout of a link's pose
-        self.poses = SPACE_POSES if self.spatial else POSES
+        self.poses = self.batch.reading.poses
 
     def files(self) -> dict[str, str]:
         """Return a dict of the library's files: name and text."""
@@ -131,23 +138,22 @@ class Source:
         batch, plan, world = self.batch, self.plan, self.worlds[0]
         # byte offsets of the program's arrays in world 0, and entries of a request
         at, request = {key: place[0] for key, place in world.places.items()}, REQUEST.offsets(0, self.joints, 0)
-        targets = self.joints if self.spatial else len(batch.task.targets)
+        targets = self.joints if self.aims_at_joints else len(batch.task.targets)
         # meaning of the target in the header's comments
         near, far = self.reach
-        meant = f"x and y, m, from {near:.9g} to {far:.9g} m from the root"
-        meant = "joint angles that bring the rigid arm's tip there, rad" if self.spatial else meant
+        meant = MEANT[plan.kind.target.numbers].format(near=near, far=far)
         # sizes and comments, then structs, then byte offsets, then limits of arguments
         known = {
             "HEAD": self._head(), "VERSION": VERSION, "JOINTS": self.joints, "OBSERVATION": batch.observation.size,
             "PERIOD": repr(plan.period), "STATE": world.changing, "CLIP": f"{CLIP:g}", "GIVEN": targets,
-            "TARGET": meant if targets > 1 or self.spatial else "an angle, rad", "ACTION": self._action(),
-            "FROM": "" if self.spatial else "; angles from the world's x axis",
+            "TARGET": meant, "ACTION": self._action(),
+            "FROM": "" if self.aims_at_joints else "; angles from the world's x axis",
             "ENTRIES": _listed(_entries(self.setup)), "STATUSES": self._statuses(), "SENTENCES": self._sentences(),
             "INFO": _members(INFO, self.sizes, {"energies": ENERGIES}), "POSE": _members(self.poses, {}, {}),
             "DECLARED": "\n".join(f"extern int64_t {symbol}(int64_t, int64_t, int64_t);" for symbol in self.symbols),
             "TABLES": "\n".join(self._tables()), "WORLDS": len(self.worlds), "REQUEST": at["request"],
             "RECORD": at["block"] + 8 * batch.layout.record, "ANGLES": request.angles,
-            "TARGET_AT": request.goals if self.spatial else request.target, "VIBRATION": request.vibration,
+            "TARGET_AT": getattr(request, batch.task.given), "VIBRATION": request.vibration,
             "STREAM": at["stream"], "QUEUE": at["queue"], "ALLOWED": PERIODS_ALLOWED,
             "MODE": MODE, "PERIODS": PERIODS, "TABLE": at["table"], "POSES": at["block"] + 8 * batch.layout.poses,
             "SEEN": at["observation"], "BLOCK": at["block"],
@@ -169,7 +175,12 @@ class Source:
     @property
     def point(self) -> bool:
         """True if the target is a point in the plane (m), False if it is an angle (rad)."""
-        return not self.spatial and len(self.batch.task.targets) > 1
+        return not self.aims_at_joints and len(self.batch.task.targets) > 1
+
+    @property
+    def aims_at_joints(self) -> bool:
+        """Whether a start's target is given by joint angles."""
+        return bool(self.batch.task.given == "goals")
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -217,7 +228,7 @@ class Source:
         """Parameters that a user of the library may set between control periods."""
         batch, system = self.batch, self.batch.system
         # the arm's own numbers, in the order of its `par`
-        own = zip(_OWN_IN_SPACE if self.spatial else _OWN, self._most(), strict=False)
+        own = zip(OWN[self.plan.arm.axes], self._most(), strict=False)
         found = [
             Parameter(name, unit, meaning, float(system.par[k]), least, most, None, batch.layout.par + k)
             for k, ((name, unit, meaning, least), most) in enumerate(own)

@@ -111,7 +111,7 @@ def static_equilibrium(
     if require_stable is not None and not isinstance(require_stable, bool):
         raise check.InvalidValue("require_stable", require_stable, "must be True, False or None")
     settings = check.instance("scene", scene, Scene).settings(formulation, **options)
-    found = (_in_space if scene.spatial else _in_plane)(scene, settings, hold_joints)
+    found = {"xy": _in_plane, "xyz": _in_space}[scene.axes](scene, settings, hold_joints)
     if require_stable is not False:
         warn_unstable(found.stability, bool(require_stable))
     return found

@@ -17,10 +17,10 @@ import numpy as np
 from .. import rotations
 from ..compiler import SINGLE, uncompiled
 from ..equations import Equations, point_of
-from ..geometry.poses import joint_angles, link_deflection
 from ..physics.gauges import Spot, curvature_rows
 from ..physics.layout import POSE, ROOT, ROOT_RATES, SPACE_POSES, TIP, TIP_RATES
 from ..physics.protocol import local_difference
+from ..physics.reading import joint_angles, link_deflection
 from ..simulation import Simulation
 from ..validation import Array
 from .period import at_start, period_tangents
@@ -32,6 +32,9 @@ SHOWN = {
 }  # fmt: skip
 """Names of a link's outputs in space that follow "joint0" and "joint0_rate", and the fields of `SPACE_POSES` from which
 they are computed."""
+
+NAMES = {"xy": ("", "_rate", "deflection", "deflection_rate"), "xyz": tuple(SHOWN)}
+"""Names of a link's outputs without its number, by the axes along which an arm moves."""
 
 COMPLEX_STEP = 1e-100
 """Imaginary step for derivatives of outputs by poses; they are exact, because nothing is subtracted."""
@@ -115,7 +118,8 @@ class ArmAtPoint:
         dq[e.free, :n], dv[e.free, :n], dv[e.free, n:] = reduced.lift, reduced.drift, reduced.lift
         rows = curvature_rows(simulation.scene, simulation.settings, simulation.system, gauges)
         poses, bent, by_poses, by_bent = e.poses_along(q, v, dq, dv, rows)
-        shown = self._in_space if e.spatial else self._in_plane
+        axes = simulation.scene.axes
+        shown = {"xy": self._in_plane, "xyz": self._in_space}[axes]
         values = shown(poses, q, v)
         columns = [
             shown(poses + COMPLEX_STEP * 1j * change, q + COMPLEX_STEP * 1j * d, v + COMPLEX_STEP * 1j * rate).imag
@@ -123,11 +127,7 @@ class ArmAtPoint:
         ]
         C = np.vstack([np.array(columns).T / COMPLEX_STEP, by_bent.T])
         links, ends = range(e.n_links), ("", "_rate")
-        if e.spatial:
-            names = [_numbered(name, k) for name in SHOWN for k in links] + ["tip_x", "tip_y", "tip_z"]
-        else:
-            names = [f"{what}{k}{end}" for what in ("joint", "deflection") for end in ends for k in links]
-            names += ["tip_x", "tip_y"]
+        names = [_numbered(name, k) for name in NAMES[axes] for k in links] + [f"tip_{axis}" for axis in axes]
         names += [f"motor{k}{end}" for k in e.motors for end in ends] + [gauge_name(*spot) for spot in gauges]
         return tuple(names), np.concatenate([values, bent]), C
 

@@ -14,7 +14,7 @@ from ..parameters import Link
 from ..physics.assembly import smooth
 from ..physics.gauges import Spot
 from ..scene import Scene
-from ..sensors import MEASURES
+from ..sensors import MEASURED
 from ..simulation import Simulation
 from ..validation import Array
 from .point import ArmAtPoint
@@ -122,7 +122,7 @@ def linearize(
     if motions and (simulation.drive.known < 0).any():
         what = "must be False where multipliers join bodies: they prescribe the joints"
         raise check.InvalidValue("motions", motions, what)
-    places = _places(gauges, scene.arm.links, scene.spatial)
+    places = _places(gauges, scene.arm.links, MEASURED[scene.axes])
     about = ArmAtPoint(simulation, stepping, motions)
     A, B, rate = about.A, about.B, about.rate
     if discrete is not None:
@@ -135,17 +135,20 @@ def linearize(
     )  # fmt: skip
 
 
-def _places(gauges: object, links: Sequence[Link], space: bool) -> list[Any]:
-    """Validate the links and places of gauges, and return them."""
+def _places(gauges: object, links: Sequence[Link], measures: Sequence[str]) -> list[Any]:
+    """Validate the links and places of gauges, and return them.
+
+    measures: what gauges may measure; a place names it if there is a choice.
+    """
     found: list[Any] = []
     for i, entry in enumerate(check.sequence("gauges", gauges, "pairs (link, place)")):
-        count = 3 if space and isinstance(entry, list | tuple) and len(entry) == 3 else 2
+        count = 3 if len(measures) > 1 and isinstance(entry, list | tuple) and len(entry) == 3 else 2
         link, place, *more = check.sequence(f"gauges[{i}]", entry, "a link and a place from 0 to 1", count)
         link = check.integer(f"gauges[{i}][0]", link, minimum=0, maximum=len(links) - 1)
         if links[link].rigid:
             raise check.InvalidValue(f"gauges[{i}][0]", link, "must be a link that bends: this one is rigid")
         place = check.number(f"gauges[{i}][1]", place, minimum=0.0, maximum=1.0)
-        found.append((link, place, *(check.choice(f"gauges[{i}][2]", what, MEASURES) for what in more)))
+        found.append((link, place, *(check.choice(f"gauges[{i}][2]", what, measures) for what in more)))
     return found
 
 

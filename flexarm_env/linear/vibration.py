@@ -84,8 +84,7 @@ def modes(
     if isinstance(target, Scene) and spin != 0.0 and (scene.root != "pinned" or scene.gravity is not None):
         raise check.InvalidValue("spin", spin, "needs a pinned root and no gravity, or there is no steady rotation")
     held = _held(clamped, scene.arm.n_links)
-    find = _point_in_space if scene.spatial else _point_in_plane
-    equations, point, rest = find(target, formulation, options, spin, held)
+    equations, point, rest = FINDERS[scene.axes](target, formulation, options, spin, held)
     if rest is not None:
         warn_unstable(rest, refuse=False)
     keep, reduced = moving(equations, held), equations.reduced(point, spin)
@@ -98,7 +97,7 @@ def modes(
     frequencies = np.where(np.abs(eigenvalues.imag) > 1e-9 * size, size, 0.0)
     points = equations.points(point.q)
     shapes = np.array([one for one, _ in seen]).reshape(-1, *points.shape)
-    whirl = np.array([one for _, one in seen if scene.spatial])
+    whirl = np.array([one for _, around in seen for one in around])
     return Modes(frequencies, damping, eigenvalues, shapes, points, spin, growing(values), whirl)
 
 
@@ -144,6 +143,10 @@ def _point_in_plane(
     return equations, point, rest
 
 
+FINDERS = {"xy": _point_in_plane, "xyz": _point_in_space}
+"""Functions by the axes along which an arm moves."""
+
+
 def _steady_rotation(equations: Equations, start: Point, held: list[int], spin: float) -> Point:
     """Return the steady rotation (spin, rad/s) of an arm in space near the start, found by Newton's iteration.
 
@@ -186,11 +189,11 @@ def _check_rotors(scene: Scene, held: list[int]) -> None:
             raise check.InvalidValue(f"arm.joints[{k}].motor_inertia", joint.motor_inertia, what)
 
 
-def _shape(equations: Equations, q: Array, vector: Complex) -> tuple[Array, float]:
+def _shape(equations: Equations, q: Array, vector: Complex) -> tuple[Array, tuple[float, ...]]:
     """Return displacements of points along the chain for a complex mode of the movable coordinates, and the whirl.
 
     The displacements are those at the phase of the largest one; their largest length is 1. The whirl (see `Modes`) is
-    NaN in the plane, and if the points do not move across the first joint's axis.
+    () in the plane, and NaN if the points do not move across the first joint's axis.
     """
     weight, free = equations.model.weight, equations.free
     whole = np.zeros(equations.n, np.complex128)
@@ -203,12 +206,12 @@ def _shape(equations: Equations, q: Array, vector: Complex) -> tuple[Array, floa
     largest = change.ravel()[np.abs(change).argmax()]
     real = (change * (np.conj(largest) / max(abs(largest), 1e-300))).real
     shape = np.asarray(real / max(float(np.sqrt((real**2).sum(axis=1)).max()), 1e-300))
-    if not equations.spatial:
-        return shape, np.nan
+    if len(shape.T) == 2:
+        return shape, ()
     # angular momentum of the points' ellipses about the axis, over their size
     arm = equations.simulation.scene.arm
     axis = mount_of(arm, 0) @ axis_of(arm, 0)
     across = change - np.outer(change @ axis, axis)
     around = -float(np.cross(across.conj(), across).imag.sum(axis=0) @ axis)
     moved_by, least = float((np.abs(across) ** 2).sum()), 1e-6 * arm.total_length  # less is round-off
-    return shape, around / moved_by if moved_by > least**2 else np.nan
+    return shape, (around / moved_by if moved_by > least**2 else np.nan,)

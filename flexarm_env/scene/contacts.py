@@ -172,10 +172,10 @@ def _shape(path: str, value: object, dimension: int | None) -> Shape:
     return shape_of(path, value, dimension or 2)
 
 
-def contacts_of(path: str, value: object, arm: Arm, spatial: bool | None = None) -> tuple[Contact, ...]:
+def contacts_of(path: str, value: object, arm: Arm, dimension: int | None = None) -> tuple[Contact, ...]:
     """Return validated contacts of an arm from one or several contacts or tables; () for None.
 
-    spatial: whether the arm is computed in space; None if this is not known yet.
+    dimension: 2 if the arm is computed in the plane, 3 in space; None if this is not known yet.
 
     Raises:
         ValueError: the message names the key path, the value and the allowed values.
@@ -184,7 +184,6 @@ def contacts_of(path: str, value: object, arm: Arm, spatial: bool | None = None)
         return ()
     one = isinstance(value, Contact | Mapping)
     rows = [value] if one else check.sequence(path, value, "Contact, or tables of them")
-    dimension = None if spatial is None else 3 if spatial else 2
     found = tuple(contact_of(f"{path}[{i}]", row, dimension) for i, row in enumerate(rows))
     for i, contact in enumerate(found):
         with check.under(f"{path}[{i}]"):

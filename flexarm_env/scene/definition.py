@@ -15,13 +15,17 @@ from typing import Any
 import numpy as np
 
 from flexarm_env import validation as check
-from flexarm_env.parameters import Arm
+from flexarm_env.parameters import AXES, Arm
+from flexarm_env.records import choice, number, switch, validate, words
 from flexarm_env.scene import toml
 from flexarm_env.scene.contacts import Contact, contacts_of
 from flexarm_env.scene.drives import ROOT, JointTorque, Load, Motion, PointLoad
 from flexarm_env.scene.mesh import default_mesh
 from flexarm_env.settings import Settings, default_options, expand_preset, merged
 from flexarm_env.time_functions import TimeFunction, constant
+
+PREFERRED = {"xy": "floating_frame", "xyz": "geometrically_exact"}
+"""Default formulation by the axes along which a scene's arm moves."""
 
 _SAME_TIME = 1e-9
 """Instants of different functions count as one if their difference is smaller (in s, or relative to the duration)."""
@@ -59,13 +63,15 @@ class Scene:
         description, source, note: content, origin and assumptions.
     """
 
-    name: str
-    arm: Arm
+    name: str = words("a short word", empty=False)
+    arm: Arm = dataclasses.field()
     _: KW_ONLY
-    duration: float
-    dt: float
-    sample: float | None = None
-    root: str = "pinned"
+    duration: float = number("length of the run", "s", above=0.0)
+    dt: float = number("default time step", "s", above=0.0)
+    sample: float | None = number(
+        "default sampling interval; left out: the step", "s", None, above=0.0, optional=True
+    )
+    root: str = choice(("pinned", "free"), "whether the root is on its joint, or the arm is a free body", "pinned")
     position: tuple[float, ...] = (0.0, 0.0)
     angles: tuple[float, ...] = ()
     velocity: tuple[float, ...] = (0.0, 0.0)
@@ -75,23 +81,22 @@ class Scene:
     loads: tuple[Load, ...] = ()
     gravity: tuple[float, ...] | None = None
     solver: tuple[tuple[str, Any], ...] = ()
-    description: str = ""
-    source: str = ""
-    note: str = ""
-    start: str = "unloaded"
-    space: bool = False
+    description: str = words("content", "")
+    source: str = words("origin", "")
+    note: str = words("assumptions", "")
+    start: str = choice(
+        ("unloaded", "held", "equilibrium"), "start without stress, or at rest with held or with free joints",
+        "unloaded",
+    )  # fmt: skip
+    space: bool = switch("compute in space, even if the plane would do", False)
     contacts: tuple[Contact, ...] = ()
 
     def __post_init__(self) -> None:
         """Validate each field, then combinations of fields; an `InvalidValue` names the field."""
-        check.text("name", self.name, empty=False)
         n = check.instance("arm", self.arm, Arm).n_links
-        check.choice("root", self.root, ("pinned", "free"))
-        check.choice("start", self.start, ("unloaded", "held", "equilibrium"))
+        validate(self)
         # each field by itself
         values: dict[str, Any] = {
-            "duration": check.number("duration", self.duration, "s", above=0.0),
-            "dt": check.number("dt", self.dt, "s", above=0.0),
             "position": _vector("position", self.position, "m"),
             "angles": self._one_a_link("angles", "rad", n),
             "velocity": _vector("velocity", self.velocity, "m/s"),
@@ -104,13 +109,11 @@ class Scene:
             "contacts": contacts_of("contacts", self.contacts, self.arm),
         }
         # sampling interval: dt unless given
-        values["sample"] = values["dt"] if self.sample is None else check.number("sample", self.sample, "s", above=0.0)
+        check.store(self, sample=self.dt if self.sample is None else self.sample)
         for name in ("dt", "sample"):
-            if values[name] > values["duration"]:
-                raise check.InvalidValue(name, values[name], f"must not exceed the duration, {values['duration']:g} s")
-        for name in ("description", "source", "note"):
-            check.text(name, getattr(self, name))
-        check.flag("space", self.space)
+            if getattr(self, name) > self.duration:
+                what = f"must not exceed the duration, {self.duration:g} s"
+                raise check.InvalidValue(name, getattr(self, name), what)
         # the checks of combinations below read the validated fields
         check.store(self, **values)
         self._check_rates()
@@ -142,11 +145,10 @@ class Scene:
                     raise check.InvalidValue(name, getattr(self, name), what)
         # a rigid joint: equal absolute rates in the plane, zero joint rate in space
         for k in self.rigid_joints:
-            if self.arm.spatial and self.rates[k]:
-                raise check.InvalidValue(f"rates[{k}]", self.rates[k], f"must be 0: joint {k} is rigid")
-            if not self.arm.spatial and self.rates[k] != self.rates[k - 1]:
-                what = f"must be that of the link before, {self.rates[k - 1]!r}: joint {k} is rigid"
-                raise check.InvalidValue(f"rates[{k}]", self.rates[k], what)
+            if self.arm.relative(self.rates, k):
+                own, still = self.rates[k], self.rates[k] - self.arm.relative(self.rates, k)
+                what = f"that of the link before, {self.rates[k - 1]!r}" if still == self.rates[k - 1] else "0"
+                raise check.InvalidValue(f"rates[{k}]", own, f"must be {what}: joint {k} is rigid")
         # the root's velocity must belong to a motion, or the root be free
         if self.root != "free" and any(self.velocity):
             for name, rate in zip(ROOT, self.velocity, strict=False):
@@ -219,9 +221,9 @@ class Scene:
 
     def _check_contacts(self) -> None:
         """Check that obstacles have two dimensions in the plane and three in space, and move in these."""
-        contacts_of("contacts", self.contacts, self.arm, self.spatial)
+        contacts_of("contacts", self.contacts, self.arm, len(self.axes))
         for i, contact in enumerate(self.contacts):
-            if contact.displacement_z is not None and not self.spatial:
+            if any(axis >= len(self.axes) for axis, _ in contact.displacements):
                 what = "must be left out in the plane"
                 raise check.InvalidValue(f"contacts[{i}].displacement_z", contact.displacement_z, what)
 
@@ -268,12 +270,7 @@ class Scene:
             return (*self.position, 0.0)[ROOT.index(coordinate)]
         # names end in the index: "joint0", "motor0"
         joint = int(coordinate[5:])
-        if joint == 0 or self.arm.spatial:
-            return self.angles[joint]
-        # relative angle: from the tip tangent of the link before
-        before = self.angles[joint - 1]
-        link = self.arm.links[joint - 1]
-        return self.angles[joint] - (before + link.turn if link.curved else before)
+        return self.arm.relative(self.angles, joint, self.arm.links[max(joint - 1, 0)].turn)
 
     @property
     def spatial(self) -> bool:
@@ -284,6 +281,11 @@ class Scene:
         away = any(any(v[2:]) for v in vectors) or self.motion_of("root_z") is not None
         touched = any(contact.spatial for contact in self.contacts)
         return self.space or self.arm.spatial or loads or away or touched
+
+    @property
+    def axes(self) -> str:
+        """Axes along which the scene's arm moves: "xy" in the plane, "xyz" in space."""
+        return AXES[self.spatial]
 
     @property
     def floats(self) -> bool:
@@ -321,7 +323,7 @@ class Scene:
         only to its own formulation (default "floating_frame", in space "geometrically_exact").
         """
         own = dict(self.solver)
-        preferred = own.pop("formulation", "geometrically_exact" if self.spatial else "floating_frame")
+        preferred = own.pop("formulation", PREFERRED[self.axes])
         formulation, options = expand_preset(formulation or preferred, options)
         # the scene's options belong to its own formulation
         if formulation != preferred:
@@ -329,6 +331,11 @@ class Scene:
         chosen = merged(own, options)
         mesh = default_mesh(self.arm, formulation, chosen, self.spatial)
         return Settings.make(formulation, **{**mesh, **chosen}).with_dt(self.dt)
+
+    @classmethod
+    def schema(cls) -> dict[str, Any]:
+        """Return the JSON schema (draft 2020-12) of scene files, with which editors complete and check them."""
+        return toml.schema(cls)
 
     @classmethod
     def from_toml(cls, source: str | os.PathLike[str], parameter_set: str | None = None) -> Scene:

@@ -94,11 +94,10 @@ def _planar_scene(scene: Scene) -> InPlane:
     # absolute angles and rates: sums of the relative ones along the chain
     angles, rates = [], []
     # end: angle of the tip section before; spin: its rate (rad/s)
-    end = spin = before = 0.0
+    end = spin = 0.0
     for k, link in enumerate(planar.links):
         end += offsets[k] + signs[k] * scene.initial_value(f"joint{k}")
-        spin += signs[k] * (scene.rates[k] if arm.spatial else scene.rates[k] - before)
-        before = scene.rates[k]
+        spin += signs[k] * arm.relative(scene.rates, k)
         angles.append(end)
         rates.append(spin)
         end += link.turn

@@ -6,12 +6,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from flexarm_env import arms, time_functions
+from flexarm_env import arms, records, time_functions
 from flexarm_env import validation as check
 from flexarm_env.files import read_toml
 from flexarm_env.parameters import Arm
 from flexarm_env.scene.contacts import DISPLACEMENTS, Contact, contact_of
 from flexarm_env.scene.drives import COORDINATES, FORCES, JointTorque, Load, Motion, PointLoad
+from flexarm_env.settings import FORMULATIONS, PRESETS, Settings
 from flexarm_env.time_functions import TimeFunction
 
 T = TypeVar("T")
@@ -179,6 +180,43 @@ KINDS: dict[str, Callable[..., TimeFunction]] = {
 KINDS["pieces"] = lambda pieces: TimeFunction(pieces)
 """Values of ``kind`` in a TOML file; "csv" (with file and the arguments of `from_csv`) is an additional value."""
 _CSV = ("interpolation", "column", "time", "rate", "acceleration", "scale")
+
+
+def schema(kind: Any) -> dict[str, Any]:
+    """Return the JSON schema (draft 2020-12) of scene files, with which editors complete and check them.
+
+    kind: class whose fields are the file's keys: `Scene`. Rules that relate several keys, and the parameters of
+    functions of time, are checked when the file is read.
+    """
+    function = {
+        "type": "object", "required": ["kind"],
+        "properties": {"kind": {"enum": [*KINDS, "csv"], "description": "kind of a function of time"}},
+    }  # fmt: skip
+    coordinate = {"type": "string", "minLength": 1, "description": COORDINATES}
+    motion = {**function, "properties": {**function["properties"], "coordinate": coordinate}}  # type: ignore[dict-item]
+    count, ends = {"type": "integer", "minimum": 0}, {"enum": ["root", "tip"], "description": "end of the link"}
+    at_joint = {**function, "properties": {**function["properties"], "joint": count}}  # type: ignore[dict-item]
+    at_point = {
+        "type": "object", "required": ["link", "end"], "additionalProperties": False,
+        "properties": {"link": count, "end": ends, **dict.fromkeys(FORCES, function)},
+    }  # fmt: skip
+    arm = {key: value for key, value in arms.schema().items() if key != "$schema"}
+    numbers = {"type": "array", "items": {"type": "number"}}
+    scene = records.schema(
+        kind,
+        arm={"if": {"type": "object"}, "then": arm, "else": {"type": "string", "description": "name or file"}},
+        motions={"type": "array", "items": {**motion, "required": ["coordinate", "kind"]}},
+        loads={"type": "array", "items": records.by_key({"joint": at_joint}, at_point)},
+        contacts={"type": "array", "items": {"type": "object", "required": ["obstacle", "stiffness"]}},
+        solver={**records.schema(Settings, formulation={"enum": [*FORMULATIONS, *PRESETS]}), "required": []},
+        rigid_joints={"type": "array", "items": count},
+        **dict.fromkeys(("position", "angles", "velocity", "rates", "gravity"), numbers),
+    )
+    scene["properties"]["parameter_sets"] = {"type": "object", "description": "tables of keys to replace, by name"}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema", "title": "scene of flexarm_env",
+        **scene, "required": ["arm", "duration", "dt"],
+    }  # fmt: skip
 
 
 def function_from_table(entry: Mapping[str, Any], directory: Path) -> TimeFunction:

@@ -95,7 +95,7 @@ def _gains(name: str, env: Any) -> Any:
     """Return the tuned gains; None for an arm without any, which `control.make` then rejects with its own message."""
     setup = control.Setup.of(env)
     try:
-        return tuned_gains(name, "space" if setup.arm.spatial else setup.task, setup.n_joints)
+        return tuned_gains(name, setup.gains, setup.n_joints)
     except check.InvalidValue:
         return None
 

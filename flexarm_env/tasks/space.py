@@ -18,6 +18,10 @@ class SpaceReach(Task):
 
     __slots__ = ()
 
+    @property
+    def given(self) -> str:
+        return "goals"
+
 
 @kernel
 def _in_root(lane, poses: Lanes, x, y, z, d):

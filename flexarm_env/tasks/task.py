@@ -64,6 +64,11 @@ class Task(NamedTuple):
     nearness: tuple[int, ...] | None = None  # a tag where terms `distance` and `attitude` pay 1 - loss (`left_of`)
     chain: np.ndarray | None = None  # in space, a `space_angles.JOINT` per joint where targets move
 
+    @property
+    def given(self) -> str:
+        """Field of a `REQUEST` by which a start's target is given: "target", or "goals" for joint angles at it."""
+        return "target"
+
 Task.own_terms = ()  # type: ignore[attr-defined]  # no field, known to the compiler: see `tasks.own_terms`
 
 

@@ -1,4 +1,7 @@
-"""Command lines from documented dataclasses: each field becomes a flag, with help from the class's docstring."""
+"""Command lines from documented dataclasses: each field becomes a flag.
+
+The help is the field's sentence with unit and bounds (`flexarm_env.records`), or the entry in the class's docstring.
+"""
 
 import argparse
 import dataclasses
@@ -9,6 +12,8 @@ import sys
 import typing
 from collections.abc import Sequence
 from typing import Any, NoReturn, TypeVar
+
+from flexarm_env.records import flags
 
 T = TypeVar("T")
 
@@ -39,6 +44,7 @@ def parse(kind: type[T], program: str, description: str | None, words: Sequence[
     """
     parser = Parser(prog=program, description=description, epilog="exit code: 0 done, 2 wrong input, 130 interrupted")
     texts, types = _texts(kind), typing.get_type_hints(kind)
+    texts |= {flag.name: flag.help for flag in flags(kind)}
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         options: dict[str, Any] = {"dest": field.name, "help": texts.get(field.name, "").replace("%", "%%")}
         flag = "--" + field.name.replace("_", "-")

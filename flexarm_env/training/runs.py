@@ -22,6 +22,7 @@ from flexarm_env.files import read_json as read_json
 from flexarm_env.files import write_json as write_json
 from flexarm_env.files import write_text as write_text
 from flexarm_env.files import write_whole as write_whole
+from flexarm_env.records import choice, described, integer, number, rules, switch
 from flexarm_env.suite.results import versions as versions
 from flexarm_env.suite.score import FIRST
 from flexarm_env.training.arguments import parse
@@ -83,6 +84,7 @@ def fail(sentence: object) -> int:
 
 
 # ------------------------------------------------------------------ run folders
+@described
 @dataclass(frozen=True, kw_only=True)
 class Training:
     """Arguments of programs that train a policy.
@@ -93,40 +95,34 @@ class Training:
             default configs/ppo/default.yml.
         set: a hyper-parameter that overrides the config file's, KEY=VALUE; may be given several times.
         env_kwargs: keywords of the environment, as JSON; they override those of the config file.
-        seed: seed of all random numbers.
-        n_timesteps: total environment steps, rounded to whole rollouts; default the config's. With --resume a run is
-            extended to this number, even a finished one.
         out: run folder; default runs/ALGO-ENV-SEED.
         resume: continue from the run folder's last checkpoint, or start if it has none yet. Flags that would change
             the training are rejected.
-        evaluate_every: environment steps from one evaluation to the next.
-        eval_episodes: episodes per evaluation.
-        best_by: criterion of the best policy: "settling" (settles soonest, with success) or "return".
-        solved_at: success rate at which the task counts as solved.
-        stop_when_solved: end the run when the task is solved.
-        checkpoint_every: environment steps from one checkpoint to the next.
-        threads: number of threads of torch and NumPy; small networks are fastest with one.
-        tensorboard: write curves for TensorBoard.
-        progress: show a progress bar.
     """
 
     env: str = "FlexibleArm-v0"
     config: Path | None = None
     set: tuple[str, ...] = ()
     env_kwargs: dict[str, Any] = field(default_factory=dict)
-    seed: int = 0
-    n_timesteps: int | None = None
+    seed: int = integer("seed of all random numbers; larger ones are for judging", 0, minimum=0, maximum=MOST_SEED)
+    n_timesteps: int | None = integer(
+        "total environment steps, rounded to whole rollouts; default the config's; with --resume a run is extended to "
+        "this number, even a finished one", None, minimum=1, optional=True,
+    )  # fmt: skip
     out: Path | None = None
     resume: bool = False
-    evaluate_every: int = 32_768
-    eval_episodes: int = 100
-    best_by: str = "settling"
-    solved_at: float = 0.95
-    stop_when_solved: bool = False
-    checkpoint_every: int = 131_072
-    threads: int = 1
-    tensorboard: bool = True
-    progress: bool = True
+    evaluate_every: int = integer("environment steps from one evaluation to the next", 32_768, minimum=1)
+    eval_episodes: int = integer("episodes per evaluation", 100, minimum=1)
+    best_by: str = choice(
+        ("settling", "return"), "criterion of the best policy: settles soonest, with success, or largest return",
+        "settling",
+    )  # fmt: skip
+    solved_at: float = number("success rate at which the task counts as solved", "", 0.95, maximum=1.0)
+    stop_when_solved: bool = switch("end the run when the task is solved", False)
+    checkpoint_every: int = integer("environment steps from one checkpoint to the next", 131_072, minimum=1)
+    threads: int = integer("threads of torch and NumPy; small networks are fastest with one", 1, minimum=1)
+    tensorboard: bool = switch("write curves for TensorBoard", True)
+    progress: bool = switch("show a progress bar", True)
 
     def begun(self, *kept: str, algorithm: str | None = None) -> Self:
         """Return the validated arguments of a new run, or of the run to be resumed.
@@ -139,15 +135,12 @@ class Training:
         if not isinstance(own.seed, int) or not 0 <= own.seed <= MOST_SEED:
             what = f"must be from 0 to {MOST_SEED}; those from {FIRST} on are for judging"
             raise ValueError(f"--seed {own.seed}: {what}")
-        # validate numbers and names
-        for name in ("n_timesteps", "evaluate_every", "eval_episodes", "checkpoint_every", "threads"):
-            if getattr(own, name) is not None:
-                check.integer(f"--{name.replace('_', '-')}", getattr(own, name), minimum=1)
+        # validate numbers and names by the fields' rules
+        for name, rule in rules(type(own)).items():
+            rule(f"--{name.replace('_', '-')}", getattr(own, name))
         check.table_of("--env-kwargs", own.env_kwargs)
-        check.number("--solved-at", own.solved_at, maximum=1.0)
         if own.folder.is_file():
             raise check.InvalidValue("--out", str(own.folder), "must be a folder, and this is a file")
-        check.choice("--best-by", own.best_by, ("settling", "return"))
         if not own.resume and (own.folder / "run.json").exists():
             raise ValueError(f"{own.folder}: contains a run already; continue it with --resume or choose another --out")
         return own

@@ -1,10 +1,9 @@
 """Recorded runs of scenes: `Trajectory` in the plane, `SpatialTrajectory` in space."""
 
 from ..scenes import COLUMNS
-from .recorded import MOST_SAMPLES, MOST_STEPS, Trajectory, check_work, kind_of, placed, recorded
+from .recorded import MOST_SAMPLES, MOST_STEPS, Trajectory, check_work, kind_of, recorded
 from .space import SpatialTrajectory
 
 __all__ = [
-    "COLUMNS", "MOST_SAMPLES", "MOST_STEPS", "SpatialTrajectory", "Trajectory", "check_work", "kind_of", "placed",
-    "recorded",
+    "COLUMNS", "MOST_SAMPLES", "MOST_STEPS", "SpatialTrajectory", "Trajectory", "check_work", "kind_of", "recorded",
 ]  # fmt: skip

@@ -14,11 +14,11 @@ import numpy as np
 
 from .. import validation as check
 from ..files import from_json, read_npz, unit_of, write_npz, write_text
-from ..geometry.poses import joint_angles, link_deflection
 from ..physics.assembly import assemble
 from ..physics.gauges import Spot, curvatures
-from ..physics.layout import FACTORISATIONS, HALVINGS, ITERATIONS, POSE, ROOT, STEPS, TIP, TIP_RATES
+from ..physics.layout import FACTORISATIONS, HALVINGS, ITERATIONS, POSE, ROOT, STEPS, TIP
 from ..physics.model import STATUS
+from ..physics.reading import link_deflection, placed
 from ..scene import Scene, computed
 from ..scenes import COLUMNS
 from ..sensors import Sensors, StrainGauge, from_table
@@ -30,22 +30,6 @@ if TYPE_CHECKING:
 
 MOST_STEPS, MOST_SAMPLES = 10**9, 10**6
 """Largest number of steps (half an hour for the fastest arm) and of recorded instants (some GB) of a run."""
-
-
-def placed(coordinates: Mapping[str, int], poses: Array, q: Array, v: Array) -> dict[str, Any]:
-    """Return a `Trajectory`'s fields for tip, joints and motors from poses (n, N, 12) and states (n, rows)."""
-    angles, rates = joint_angles(poses)
-    base = coordinates.get("base")
-    if base is not None:
-        angles[:, 0], rates[:, 0] = angles[:, 0] - q[:, base], rates[:, 0] - v[:, base]
-    motors = [coordinates.get(f"motor{k}") for k in range(poses.shape[1])]
-    turned = [angles[:, k] if row is None else q[:, row] for k, row in enumerate(motors)]
-    spun = [rates[:, k] if row is None else v[:, row] for k, row in enumerate(motors)]
-    return {
-        "tip": poses[:, -1, TIP], "tip_velocity": poses[:, -1, TIP_RATES],
-        "joint_angles": angles, "joint_rates": rates,
-        "motor_angles": np.array(turned).T, "motor_rates": np.array(spun).T,
-    }  # fmt: skip
 
 
 @dataclass(repr=False)
@@ -120,7 +104,7 @@ class Trajectory:
     link_angles: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
 
     arrays: ClassVar[dict[str, check.Shape]]
-    kinds: ClassVar[dict[bool, type[Trajectory]]] = {}
+    kinds: ClassVar[dict[str, type[Trajectory]]] = {}
 
     def __repr__(self) -> str:
         end = f" to {self.t[-1]:g} s" if len(self.t) else ""
@@ -210,9 +194,9 @@ class Trajectory:
         self.check_arrays()
         if not len(self.t):
             raise check.InvalidValue("t", self.t, "must hold one instant at least to be shown")
-        from ..view.sources import of_trajectory
+        from ..view.sources import CLIPS
 
-        return of_trajectory(self, label, self._curvature)
+        return CLIPS[self.scene.axes](self, label, self._curvature)
 
     def view(self, *others: Trajectory, labels: Sequence[str] | None = None) -> Player:
         """Return a page that plays the run and others; save it by `.save("arm.html")` or display it in a notebook.
@@ -244,7 +228,7 @@ class Trajectory:
         own = Sensors.ideal(arm.links) if own is None else own
         own = own if isinstance(own, Sensors) else from_table(check.table_of("sensors", own))
         with check.under("sensors"):
-            own.check_for(arm.links, self.scene.spatial, touches=False)
+            own.check_for(arm.links, self.scene.axes, touches=False)
         steps = np.diff(self.t)
         if not len(steps) or np.ptp(steps) > 1e-6 * steps[0]:
             what = (
@@ -258,8 +242,8 @@ class Trajectory:
         from ..runtime.laws import law_of, memory_of, room_of
         from ..runtime.readings import read_rows
 
-        arm, space = self.scene.arm, self.scene.spatial
-        readings = sensors.readings(arm, space)
+        arm, axes = self.scene.arm, self.scene.axes
+        readings = sensors.readings(arm, axes)
         if not readings:
             return {}
         joints = range(arm.n_links if sensors.encoders else 0)
@@ -271,7 +255,7 @@ class Trajectory:
         laws = np.array([law_of(law, 1.0, period, f"sensors.{place}") for place, law in channels])
         room, out = room_of(laws), np.empty((len(self.t), len(readings)))
         gravity = np.array((*(self.scene.gravity or ()), 0.0, 0.0, 0.0)[:3])
-        shaken = None if sensors.accelerometer is None else (0,) * (2 + space)
+        shaken = None if sensors.accelerometer is None else (0,) * len(axes)
         stream = np.array(np.random.SeedSequence(seed).generate_state(1, np.uint64))
         read_rows(
             laws.ravel(), room, memory_of(len(laws), room), stream, period, gravity, len(joints), shaken,
@@ -356,7 +340,7 @@ _NO_TRAJECTORY = "this is no trajectory, or one of a version before 0.2"
 
 def kind_of(scene: Scene) -> type[Trajectory]:
     """Return the class of a scene's trajectory."""
-    return Trajectory.kinds[scene.spatial]
+    return Trajectory.kinds[scene.axes]
 
 
 Reader = Callable[[str, Any], Any]
@@ -386,7 +370,7 @@ ARRAYS: dict[str, check.Shape] = {
 }  # fmt: skip
 """Arrays of a trajectory; all their numbers are finite."""
 Trajectory.arrays = ARRAYS
-Trajectory.kinds[False] = Trajectory
+Trajectory.kinds["xy"] = Trajectory
 
 SINGLE: dict[str, tuple[str, check.Shape]] = {
     "names": ("text", ("rows",)), "error_estimate": ("number", ()),

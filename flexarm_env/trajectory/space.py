@@ -114,7 +114,7 @@ class SpatialTrajectory(Trajectory):
         return inputs + ([self.tip, np.arcsin(np.clip(A[:, 1:, 0], -1.0, 1.0))] if sensors.camera is not None else [])
 
 
-Trajectory.kinds[True] = SpatialTrajectory
+Trajectory.kinds["xyz"] = SpatialTrajectory
 SpatialTrajectory.arrays = {
     **{name: shape for name, shape in ARRAYS.items() if name != "link_angles"},
     "tip_velocity": ("n", 6), "hinges": ("n", "joints - 1", 3), "tip_deflection": ("n", "links", 2),

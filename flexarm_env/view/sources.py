@@ -1,7 +1,7 @@
 """Clips of trajectories and of replayed episodes."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -26,17 +26,14 @@ MOST_POINTS = 21
 
 
 # ------------------------------------------------------------- trajectories
-def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip | SpaceClip:
-    """Return the clip of a `Trajectory`.
+def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip:
+    """Return the clip of a `Trajectory` in the plane.
 
     curvature: function that returns the curvatures (n, G), 1/m, at G places: (link, position along the link from 0 to
     1).
     """
     scene: Scene = run.scene
     arm = scene.arm
-    if scene.spatial:
-        charts = [c for c in _forces(arm, run.joint_torque, _energies(run), _moving) if c.series]
-        return space.of_run(run, label, _note(run.settings, _ended(run)), charts)
     kept, cuts = thinned(cuts_of(run.shapes, run.hinges), MOST_POINTS)
     points = run.shapes[:, kept]
     base = run.base_angle if arm.base is not None and scene.root == "free" else None
@@ -54,6 +51,18 @@ def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip | SpaceCl
         charts=[c for c in charts if c.series], pinned=scene.root == "pinned", payload=arm.payload.mass > 0.0,
         base=base, walls=[outline_of(x.obstacle, np.zeros(2), 3.0 * arm.total_length) for x in scene.contacts],
     )  # fmt: skip
+
+
+def of_trajectory_in_space(run: Any, label: str | None, curvature: Any) -> SpaceClip:
+    """Return the clip of a `SpatialTrajectory`; it does not show curvatures."""
+    charts = [c for c in _forces(run.scene.arm, run.joint_torque, _energies(run), _moving) if c.series]
+    return space.of_run(run, label, _note(run.settings, _ended(run)), charts)
+
+
+CLIPS: dict[str, Callable[[Any, str | None, Any], Clip | SpaceClip]] = {
+    "xy": of_trajectory, "xyz": of_trajectory_in_space,
+}  # fmt: skip
+"""Functions that return clips of runs, by the axes along which an arm moves."""
 
 
 def _ended(run: Any) -> str:
