@@ -216,7 +216,7 @@ def plan(
     settings, estimate, coarse = _settings(kind, formulation, period, options, own, drive, factors, trial, packaged)
     length = check.number("duration", kind.duration if duration is None else duration, "s", minimum=period)
     if not length / period <= MOST_PERIODS:
-        raise check.InvalidValue("duration", length, f"must be at most {MOST_PERIODS:.0e} periods of {period:g} s")
+        raise check.InvalidValue("duration", length, f"must be at most {MOST_PERIODS:g} control periods of {period} s")
     limit = max(1, math.floor(length / period * (1.0 + 1e-9)))
     if duration is None and max_episode_steps is None and not _packaged(arm):
         warn_of_times(own, length)
