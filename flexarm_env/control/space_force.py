@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..geometry.plane import wrapped
-from ..physics.space.reading import frames
-from ..rigid import link_bodies, weight_and_inertia
+from ..rigid import frames, link_bodies, weight_and_inertia
 from ..validation import Array
 from .base import Setup, Signals
 from .force import Approach, WallController

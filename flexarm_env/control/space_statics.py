@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..bodies import tensor
+from ..bodies import Body, tensor
 from ..parameters import Arm
-from ..physics.space.build import Body, axis_of, far_body, mount_of, near_body, tip_end, tip_lever
+from ..physics.space.build import far_body, near_body, tip_end, tip_lever
 from ..physics.space.gauges import AXIS
-from ..physics.space.reading import matrices
+from ..rigid import axis_of, mount_of
+from ..rotations import matrices
 from ..sensors import StrainGauge
 from ..validation import Array
 
@@ -52,7 +53,8 @@ class SpatialChain:
         """Store the cells' lengths (m), stiffnesses (N m^2) and masses (kg)."""
         self.arm, self.gravity, self.gauges = arm, np.asarray(gravity, np.float64), tuple(gauges)
         self.first: list[int] = []
-        stiffness, masses, lengths = [], [], []
+        stiffness: list[tuple[float, float, float]] = []
+        masses, lengths = [], []
         for link in arm.links:
             self.first.append(len(stiffness))
             if link.rigid:

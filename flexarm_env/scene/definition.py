@@ -10,7 +10,7 @@ import dataclasses
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -64,7 +64,7 @@ class Scene:
     """
 
     name: str = words("a short word", empty=False)
-    arm: Arm = dataclasses.field()
+    arm: Arm = cast("Any", dataclasses.field())  # for the type checker: has a default
     _: KW_ONLY
     duration: float = number("length of the run", "s", above=0.0)
     dt: float = number("default time step", "s", above=0.0)

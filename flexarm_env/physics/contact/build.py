@@ -93,7 +93,7 @@ def _levers(inner: Any, count: int, rows: int, moving: int) -> Array | None:
     change of its angle. (x, y) are the last two rows of an arm whose root can move. The last `moving` of all rows are
     displacements of obstacles. None for other formulations.
     """
-    if not isinstance(inner, Elastica):
+    if not isinstance(inner, Elastica) or inner.loads is None:
         return None
     n, links = size(inner.nodes), size(inner.links)
     m = n * links
