@@ -10,7 +10,7 @@ import dataclasses
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +29,10 @@ PREFERRED = {"xy": "floating_frame", "xyz": "geometrically_exact"}
 
 _SAME_TIME = 1e-9
 """Instants of different functions count as one if their difference is smaller (in s, or relative to the duration)."""
+
+
+_REQUIRED: Any = dataclasses.field()
+"""Field without a default. (Type checkers then accept it behind a field whose default is not visible.)"""
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,7 @@ class Scene:
     """
 
     name: str = words("a short word", empty=False)
-    arm: Arm = cast("Any", dataclasses.field())  # for the type checker: has a default
+    arm: Arm = _REQUIRED
     _: KW_ONLY
     duration: float = number("length of the run", "s", above=0.0)
     dt: float = number("default time step", "s", above=0.0)
