@@ -431,9 +431,3 @@ def test_a_strain_needs_a_thickness() -> None:
     flat = Arm("flat", (Link(1.0, Section(1.0, 1e6, 1e6, 0.2)),), torque_limits=(1.0,))
     with pytest.raises(ValueError, match=r"sensors\.strain_gauges\[0\]\.distance = None: must be given"):
         gym.make(ONE, arm=flat, sensors={"strain_gauges": [{"unit": "strain"}]})
-
-
-@pytest.mark.parametrize("name", ["force", "switch"])
-def test_a_force_sensor_needs_contacts(name: str) -> None:
-    with pytest.raises(ValueError, match=rf"sensors\.{name} = .*must be left out: the environment has no contacts"):
-        gym.make("TwoLinkFlexArm-v0", sensors={name: {}})

@@ -68,10 +68,9 @@ def checked_observation(observation: Any, history: Any) -> tuple[str | tuple[str
     return names, count
 
 
-def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any, touches: bool) -> description.Sensors:
+def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any) -> description.Sensors:
     """Return the environment's sensors: given sensors, otherwise the arm's own unless the observation is "full".
 
-    touches: whether the environment has contacts, which the sensors "force" and "switch" require if they are given.
     With "measured", an arm without sensors gets ideal sensors, and an arm without encoders gets ideal encoders.
     """
     own = arm.sensors
@@ -81,10 +80,6 @@ def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any, touches
         table = {} if given is None else check.table_of("sensors", given)
         known = {key: value for key, value in table.items() if key in description.KEYS}
         found, named = description.from_table(known), set(known)
-    for name in () if touches else ("force", "switch"):
-        if name in named and getattr(found, name) is not None:
-            what = "must be left out: the environment has no contacts; give the keyword contacts, too"
-            raise check.InvalidValue(f"sensors.{name}", getattr(found, name), what)
     if observation != FULL:
         base = own or description.Sensors.usual(arm)
         if own is None and observation != MEASURED:

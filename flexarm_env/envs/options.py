@@ -240,7 +240,7 @@ def plan(
         frame, word, action_mode, wanted, pushes=pushes, payload_change=payload_change, gravity=gravity,
         initial_vibration=initial_vibration,
     )  # fmt: skip
-    carried = sensors_of(own, wanted, sensors, bool(touched))
+    carried = sensors_of(own, wanted, sensors)
     seen = sight(frame, wanted, carried, kind.target.entries(own) if moves else [])
     gauges = carried.strain_gauges
     extras = Extras(
