@@ -1,9 +1,9 @@
 """Assemble the Model of a planar scene with geometrically exact beams (Simo & Vu-Quoc 1986; theory, section 5).
 
 The strains Gamma_1 = cos psi x' + sin psi y' - 1, Gamma_2 = -sin psi x' + cos psi y', kappa = psi' have the energy 1/2
-(EA Gamma_1^2 + C Gamma_2^2 + EI kappa^2) per length. Elements have order p, p-point (reduced) Gauss quadrature of the
-energy and p + 1 points for the consistent mass, which is constant. Coordinates are in inertial axes, so there are no
-quadratic-velocity terms.
+(EA Gamma_1^2 + C Gamma_2^2 + EI kappa^2) per length. An element has polynomial order p. The energy is integrated by
+(reduced) Gauss quadrature with p points, the consistent mass with p + 1 points. The mass matrix is constant.
+Coordinates are in inertial axes, so there are no quadratic-velocity terms.
 """
 
 import numpy as np
@@ -35,7 +35,7 @@ matrix would be singular."""
 
 
 def sections(arm: Arm, elements: int, order: int) -> Array:
-    """Return the packed constants of elements: a `SECTION` per link, or a `VARYING` per element if sections vary."""
+    """Return the packed constants of elements: one `SECTION` per link, or `VARYING` per element if sections vary."""
     if varies(arm):
         return np.concatenate([_varying(part, order) for link in arm.links for part in link.cut(elements, "elements")])
     rows = []
@@ -49,12 +49,12 @@ def sections(arm: Arm, elements: int, order: int) -> Array:
 
 
 def varies(arm: Arm) -> bool:
-    """Return whether a link of the arm has more than one section."""
+    """Return whether the cross-section varies along at least one link of the arm."""
     return any(link.uniform is None for link in arm.links)
 
 
 def _varying(part: Link, order: int) -> Array:
-    """Pack one element's `VARYING`: stretch and shear at (reduced) Gauss points, all other terms integrated exactly.
+    """Pack one element's `VARYING`: stretch and shear at (reduced) Gauss points, exact integrals for all other terms.
 
     part: the element, as a link of length l.
     """
@@ -72,12 +72,12 @@ def _varying(part: Link, order: int) -> Array:
 
 
 def _own(sections: Section | Properties) -> Array:
-    """Return the further constants of the material laws (NORMAL_AND_SHEAR, BENDING), one row per section."""
+    """Return the further constants of the material laws NORMAL_AND_SHEAR and BENDING, one row per section."""
     return np.array([getattr(sections, name) for name in (*NORMAL_AND_SHEAR, *BENDING)]).T
 
 
 def _bent(arm: Arm) -> bool:
-    """Return whether a link of the arm is curved without stress."""
+    """Return whether at least one link of the arm is curved without stress."""
     return any(link.curved for link in arm.links)
 
 
@@ -101,21 +101,21 @@ def rest(arm: Arm, elements: int, order: int) -> list[Array]:
 
 
 def _placed(link: Link, elements: int) -> list[tuple[float, Link]]:
-    """Return each element of a link, as a link of its own, with the distance of its start from the link's root, m."""
+    """Return a pair for each element of a link: distance of its start from the link's root (m), element as a `Link`."""
     parts = link.cut(elements, "elements")
     starts = np.cumsum([0.0] + [part.length for part in parts[:-1]])
     return list(zip(starts.tolist(), parts, strict=True))
 
 
 def elbows(arm: Arm) -> Array:
-    """Pack an `ELBOW` for each link but the first: mass (kg) and rotary inertias (kg m^2) of the link's root joint."""
+    """Pack one `ELBOW` for each link but the first: mass (kg) and rotary inertias (kg m^2) of the elbow at its root."""
     found = [arm.elbow(k) for k in range(1, arm.n_links)]
     packed = [ELBOW.pack({}, mass=e.mass, left=e.inertia_left, right=e.inertia_right) for e in found]
     return np.concatenate([np.zeros(0), *packed])
 
 
 def rigid_ends(scene: Scene) -> Array:
-    """Pack the `LEVERS` of an arm with rigid ends: each link's root and tip, then each point load's lever, m."""
+    """Pack the `LEVERS` of an arm with rigid ends: levers of each link's root and tip, then of each point load (m)."""
     links, loads = scene.arm.links, []
     for load in scene.loads:
         if isinstance(load, PointLoad):
@@ -127,9 +127,9 @@ def rigid_ends(scene: Scene) -> Array:
 def curved(scene: Scene, elements: int, order: int) -> Array:
     """Return the stress-free coordinates q (m, rad) of a chain with curved links at the scene's initial joint angles.
 
-    At the Gauss points stretch and shear vanish if d, the position's derivative times l, is l (cos psi, sin psi).
-    Positions follow from d, from the root outward, as in `element.propagate_positions`. The code writes positions as
-    complex numbers x + i y.
+    Stretch and shear vanish at the Gauss points if d = l (cos psi, sin psi), where d is l times the derivative of the
+    position. Positions follow from d, from the root outward, as in `element.propagate_positions`. The code writes
+    positions as complex numbers x + i y.
     """
     arm, t = scene.arm, tables(order)
     at = CHAIN.offsets(0, arm.n_links, elements, order)
@@ -159,7 +159,7 @@ def curved(scene: Scene, elements: int, order: int) -> Array:
 def straight(scene: Scene, elements: int, order: int) -> Array:
     """Return the coordinates q (m, rad) of the chain without stress at the scene's initial angles.
 
-    Interior coordinates of straight links are 0. For curved links the result is that of `curved`.
+    Interior coordinates of straight links are 0. If a link is curved, the function returns the result of `curved`.
     """
     arm = scene.arm
     if _bent(arm):
@@ -188,9 +188,10 @@ def straight(scene: Scene, elements: int, order: int) -> Array:
 
 
 def rows(arm: Arm, elements: int, order: int) -> tuple[tuple[str, ...], dict[str, int]]:
-    """Return the names of all rows, and the rows of joint angles and root position by name.
+    """Return the names of all rows, and a dict from the names of joint angles and root position to their rows.
 
-    The name link2.x3 is x of vertex 3 of link 2, and link2.x3.1 is interior coordinate 1 of that link's element 3.
+    For example, link2.x3 is coordinate x of vertex 3 of link 2; link2.x3.1 is interior coordinate 1 of element 3 of
+    link 2.
     """
     names = ["root_x", "root_y", "joint0"]
     for k in range(arm.n_links):
@@ -203,7 +204,7 @@ def rows(arm: Arm, elements: int, order: int) -> tuple[tuple[str, ...], dict[str
 
 
 def load_rows(load: PointLoad, arm: Arm, elements: int, order: int) -> list[int]:
-    """Return a point load's `ROWS_OF_LOAD`: rows of its vertex's x, y, psi and of the hinge angle, or -1."""
+    """Return a point load's `ROWS_OF_LOAD`: rows of x, y, psi of its vertex and of the hinge angle (or -1)."""
     at, at_tip = CHAIN.offsets(0, arm.n_links, elements, order), load.end == "tip"
     first = at.elements + AXES * order * elements * (load.link + at_tip)
     hinge = -1 if at_tip or load.link == 0 else at.hinges + load.link - 1
@@ -214,7 +215,8 @@ def build(scene: Scene, settings: Settings) -> System:
     """Build the scene's `System` with ``settings.elements`` elements of polynomial order ``settings.order`` per link.
 
     Raises:
-        InvalidValue: `period_correction` with links of different tau_d, rigid ends or an eccentric payload.
+        InvalidValue: the setting `period_correction` together with links of different tau_d, rigid ends or an eccentric
+        payload.
     """
     assert settings.elements is not None and settings.order is not None
     arm, elements, order = scene.arm, settings.elements, settings.order

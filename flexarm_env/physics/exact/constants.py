@@ -1,9 +1,9 @@
 """Constants of an element for its traced functions; the calls are the same for one section and for varying sections.
 
-`section` is a `layout.Section` or a `layout.Varying`, or its symbolic form while a kernel is traced, with the same
-fields. `hasattr` selects the case at compile time. The functions of this module are not compiled; the products that the
-functions return are compiled.
-p: polynomial order, the number of Gauss points.
+`section` is a `layout.Section` or a `layout.Varying`, or the symbolic form of one of them while a kernel is traced.
+Both classes have the same fields as their symbolic forms. `hasattr` selects the class at compile time. The functions of
+this module are not compiled; the products that they return are compiled. The polynomial order p equals the number of
+Gauss points.
 """
 
 from typing import Any
@@ -14,7 +14,7 @@ from .tables import Tables
 
 
 def _own(section: Any, p: int) -> list[list[Any]]:
-    """Return a list per Gauss point: further constants of all material laws (`NORMAL_AND_SHEAR`, then `BENDING`)."""
+    """Return one list per Gauss point: further constants of the material laws `NORMAL_AND_SHEAR`, then of `BENDING`."""
     count = len(NORMAL_AND_SHEAR) + len(BENDING)
     if hasattr(section, "own"):
         return [[section.own[i] for i in range(count)]] * p
@@ -23,7 +23,7 @@ def _own(section: Any, p: int) -> list[list[Any]]:
 
 
 def materials(section: Any, p: int) -> list[tuple[Any, Any, list[Any]]]:
-    """Return for each Gauss point k1 = EA/2l, k2 = C/2l (N/m) and a list of other constants of the laws of N and Q."""
+    """Return for each Gauss point k1 = EA/2l, k2 = C/2l (N/m), and other constants of the laws of N and Q (list)."""
     own = [row[: len(NORMAL_AND_SHEAR)] for row in _own(section, p)]
     if hasattr(section, "k1"):
         return [(section.k1, section.k2, row) for row in own]
@@ -32,7 +32,7 @@ def materials(section: Any, p: int) -> list[tuple[Any, Any, list[Any]]]:
 
 
 def bending_at(section: Any, p: int) -> list[tuple[Any, list[Any]]]:
-    """Return for each Gauss point kb = EI/2l (N m) and a list of further constants of the bending law M(kappa)."""
+    """Return for each Gauss point kb = EI/2l (N m), and the other constants of the bending law M(kappa) (list)."""
     own = [row[len(NORMAL_AND_SHEAR) :] for row in _own(section, p)]
     if hasattr(section, "kb"):
         return [(section.kb, row) for row in own]
@@ -41,12 +41,12 @@ def bending_at(section: Any, p: int) -> list[tuple[Any, list[Any]]]:
 
 
 def length_of(section: Any) -> Any:
-    """Return the element's length l, m."""
+    """Return the length l of the element, m."""
     return section.length if hasattr(section, "length") else section.numbers[0]
 
 
 def _row(section: Any, first: int, n: int, width: int) -> list[Any]:
-    """Return row n of a matrix of `VARYING` that begins at `first` and has `width` columns."""
+    """Return row n of a matrix of a `VARYING` record; the matrix begins at offset `first` and has `width` columns."""
     return [section.numbers[first + width * n + k] for k in range(width)]
 
 
@@ -59,7 +59,7 @@ def dot(row: list[Any], values: list[Any]) -> Any:
 
 
 def moments_of(section: Any, t: Tables, bent: list[Any]) -> list[Any]:
-    """Return bending moments K b (N m), conjugate to b = bent = (psi_right - psi_left, interior psi ...), rad."""
+    """Return bending moments K b (N m) conjugate to b = (psi_right - psi_left, interior psi ...), argument `bent`."""
     # one section: K is diagonal, kb norm_i
     if hasattr(section, "kb"):
         return [x * (section.kb * float(norm)) for x, norm in zip(bent, t.norm, strict=True)]
@@ -69,22 +69,22 @@ def moments_of(section: Any, t: Tables, bent: list[Any]) -> list[Any]:
 
 
 def unbent(section: Any, bent: list[Any]) -> list[Any]:
-    """Return bent = (psi_right - psi_left, interior psi ...), rad, minus the stress-free value of bent."""
+    """Return bent = (psi_right - psi_left, interior psi ...), rad, minus its stress-free value."""
     rest = getattr(section, "rest", None)
     return bent if rest is None else [x - rest[k] for k, x in enumerate(bent)]
 
 
 def inertia_row(section: Any, p: int, axis: int, n: int) -> list[Any]:
-    """Return row n of the element's mass matrix for one axis (X or Y: kg; T: kg m^2); sections vary."""
+    """Return row n of the mass matrix of an element with varying section, for axis X or Y (kg) or T (kg m^2)."""
     at = VARYING.offsets(0, p)
     return _row(section, at.rotary if axis == T else at.mass, n, p + 1)
 
 
 def bending_entries(section: Any, t: Tables, share: Any) -> Any:
-    """Return a function (node, node) -> their entry in the bending stiffness (N m) times share; None stands for 0.
+    """Return a function (node, node) -> entry of the bending stiffness (N m) times share; None stands for 0.
 
-    Nodes 0 and 1 are the left and right vertex, whose shape functions have opposite slopes; nodes from 2 on are
-    interior. share: factor on the stiffness, with the weights of K and C.
+    Nodes 0 and 1 are the left and right vertex, whose shape functions have opposite slopes. Nodes from 2 on are
+    interior. share: factor on the stiffness, composed of the weights of stiffness K and damping C.
     """
     p = len(t.weights)
     if hasattr(section, "kb"):
@@ -108,7 +108,7 @@ def bending_entries(section: Any, t: Tables, share: Any) -> Any:
 
 
 def inertia_entries(section: Any, t: Tables, weight: Any) -> Any:
-    """Return a function (node, node, axis) -> their entry in the mass matrix times weight; None stands for 0."""
+    """Return a function (node, node, axis) -> entry of the element's mass matrix times weight; None stands for 0."""
     if hasattr(section, "ml"):
         cml, cjl = section.ml * weight, section.jl * weight
 

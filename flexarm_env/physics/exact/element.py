@@ -35,7 +35,7 @@ from .layout import AXES, ELEMENT, ELEMENT_FACTORS, PAIR, T, Vertex, X, Y
 from .tables import Sums, Tables, slopes, tables, times, values_at
 
 RATE, ACCELERATION, FORCE, VERTEX = (AXES * k for k in range(1, 5))
-"""Offsets of the fields of a `Vertex`, three numbers each, in the list that `forces` returns, and their end."""
+"""Offsets of the fields of a `Vertex`, three numbers each, in the list that `forces` returns, and the end offset."""
 
 
 class Point(NamedTuple):
@@ -43,11 +43,11 @@ class Point(NamedTuple):
 
     c: Any  # cos psi
     s: Any  # sin psi
-    g1: Any  # m, l (1 + Gamma_1): l r' along the section's normal
-    g2: Any  # m, l Gamma_2: l r' across it
-    n1: Any  # N, normal force times w/2, damping included
-    n2: Any  # N, shear force times w/2
-    bent: Any  # rad, l (kappa - kappa_0) where M is not EI kappa; otherwise 0
+    g1: Any  # m, l (1 + Gamma_1): component of l r' along the section's normal
+    g2: Any  # m, l Gamma_2: component of l r' in the section's plane
+    n1: Any  # N, normal force times w/2 (w: Gauss weight), including damping
+    n2: Any  # N, shear force times w/2 (w: Gauss weight)
+    bent: Any  # rad, l (kappa - kappa_0) for a nonlinear law M(kappa); otherwise 0
 
 
 POINT = len(Point._fields)
@@ -55,37 +55,37 @@ POINT = len(Point._fields)
 
 @kernel
 def element_result(out):
-    """Split the list that `forces` returns into the right `Vertex` and the flat list of `Point` fields."""
+    """Return the right `Vertex` and the flat list of `Point` fields, parts of the list that `forces` returns."""
     return Vertex(out[:RATE], out[RATE:ACCELERATION], out[ACCELERATION:FORCE], out[FORCE:VERTEX]), out[VERTEX:]
 
 
 def _at(node: int, order: int) -> int:
-    """Return the offset of x of a node in an element's rows; node 0: left, 1: right vertex, 2 ...: interior."""
+    """Return the row offset of coordinate x of a node in an element; node 0: left, 1: right vertex, 2 ...: interior."""
     at = ELEMENT.offsets(0, order)
     return int((at.left, at.right)[node] if node < 2 else at.interior + AXES * (node - 2))
 
 
 def _axis(lane: Any, x: Lanes, order: int, axis: int, left: Any = None) -> list[Any]:
-    """Load one coordinate (axis X, Y or T) of all nodes: left, right, interior; `left` replaces the left value."""
+    """Load one coordinate (axis X, Y or T) of left, right, interior nodes; `left`, if not None, replaces the first."""
     first = x[_at(0, order) + axis] if left is None else left
     return [first, *(x[_at(node, order) + axis] for node in range(1, order + 1))]
 
 
 def _nodes(lane: Any, x: Lanes, order: int, left: Any) -> list[list[Any]]:
-    """Load the lists of x, y and psi of all nodes; left: the left vertex's (x, y, psi), or None to load them from x."""
+    """Load the lists of x, y and psi of all nodes; left: (x, y, psi) of the left vertex, or None to load it from x."""
     return [_axis(lane, x, order, k, left[k]) for k in (X, Y, T)]
 
 
 def _strain_rates(at: Any, ux: Any, uy: Any, omega: Any) -> tuple[Any, Any]:
-    """Return the rates of g_1, g_2 (m/s, section axes) from d' = (ux, uy) and psi' = omega; at: (c, s, g_1, g_2)."""
+    """Return the rates of g_1, g_2 (m/s, section axes). ux, uy: rate of d; omega: rate of psi; at: (c, s, g_1, g_2)."""
     c, s, g1, g2, *_ = at
     r1, r2 = rotate_back_2d(c, s, ux, uy)
     return r1 + g2 * omega, r2 - g1 * omega
 
 
 def _momenta(sums: Sums, t: Tables, section: Any, nodes: list[Any], axis: int) -> tuple[list[Any], Any, Any]:
-    """Multiply the mass matrix of one axis by `nodes` (left, right and interior values); return the interior rows, and
-    (right + left)/2 and (right - left)/2 of the vertex rows."""
+    """Multiply the mass matrix of one axis by `nodes` (left, right, interior values).
+    Return the interior rows of the product, and (right + left)/2 and (right - left)/2 of its vertex rows."""
     if not hasattr(section, "ml"):
         all_of = [dot(inertia_row(section, len(nodes) - 1, axis, n), nodes) for n in range(len(nodes))]
         return all_of[2:], (all_of[0] + all_of[1]) * 0.5, (all_of[1] - all_of[0]) * 0.5
@@ -101,9 +101,9 @@ def _momenta(sums: Sums, t: Tables, section: Any, nodes: list[Any], axis: int) -
 
 @traced
 def momentum(lane, order, a, left, section, r: Lanes):
-    """Write the left vertex's and the interior rows of r = M a of an element: forces (inertial axes), moment on psi.
+    """Write r = M a of an element to its left vertex's and interior rows of r: forces (inertial axes), moment on psi.
 
-    left: left vertex's acceleration (x, y, psi) and rows of r so far. Returns these six numbers of the right vertex."""
+    left: acceleration (x, y, psi) and present r of the left vertex. Returns these six numbers of the right vertex."""
     p, sums = len(order), Sums()
     t = tables(p)
     ends, rest = [], []
@@ -118,12 +118,12 @@ def momentum(lane, order, a, left, section, r: Lanes):
 
 
 def _nonlinear_bending(sums: Sums, t: Tables, bent: list[Any]) -> list[Any]:
-    """Return l (kappa - kappa_0) (rad) at the Gauss points for a nonlinear law of M, from `unbent`; otherwise zeros."""
+    """Return l (kappa - kappa_0) (rad) at each Gauss point for a nonlinear law M(kappa); zeros for M = EI kappa."""
     return [0.0] * len(t.weights) if bending is None else [sums(column, bent) for column in t.slope.T]
 
 
 def _nonlinear_part(section: Any, t: Tables, bends: list[Any], part: Any) -> list[Any]:
-    """Return part(l kappa, `Answer`) kb w (N m) at each Gauss point for a nonlinear law of M; [] if M = EI kappa."""
+    """Return part(l kappa, `Answer`) kb w (N m) at each Gauss point for nonlinear laws M; [] for M = EI kappa."""
     if bending is None:
         return []
     found = []
@@ -134,7 +134,7 @@ def _nonlinear_part(section: Any, t: Tables, bends: list[Any], part: Any) -> lis
 
 @traced
 def section_directions(lane, order, q, psi, circle):
-    """Write (sine, cosine) of the section angle at each Gauss point to circle; psi: angle at the left end, rad."""
+    """Write (sine, cosine) of the section angle at each Gauss point to circle; psi: angle of the left end, rad."""
     p, sums = len(order), Sums()
     t = tables(p)
     nodes = _axis(lane, q, p, T, psi)
@@ -145,11 +145,11 @@ def section_directions(lane, order, q, psi, circle):
 
 @traced
 def forces(lane, order, gravity, state, left, section, r: Lanes, circle):
-    """Write to r the rows M a + f(q, v) of an element's left vertex and interior: N (inertial axes) and N m.
+    """Write the rows M a + f(q, v) of an element's left vertex and interior to r: N (inertial axes) and N m.
 
-    state: q, v, a from the left vertex on. left: `Vertex`, acceleration less gravity (m/s^2; None: none). circle:
-    (sine, cosine) of psi at the Gauss points. section: `Section` or `Varying`. Returns the right `Vertex`, with the
-    element's force on it, and a `Point` for each Gauss point, as one list. See theory, (5.1)."""
+    gravity: m/s^2, or None. state: q, v, a from the left vertex on. left: `Vertex`. circle:
+    (sine, cosine) of psi at the Gauss points. section: `Section` or `Varying`. Returns one list: the right `Vertex`,
+    with the element's force on it, then a `Point` for each Gauss point. See theory, (5.1)."""
     p, sums = len(order), Sums()
     t, tau = tables(p), section.tau
     place = _nodes(lane, state.q, p, left.place)
@@ -211,10 +211,10 @@ def forces(lane, order, gravity, state, left, section, r: Lanes, circle):
 
 @traced
 def tangent(lane, order, points, section, weights, S: Lanes):
-    """Write to S the factors of the interior with their couplings to both vertices, then the condensed matrix.
+    """Write the factors of the interior block, its couplings to both vertices, and the condensed matrix to S.
 
-    The element's matrix is weights.mass M + weights.damping C + weights.stiffness K; points: `Point` fields that
-    `forces` returned; S: `layout.ELEMENT_FACTORS`. Entries are computed at first use, to save registers."""
+    The element's matrix is weights.mass M + weights.damping C + weights.stiffness K. points: `Point` fields that
+    `forces` returned. S: `layout.ELEMENT_FACTORS`. Entries are computed at their first use, which saves registers."""
     p, sums = len(order), Sums()
     t = tables(p)
     ck, tau, length = weights.stiffness, section.tau, length_of(section)
@@ -243,7 +243,7 @@ def tangent(lane, order, points, section, weights, S: Lanes):
         return -t.slope[0] if node == 0 else t.slope[max(node - 1, 0)]
 
     def weighted(one: tuple[int, int], two: tuple[int, int]) -> Any:
-        """Return the entry of the weighted matrix, before condensation, for two coordinates (node, axis)."""
+        """Return the entry of the weighted matrix before condensation; one, two: coordinates (node, axis)."""
         (n1, a1), (n2, a2) = (one, two) if one[1] <= two[1] else (two, one)
         if a2 != T:
             value = sums(slope(n1) * slope(n2), h[a1 + a2])
@@ -295,7 +295,7 @@ def tangent(lane, order, points, section, weights, S: Lanes):
 
 
 def _starts(order: int) -> tuple[int, int, list[int]]:
-    """Return the number of interior coordinates, their offset in x, and the offset of each one's factors in S."""
+    """Return the number of interior coordinates, their offset in x, and the offset of the factors of each one in S."""
     at = ELEMENT.offsets(0, order)
     inner, starts = at.right - at.interior, [0]
     for m in range(inner):
@@ -305,8 +305,8 @@ def _starts(order: int) -> tuple[int, int, list[int]]:
 
 @traced
 def forward(lane, order, S: Lanes, x: Lanes):
-    """Reduce the interior part of an element's right side x by L^-1 (S: `ELEMENT_FACTORS`); return the six numbers that
-    elimination subtracts from rows x, y, psi of the left and right vertex."""
+    """Apply L^-1 to the interior part of an element's right side x (S: `ELEMENT_FACTORS`).
+    Return the six numbers that elimination subtracts from rows x, y, psi of the left and right vertex."""
     n, first, starts = _starts(len(order))
     inside = [x[first + k] for k in range(n)]
     taken = [None] * (2 * AXES)
@@ -322,7 +322,7 @@ def forward(lane, order, S: Lanes, x: Lanes):
 
 @traced
 def backward(lane, order, S: Lanes, x: Lanes, left, right):
-    """Solve for an element's interior entries of x; S: its `ELEMENT_FACTORS`, left, right: solution at the vertices."""
+    """Compute an element's interior entries of x; S: its `ELEMENT_FACTORS`; left, right: solution at the vertices."""
     n, first, starts = _starts(len(order))
     solved: dict[Any, Any] = {}
     for m in reversed(range(n)):
@@ -337,9 +337,9 @@ def backward(lane, order, S: Lanes, x: Lanes, left, right):
 
 @traced
 def energy_sums(lane, order, q, v, psi, spin, left, section):
-    """Return an element's kinetic and strain energy (J) and first moments of mass int m x, int m y (kg m, inertial).
+    """Return an element's kinetic and strain energy (J), and its first moments of mass int m x, int m y (kg m).
 
-    psi, spin: left vertex's angle and rate. left: its (x, y, vx, vy) if q and v do not hold them, else None."""
+    psi, spin: angle and rate of the left vertex. left: its (x, y, vx, vy) if q and v do not contain them, else None."""
     p, sums = len(order), Sums()
     t = tables(p)
     x, y, vx, vy = (None,) * 4 if left is None else left
@@ -377,10 +377,10 @@ def energy_sums(lane, order, q, v, psi, spin, left, section):
 
 @traced
 def damping_sums(lane, order, q, v, x, psi, left, section):
-    """Return x^T C v / tau_d (W/s), the power at rates x of an element's damping forces at rates v, as a list of one.
+    """Return a list of one number, x^T C v / tau_d (W/s): power of an element's damping forces C v at the rates x.
 
-    psi: the left vertex's angle in q, its rate in v and in x. left: a pair, for v and for x: (x, y, vx, vy) of the left
-    end if the arrays do not hold them, otherwise None. See theory, (5.1)."""
+    psi: angle of the left vertex in q, and its rates in v and in x. left: (x, y, vx, vy) of the left end for v, then
+    for x, if the arrays do not contain them; otherwise None. See theory, (5.1)."""
     p, sums = len(order), Sums()
     t = tables(p)
     one, two = ((None,) * 4 if at is None else at for at in left)
@@ -409,14 +409,14 @@ def damping_sums(lane, order, q, v, x, psi, left, section):
 
 
 def _small_rotation(w: Any) -> tuple[Any, Any]:
-    """Return sine and cosine of a small angle w (rad) by their series up to w^5 and w^6."""
+    """Return the sine and cosine of a small angle w (rad), by their power series up to w^5 and w^6."""
     z = w * w
     return w + w * (z * (z * (1.0 / 120.0) - 1.0 / 6.0)), z * (z * (1.0 / 24.0 - z * (1.0 / 720.0)) - 0.5) + 1.0
 
 
 @traced
 def rotate_by_small_angle(lane, order, x, w):
-    """Rotate the vector (x[0], x[1]), inertial axes, by a small angle w (rad), in place."""
+    """Rotate the vector (x[0], x[1]) in inertial axes by a small angle w (rad), in place."""
     s, c = _small_rotation(w)
     ahead, aside = load_pair(lane, x, X)
     store_pair(lane, x, X, rotate_2d(c, s, ahead, aside))
@@ -424,10 +424,10 @@ def rotate_by_small_angle(lane, order, x, w):
 
 @traced
 def propagate_positions(lane, order, start: Lanes, q: Lanes, psi, new_psi, x, y):
-    """Write the interior and right positions in q (m) from the left (x, y), the angles in q and `start`'s strains.
+    """Compute the interior and right positions in q (m) from the left position (x, y), angles in q and old strains.
 
-    At Gauss points the tangent vectors of `start` rotate by the change of psi. psi, new_psi: left angle (rad) in start
-    and in q. Returns the right position (x, y)."""
+    The tangent vectors of `start` at the Gauss points are rotated by the change of psi. psi, new_psi: angle (rad) of
+    the left end in start and in q. Returns the position (x, y) of the right end."""
     p, sums = len(order), Sums()
     t = tables(p)
     old, new = ([z[_at(n, p) + T] for n in range(1, p + 1)] for z in (start, q))

@@ -1,11 +1,11 @@
 """Chains of geometrically exact beams: residual, tangent and its factors (model: `physics.model.ExactBeam`).
 
 Rows (`layout.CHAIN`): x, y (m, inertial axes) and psi (rad) of each vertex, interior amplitudes, hinge angles delta.
-Each element passes its right vertex's state and force to the next element, so each row is written once. A link hinged
-to the tip of the link before shares the position of the tip's vertex. The root section of a hinged link has the angle
-psi + delta, so a moment on the root section acts on psi and on delta. Interiors are condensed as soon as an element's
-tangent is known; vertices are eliminated from tip to root without pivoting: the matrix is symmetric, and cm M outweighs
-its indefinite part. A free hinge transmits no moment: its angle is eliminated on the way. Layout of S: `FACTORS`.
+Each element passes the state and force of its right vertex to the next element, so each row is written once. A link
+hinged to a tip shares the position of the tip's vertex. The root section of a hinged link has the angle psi + delta. A
+moment on it therefore acts on psi and delta. An element's interior coordinates are condensed once its tangent is known.
+Vertices are eliminated from tip to root without pivoting, because the matrix is symmetric and cm M outweighs its
+indefinite part. The angle of a free hinge, which transmits no moment, is eliminated too. Layout of S: `FACTORS`.
 """
 
 from ...compiler import Lanes, kernel, load_lane, sincos
@@ -60,9 +60,9 @@ from .rigid import (
 
 @kernel
 def _subtract_loads(lane, model, u: Lanes, q: Lanes, r: Lanes):
-    """Subtract the point loads u (force N in inertial axes, torque N m) from the rows of r that they act on.
+    """Subtract the point loads u (force N in inertial axes, torque N m) from the rows of r on which they act.
 
-    A load at the end of a lever of length l along psi also has the moment l (cos psi F_y - sin psi F_x) on psi."""
+    A load at the end of a lever (length l along psi) also exerts the moment l (cos psi F_y - sin psi F_x) on psi."""
     loads = model.loads
     for f in range(loads.shape[0] // ROWS_OF_LOAD.end):
         # B u: force on x and y (inertial axes); torque on psi, or on psi + delta behind a hinge
@@ -82,7 +82,7 @@ def _subtract_loads(lane, model, u: Lanes, q: Lanes, r: Lanes):
 
 @kernel
 def _add_vertex_mass(lane, model, S: Lanes, o, mass):
-    """Add mass (weighted, kg) to the x and y diagonal of the 3x3 block at S[o]; no-op with rigid ends."""
+    """Add a mass (kg, weighted) to the x and y diagonal of the 3x3 block at S[o]. With rigid ends, do nothing."""
     if model.rigid is None:
         S[o + XX] += mass
         S[o + YY] += mass
@@ -90,7 +90,7 @@ def _add_vertex_mass(lane, model, S: Lanes, o, mass):
 
 @kernel
 def _add_lumped_inertia(lane, model, par: Lanes, weights, S: Lanes):
-    """Add the weighted inertia of hub, elbows, payload to S and clear its `pinned`, `own`, with weights.with_matrix."""
+    """With weights.with_matrix: add the inertia of hub, elbows, payload to S; clear its fields `pinned` and `own`."""
     if weights.with_matrix:
         cm = weights.mass
         factors, own = factors_of(model), element_factors_at(0, len(model.order))
@@ -115,7 +115,7 @@ def _add_lumped_inertia(lane, model, par: Lanes, weights, S: Lanes):
 
 @kernel
 def _directions(lane, model, q: Lanes, S: Lanes):
-    """Store (sin psi, cos psi) of every Gauss point in the `circle` fields of S; psi: section's angle to inertial x."""
+    """Store (sin psi, cos psi) of each Gauss point in the `circle` fields of S; psi: section angle from inertial x."""
     # one pass ahead of the elements: each sine is a long chain of operations, but none waits for another
     own = element_factors_at(0, len(model.order))
     i, o = rows_of(model).elements, factors_of(model).elements + own.circle
@@ -130,11 +130,11 @@ def _directions(lane, model, q: Lanes, S: Lanes):
 
 @kernel
 def _vertex_behind_hinge(lane, model, state: State, k, left):
-    """Return the `Vertex` at the root of link k > 0 from the tip vertex `left` before its hinge, without rigid ends.
+    """Return the `Vertex` at the root of link k > 0 from `left`, the tip vertex before its hinge, without rigid ends.
 
-    The root section has the angle psi + delta (rad), delta of the hinge. Forces (N, inertial axes) include the elbow's
-    inertia forces; the moment (N m) is only that of the elbow part behind the hinge: a hinge transmits none. state: q,
-    v, a."""
+    The root section has the angle psi + delta (rad), where delta is the hinge angle. Forces (N, inertial axes) include
+    the elbow's inertia forces. The moment (N m) only includes the elbow part behind the hinge, because a hinge
+    transmits none. state: q, v, a."""
     (x, y, psi), (vx, vy, spin), (ax, ay, alpha), (fx, fy, _) = left.place, left.rate, left.acceleration, left.force
     elbow, d = elbow_of(model, k), rows_of(model).hinges + k - 1
     alpha = alpha + state.a[d]
@@ -152,9 +152,9 @@ def _vertex_behind_hinge(lane, model, state: State, k, left):
 def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
     """Write the residual r = M a + f(q, v) - B u [64]; with weights.with_matrix also S, condensed to vertices.
 
-    Rows of r: forces (N, inertial axes) on x, y; moments (N m) on psi and delta. S = weights.mass M + weights.damping C
-    + weights.stiffness K in the fields `interior`, `condensed` of FACTORS. state: q, v, a; u: joint torques, then point
-    loads."""
+    Rows of r are forces (N, inertial axes) on x and y, and moments (N m) on psi and delta. S = weights.mass M +
+    weights.damping C + weights.stiffness K, in the fields `interior` and `condensed` of FACTORS. state: q, v, a. u:
+    joint torques, then point loads."""
     q, v, a = state
     p, rows, own = len(model.order), rows_of(model), element_factors_at(0, len(model.order))
     zero = 0.0
@@ -210,7 +210,7 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
 
 @kernel
 def _six(lane, S, o):
-    """Load the symmetric 3x3 matrix of (x, y, psi) at S[o]: xx, xy, xt, yy, yt, tt with t for psi."""
+    """Load the symmetric 3x3 matrix of (x, y, psi) at S[o] as xx, xy, xt, yy, yt, tt, where t stands for psi."""
     xx, xy, xt = load_vector(lane, S, o + XX)
     yy, yt, tt = load_vector(lane, S, o + YY)
     return xx, xy, xt, yy, yt, tt
@@ -218,7 +218,7 @@ def _six(lane, S, o):
 
 @kernel
 def _factor_three(lane, S, o, xx, xy, xt, yy, yt, tt):
-    """Factor a symmetric 3x3 matrix of (x, y, psi) as L D L^T; write 1/D and L to S[o] (`SYMMETRIC`), return them."""
+    """Factor a symmetric 3x3 matrix of (x, y, psi) as L D L^T. Write 1/D and L to S[o] (`SYMMETRIC`), return both."""
     i0 = 1.0 / xx
     l1, l2 = xy * i0, xt * i0
     i1 = 1.0 / (yy - xy * l1)
@@ -232,11 +232,11 @@ def _factor_three(lane, S, o, xx, xy, xt, yy, yt, tt):
 
 @kernel
 def _eliminate(lane, S, o, tail):
-    """Eliminate an element's right vertex and return the Schur complement LL - LR (RR + tail)^-1 LR^T on its left one.
+    """Eliminate an element's right vertex. Return the Schur complement LL - LR (RR + tail)^-1 LR^T on the left vertex.
 
-    S[o]: the element's `CONDENSED`, with blocks LL, LR, RR of left and right vertex; RR becomes the factors L D L^T of
-    RR + tail, LR becomes LR L^-T D^-1. tail: symmetric 3x3 matrix (xx, xy, xt, yy, yt, tt; t for psi) of all elements
-    beyond the right vertex. The result has the same form."""
+    S[o]: the element's `CONDENSED` record with blocks LL, LR, RR of left and right vertex. RR becomes the factors L D
+    L^T of RR + tail; LR becomes LR L^-T D^-1. tail: symmetric 3x3 matrix (xx, xy, xt, yy, yt, tt; t for psi) of all
+    elements beyond the right vertex. The result has the same form."""
     xx, xy, xt, yy, yt, tt = _six(lane, S, o + RR)
     i0, l1, l2, i1, l3, i2 = _factor_three(
         lane, S, o + RR, xx + tail[0], xy + tail[1], xt + tail[2], yy + tail[3], yt + tail[4], tt + tail[5]
@@ -266,9 +266,9 @@ def _eliminate(lane, S, o, tail):
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Add x (N m/rad) to the stiffness of the joint angle in row k, the hub's or an elbow's; x = None fixes row k.
+    """Add x (N m/rad) to the stiffness of the joint angle (hub or elbow) in row k. If x is None, fix row k.
 
-    The hub's stiffness enters S here, an elbow's in `factor`. `factor` and `solve` keep fixed rows unchanged."""
+    The hub's stiffness is added to S here, an elbow's stiffness in `factor`. `factor` and `solve` ignore fixed rows."""
     factors, hinge = factors_of(model), factors_of(model).hinges + OF_HINGE.end * (k - rows_of(model).hinges)
     if x is None:
         S[factors.pinned + k if k < AXES else hinge + OF_HINGE.pinned] = 1.0
@@ -282,8 +282,8 @@ def add_stiffness(lane, model, S: Lanes, k, x):
 def _eliminate_hinge_angle(lane, model, S: Lanes, h, tail):
     """Eliminate the section angle behind a free hinge; return the 3x3 matrix on (x, y, psi) before the hinge.
 
-    tail: the symmetric matrix on (x, y, psi + delta) of all that follows. S[h], a `HINGE`: receives the inverse pivot
-    and the couplings over the pivot. In a jointed arm it holds the joint's stiffness against psi, which is added."""
+    tail: symmetric matrix on (x, y, psi + delta) of all elements beyond the hinge. The `HINGE` at S[h] receives the
+    inverse pivot and the couplings over the pivot. In a jointed arm, its joint stiffness on delta is added."""
     xx, xy, xt, yy, yt, tt = tail
     zero = 0.0
     # ideal hinge: psi + delta is coupled with x and y alone, so no moment reaches psi
@@ -307,7 +307,7 @@ def _eliminate_hinge_angle(lane, model, S: Lanes, h, tail):
 
 @kernel
 def factor(lane, model, S):
-    """Factor the Newton matrix S (of `assemble`) = L D L^T in place, from tip to root, with fixed rows left out."""
+    """Factor the Newton matrix S of `assemble` as L D L^T in place, from tip to root; fixed rows are left out."""
     factors, own = factors_of(model), element_factors_at(0, len(model.order))
     zero, one = 0.0, 1.0
     # from tip to root: payload, tip lever; then each link's elements, root lever, hinge, tip lever of the link before
@@ -338,23 +338,23 @@ def factor(lane, model, S):
 
 @kernel
 def _forward_three(lane, S: Lanes, o, x, y, t):
-    """Return L^-1 (x, y, t) with the 3x3 factors L D L^T at S[o]: forward substitution of a vertex's right side."""
+    """Return L^-1 (x, y, t), the forward substitution at a vertex; its 3x3 factors L D L^T are at S[o]."""
     y = y - S[o + XY] * x
     return x, y, (t - S[o + XT] * x) - S[o + YT] * y
 
 
 @kernel
 def _backward_three(lane, S: Lanes, o, x, y, t):
-    """Return L^-T (x, y, t) with the 3x3 factors L D L^T at S[o]: backward substitution at a vertex."""
+    """Return L^-T (x, y, t), the backward substitution at a vertex; its 3x3 factors L D L^T are at S[o]."""
     y = y - S[o + YT] * t
     return (x - S[o + XY] * y) - S[o + XT] * t, y, t
 
 
 @kernel
 def _reduce(lane, S, o, x, y, t):
-    """Return L^-1 b at an element's right vertex, b = (x, y, t), t for psi, and LR RR^-1 b: six numbers.
+    """Return six numbers: L^-1 b at an element's right vertex, and LR RR^-1 b; b = (x, y, t) with t for psi.
 
-    The left vertex's right side loses LR RR^-1 b. S[o]: the factored `CONDENSED`: RR = L D L^T, LR L^-T D^-1."""
+    LR RR^-1 b is to be subtracted from the left vertex's right side. S[o]: the factored `CONDENSED` of the element."""
     x, y, t = _forward_three(lane, S, o + RR, x, y, t)
     x0, x1, x2 = load_vector(lane, S, o + LR_X)
     y0, y1, y2 = load_vector(lane, S, o + LR_Y)
@@ -364,9 +364,9 @@ def _reduce(lane, S, o, x, y, t):
 
 @kernel
 def _restore(lane, S: Lanes, o, right, left):
-    """Return the solution (x, y, psi) at an element's right vertex from that at its left vertex, `left`.
+    """Return the solution (x, y, psi) at an element's right vertex, given the solution `left` at its left vertex.
 
-    right: the right vertex's reduced right side L^-1 b. S[o]: the factored `CONDENSED`: RR = L D L^T, LR L^-T D^-1."""
+    right: L^-1 b of the right vertex, from `_reduce`. S[o]: the factored `CONDENSED`: RR = L D L^T, LR L^-T D^-1."""
     (x, y, t), (a, b, c) = right, left
     x0, x1, x2 = load_vector(lane, S, o + LR_X)
     y0, y1, y2 = load_vector(lane, S, o + LR_Y)
@@ -379,7 +379,7 @@ def _restore(lane, S: Lanes, o, right, left):
 
 @kernel
 def solve(lane, model, S: Lanes, x: Lanes):
-    """Solve S y = x in place with the factors of `factor`: forward from tip to root, then backward from root to tip."""
+    """Solve S y = x in place with the factors from `factor`: forward from tip to root, then back from root to tip."""
     rows, factors, own = rows_of(model), factors_of(model), element_factors_at(0, len(model.order))
     span = AXES * len(model.order)
     i, o, taken = rows.tip, factors.end, 0.0

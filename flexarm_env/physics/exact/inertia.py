@@ -1,4 +1,5 @@
-"""Kernels of the period correction, theory (6.2), for chains of geometrically exact beams: M a, rotation of vectors."""
+"""Kernels of the period correction (theory, 6.2) for chains of geometrically exact beams: M a, rotated
+accelerations."""
 
 from ...compiler import Lanes, kernel
 from ..arithmetic import load_vector, store_vector
@@ -11,10 +12,10 @@ from .layout import AXES, T, elbow_of, next_section, rows_of, section_of
 def inertia_forces(lane, model, par: Lanes, turn, a: Lanes, r: Lanes):
     """Rotate the accelerations a by `turn`, then compute the inertia forces r <- M a (unless r is None).
 
-    M: constant mass matrix. turn: None, or (start, q, share): each node's vector is rotated by `share` times the
-    rotation of the node's section from coordinates start to q. a: accelerations in the rows of CHAIN (m/s^2, inertial
-    axes; rad/s^2). r: forces (N) and moments (N m) in the same rows. The model has no rigid ends, because models with
-    rigid ends have no period correction.
+    M is the constant mass matrix. turn: None, or (start, q, share). Each node's vector is then rotated by `share` times
+    the rotation of the node's section from coordinates start to q. a: accelerations in the rows of CHAIN (m/s^2,
+    inertial axes; rad/s^2). r: forces (N) and moments (N m) in the same rows. The model has no rigid ends, because
+    models with rigid ends have no period correction.
     """
     if turn is not None:
         rotate_vectors(lane, model, turn[0], turn[1], turn[2], a)
@@ -26,8 +27,8 @@ def inertia_forces(lane, model, par: Lanes, turn, a: Lanes, r: Lanes):
 def _multiply_mass(lane, model, par: Lanes, a: Lanes, r: Lanes):
     """Compute r <- M a with the mass matrix of elements, hub, elbows and payload.
 
-    a: accelerations by the rows of CHAIN (m/s^2, inertial axes; rad/s^2); r: forces (N) and moments (N m) in the same
-    rows; par: payload mass (kg) and inertia (kg m^2). See theory, (6.2).
+    a: accelerations in the rows of CHAIN (m/s^2, inertial axes; rad/s^2). r: forces (N) and moments (N m) in the same
+    rows. par: contains the payload's mass (kg) and inertia (kg m^2). See theory, (6.2).
     """
     rows, zero = rows_of(model), 0.0
     # left: (a_x, a_y, a_psi) of the current vertex and the rows of r that it has so far
@@ -63,8 +64,8 @@ def _multiply_mass(lane, model, par: Lanes, a: Lanes, r: Lanes):
 def rotate_vectors(lane, model, start: Lanes, q: Lanes, share, x: Lanes):
     """Rotate each node's vector (x, y; inertial axes) in x by `share` times its section's rotation from start to q.
 
-    start, q: coordinates whose angles psi (rad) differ little. Interior amplitudes are rotated by the mean angle of
-    both vertices. See theory, (6.2).
+    start and q are coordinates; the angles psi (rad) of both must differ little. Interior amplitudes are rotated by the
+    mean rotation of both vertices. See theory, (6.2).
     """
     order, p, rows = model.order, len(model.order), rows_of(model)
     i = rows.elements

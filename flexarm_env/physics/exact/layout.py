@@ -1,6 +1,6 @@
 """Layouts and records of a chain of geometrically exact beams: coordinates, constants, Newton matrix, factors.
 
-Components that kernels load together (`arithmetic.load_pair`, `load_vector`) are adjacent fields, in that order.
+Components that kernels load together (`arithmetic.load_pair`, `load_vector`) are adjacent fields in the loaded order.
 Positions are in inertial axes. Angles are from the inertial x axis, except for hinge angles, which are relative.
 """
 
@@ -17,9 +17,9 @@ from ..model import STIFFNESS_FACTOR, TAU_D
 
 NODE = Layout(
     "Node", "",
-    Field("x", (), "m", "position, inertial axes"),
-    Field("y", (), "m", "position, inertial axes"),
-    Field("psi", (), "rad", "section angle; behind a hinge the section turns by psi + delta"),
+    Field("x", (), "m", "x of the vertex, inertial axes"),
+    Field("y", (), "m", "y of the vertex, inertial axes"),
+    Field("psi", (), "rad", "psi: section angle; beyond a hinge the section's angle is psi + delta"),
 )  # fmt: skip
 X, Y, T, AXES = NODE.places
 
@@ -27,15 +27,15 @@ ELEMENT = Layout(
     "Element", "order",
     Field("left", (AXES,), "", "x (m), y (m), psi (rad) of the left vertex"),
     Field("interior", ("order - 1", AXES), "", "amplitudes of the interior functions in x, y (m) and psi (rad)"),
-    Field("right", (AXES,), "", "x (m), y (m), psi (rad) of the right vertex, the next element's left one"),
+    Field("right", (AXES,), "", "x (m), y (m), psi (rad) of the right vertex, which is the next element's left vertex"),
 )  # fmt: skip
 """`ELEMENT`: order of the coordinates of one element in q, v, a and r."""
 
 CHAIN = Layout(
     "Chain", "links, elements, order",
-    Field("elements", ("links", "elements", "order", AXES), "", "an `ELEMENT` each, less its right vertex"),
+    Field("elements", ("links", "elements", "order", AXES), "", "an `ELEMENT` each, without its right vertex"),
     Field("tip", (AXES,), "", "x (m), y (m), psi (rad) of the last vertex"),
-    Field("hinges", ("links - 1",), "rad", "delta: angle of a link's root section less psi of the tip before it"),
+    Field("hinges", ("links - 1",), "rad", "delta: angle of a link's root section minus psi of the preceding tip"),
 )  # fmt: skip
 """`CHAIN`: rows of the coordinates in q, v, a and r, from root to tip."""
 
@@ -47,30 +47,31 @@ SECTION = Layout(
     Field("k1", (), "N/m", "EA / 2l, stretching stiffness"),
     Field("k2", (), "N/m", "C / 2l, shear stiffness"),
     Field("kb", (), "N m", "EI / 2l, bending stiffness"),
-    Field("length", (), "m", "l of an element"),
-    Field("ml", (), "kg", "m l / 2, m the mass per length"),
-    Field("jl", (), "kg m^2", "J l / 2, J the rotary inertia per length"),
+    Field("length", (), "m", "length l of an element"),
+    Field("ml", (), "kg", "m l / 2; m: mass per length"),
+    Field("jl", (), "kg m^2", "J l / 2; J: rotary inertia per length"),
     Field("own", (OWN,), "", "further constants of the material laws (`materials.NORMAL_AND_SHEAR`, `BENDING`)"),
 )  # fmt: skip
 """`SECTION`: constants of each element of a link with one section."""
 VARYING = Layout(
     "Varying", "order",
-    Field("length", (), "m", "l of this element"),
-    Field("stretch", ("order",), "N/m", "EA / 2l at the Gauss points"),
-    Field("shear", ("order",), "N/m", "C / 2l there"),
-    Field("bend", ("order", "order"), "N m", "int EI d_i d_j ds / l^2, bending stiffness; d: slopes (`tables.Tables`)"),
-    Field("mass", ("order + 1", "order + 1"), "kg", "int m f_i f_j ds; f: functions of nodes (`tables.Tables`)"),
-    Field("rotary", ("order + 1", "order + 1"), "kg m^2", "int J f_i f_j ds, rotary inertia"),
-    Field("bending", ("order",), "N m", "EI / 2l at the Gauss points, for a nonlinear law of M"),
+    Field("length", (), "m", "length l of this element"),
+    Field("stretch", ("order",), "N/m", "stretching stiffness EA / 2l at the Gauss points"),
+    Field("shear", ("order",), "N/m", "shear stiffness C / 2l at the Gauss points"),
+    Field("bend", ("order", "order"), "N m", "bending stiffness int EI d_i d_j ds / l^2; d: slopes (`tables.Tables`)"),
+    Field("mass", ("order + 1", "order + 1"), "kg",
+          "int m f_i f_j ds; f: shape functions of the nodes (`tables.Tables`)"),
+    Field("rotary", ("order + 1", "order + 1"), "kg m^2", "int J f_i f_j ds: rotary inertia"),
+    Field("bending", ("order",), "N m", "EI / 2l at the Gauss points; read for a nonlinear law M(kappa)"),
     Field("own", ("order", OWN), "", "further constants of the material laws at the Gauss points"),
 )  # fmt: skip
-"""`VARYING`: constants of one element in an arm whose sections vary; they replace `SECTION`."""
+"""`VARYING`: constants of one element in an arm whose sections vary; used instead of `SECTION`."""
 
 ELBOW = Layout(
     "Elbow", "",
     Field("mass", (), "kg", "mass at the joint"),
-    Field("left", (), "kg m^2", "rotary inertia that turns with the tip before the joint"),
-    Field("right", (), "kg m^2", "rotary inertia that turns with the root behind the joint"),
+    Field("left", (), "kg m^2", "rotary inertia of the part that rotates with the tip before the joint"),
+    Field("right", (), "kg m^2", "rotary inertia of the part that rotates with the root beyond the joint"),
 )  # fmt: skip
 LEVERS = Layout(
     "Levers", "links, loads",
@@ -81,28 +82,29 @@ LEVERS = Layout(
 
 ROWS_OF_LOAD = Layout(
     "RowsOfLoad", "",
-    Field("x", (), "", "row of x of the vertex that the load acts on"),
-    Field("y", (), "", "row of its y"),
-    Field("psi", (), "", "row of its angle psi"),
-    Field("hinge", (), "", "row of the hinge angle delta, if the load acts behind a hinge; -1: none"),
+    Field("x", (), "", "row of coordinate x of the loaded vertex"),
+    Field("y", (), "", "row of coordinate y of the loaded vertex"),
+    Field("psi", (), "", "row of the angle psi of the loaded vertex"),
+    Field("hinge", (), "", "row of the hinge angle delta if the load acts beyond a hinge; otherwise -1"),
 ).places  # fmt: skip
 """`ROWS_OF_LOAD`: the rows of CHAIN on which a point load acts."""
 
 # S: blocks by x, y (inertial axes) and psi; symmetric ones hold six numbers
 
 SYMMETRIC = Layout("Symmetric", "", *(Field(name, (), "", "") for name in ("xx", "xy", "xt", "yy", "yt", "tt")))
-"""A symmetric 3x3 matrix on (x, y, psi), with t for psi. After factoring, L D L^T: 1 / D on the diagonal, and L."""
+"""A symmetric 3x3 matrix on (x, y, psi), with t for psi. Factoring replaces it by L D L^T: 1 / D on the diagonal, and
+L."""
 XX, XY, XT, YY, YT, TT, SIX = SYMMETRIC.places
 
 CONDENSED = Layout(
     "Condensed", "",
-    Field("ll", (SIX,), "", "block of the left vertex, a `SYMMETRIC`"),
-    Field("lr_x", (AXES,), "", "row x of the block left by right vertex; factored: LR L^-T D^-1"),
-    Field("lr_y", (AXES,), "", "row y of that block"),
-    Field("lr_t", (AXES,), "", "row psi of that block"),
-    Field("rr", (SIX,), "", "block of the right vertex; factored: L D L^T with all elements behind it"),
+    Field("ll", (SIX,), "", "block of the left vertex: a `SYMMETRIC`"),
+    Field("lr_x", (AXES,), "", "row x of the block (left vertex, right vertex); after factoring LR L^-T D^-1"),
+    Field("lr_y", (AXES,), "", "row y of the block (left vertex, right vertex)"),
+    Field("lr_t", (AXES,), "", "row psi of the block (left vertex, right vertex)"),
+    Field("rr", (SIX,), "", "block of the right vertex; after factoring L D L^T, with all elements beyond"),
 )  # fmt: skip
-"""`CONDENSED`: an element's Newton matrix after its interior coordinates are condensed to its two vertices."""
+"""`CONDENSED`: an element's Newton matrix after elimination of its interior coordinates; only the vertices remain."""
 LL, LR_X, LR_Y, LR_T, RR, _ = CONDENSED.places
 
 CIRCLE = Layout("Circle", "", Field("sine", (), "", "of psi"), Field("cosine", (), "", "of psi"))
@@ -120,16 +122,16 @@ ELEMENT_FACTORS = Layout(
 )  # fmt: skip
 HINGE = Layout(
     "Hinge", "",
-    Field("pinned", (), "", "1: the hinge angle delta does not move, 0: it is free"),
+    Field("pinned", (), "", "1: the hinge angle delta is fixed; 0: it is free"),
     Field("x", (), "", "coupling of psi + delta with x, over the pivot"),
     Field("y", (), "", "coupling of psi + delta with y, over the pivot"),
     Field("inverse", (), "", "1 / pivot of psi + delta"),
-    Field("own", (), "", "joint stiffness that a jointed arm adds to delta; factored: over the pivot"),
+    Field("own", (), "", "joint stiffness of a jointed arm on delta; after factoring divided by the pivot"),
 )  # fmt: skip
 FACTORS = Layout(
     "Factors", "links, elements, order",
-    Field("pinned", (AXES,), "", "1: x, y or psi of the root does not move, 0: it is free"),
-    Field("root", (SIX,), "", "factored `SYMMETRIC` of the root vertex"),
+    Field("pinned", (AXES,), "", "1: x, y or psi of the root is fixed; 0: it is free"),
+    Field("root", (SIX,), "", "`SYMMETRIC` matrix of the root vertex, after factoring"),
     Field("hinges", ("links - 1", HINGE.length), "", "a `HINGE` each"),
     Field("elements", ("links", "elements", ELEMENT_FACTORS.length), "", "an `ELEMENT_FACTORS` each"),
 )  # fmt: skip
@@ -138,13 +140,15 @@ FACTORS = Layout(
 OF_HINGE = HINGE.places
 LEVER_FACTORS = Layout(
     "LeverFactors", "",
-    Field("x", (), "m", "derivative of the far point's x by the lever's angle, -e_y"),
-    Field("y", (), "m", "derivative of the far point's y by the lever's angle, e_x"),
-    Field("far", (), "", "mass at the far point times the matrix's weight of M"),
-    Field("mass", (), "", "the lever's own mass times that weight"),
-    Field("turn", (), "", "entry of its angle: weighted inertia about its middle, less geometric stiffness"),
+    Field("x", (), "m", "-e_y: derivative of the far point's x by the lever's angle; e: lever vector"),
+    Field("y", (), "m", "e_x: derivative of the far point's y by the lever's angle"),
+    Field("far", (), "", "mass at the far point times the weight of M in the Newton matrix"),
+    Field("mass", (), "", "mass of the lever itself times the weight of M in the Newton matrix"),
+    Field("turn", (), "",
+          "diagonal entry of the lever's angle: weighted inertia about its middle, minus geometric stiffness"),
 )  # fmt: skip
-"""Terms of a lever in the Newton matrix: behind `FACTORS`, for each link's root and tip, then an eccentric payload."""
+"""Terms of a lever in the Newton matrix. They follow `FACTORS`, for each link's root and tip, then for a payload's
+lever."""
 
 # offsets as constants, so that the compiler folds them into addresses
 
@@ -165,7 +169,7 @@ def lever_at(k, end):
 
 @kernel
 def rows_of(model):
-    """Return the first row of each field of CHAIN: elements, tip vertex, hinges."""
+    """Return the first row of each field of CHAIN: elements, tip vertex, hinge angles."""
     return _chain_at(0, model.links, model.elements, len(model.order))
 
 
@@ -196,12 +200,12 @@ def factors_of(model):
 class Section(NamedTuple):
     """Constants of the elements of a link with one section, as in `SECTION`, and its damping."""
 
-    k1: float  # N/m, EA / 2l
-    k2: float  # N/m, C / 2l
-    kb: Any  # N m, EI / 2l times the arm's own factor on EI
-    length: float  # m, l of an element
-    ml: float  # kg, m l / 2
-    jl: float  # kg m^2, J l / 2
+    k1: float  # N/m, EA / 2l: stretching stiffness
+    k2: float  # N/m, C / 2l: shear stiffness
+    kb: Any  # N m, EI / 2l times the arm's own factor on EI: bending stiffness
+    length: float  # m, length l of an element
+    ml: float  # kg, m l / 2 with the mass per length m
+    jl: float  # kg m^2, J l / 2 with the rotary inertia per length J
     own: Any  # further constants of the material laws
     tau: Any  # s, the link's Kelvin-Voigt time constant tau_d; None without damping
 
@@ -209,10 +213,10 @@ class Section(NamedTuple):
 class Varying(NamedTuple):
     """Constants of one element whose sections vary, and its damping."""
 
-    numbers: Any  # array that begins with its `VARYING`
+    numbers: Any  # array that begins with the element's `VARYING`
     factor: Any  # the arm's own factor on EI
     tau: Any  # s, the link's Kelvin-Voigt time constant tau_d; None without damping
-    rest: Any  # rad, (right - left, interior ...) of psi without stress (`ExactBeam.rest`); None: straight
+    rest: Any  # rad, stress-free (right - left, interior ...) of psi (`ExactBeam.rest`); None: straight
 
 
 @kernel
@@ -257,14 +261,14 @@ def next_section(model, section):
 class ElbowInertia(NamedTuple):
     """Inertia of an elbow, as in `ELBOW`."""
 
-    mass: float  # kg, at the joint
-    left: float  # kg m^2, turns with the tip before the joint
-    right: float  # kg m^2, turns with the root behind the joint
+    mass: float  # kg, mass at the joint
+    left: float  # kg m^2, rotary inertia that rotates with the tip before the joint
+    right: float  # kg m^2, rotary inertia that rotates with the root beyond the joint
 
 
 @kernel
 def elbow_of(model, k):
-    """Return the `ElbowInertia` of the joint before link k, k = 1 ... links - 1."""
+    """Return the `ElbowInertia` of the joint at the root of link k, k = 1 ... links - 1."""
     at, of = _OF_ELBOW.end * (k - 1), model.elbows
     return ElbowInertia(of[at + _OF_ELBOW.mass], of[at + _OF_ELBOW.left], of[at + _OF_ELBOW.right])
 
@@ -272,7 +276,7 @@ def elbow_of(model, k):
 class Vertex(NamedTuple):
     """State of a vertex between two elements; each field has components x, y (inertial axes) and psi."""
 
-    place: tuple[Any, Any, Any]  # m, m, rad
-    rate: tuple[Any, Any, Any]  # m/s, m/s, rad/s; read by a damped model alone
-    acceleration: tuple[Any, Any, Any]  # m/s^2, m/s^2, rad/s^2; less gravity
-    force: tuple[Any, Any, Any]  # N, N, N m: rows of the residual summed so far
+    place: tuple[Any, Any, Any]  # m, m, rad: position and section angle
+    rate: tuple[Any, Any, Any]  # m/s, m/s, rad/s: rates, which only a damped model reads
+    acceleration: tuple[Any, Any, Any]  # m/s^2, m/s^2, rad/s^2: acceleration minus gravity
+    force: tuple[Any, Any, Any]  # N, N, N m: residual rows, the sum so far

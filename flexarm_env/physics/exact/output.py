@@ -34,11 +34,11 @@ from .tables import interior
 
 @kernel
 def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
-    """Write the displacement conjugate to each input to y: joint angles (rad), then x, y, angle of each load point.
+    """Write to y the displacements on which inputs do work: joint angles (rad), then x, y, angle of each load point.
 
-    Positions (m) are along inertial axes. The angle of joint 0 is psi of the root vertex; other joint angles are the
-    hinge angles delta. A load at the end of a lever moves with the lever. The angle at a load behind a hinge is psi +
-    delta. par and since are not used, because angles in the plane add up.
+    Positions (m) are in inertial axes. The angle of joint 0 is psi of the root vertex. The other joint angles are the
+    hinge angles delta. A load at the end of a lever moves with the lever. If a load acts beyond a hinge, its angle is
+    psi + delta. par and since are not used, because angles in the plane add up.
     """
     rows, links = rows_of(model), model.links
     y[0] = q[T]
@@ -103,7 +103,7 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
 
 @kernel
 def damping_power(lane, model, par: Lanes, q: Lanes, v: Lanes, x: Lanes):
-    """Return x^T C(q) v, W: the power at rates x of the Kelvin-Voigt damping forces at rates v; 0 without damping.
+    """Return x^T C(q) v, W: the power of the Kelvin-Voigt damping forces C v at the rates x; 0 without damping.
 
     See theory, (5.1).
     """
@@ -129,10 +129,10 @@ def damping_power(lane, model, par: Lanes, q: Lanes, v: Lanes, x: Lanes):
 
 @kernel
 def link_poses(lane, model, par, q: Lanes, v: Lanes, out, tasks=None):
-    """Write `layout.POSES` of each link to out: x, y (m), angle (rad) and their rates at its root, then at its tip.
+    """Write `layout.POSES` of each link to out: x, y (m), angle (rad) and their rates at the root, then at the tip.
 
-    Vectors are in inertial axes. Root and tip are at the joints, beyond rigid ends; the angles are those of the beam's
-    end sections. q, v: coordinates and their rates. par and tasks are not used.
+    Vectors are in inertial axes. Root and tip are the joints, so that rigid ends lie between them. The angles are those
+    of the beam's end sections. q, v: coordinates and their rates. par and tasks are not used.
     """
     for k in range(model.links + 1):
         # r, psi and their rates at joint k (inertial axes): the root of link k and the tip of link k - 1
@@ -148,7 +148,7 @@ def link_poses(lane, model, par, q: Lanes, v: Lanes, out, tasks=None):
 
 
 STATIONS = np.zeros((4, 4, 2))
-"""STATIONS[p, j, k]: value of interior function k at station j of an element of order p, which has p equal steps."""
+"""STATIONS[p, j, k] is the value of interior function k at station j; an element of order p has p equal steps."""
 for _order in range(2, 4):
     STATIONS[_order, :_order, : _order - 1] = interior(_order, np.arange(_order) * 2.0 / _order - 1.0).T
 
@@ -156,9 +156,8 @@ for _order in range(2, 4):
 @kernel
 def centerline(model, q, points):
     """Write positions along the chain (m, inertial axes) to points, p per element; return the number of positions.
-
-    The kernel has one lane. p: polynomial order; q: coordinates. Writing stops when `points` (n, 2) is full. The first
-    point of a link is its joint, the last one the arm's tip.
+The kernel has one lane. q: coordinates. p is the polynomial order. Writing stops when `points` (n, 2) is full. The
+first point of a link is its joint; the last point of all is the arm's tip.
     """
     p, rows = len(model.order), rows_of(model)
     at = element_at(0, p)
@@ -189,11 +188,11 @@ def centerline(model, q, points):
 
 @kernel
 def restore_strains(lane, model, start: Lanes, q: Lanes):
-    """Replace the predicted positions in q (m): compute them from q's root and angles and from the strains in `start`.
+    """Replace the predicted positions in q (m): compute them from q's root, q's angles and the strains of `start`.
 
-    start: coordinates at the beginning of the step. If nodes moved straight along their velocities, they would stretch
-    the chain by half the square of its rotation. In a stiff arm the resulting forces would spoil the first Newton
-    iterations.
+    start contains the coordinates at the beginning of the step. Nodes that moved straight along their velocities would
+    stretch the chain by half the square of its rotation. In a stiff arm the resulting forces would spoil the first
+    Newton iterations.
     """
     i = rows_of(model).elements
     x, y, _ = load_vector(lane, q, i)
@@ -209,10 +208,10 @@ def restore_strains(lane, model, start: Lanes, q: Lanes):
 
 @kernel
 def correct_positions(lane, model, par, w, active, slopes, predicted):
-    """Replace the predicted positions in w.q (m): compute them from the strains at the step's start, w.q0.
+    """Replace the predicted positions in w.q (m): compute them from the strains of w.q0, the start of the step.
 
-    w.v, w.a and w.b change by `slopes` (`NewmarkSlopes`) times the change of position. predicted: a tag after a
-    prediction. With None, after a Newton increment, nothing is changed. active is not used.
+    w.v, w.a and w.b change by `slopes` (`NewmarkSlopes`) times the change of position. predicted: a compile-time tag
+    after a prediction, None after a Newton increment. If it is None nothing changes. active is not used.
 
     # scratch   w.r
     """

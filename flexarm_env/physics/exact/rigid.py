@@ -1,14 +1,15 @@
 """Rigid ends of links: levers between a chain's rows and its beams (docs: theory, "Links that vary, and rigid ends").
 
-The rows of a vertex are those of a beam's tip, or of the joint at the chain's root. If links have rigid ends, the next
-beam begins beyond the lever of the preceding tip (length b along psi), the hinge, and the lever of the beam's own root
-(length c along psi + delta). The near point of a lever is the lever's end closer to the arm's root. A force at a
-lever's far point acts on the near point with a moment. The mass of a lever is at the lever's middle. The matrix
-neglects the lever's rotation during its acceleration (terms in h omega, times the lever's share of the inertia). A
-payload with its center of mass off the tip is at the far point of an additional lever at the tip.
+The rows of a vertex describe a beam's tip, or the joint at the chain's root. If links have rigid ends, three parts lie
+between a tip and the next beam: the rigid end of the tip (length b along psi), the hinge, and the rigid root of the
+next beam (length c along psi + delta). Each rigid end is a lever. The near point of a lever is its end closer to the
+arm's root, the far point the other end. A force at the far point acts on the near point with an additional moment. The
+mass of a lever is at the lever's middle. The matrix neglects the lever's rotation during its acceleration (terms in h
+omega, times the lever's part of the inertia). A payload with an eccentric center of mass is at the far point of an
+additional lever at the tip.
 
 Vectors are in inertial axes (m, m/s, m/s^2, N); moments (N m) and angles (rad) are counter-clockwise. `end`: ROOT_END
-(joint to beam start) or TIP_END (beam end to next joint). Where `model.rigid` is None there are no levers.
+(from joint to beam start) or TIP_END (from beam end to next joint). If `model.rigid` is None, there are no levers.
 """
 
 from ...compiler import Lanes, kernel, sincos
@@ -24,7 +25,7 @@ ROOT_END, TIP_END = range(2)
 
 @kernel
 def lever_vector(lane, model, k, end, angle):
-    """Return the lever vector (m, inertial axes) of link k's rigid end, from near to far point; angle: the beam's psi.
+    """Return the lever vector (m, inertial axes) of a rigid end of link k, from near to far point; angle: beam's psi.
 
     end: ROOT_END (joint to beam start) or TIP_END (beam end to next joint). The near point is closer to the arm's root.
     """
@@ -42,7 +43,7 @@ def payload_lever_vector(lane, model, angle):
 
 @kernel
 def _factors_at(model, k, end):
-    """Return the offset in S of the `LEVER_FACTORS` of an end of link k; k = links, ROOT_END: the payload's lever."""
+    """Return the offset in S of the `LEVER_FACTORS` of an end of link k; with k = links of the payload's lever."""
     return factors_of(model).end + OF_FACTORS.end * (2 * k + end)
 
 
@@ -50,9 +51,9 @@ def _factors_at(model, k, end):
 def _store_lever_factors(lane, S, at, lever, far, mass, turn):
     """Write a lever's terms of the Newton matrix, the `LEVER_FACTORS`, to S from offset `at` on.
 
-    lever: (e_x, e_y), m, inertial axes; (-e_y, e_x) is the far point's derivative by the lever's angle. far, mass:
-    masses at the far point and of the lever itself, kg times the matrix's weight of M. turn: diagonal entry of the
-    lever's angle: weighted inertia less geometric stiffness.
+    lever: vector (e_x, e_y), m, inertial axes. The derivative of the far point by the lever's angle is (-e_y, e_x).
+    far: mass at the far point. mass: mass of the lever itself. Both are in kg times the weight of M in the matrix.
+    turn: diagonal entry of the lever's angle, i.e. weighted inertia minus geometric stiffness.
     """
     ex, ey = lever
     store_pair(lane, S, at + OF_FACTORS.x, (-ey, ex))
@@ -63,8 +64,8 @@ def _store_lever_factors(lane, S, at, lever, far, mass, turn):
 def payload_place(lane, model, psi, spin, x, y, vx, vy):
     """Return (x, y, vx, vy; inertial axes) of the payload's center of mass, given x, y, vx, vy of the tip.
 
-    Units m, m/s. psi, spin: angle (rad) and rate (rad/s) of the tip section. For a payload at the tip the tip's values
-    are returned.
+    Units are m and m/s. psi, spin: angle (rad) and rate (rad/s) of the tip section. If the payload is at the tip, the
+    function returns the arguments of the tip.
     """
     if model.eccentric is None:
         return x, y, vx, vy
@@ -75,9 +76,9 @@ def payload_place(lane, model, psi, spin, x, y, vx, vy):
 def _payload_force(lane, model, psi, motion, mass, weights, S):
     """Return the payload's inertia force at the tip and its moment about the tip: (fx, fy, moment, mass).
 
-    N (inertial axes), N m, kg. psi: angle of the tip section. motion: its rate, second rate and the acceleration (x, y;
-    less gravity) of the tip. mass: the payload's mass, kg. The returned mass is the matrix's mass at the tip, 0 if the
-    payload has a lever of its own; the lever's factors are then written to S with weights.with_matrix.
+    Units are N (inertial axes), N m, kg. psi: angle of the tip section. motion: rate and second rate of psi, then the
+    tip's acceleration (x, y) minus gravity. mass: mass of the payload, kg. The returned mass is the mass at the tip in
+    the matrix. It is 0 if the payload has a lever; the lever's factors are then written to S with weights.with_matrix.
     """
     rate, second, ax, ay = motion
     if model.eccentric is None:
@@ -97,8 +98,8 @@ def _payload_force(lane, model, psi, motion, mass, weights, S):
 def lever_end_velocity(lane, lever, rate, x, y, vx, vy):
     """Return position (m) and velocity (m/s) of a lever's far point, (x, y, vx, vy), inertial axes.
 
-    lever: vector from near to far point, m; rate: rate of the lever's angle, rad/s; x, y, vx, vy: motion of the near
-    point.
+    lever: vector from near to far point, m. rate: rate of the lever's angle, rad/s. x, y, vx, vy: position and velocity
+    of the near point.
     """
     ax, ay = lever
     return x + ax, y + ay, vx - rate * ay, vy + rate * ax
@@ -106,10 +107,11 @@ def lever_end_velocity(lane, lever, rate, x, y, vx, vy):
 
 @kernel
 def _lever_acceleration(lever, rate, second, ax, ay, share):
-    """Return the acceleration (x, y; m/s^2) of a point on a lever e, a + share (second e' - rate^2 e).
+    """Return the acceleration (x, y; m/s^2) of a point on a lever e: a + share (second e' - rate^2 e).
 
-    e' = (-e_y, e_x); a = (ax, ay): acceleration of the near point; share: 0 there, 1/2 in the middle, 1 at the far
-    point; rate, second: first and second rate of the lever's angle, rad/s and rad/s^2. Vectors are in inertial axes.
+    e' is the vector (-e_y, e_x), a = (ax, ay) the acceleration of the near point. share is 0 at the near point, 1/2 in
+    the middle, 1 at the far point. rate, second: first and second rate of the lever's angle, rad/s and rad/s^2. Vectors
+    are in inertial axes.
     """
     ex, ey = lever
     square = rate * rate
@@ -118,12 +120,12 @@ def _lever_acceleration(lever, rate, second, ax, ay, share):
 
 @kernel
 def beam_start(lane, model, state: State, k, tip, i):
-    """Return the `Vertex` where the beam of link k begins, behind levers and hinge, from the vertex `tip` at row i.
+    """Return the `Vertex` at which the beam of link k begins, beyond levers and hinge; tip: vertex before, row i.
 
-    For k = 0 `tip` is the joint at the chain's root. The field `force` of the new vertex is 0. The new vertex's moment
-    is the hub's inertia torque less the hub torque (k = 0), or the elbow's inertia torque behind the hinge.
-    `beam_start_rows` later transmits the beam's force back. state: q, v, a of the arm. See theory, section 5, "Rigid
-    ends".
+    For k = 0 `tip` is the joint at the chain's root. The force components of the new vertex are 0. Its moment is the
+    hub's inertia torque minus the hub torque (k = 0), or the inertia torque of the elbow part beyond the hinge.
+    `beam_start_rows` later transmits the beam's force to `tip`. state: q, v, a of the arm. See theory, section 5,
+    "Rigid ends".
     """
     (x, y, psi), (vx, vy, turning), (ax, ay, alpha), (_, _, moment) = tip.place, tip.rate, tip.acceleration, tip.force
     # omega is for centripetal terms, `turning` for strain rates, which a damped model alone reads
@@ -147,12 +149,12 @@ def beam_start(lane, model, state: State, k, tip, i):
 
 @kernel
 def _through(lane, model, k, end, lever, motion, force, moment, far, weights, S):
-    """Return force and moment (fx, fy, moment) at a lever's near point, given force and moment at its far point.
+    """Return (fx, fy, moment) at a lever's near point, given the force and moment at the lever's far point.
 
-    The lever's own inertia is included. k, end: the lever is at this end of link k. lever: vector e, m, inertial axes.
-    motion: rate, second rate of its angle, acceleration (x, y; less gravity) of the near point. force (N), moment (N
-    m): at the far point. far: mass at the far point, kg, for the matrix alone. With weights.with_matrix the lever's
-    factors are written to S. See theory, section 5, "Rigid ends".
+    The lever's own inertia is included. k, end: link and end of the lever. lever: vector e, m, inertial axes. motion:
+    rate and second rate of the lever's angle, then acceleration (x, y) of the near point minus gravity. force (N),
+    moment (N m): at the far point. far: mass at the far point, kg, used only in the matrix. With weights.with_matrix
+    the lever's factors are written to S. See theory, section 5, "Rigid ends".
     """
     rate, second, ax, ay = motion
     ex, ey = lever
@@ -176,8 +178,8 @@ def beam_start_rows(lane, model, state: State, u: Lanes, k, tip, i, r: Lanes, we
     """Write the residual rows of the vertex before link k (row i) and of its hinge, with rigid ends (theory, 5).
 
     On entry r[i : i + 3] is the force (N, inertial axes) and moment (N m) on the start of link k's beam. On return
-    these rows refer to the vertex `tip`, the near point of the tip lever before the hinge (k = 0: of the root lever).
-    The hinge's row is the moment less the joint torque u[k]. state: q, v, a of the arm. With weights.with_matrix the
+    these rows are those of the vertex `tip`: the near point of the preceding tip lever, or of the root lever for k = 0.
+    The hinge's row is the moment minus the joint torque u[k]. state: q, v, a of the arm. With weights.with_matrix the
     levers' factors are written to S.
     """
     _, _, psi = tip.place
@@ -209,10 +211,10 @@ def beam_start_rows(lane, model, state: State, u: Lanes, k, tip, i, r: Lanes, we
 
 @kernel
 def last_vertex_force(lane, model, par: Lanes, state: State, tip, i, weights, S):
-    """Return the force (N, inertial axes) and moment (N m) on the arm's last vertex, which is at row i.
+    """Return the force (N, inertial axes) and moment (N m) on the arm's last vertex, whose first row is i.
 
-    The beam (force in `tip`), the payload's mass and the tip lever that carries the payload contribute. The caller adds
-    the moment of the payload's rotary inertia.
+    The result is the sum of the force of the beam (field of `tip`), of the payload's mass, and of the tip lever that
+    carries the payload. The caller adds the moment of the payload's rotary inertia.
     """
     (fx, fy, moment), (ax, ay, alpha) = tip.force, tip.acceleration
     omega, mass, k = state.v[i + T], par[PAYLOAD_MASS], model.links - 1
@@ -233,10 +235,10 @@ def last_vertex_force(lane, model, par: Lanes, state: State, tip, i, weights, S)
 def condense_to_near_point(lane, model, S, k, end, tail):
     """Return the symmetric 3x3 matrix on (x, y, psi) of a lever's near point, given the far point's matrix `tail`.
 
-    Matrices are tuples (xx, xy, xt, yy, yt, tt), t for psi. The lever is at the `end` of link k; its `LEVER_FACTORS`
-    are in S. With n = (-e_y, e_x) the far point moves by dx + n dpsi, a map T, and the lever's middle by dx + n/2 dpsi:
-    T^T (tail + far mass) T + the lever's own mass + `turn` on psi. Without levers `tail` is returned. See theory,
-    section 5, "Rigid ends".
+    Matrices are tuples (xx, xy, xt, yy, yt, tt), with t for psi. k, end: link and end of the lever; its `LEVER_FACTORS`
+    are in S. With n = (-e_y, e_x), the far point moves by dx + n dpsi (a linear map T), the lever's middle by dx + n/2
+    dpsi. The result is T^T (tail + far mass) T, plus the lever's own mass and `turn` on psi. Without levers the
+    function returns `tail`. See theory, section 5, "Rigid ends".
     """
     if model.rigid is None:
         return tail
@@ -257,7 +259,7 @@ def condense_to_near_point(lane, model, S, k, end, tail):
 def condense_payload(lane, model, S, tail):
     """Return the symmetric 3x3 matrix on (x, y, psi) of the tip, given the matrix `tail` of the payload's center.
 
-    S holds the `LEVER_FACTORS` of the payload's lever. For a payload at the tip `tail` is returned.
+    S contains the `LEVER_FACTORS` of the payload's lever. If the payload is at the tip, the function returns `tail`.
     """
     if model.eccentric is None:
         return tail
@@ -266,10 +268,10 @@ def condense_payload(lane, model, S, tail):
 
 @kernel
 def moment_about(lane, model, S, k, end, x, y):
-    """Return the moment n . (x, y), N m, about a lever's near point of the force (x, y) at its far point.
+    """Return the moment n . (x, y), N m, about a lever's near point, of the force (x, y) at the lever's far point.
 
-    Force in N, inertial axes. S holds n = (-e_y, e_x) of the lever e at the `end` of link k. The moment is 0 without
-    levers.
+    The force is in N, inertial axes. S contains n = (-e_y, e_x) of the lever e at this end of link k. Without levers
+    the moment is 0.
     """
     if model.rigid is None:
         return 0.0
@@ -281,8 +283,9 @@ def moment_about(lane, model, S, k, end, x, y):
 def far_point_increment(lane, model, S, k, end, x, y, turn):
     """Return the increment (x, y), m, of a lever's far point, given the increments of its near point and angle.
 
-    (x, y), turn: increments of the near point (m, inertial axes) and the angle (rad). The result is (x, y) + n turn; S
-    holds n = (-e_y, e_x) of the lever e at the `end` of link k. Without levers (x, y) is returned.
+    x, y: increment of the near point (m, inertial axes). turn: increment of the lever's angle (rad). The result is (x,
+    y) + n turn. S contains n = (-e_y, e_x) of the lever e at this end of link k. Without levers the function returns
+    (x, y).
     """
     if model.rigid is None:
         return x, y
@@ -294,10 +297,10 @@ def far_point_increment(lane, model, S, k, end, x, y, turn):
 def about_root(lane, model, S, k, x: Lanes, i, tx, ty, taken, tt):
     """Transfer the elimination's result from the start of link k's beam to the joint before it; return (taken, tt).
 
-    In `solve`, rows i, i + 1 of x hold the original right side of rows x, y; (tx, ty) is their right side after
-    elimination. The difference is a force at the far point of the root lever. The moment of this force about the joint
-    is added to `taken` and subtracted from `tt`. taken: amount that elimination has subtracted from the row of psi. tt:
-    remaining right side of that row. S: factors. Without levers (taken, tt) is returned unchanged.
+    In `solve`, rows i and i + 1 of x contain the original right side of rows x and y; (tx, ty) is their right side
+    after elimination. The difference is a force at the far point of the root lever. Its moment about the joint is added
+    to `taken` and subtracted from `tt`. taken: amount that elimination has subtracted from the row of psi. tt:
+    remaining right side of the row of psi. S: factors. Without levers (taken, tt) is returned unchanged.
     """
     if model.rigid is None:
         return taken, tt
@@ -307,11 +310,11 @@ def about_root(lane, model, S, k, x: Lanes, i, tx, ty, taken, tt):
 
 @kernel
 def about_tip(lane, model, S, k, x: Lanes, i, tx, ty, tt):
-    """Return tt, the remaining right side of psi (row i + 2), less the moment of the force that elimination subtracted.
+    """Return tt minus the moment of the force that elimination subtracted; tt: remaining right side of psi (row i + 2).
 
-    In `solve`, rows i, i + 1 of x hold the original right side of rows x, y; (tx, ty) is their right side after
-    elimination. The difference is a force at the far point of link k's tip lever. S: factors. Without levers tt is
-    returned unchanged.
+    In `solve`, rows i and i + 1 of x contain the original right side of rows x and y; (tx, ty) is their right side
+    after elimination. The difference is a force at the far point of link k's tip lever. S: factors. Without levers tt
+    is returned unchanged.
     """
     if model.rigid is None:
         return tt
@@ -323,7 +326,7 @@ def about_tip(lane, model, S, k, x: Lanes, i, tx, ty, tt):
 
 @kernel
 def vertex_motion(lane, q, v, i):
-    """Return position (m) and velocity (m/s) of the vertex at row i: (x, y, vx, vy), inertial axes."""
+    """Return position (m) and velocity (m/s) of the vertex whose first row is i: (x, y, vx, vy), inertial axes."""
     (x, y), (vx, vy) = load_pair(lane, q, i), load_pair(lane, v, i)
     return x, y, vx, vy
 
@@ -340,9 +343,9 @@ def joint_motion(lane, model, q: Lanes, v: Lanes, k):
 
 @kernel
 def beam_start_motion(lane, model, q, v, k):
-    """Return (x, y, vx, vy), m and m/s, inertial axes, of the start of link k's beam; None without rigid ends.
+    """Return (x, y, vx, vy) of the start of link k's beam (m and m/s, inertial axes); None without rigid ends.
 
-    q: coordinates (m, rad); v: their rates. Without rigid ends the vertex's rows of q and v hold the start's motion.
+    q: coordinates (m, rad). v: rates of q. Without rigid ends the start is the vertex, whose rows are in q and v.
     """
     if model.rigid is None:
         return None
@@ -353,10 +356,10 @@ def beam_start_motion(lane, model, q, v, k):
 
 @kernel
 def next_vertex_motion(lane, model, q, v, i):
-    """Return (x, y, vx, vy) of the vertex at row i, where an element begins; None without rigid ends.
+    """Return (x, y, vx, vy) of the vertex at row i, the left vertex of an element; None without rigid ends.
 
-    Units are m and m/s, in inertial axes. The function serves all elements of a link but the first, whose start is
-    `beam_start_motion`. Without rigid ends q and v hold the vertex's motion.
+    Units are m and m/s, in inertial axes. The function serves all elements of a link except the first; use
+    `beam_start_motion` for the first. Without rigid ends, read the vertex's motion from q and v.
     """
     if model.rigid is None:
         return None

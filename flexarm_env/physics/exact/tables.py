@@ -1,8 +1,8 @@
 """Shape functions of a geometrically exact element on [-1, 1], their values at Gauss points, and their traced sums.
 
-The function `tables` and the functions that it calls use NumPy. `Sums` and the functions after it take run-time values,
-in traced functions. Nodes of an element of order p: left vertex, right vertex, p - 1 interior functions, which vanish
-at both ends.
+The function `tables` and the functions that it calls use NumPy. `Sums` and the functions after it run in traced
+functions and take run-time values. The nodes of an element of order p are left vertex, right vertex, and p - 1 interior
+functions that vanish at both ends.
 """
 
 from dataclasses import dataclass
@@ -23,18 +23,17 @@ class Tables:
     l.
     """
 
-    weights: np.ndarray  # (p,), of the Gauss points, sum 2
-    value: np.ndarray  # (p + 1, p), functions (left, right, interior ...) at the Gauss points
+    weights: np.ndarray  # (p,), weights of the Gauss points; their sum is 2
+    value: np.ndarray  # (p + 1, p), shape functions (left, right, interior ...) at the Gauss points
     slope: np.ndarray  # (p, p), twice the derivatives of (right - left, interior ...) at the Gauss points
     mass: np.ndarray  # (p + 1, p + 1), integrals of products of the functions over [-1, 1]
-    norm: np.ndarray  # (p,), sum of w slope^2
+    norm: np.ndarray  # (p,), sums of w slope^2 over the Gauss points
 
 
 def _scaled(order: int, evaluate: Any) -> list[np.ndarray]:
-    """Return evaluate(f, scale) for each interior function's slope.
+    """Return evaluate(f, scale) for each interior function, where f is the function's slope as an unscaled series.
 
-    f is the slope's Legendre series before scaling. scale is the value of f of largest magnitude at the `order` Gauss
-    points.
+    The slope f is a Legendre series. scale is the value of f with the largest magnitude at the `order` Gauss points.
     """
     points = legendre.leggauss(order)[0]
     found = []
@@ -46,7 +45,7 @@ def _scaled(order: int, evaluate: Any) -> list[np.ndarray]:
 
 
 def interior(order: int, x: np.ndarray) -> np.ndarray:
-    """Return the interior functions at points x of [-1, 1], shape (order - 1, len(x)): integrals of scaled P_k."""
+    """Return the interior functions at points x of [-1, 1], (order - 1, len(x)): integrals of scaled Legendre P_k."""
     x = np.asarray(x, dtype=np.float64)
     rows = _scaled(order, lambda f, scale: 0.5 * legendre.legval(x, legendre.legint(f / scale, lbnd=-1.0)))
     return np.array(rows).reshape(order - 1, np.size(x))
@@ -80,7 +79,7 @@ def _tidy(values: np.ndarray) -> np.ndarray:
 
 
 class Sums:
-    """Emit sums of traced values with constant coefficients; a multiple of an earlier sum reuses that sum."""
+    """Emit sums of traced values with constant coefficients. A multiple of an earlier sum is computed from that sum."""
 
     def __init__(self) -> None:
         self.known: dict[Any, Any] = {}
@@ -105,7 +104,7 @@ class Sums:
 
 
 def _near_one(ratio: float) -> float:
-    """Round a ratio within 1e-14 of 1 or -1 to 1 or -1."""
+    """Return 1 or -1 if the ratio is within 1e-14 of it; otherwise return the ratio."""
     return round(ratio) if abs(abs(ratio) - 1.0) < 1e-14 else ratio
 
 
@@ -118,14 +117,14 @@ def times(value: Any, factor: float) -> Any:
 def slopes(sums: Sums, t: Tables, nodes: list[Any]) -> tuple[Any, list[Any]]:
     """Return a coordinate's right minus left value, and l times its derivative along the element at Gauss points.
 
-    nodes: left, right, interior values of the coordinate; t: the element's tables.
+    nodes: left, right, interior values of the coordinate. t: `Tables` of the element.
     """
     span = nodes[1] - nodes[0]
     return span, [sums(column, [span, *nodes[2:]]) for column in t.slope.T]
 
 
 def values_at(sums: Sums, t: Tables, nodes: list[Any], span: Any) -> list[Any]:
-    """Return a coordinate's values at the Gauss points; nodes: left, right, interior; span: right less left."""
+    """Return a coordinate's values at the Gauss points; nodes: left, right, interior values; span: right minus left."""
     # even and odd functions apart: Gauss points come in pairs, which share both sums
     middle = (nodes[0] + nodes[1]) * 0.5
     values = []

@@ -25,10 +25,11 @@ from .rotations import Vector, add_vector, cross, dot, load_vector
 
 @kernel
 def multiply(lane, model, S, x, y):
-    """Add the product of the assembled Newton matrix in S with x to y (`protocol.multiply`; theory, 9).
+    """Add the product K x to y, where K is the assembled Newton matrix in S (`protocol.multiply`; theory, 9).
 
-    x: position increments (m, inertial axes), rotation increments (rad, body axes), joint angles (rad); y: forces (N),
-    moments and joint torques (N m). Inner modes in S have been condensed by `assemble`.
+    The vector x contains position increments (m, inertial axes), rotation increments (rad, body axes) and joint angles
+    (rad). The vector y contains forces (N), moments and joint torques (N m). `assemble` has already condensed the inner
+    modes in S.
     """
     # from the base outward: (a, b), motion of each link's root (inertial, body axes); then each element's block times
     # it
@@ -96,14 +97,14 @@ def multiply(lane, model, S, x, y):
 
 @kernel
 def _add_both(lane, y, i, a, b):
-    """Add a + b, two pairs of (force, moment), to y[i : i + 6]."""
+    """Add the sum of the pairs a and b, each (force, moment), to the six entries y[i : i + 6]."""
     add_vector(lane, y, i, a[0] + b[0])
     add_vector(lane, y, i + 3, a[1] + b[1])
 
 
 @kernel
 def solve_transposed(lane, model, S, x):
-    """Replace x by the solution S^-T x of the transposed system, with the factors from `elimination.factor` in S."""
+    """Replace x by S^-T x, the solution of the transposed system; `elimination.factor` has stored the factors in S."""
     for back_k in range(model.links):
         _up(lane, model, S, model.links - 1 - back_k, x)
     solve_base(lane, S, x, True)
@@ -113,7 +114,7 @@ def solve_transposed(lane, model, S, x):
 
 @kernel
 def _take(lane, x, i, S, o, a, b):
-    """Subtract from x[i : i + 6] the transposed 6 x 6 matrix at offset o of S times (a, b); a, b: vectors."""
+    """Subtract M^T (a, b) from x[i : i + 6]. M is the 6 x 6 matrix at offset o of S; a and b are vectors."""
     upper, lower = transposed_times(lane, S, o, a, b)
     store_vector(lane, x, i, load_vector(lane, x, i) - upper)
     store_vector(lane, x, i + 3, load_vector(lane, x, i + 3) - lower)
@@ -121,10 +122,11 @@ def _take(lane, x, i, S, o, a, b):
 
 @kernel
 def _up(lane, model, S, k, x):
-    """Transpose of `elimination._up` and `_joint_up`: accumulate x of link k from its tip to the section before it.
+    """Apply the transpose of `elimination._up` and `_joint_up` to the rows of link k in x, from tip to root.
 
-    The loop leads from each vertex to the vertex before: x <- x - RL^T x of that vertex (`FACTOR.RL`). After the
-    vertices the loop crosses the joint and updates the joint's row of x. See theory, section 9, "Elimination".
+    Loop over the vertices from the tip: subtract RL^T (x of this vertex) from x of the preceding vertex. RL is a block
+    of the element's `FACTOR` record in S. Then cross the joint and update the joint's row of x. See theory, section 9,
+    "Elimination".
     """
     h, row, under, count = hinge_at(k), joint_row(model, k), rows_before(model, k), count_of(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -163,10 +165,10 @@ def _up(lane, model, S, k, x):
 
 @kernel
 def _down(lane, model, S, k, x):
-    """Transpose of `elimination._down` and `_joint_down`: solve for x of link k, from the section before it to its tip.
+    """Apply the transpose of `elimination._down` and `_joint_down` to the rows of link k in x, from root to tip.
 
-    The joint's row of x comes first, then the vertices. For each vertex subtract the transposed block LR of its
-    `FACTOR` times x of the vertex before, then solve with the transposed factors of RR. See theory, section 9,
+    Solve for the joint's row of x first, then for each vertex: subtract LR^T (x of the preceding vertex) and solve with
+    the transposed factors of RR. LR and RR are blocks of the element's `FACTOR` record in S. See theory, section 9,
     "Elimination".
     """
     h, row, under = hinge_at(k), joint_row(model, k), rows_before(model, k)

@@ -48,7 +48,7 @@ AXES_OF_STRAINS = ("twist", "bend_y", "bend_z")
 
 
 def packed(one: Body, there: bool = False) -> Array:
-    """Pack a `Body` as a `BODY` record, which is marked as existing if it has mass or inertia or if `there` is True."""
+    """Pack a `Body` as a `BODY` record. Mark the record as existing if `there`, or if the body has mass or inertia."""
     there = there or one.mass > 0.0 or bool(np.any(one.inertia))
     return BODY.pack({}, mass=one.mass, there=there, centre=one.centre, inertia=one.inertia)
 
@@ -59,7 +59,7 @@ def count_elements(link: Link, settings: Settings) -> int:
 
 
 def tip_lever(link: Link) -> Array:
-    """Return the lever (m, section axes) along the link's rigid end, or a rigid link's length, up to the next joint."""
+    """Return the lever (m, section axes) from the link's last section to the next joint: along its rigid part."""
     return X * (link.length if link.rigid else link.tip_offset)
 
 
@@ -75,7 +75,7 @@ def near_body(arm: Arm, k: int) -> Body:
 
 
 def far_body(arm: Arm, k: int) -> Body:
-    """Return the `Body` fixed to the root of link k: hub or elbow inertia, and rigid link or rigid root."""
+    """Return the `Body` fixed to the root of link k: inertia of hub or elbow, plus the rigid link or its rigid root."""
     link = arm.links[k]
     own = arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right
     parts = [Body(0.0, np.zeros(3), bodies.tensor(own))]
@@ -93,10 +93,10 @@ def flags(found: Iterable[Any]) -> NDArray[np.int64] | None:
 
 
 def levers(arm: Arm, k: int) -> tuple[Array, Array]:
-    """Return the levers (m) at joint k.
+    """Return two levers (m) at joint k: from link k - 1 to the joint, and from the joint to link k.
 
-    `before` leads from the last section of link k - 1 to the joint, in that section's axes. `beyond` leads from the
-    joint to the first section of link k, in the axes of its root.
+    The first lever leads from the last section of link k - 1 to the joint, in that section's axes. The second lever
+    leads from the joint to the first section of link k, in the axes of the root of link k.
     """
     return np.zeros(3) if k == 0 else tip_lever(arm.links[k - 1]), arm.links[k].root_offset * X
 
@@ -117,7 +117,7 @@ GAUSS = np.polynomial.legendre.leggauss(4)
 
 
 def _elements(link: Link, n: int, damping: float) -> list[Array]:
-    """Pack the n `ELEMENT`s of a link: stiffnesses in series (harmonic mean), masses by Simpson's rule.
+    """Pack the n `ELEMENT` records of a link: harmonic means of the stiffnesses, masses by Simpson's rule.
 
     damping: the link's share of the arm's largest Kelvin-Voigt time constant.
     """
@@ -155,7 +155,7 @@ def _elements(link: Link, n: int, damping: float) -> list[Array]:
 
 
 def chords_of(link: Link, ends: Array) -> Array:
-    """Return (elements, 3): each element's stress-free chord minus that of a circular arc, divided by the length."""
+    """Return (elements, 3): each element's stress-free chord vector minus that of a circular arc, over the length."""
     found = np.zeros((len(ends) - 1, 3))
     if link.curved:
         angles = curves.angle(link.curvature, ends)
@@ -172,7 +172,7 @@ def turns_of(link: Link, ends: Array) -> Array:
 
 
 def polynomials(settings: Settings) -> int:
-    """Return the number of polynomials for each strain of a link of the elastica: `settings.nodes` - 1."""
+    """Return the number of polynomials that represent each strain of a link of the elastica: `settings.nodes` - 1."""
     assert settings.nodes is not None
     return settings.nodes - 1
 
@@ -185,7 +185,7 @@ def count_rows(link: Link | RigidLink, settings: Settings) -> int:
 
 
 def names_of(arm: Arm, settings: Settings) -> tuple[str, ...]:
-    """Return the names of all coordinates: of the base, of each joint, of vertices or strains, and of inner modes.
+    """Return the names of all coordinates of the arm: base, joints, vertices or strains, and inner modes.
 
     Vertices are numbered E = 1, 2, ... along each link.
     """
@@ -207,7 +207,7 @@ def inner_modes(settings: Settings) -> int:
 
 
 def _natural(link: Link, n: int, settings: Settings) -> list[Natural]:
-    """Return the `Natural` (stress-free shape) of each element or segment of a link; zeros for a rigid link."""
+    """Return the stress-free shape (`Natural`) of each element or segment of a link; zeros for a rigid link."""
     if n == 0:
         return [Natural(0.0, 0.0, 0.0)]
     if settings.formulation == "floating_frame":
@@ -223,7 +223,7 @@ def _natural(link: Link, n: int, settings: Settings) -> list[Natural]:
 
 
 def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
-    """Return q and v at t = 0: links without stress at the scene's joint angles, with the rates before t = 0."""
+    """Return q and v at t = 0: links are free of stress, with the scene's joint angles and initial rates."""
     arm = scene.arm
     # r, A, v, w of the current section: r, v, w in inertial axes, A from section to inertial axes
     r, A = np.array(scene.position), np.eye(3)
@@ -278,7 +278,7 @@ def _check_inertia(arm: Arm) -> None:
 
 
 def _beams(sections: list[Array], frames: list[Array], inner: int) -> float:
-    """Return the total mass (kg) of all elements or segments, from their records."""
+    """Return the total mass (kg) of all elements or segments, given their packed records."""
     count, weight = points_for(inner), WEIGHT.offsets(0, inner).end
     points = [FRAME.offsets(0, inner, count).points + weight * p + W.mass for p in range(count)]
     if frames:
@@ -318,8 +318,9 @@ def system(
 ) -> System:
     """Assemble the `System` of a scene: Model, parameters, initial state, names of coordinates.
 
-    kind: the class. beams: mass (kg) of flexible links. rooms: numbers of entries of S for each link and behind all
-    links. notes: error estimates. own: fields of the Model that depend on the kind of links.
+    kind: class of the Model. beams: total mass of the flexible links, kg. rooms: for each link, and for the data behind
+    all links, the number of entries of S. notes: error estimates by name. own: further fields of the Model, which
+    depend on the kind of links.
     """
     arm, loads, names = scene.arm, _loads(scene), names_of(scene.arm, settings)
     row, first, places, weight = AXES, B.end + H.end * arm.n_links, [], np.ones(len(names))
@@ -373,24 +374,28 @@ def system(
 
 
 def _rotors(arm: Arm) -> NDArray[np.int64] | None:
-    """Return the offset in S of each joint's `physics.layout.ROTOR`, negative if it has none; None: no rotors."""
+    """Return the offset in S of each joint's rotor record (`physics.layout.ROTOR`); None if no joint has a rotor.
+
+    The offset of a joint without a rotor is negative.
+    """
     places = [uncompiled(hinge_at)(k) + H.rotor for k in range(arm.n_links)]
     at = np.array([place if arm.joint(k).rotor > 0.0 else -place for k, place in enumerate(places)], np.int64)
     return at if any(at > 0) else None
 
 
 MAX_INCREMENT = 0.05
-"""Largest Newton increment, rad or fractions of the arm's length. In whipping arms the iteration starts further from
-the solution, and larger increments would leave the range in which the tangent is valid."""
+"""Largest increment of a Newton iteration: rad for rotations, fractions of the arm's length for positions. In whipping
+arms the iteration starts far from the solution. Larger increments would leave the range in which the tangent is
+valid."""
 
 TANGENT_ERROR = 1e-2
-"""Largest relative error of Newton's matrix. The error measured up to 35 rad/s in steps of 2.5 ms is a third of this
-value. For exact beams the first Newton increment reduces the error to its square. A floating frame's matrix neglects
-this fraction of the inertia, and in short steps only inertia matters."""
+"""Largest accepted relative error of Newton's matrix. The error measured at up to 35 rad/s in steps of 2.5 ms is a
+third of this value. For exact beams the first Newton increment reduces the error to its square. The matrix of a
+floating frame neglects this fraction of the inertia terms, and in short steps only the inertia terms matter."""
 
 
 def build(scene: Scene, settings: Settings) -> System:
-    """Build the `System` of a scene for exact beams or floating frames: each link has elements with two vertices."""
+    """Build the `System` of a scene with exact beams or floating frames; each element or segment has two vertices."""
     floating = settings.formulation == "floating_frame"
     if floating:
         segments.refuse(settings)

@@ -1,7 +1,8 @@
-"""Chains of links in space: their Model, the kinematics from the base outward, and wrenches of bodies and loads.
+"""Chains of links in space: their Model, their kinematics from the base outward, and the wrenches of bodies and loads.
 
-Wrenches have the residual's sign: inertia forces positive, applied loads negative; force (N) along inertial axes,
-moment (N m) in the axes of the section it acts on. Gravity is subtracted from accelerations (equivalence principle).
+Wrenches have the residual's sign: inertia forces are positive, applied loads negative. The force (N) of a wrench is
+along inertial axes, the moment (N m) in the axes of the section on which it acts. Gravity is subtracted from
+accelerations.
 """
 
 from __future__ import annotations
@@ -104,8 +105,8 @@ class Vertex(NamedTuple):
     """A section's kinematic state: its `Place` (position, rotation, rates) and its accelerations."""
 
     place: Place
-    a: Any  # m/s^2: acceleration less gravity, inertial axes
-    alpha: Any  # rad/s^2: angular acceleration, section axes
+    a: Any  # m/s^2: acceleration of the section's origin minus gravity, inertial axes
+    alpha: Any  # rad/s^2: angular acceleration of the section, section axes
     # rad/s, section axes: rate of the joint before it, whose w x own is in alpha; 0 but for a Newton matrix of elements
     own: Any
 
@@ -125,19 +126,19 @@ class Hinge(NamedTuple):
 
 @kernel
 def three_of(lane, array, k):
-    """Return entries k, k + 1, k + 2 of a model array as a `Vector`, the same in all lanes."""
+    """Return entries k, k + 1, k + 2 of a model array as a `Vector`; the vector is the same in all lanes."""
     return Vector(array[k], array[k + 1], array[k + 2])
 
 
 @kernel
 def nine_of(lane, array, k):
-    """Return nine entries of a model array from k on as a `Matrix`, stored row by row, the same in all lanes."""
+    """Return nine entries of a model array from k on, stored by rows, as a `Matrix` that is the same in all lanes."""
     return Matrix(three_of(lane, array, k), three_of(lane, array, k + 3), three_of(lane, array, k + 6))
 
 
 @kernel
 def uneven_of(lane, model, i):
-    """Return (chord, a_y, a_z) of element i (see `bow_of`); None if section and curvature of elements are constant."""
+    """Return (chord, a_y, a_z) of element i, see `bow_of`; None if no section and curvature varies along an element."""
     if model.uneven is None:
         return None
     o = E.end * i
@@ -147,13 +148,13 @@ def uneven_of(lane, model, i):
 
 @kernel
 def factors_of(lane, par: Lanes):
-    """Return the arm's own factors on the stiffnesses GJ, EI_y, EI, from its parameters par: a `Vector`, no unit."""
+    """Return the arm's own factors (no unit) on the stiffnesses GJ, EI_y, EI as a `Vector`, from its parameters."""
     return Vector(par[GJ_FACTOR], par[EI_Y_FACTOR], par[STIFFNESS_FACTOR])
 
 
 @kernel
 def section_at(lane, model, par: Lanes, i):
-    """Return the constants (`Section`) of element i of the arm, with the stiffness factors and tau_d of par."""
+    """Return the constants (`Section`) of element i, scaled by the arm's stiffness factors and tau_d in par."""
     o, of, factors = E.end * i, model.sections, factors_of(lane, par)
     tau = None if model.damped is None else par[TAU_D] * of[o + E.damping]
     _, about_y, about_z = factors
@@ -169,8 +170,8 @@ def section_at(lane, model, par: Lanes, i):
 def place_at(lane, q, v, i):
     """Return the `Place` of the vertex in rows i ... i + 5: position (m, inertial axes), rotation vector (rad).
 
-    q: coordinates. v: rates, in the same rows velocity (m/s, inertial axes) and angular velocity (rad/s, section axes).
-    Pass q for v if the rates of the `Place` are not read.
+    q contains the coordinates. v contains the rates: velocity (m/s, inertial axes) and angular velocity (rad/s, section
+    axes) in the same rows. Pass q for v if the rates of the `Place` are not read.
     """
     return Place(
         load_vector(lane, q, i),
@@ -193,7 +194,7 @@ def vertex_at(lane, model, state, i):
 
 @kernel
 def has_mount(model, k):
-    """Return whether joint k rotates its link's axes at angle 0; None (at compile time) if no joint in the arm does."""
+    """Return whether joint k rotates its link's axes at angle 0. None (at compile time): no joint of the arm does."""
     if model.mounts is None:
         return None
     return model.mounts[k] != 0
@@ -201,7 +202,7 @@ def has_mount(model, k):
 
 @kernel
 def has_lever(model, k):
-    """Return whether a lever joins joint k to a section beside it; None (at compile time) if no joint has a lever."""
+    """Return whether joint k has a lever to a neighboring section. None (at compile time): no joint of the arm has."""
     if model.levers is None:
         return None
     return model.levers[k] != 0
@@ -271,7 +272,7 @@ def joint_kinematics(lane, model, state: State, k, tip, weights):
 
 @kernel
 def rotational_inertia_moment(I, spin, alpha):
-    """Return the moment I alpha + w x I w (N m); tensor I (kg m^2), w and alpha in the same body axes."""
+    """Return the moment I alpha + w x I w (N m) of the inertia tensor I (kg m^2); spin w, alpha: body axes of I."""
     return I @ alpha + cross(spin, I @ spin)
 
 
@@ -307,7 +308,7 @@ def add_lumped_mass(lane, mass, I, at, weights, S: Lanes, o):
 
 @kernel
 def mass_of(lane, array, o, mass):
-    """Return the argument `mass` (kg); if `mass` is None, return the mass of the `BODY` at offset o of `array`."""
+    """Return `mass` (kg), or, if `mass` is None, the mass stored in the `BODY` record at offset o of `array`."""
     if mass is None:
         return array[o + P.mass]
     return mass
@@ -315,7 +316,7 @@ def mass_of(lane, array, o, mass):
 
 @kernel
 def inertia_of(lane, array, o, share):
-    """Return the inertia tensor (kg m^2, section axes) of the `BODY` at o of `array`, times share; None counts as 1."""
+    """Return the inertia tensor (kg m^2, section axes) of the `BODY` at o of `array`, times share (None: factor 1)."""
     I = nine_of(lane, array, o + P.inertia)
     if share is None:
         return I
@@ -437,9 +438,8 @@ def fill_zeros(lane, S: Lanes, o, n):
 def body_sums(lane, model, array, o, mass, share, at):
     """Return ((kinetic, strain = 0, gravitational) energy in J, momentum in kg m/s, inertial axes) of a rigid `BODY`.
 
-    array, o: array and offset of the `BODY`; at: `Place` of the body's section; mass, share: arguments of `mass_of` and
-    `inertia_of`.
-    """
+    The `BODY` record of the body is at offset o of `array`. at: `Place` (position, rotation, rates) of the body's
+    section. mass, share: as in `mass_of` and `inertia_of`."""
     c, I, A = three_of(lane, array, o + P.centre), inertia_of(lane, array, o, share), matrix(at.p)
     # center of mass and its velocity, inertial axes
     r, rate = at.r + A @ c, at.v + A @ cross(at.spin, c)

@@ -33,16 +33,17 @@ LEAST_POLAR = 1e-8
 class Grid(NamedTuple):
     """Quadrature along a link of length 1 with n polynomials per strain and n + 2 Gauss points.
 
-    ends   (points + 2,): ends of the intervals, which are 0, the Gauss points, and 1
-    ways   (points + 1, points): position of each point, and of the end, is ways times the tangents at the points
-    sums, slants  (points + 1, polynomials): integral s and first moment d of each polynomial over each interval
+    ends: (points + 2,), ends of the intervals: 0, the Gauss points, and 1
+    ways: (points + 1, points), weights by which the tangents at the points give the position of each point and of the
+    end
+    sums, slants: (points + 1, polynomials), integral s and first moment d of each polynomial over each interval
     """
 
-    at: Array  # Gauss points, and their weights
+    at: Array  # positions of the Gauss points (0 to 1), and their weights
     weights: Array
     ends: Array
     ways: Array
-    inner: Array  # (points + 1, 12): places at which each interval integrates the strain
+    inner: Array  # (points + 1, 12): positions at which the strain is evaluated to integrate it over each interval
     sums: Array
     slants: Array
 
@@ -63,13 +64,14 @@ def grid(n: int) -> Grid:
 
 
 INNER = np.polynomial.legendre.leggauss(12)
-"""Nodes and weights of the Gauss rule with which strains are integrated over an interval."""
+"""Nodes and weights of the Gauss rule that integrates strains over an interval between two Gauss points."""
 
 
 def _interval(h: Array, strain: Array) -> tuple[Array, Array]:
-    """Return s and d, (intervals, ...), of a strain given at the points of `INNER`, (intervals, 12, ...).
+    """Return the integral s and the first moment d of a strain over each interval, each of shape (intervals, ...).
 
-    s: integral over the interval of length h; d: first moment about its middle, divided by h.
+    h contains the lengths of the intervals; `strain` (intervals, 12, ...) the strain at the points of `INNER`. The
+    moment d is about the interval's middle, divided by h.
     """
     x, w = INNER
     share = 0.5 * h.reshape(-1, *np.ones(strain.ndim - 2, int))
@@ -77,9 +79,10 @@ def _interval(h: Array, strain: Array) -> tuple[Array, Array]:
 
 
 def _link(link: Link, n: int, damping: float) -> Array:
-    """Pack the `STRAINED` of a link with n polynomials per strain; zeros for a rigid link.
+    """Pack the `STRAINED` record of a link with n polynomials per strain; it contains zeros for a rigid link.
 
-    damping: the link's share of the arm's largest Kelvin-Voigt time constant. The correction is left at zero.
+    damping: the link's share of the arm's largest Kelvin-Voigt time constant. The record's inertia correction stays
+    zero.
     """
     own, sizes, L = grid(n), {"polynomials": n, "points": n + 2}, link.length
     if link.rigid:
@@ -102,9 +105,10 @@ def _link(link: Link, n: int, damping: float) -> Array:
 
 
 def _inertia(packed: dict[str, Array]) -> Array:
-    """Return (3, n, n) kg m^2: inertia of the strains of a straight link whose root rotates freely.
+    """Return the inertia matrices (3, n, n), kg m^2, of the strains of a straight link whose root rotates freely.
 
-    First index: torsion, bending about y, about z. packed: fields of the `STRAINED`.
+    The first index selects torsion, bending about y, or bending about z. packed: fields of the link's `STRAINED`
+    record.
     """
     # rotation of each interval's end by each polynomial; lateral displacement of points by root rotation and strains
     angles = np.cumsum(packed["sums"], axis=0)
@@ -122,7 +126,7 @@ def _inertia(packed: dict[str, Array]) -> Array:
 
 
 def _correction(packed: dict[str, Array], settings: Settings) -> Array:
-    """Return (3, n, n) kg m^2: the correction that steps of h subtract from the strains' inertia (theory 5.3, 9).
+    """Return the correction (3, n, n), kg m^2, subtracted from the strains' inertia for steps h (theory 5.3, 9).
 
     See also `elastica.build`. The correction applies only to bending about the softer axis, or to both axes if they are
     equally stiff. In a bent link torsion and the stiffer bending move the same mass. Subtracting inertia from one of
@@ -149,7 +153,7 @@ def _correction(packed: dict[str, Array], settings: Settings) -> Array:
 
 
 def physical(model: SpatialElastica) -> SpatialElastica:
-    """Return the model with the links' physical inertia, without the correction of inertia that time steps use."""
+    """Return the model with the links' physical inertia, without the inertia correction for time steps."""
     assert model.strains is not None
     strains, n = model.strains.copy(), len(model.polynomials)
     STRAINED.unpack(strains.reshape(model.links, -1), polynomials=n, points=n + 2)["correction"][:] = 0.0
@@ -157,23 +161,23 @@ def physical(model: SpatialElastica) -> SpatialElastica:
 
 
 NEWTON = NewtonPolicy(acceleration_share=1.0, resolved=(0,), reuse=((0,) * 1, (0,) * 2))
-"""Rules of the Newton iteration. The first matrix serves two more iterations, because a matrix costs at least four
-residuals. After that, each iteration computes a new matrix."""
+"""Rules of the Newton iteration. The first matrix is used for three iterations, because a matrix costs at least as much
+as four residuals. After the third iteration, each iteration computes a new matrix."""
 
 ALIKE = 1.01
-"""Largest ratio of the two bending stiffnesses of a section at which they count as equal."""
+"""Two bending stiffnesses of a section count as equal if their ratio is at most this value."""
 
 ALONG = 4.0
-"""Ratio of shear to bending deflection of a swinging link, divided by that of a clamped link. For a link that swings
-about a pin under its own inertia the ratio is 12 EI / (C L^2). For a clamped link under a force at its tip the ratio is
-3 EI / (C L^2)."""
+"""Quotient of two ratios of shear to bending deflection: that of a swinging link over that of a clamped link. A link
+that swings about a pin under its own inertia has the ratio 12 EI / (C L^2). A clamped link under a force at its tip has
+the ratio 3 EI / (C L^2)."""
 
 BENT = 0.3
-"""Assumed deflection of a link before a run, as a fraction of the link's length."""
+"""Deflection of a link that is assumed before a run, as a fraction of the link's length."""
 
 
 class Notes(dict[str, float]):
-    """Estimate "stretch_and_shear": the error, as a fraction of the arm's length, of leaving out stretch and shear.
+    """Estimate "stretch_and_shear": the error, as a fraction of the arm's length, of neglecting stretch and shear.
 
     The estimate assumes the force that deflects a link by `BENT` times its length, or a larger force if the scene
     applies one. The estimate includes the stretch of links that rotate with prescribed joints, with all mass at the
@@ -195,16 +199,17 @@ class Notes(dict[str, float]):
 
     @property
     def softer(self) -> float:
-        """Factor on EI with which bending alone is as soft as the most affected link with stretch and shear.
+        """Factor on EI. With it, bending alone deflects the most affected link as much as stretch and shear would.
 
-        For slender links the error estimate is the distance to a run with this factor (`accuracy.followed`).
+        For slender links the error estimate is the distance of a run from a run with this factor (`accuracy.followed`).
         """
         return 1.0 / (1.0 + ALONG * self.share)
 
 
 def _soft(link: Link) -> tuple[float, float]:
-    """Return (1/C, L^2/(3 EI)) in 1/N: tip deflection over length of a clamped link per tip force, by shear and by
-    bending.
+    """Return (1/C, L^2/(3 EI)), 1/N: flexibility of a clamped link to a tip force, by shear and by bending.
+
+    The flexibility is the tip's deflection divided by the link's length and by the force.
 
     Each value is for the direction in which the link is softest; stretch counts like shear. Along the link the largest
     flexibility to shear and the smallest flexibility to bending are used, which overestimates their ratio.

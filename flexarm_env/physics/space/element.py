@@ -66,8 +66,8 @@ class Section(NamedTuple):
     stretch: Any
     bend: Any
     rest: Any
-    uneven: Any  # (chord, tilt, tilt) of `layout.ELEMENT`, or None
-    tau: Any  # s, of Kelvin-Voigt
+    uneven: Any  # (chord, a_y, a_z): fields chord and tilt of `layout.ELEMENT`; None without them
+    tau: Any  # s: time constant of Kelvin-Voigt damping
 
 
 class Place(NamedTuple):
@@ -92,19 +92,19 @@ class Middle(NamedTuple):
     e: Any
     g: Any
     T: Any  # T^-1(psi)
-    n: Any  # N: force over the section
+    n: Any  # N: section force, axes of the middle section
     m: Any
     # only with damping, otherwise None
-    spin: Any  # rad/s: angular velocity of the middle
-    slip: Any  # 1/s: velocity of the right end relative to the left, over l
-    both: Any  # rad/s: sum of the ends' spins, each in its section's axes
-    apart: Any  # rad/s: the right end's spin less the left's
-    bend: Any  # rad/s: rate of psi
+    spin: Any  # rad/s: angular velocity of the middle section
+    slip: Any  # 1/s: velocity of the right end relative to the left end, divided by l
+    both: Any  # rad/s: sum of the ends' angular velocities, each in the axes of its own section
+    apart: Any  # rad/s: angular velocity of the right end minus that of the left end, each in its own axes
+    bend: Any  # rad/s: time derivative of psi
 
 
 @kernel
 def scale(a, d):
-    """Return the vector of the products a_i d_i of two vectors."""
+    """Return the vector with the components a_i d_i, the products of the components of two vectors."""
     return Vector(a[0] * d[0], a[1] * d[1], a[2] * d[2])
 
 
@@ -145,11 +145,11 @@ def middle(section, left, right):
 
 @kernel
 def element_damping(section, before, after, share):
-    """Return the damping power of an element over a step, divided by tau_d, and its unresolved part, W/s.
+    """Return the damping power of an element over a step and its unresolved part, both divided by tau_d (W/s).
 
-    before, after: (left, right) `Place`s at the step's start and end; share: 1 / step (1/s). The first value is the
-    stiffness times the squared change of strain / step. The second is the power of the same force at the mean of the
-    strain rates before and after, less the first.
+    before, after: pairs (left, right) of the ends' `Place`s at the step's start and end. share: 1 / step (1/s). The
+    power is the stiffness times the squared change of strain per step. The unresolved part is the power of the same
+    force at the mean of the strain rates before and after the step, minus the first value.
     """
     (stretch_0, bend_0), _, (stretch_rate_0, bend_rate_0) = middle(section, before[0], before[1])
     (stretch_1, bend_1), _, (stretch_rate_1, bend_rate_1) = middle(section, after[0], after[1])
@@ -217,7 +217,7 @@ def forces(section, at):
 
 @kernel
 def _put(lane, S: Lanes, o, i, j, A):
-    """Store A as block (i, j), i, j = 0, 1, of the 6 x 6 matrix at offset o of S: rows 3 i, columns 3 j."""
+    """Store the 3 x 3 matrix A as block (i, j), i, j = 0, 1, of the 6 x 6 matrix at offset o of S."""
     for a in range(3):
         for b in range(3):
             S[o + 18 * i + 6 * a + 3 * j + b] = A[a][b]
@@ -225,7 +225,7 @@ def _put(lane, S: Lanes, o, i, j, A):
 
 @kernel
 def fill(lane, S, o, xx, xt, tx, tt):
-    """Store a 6 x 6 matrix at offset o of S from its 3 x 3 blocks; xt has position rows and rotation columns."""
+    """Store four 3 x 3 blocks as the 6 x 6 matrix at offset o of S; block xt has position rows and rotation columns."""
     _put(lane, S, o, 0, 0, xx)
     _put(lane, S, o, 0, 1, xt)
     _put(lane, S, o, 1, 0, tx)
@@ -309,43 +309,43 @@ def tangent(lane, section, at, weights, S, o):
 
 @kernel
 def rows_of(d, A):
-    """Return diag(d) A: row i of the matrix A times d[i]."""
+    """Return diag(d) A: each row i of the matrix A is multiplied by the component d[i]."""
     return Matrix(d[0] * A[0], d[1] * A[1], d[2] * A[2])
 
 
 @kernel
 def _half_of_both(a, g):
-    """Return a^ g^ / 2 and a^ / 2: a^ P is the second less the first, a^ Q their sum (P, Q = 1/2 -+ g^/2)."""
+    """Return a^ g^ / 2 and a^ / 2. With P, Q = 1/2 -+ g^/2 their difference gives a^ P, their sum a^ Q."""
     half = 0.5 * a
     return plus_identity(outer(g, half), -dot(half, g)), skew(half)
 
 
 @kernel
 def _half(g, a):
-    """Return (a + g x a) / 2 = P^T a; with -g for g it is Q^T a (P, Q = 1/2 -+ g^/2)."""
+    """Return (a + g x a) / 2 = P^T a; called with -g for g, it returns Q^T a. P and Q are 1/2 -+ g^/2."""
     return 0.5 * (a + cross(g, a))
 
 
 @kernel
 def _second(a, m):
-    """Return the derivative of a x (a x m) by a, the matrix a m^T + (a . m) 1 - 2 m a^T."""
+    """Return the derivative of the vector a x (a x m) by a: the matrix a m^T + (a . m) 1 - 2 m a^T."""
     x, y = dot(a, m), -2.0 * m
     rows = Matrix(a[0] * m + y[0] * a, a[1] * m + y[1] * a, a[2] * m + y[2] * a)
     return rows + about_identity(x, 0.0 * a, 0.0, a)
 
 
 class Tangent(NamedTuple):
-    """Tangent t = A e_x of a vertex: A (section to inertial axes); spin w (rad/s) and t'' (1/s^2) in section axes."""
+    """Tangent t = A e_x of a vertex: A (section to inertial axes), spin w (rad/s) and t'' (1/s^2), in section axes."""
 
     A: Any
     w: Any
     second: Any
-    own: Any  # rad/s: rate of the joint before, see `chain.Vertex`
+    own: Any  # rad/s: rate of the joint before the vertex, see `chain.Vertex`
 
 
 @kernel
 def tangent_of(at):
-    """Return the `Tangent` of a `Vertex`; t'' = alpha x e_x + w x (w x e_x), in section axes."""
+    """Return the `Tangent` of a `Vertex`. Its second rate is t'' = alpha x e_x + w x (w x e_x), in section axes."""
     w, alpha = at.place.spin, at.alpha
     second = Vector(-(w[1] * w[1] + w[2] * w[2]), w[0] * w[1] + alpha[2], w[0] * w[2] - alpha[1])
     return Tangent(matrix(at.place.p), w, second, at.own)
@@ -420,7 +420,7 @@ def _add(lane, S: Lanes, o, x, xt, A, tx, tt, arm):
 
 @kernel
 def _add_turn(lane, S: Lanes, o, f):
-    """Add e_x^ f^ = f e_x^T - f_x 1 (rows y, z) to the block of rotations of the 6 x 6 matrix at o of S; f: vector."""
+    """Add e_x^ f^ = f e_x^T - f_x 1 (rows y and z) to the rotation block of the 6 x 6 matrix at o of S; f: vector."""
     S[o + 27] += f[1]
     S[o + 28] -= f[0]
     S[o + 33] += f[2]
@@ -437,7 +437,7 @@ def add_block(lane, S: Lanes, o, i, j, A):
 
 @kernel
 def middle_of(length, left, right):
-    """Return position r_m (m) and velocity (m/s) of the mass at an element's middle, along inertial axes.
+    """Return the position r_m (m) and velocity (m/s), along inertial axes, of the mass at an element's middle.
 
     r_m = (r_l + r_r)/2 + l/8 (t_l - t_r), with the ends' tangents t = A e_x and t' = A (w x e_x).
     """

@@ -1,9 +1,9 @@
 """Solve Newton's equations of a chain in space: forward elimination from tip to base, back substitution outward.
 
-The vertices of a link of elements are eliminated one by one. For a link with strains the block on its last section is
-transformed to its root and its strains, and then the strains are eliminated. Before `solve`, vectors x hold forces
-(inertial) and moments (section axes). After `solve` the vectors x hold position increments (inertial) and rotation
-increments (body axes).
+The vertices of a link with elements are eliminated one by one. For a link with strains, the block on its last section
+is transformed to its root and its strains, and then the strains are eliminated. Before `solve`, a vector x contains
+forces (inertial axes) and moments (section axes). After `solve`, x contains position increments (inertial axes) and
+rotation increments (body axes).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from .strained_layout import noted_at
 
 @kernel
 def factor(lane, model, S):
-    """Factor the Newton matrix in S in place, link by link from the tip to the base (`protocol.factor`)."""
+    """Factor the Newton matrix in S in place, one link after another from the tip to the base (`protocol.factor`)."""
     for back_k in range(model.links):
         k = model.links - 1 - back_k
         if model.strains is None:
@@ -46,9 +46,9 @@ def factor(lane, model, S):
 
 @kernel
 def solve(lane, model, S, x):
-    """Replace the right side x by the solution S^-1 x, with the factors that `factor` stored in S (`protocol.solve`).
+    """Replace the right side x by the solution S^-1 x, using the factors that `factor` stored in S (`protocol.solve`).
 
-    On entry x holds forces (inertial axes) and moments (section axes). On return x holds increments of positions
+    On entry x contains forces (inertial axes) and moments (section axes). On return x contains increments of positions
     (inertial axes) and of rotations (body axes).
     """
     for back_k in range(model.links):
@@ -61,9 +61,10 @@ def solve(lane, model, S, x):
 
 @superword
 def _condense_elements(lane, model, S: Lanes, k):
-    """Condense the blocks of link k onto its root, vertex by vertex from the tip; the result is the link's first LL.
+    """Condense the matrix blocks of link k onto its root, from the tip inward; the result is the block LL of element 0.
 
-    LL, LR, RL, RR: the 6 x 6 blocks (left, right vertex) of each `FACTOR` in S; RR <- its factors, RL <- RR^-1 RL.
+    LL, LR, RL and RR are the 6 x 6 blocks of each element's `FACTOR` record in S; the first letter names the rows, the
+    second the columns (left or right vertex). RR is replaced by its factors, RL by RR^-1 RL.
     """
     for back_e in range(count_of(model, k)):
         o = factor_at(model, k, count_of(model, k) - 1 - back_e)
@@ -77,39 +78,39 @@ def _condense_elements(lane, model, S: Lanes, k):
 
 @kernel
 def _rows(model):
-    """Return the number of rows of a link's strains: three for each polynomial."""
+    """Return the number of rows for the strains of one link: three for each polynomial."""
     return 3 * len(model.polynomials)
 
 
 @kernel
 def _to_last(lane, S, to, a, b):
-    """Return the motion of a link's last section due to the root's motion (a, b) at constant strains.
+    """Return the motion of a link's last section that the motion (a, b) of its root causes at constant strains.
 
-    a: displacement (inertial axes), b: rotation (root axes); result: displacement (inertial), rotation (last section's
-    axes). to: `noted_at` of the link.
+    a is a displacement (inertial axes), b a rotation (root axes). Result: displacement (inertial axes), rotation (axes
+    of the last section). to: `noted_at`, offsets of the link's stored kinematics in S.
     """
     return a + matrix_in(lane, S, to.shift) @ b, matrix_in(lane, S, to.last_turn).T @ b
 
 
 @kernel
 def _to_root(lane, S, to, a, b):
-    """Return the (force, moment) on a link's root equivalent to the (force, moment) = (a, b) on its last section.
+    """Return the (force, moment) on a link's root that is equivalent to the (force, moment) (a, b) on its last section.
 
-    This is the transpose of `_to_last`. Forces along inertial axes, moments in the axes of the last section and of the
-    root. to: `noted_at` of the link.
+    This is the transpose of `_to_last`. Forces are along inertial axes; each moment is in the axes of its own section.
+    to: `noted_at`, offsets of the link's stored kinematics in S.
     """
     return a, matrix_in(lane, S, to.last_turn) @ b + matrix_in(lane, S, to.shift).T @ a
 
 
 @kernel
 def _condense_strains(lane, model, S: Lanes, k):
-    """Condense block RR on the last section of link k onto its root (LL) and eliminate the link's strains.
+    """Condense the block RR on the last section of link k onto its root block LL, and eliminate the link's strains.
 
-    Rows: force along inertial, moment along section axes; columns: position along inertial, rotation along section
-    axes.
-    # in, out   `matrix`, `on_root`, `by_root` of `NOTED` hold the strains' own parts, to which those of RR are added
-    # out       `matrix` <- its factors, `over` <- matrix^-1 by_root;  LL <- LL + T^T RR T - on_root over (`FACTOR`)
-    T: `_to_last`.
+    Rows are forces along inertial axes and moments along section axes; columns are positions along inertial axes and
+    rotations along section axes.
+    # in, out   `NOTED.matrix`, `on_root`, `by_root`: the strains' own parts; the parts from RR are added
+    # out       `NOTED.matrix` <- its factors, `over` <- matrix^-1 by_root; `FACTOR.LL` <- LL + T^T RR T - on_root over
+    T is the linear map `_to_last`.
 
     See theory, (9.4).
     """
@@ -159,11 +160,12 @@ def _condense_strains(lane, model, S: Lanes, k):
 
 @kernel
 def _joint_down(lane, model, S: Lanes, k, x: Lanes, of):
-    """Forward elimination of joint k: transmit `of` = (force, moment) on its link's root to the section before, in x.
+    """Eliminate joint k from x: transmit the wrench `of` = (force, moment) on the link's root to the section before.
 
-    Force inertial, moment in root axes. x of the joint's row becomes (x + axis . moment + c . force) / pivot, and that
-    times the joint's column is subtracted from the section before; a fixed joint keeps its row of x. c: `HINGE.swing`,
-    motion of the link's first section per angle; column: `HINGE.column`, wrench on the section before per angle.
+    The force is along inertial axes, the moment in root axes. The joint's row of x becomes (x + axis . moment + c .
+    force) / pivot. This row times `HINGE.column` is subtracted from the wrench on the section before. The row of a
+    fixed joint keeps its value. c is `HINGE.swing`, the motion of the link's first section per joint angle;
+    `HINGE.column` is the wrench on the section before per joint angle.
     See theory, (9.1).
     """
     h, row, (a, b) = hinge_at(k), joint_row(model, k), of
@@ -183,10 +185,10 @@ def _joint_down(lane, model, S: Lanes, k, x: Lanes, of):
 
 @kernel
 def _joint_up(lane, model, S: Lanes, k, x: Lanes):
-    """Back substitution of joint k: x of its row <- the angle; return its link's root motion (position, rotation).
+    """Compute the angle of joint k by back substitution, store it in x, and return the motion of the link's root.
 
-    Position along inertial axes, rotation in root axes. x <- x - row . (motion of the section before), row:
-    `HINGE.row`. See theory, (9.1).
+    The motion is a pair: position along inertial axes, rotation in root axes. The product of `HINGE.row` with the
+    motion of the section before is subtracted from the joint's row of x. See theory, (9.1).
     """
     h, row, (a, turned_by) = hinge_at(k), joint_row(model, k), _moved_before(lane, model, x, S, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -206,9 +208,10 @@ def _joint_up(lane, model, S: Lanes, k, x: Lanes):
 
 @kernel
 def _moved_before(lane, model, x, S, k):
-    """Return (position, rotation) by which the section before joint k moves: from x, or from `NOTED.on` of link k - 1.
+    """Return (position, rotation), the increments of the section before joint k.
 
-    `NOTED.on` applies if strains are coordinates. Position along inertial axes, rotation in section axes.
+    If strains are coordinates, the function reads the increments from `NOTED.on` of link k - 1, otherwise from x.
+    Position along inertial axes, rotation in section axes.
     """
     if model.strains is not None:
         if k > 0:
@@ -219,10 +222,11 @@ def _moved_before(lane, model, x, S, k):
 
 @kernel
 def _down(lane, model, S, k, x):
-    """Forward elimination of link k in x: return the (force, moment) that remains on its root (inertial; root axes).
+    """Eliminate the vertices of link k from x; return the (force, moment) that remains on the link's root.
 
-    For each vertex from the tip inward: x of the vertex <- RR^-1 x, then LR times this x is subtracted from x of the
-    vertex before. RR (factored), LR: 6 x 6 blocks of each element's `FACTOR`. See theory, section 9, "Elimination".
+    The force is along inertial axes, the moment in root axes. From the tip inward, x of each vertex becomes RR^-1 x;
+    then LR times this x is subtracted from x of the preceding vertex. RR (factored) and LR are 6 x 6 blocks of each
+    element's `FACTOR` record in S. See theory, section 9, "Elimination".
     """
     if model.strains is not None:
         return _strains_down(lane, model, S, k, x)
@@ -259,11 +263,11 @@ def _down(lane, model, S, k, x):
 
 @kernel
 def _strains_down(lane, model, S, k, x: Lanes):
-    """Forward elimination of link k with strains: return the (force, moment) that remains on its root.
+    """Eliminate the strains of link k from x; return the (force, moment) that remains on the link's root.
 
-    Force inertial, moment in root axes. `NOTED.on` of link k is the wrench on its last section (0 at the tip); that of
-    link k - 1 is set to zero here, for `_joint_down` to add to. The strains' rows of x become matrix^-1 x, with
-    `NOTED.matrix`. See theory, (9.4).
+    The force is along inertial axes, the moment in root axes. `NOTED.on` of link k contains the wrench on the link's
+    last section (0 at the tip). `NOTED.on` of link k - 1 is set to zero, so that `_joint_down` can add to it. The
+    strains' rows of x become matrix^-1 x with the matrix `NOTED.matrix`. See theory, (9.4).
     """
     to, n, i, zero = noted_at(model, k), _rows(model), strain_row(model, k), 0.0
     a, b = load_vector(lane, S, to.on), load_vector(lane, S, to.on + 3)
@@ -287,10 +291,11 @@ def _strains_down(lane, model, S, k, x: Lanes):
 
 @kernel
 def _up(lane, model, S, k, x, moved):
-    """Back substitution of link k in x, from the motion `moved` = (position, rotation) of its root outward.
+    """Compute the increments of the vertices of link k by back substitution, from the motion of its root outward.
 
-    Position along inertial axes, rotation in root axes. x of each vertex <- x - RR^-1 RL (motion of the vertex before);
-    `FACTOR.RL` holds RR^-1 RL. See theory, section 9, "Elimination".
+    moved: increments (position along inertial axes, rotation in root axes) of the root. From x of each vertex subtract
+    RR^-1 RL (motion of the preceding vertex); `FACTOR.RL` contains the matrix RR^-1 RL. See theory, section 9,
+    "Elimination".
     """
     if model.strains is not None:
         _strains_up(lane, model, S, k, x, moved)
@@ -314,10 +319,10 @@ def _up(lane, model, S, k, x, moved):
 
 @kernel
 def _strains_up(lane, model, S, k, x: Lanes, moved):
-    """Back substitution of the strains of link k; `NOTED.on` <- (position, rotation) by which its last section moves.
+    """Compute the strains of link k by back substitution, and store the motion of its last section in `NOTED.on`.
 
-    moved: motion of the root (inertial; root axes). Strains: x <- x - over moved; the last section adds `last` x
-    (`NOTED`).
+    moved: increments of the root (position along inertial axes, rotation in root axes). From the strains' rows of x
+    subtract `NOTED.over` times moved. `NOTED.last` then maps the strains to their part of the last section's motion.
     """
     to, n, i, (a, b) = noted_at(model, k), _rows(model), strain_row(model, k), moved
     if count_of(model, k) > 0:

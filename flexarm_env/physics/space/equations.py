@@ -1,8 +1,8 @@
 """Residual and tangent of chains in space (models: `chain`), and the registration of their kernels.
 
-The module `layout` defines the rows of coordinates and the layout of S. Each end of an exact element carries half of
-its rotary inertia; a vertex's moment is J alpha + w x J w in its own axes. Wrenches: force along inertial axes, moment
-in section axes.
+The module `layout` defines the rows of coordinates and the layout of S, the array of the Newton matrix. Each end of an
+exact element carries half of the element's rotary inertia J. The moment of this inertia on a vertex is J alpha + w x J
+w in the vertex's own axes. Wrenches consist of a force along inertial axes and a moment in section axes.
 """
 
 from __future__ import annotations
@@ -53,9 +53,10 @@ from .strained_tangent import strained_tangent
 
 @noinline
 def _add(lane, r, i, of):
-    """Add the wrench `of` = (force, moment) to the six rows of r from i on.
+    """Add the wrench `of` = (force, moment) to the six rows of the residual r from row i on.
 
-    Not inlined: in a loop without a call LLVM compares all reads and writes pair by pair, hundreds for an element.
+    The function is not inlined. In a loop without a call LLVM compares all reads and writes in pairs, hundreds for an
+    element.
     """
     add_vector(lane, r, i, of[0])
     add_vector(lane, r, i + 3, of[1])
@@ -115,10 +116,11 @@ def assemble(lane, model, par: Lanes, state, u, weights, r, S):
 
 @kernel
 def _along(lane, model, par, k, state, root, weights, r, S):
-    """Compute the wrenches of link k on its sections, outward from its root `Vertex`; add them to r, the tangent to S.
+    """Compute the wrenches on link k's sections from its root `Vertex` outward; add them to r, their tangent to S.
 
-    Returns the `Vertex` of the link's last section and (force, moment) on its root (N, inertial; N m, root axes). If
-    strains are coordinates, (force, moment) is 0 here, and `_gathered` computes it from the wrench on the last section.
+    Returns the `Vertex` (kinematic state) of the link's last section, and the (force, moment) on its root (N along
+    inertial axes; N m in root axes). If strains are coordinates the wrench on the root is 0 here; `_gathered` computes
+    it from the wrench on the last section.
     See theory, section 9.
     """
     zero, first = 0.0, factor_at(model, k, 0)
@@ -158,10 +160,11 @@ def _along(lane, model, par, k, state, root, weights, r, S):
 
 @kernel
 def _gathered(lane, model, par, k, state, weights, r, S, of):
-    """Return the total (force, moment) on the root of link k: `of` plus the wrench from the link beyond its root.
+    """Return the total (force, moment) on the root of link k: the wrench `of` plus the wrench of the rest of the link.
 
-    Where strains are coordinates the points' wrenches are summed inward, and the strains' rows of r and S are written.
-    For a rigid link the wrench in its rows of r moves to its root. Force inertial (N), moment in root axes (N m).
+    If strains are coordinates, the wrenches of the Gauss points are summed from tip to root, and the strains' rows of r
+    and S are written. For a rigid link, the wrench in the link's rows of r is moved to the root. The force is along
+    inertial axes (N), the moment in root axes (N m).
     See theory, section 9.
     """
     i = joint_row(model, k) + 1
@@ -184,10 +187,11 @@ def _gathered(lane, model, par, k, state, weights, r, S, of):
 
 @kernel
 def _exact(lane, model, section, left, right, element, weights, S, f):
-    """Return (force, moment) on the left and on the right end of an exact element: elastic, damping and inertia parts.
+    """Return the (force, moment) on the left and on the right end of an exact element, including damping and inertia.
 
-    left, right: `Vertex`; element: its index over all links. Forces inertial (N), moments in section axes (N m). Stores
-    the section force n and, with weights.with_matrix, the tangent in the `FACTOR` at offset f of S. See theory, (9.2).
+    left, right: `Vertex` (kinematic state) of each end. element: index of the element, counted over all links. Forces
+    are along inertial axes (N), moments in section axes (N m). The function stores the section force n and, with
+    weights.with_matrix, the tangent in the `FACTOR` record at offset f of S. See theory, (9.2).
     """
     inner = middle(section, left.place, right.place)[1]
     store_vector(lane, S, f + F.force, inner.n)
@@ -245,7 +249,8 @@ def conserve_momentum(lane, model, par: Lanes, before, h, q, v, u, r, S):
 def _note(lane, model, S, k, hinge, tip, on_root):
     """Store rotation, lever, axes of the section before and the root's wrench in the `HINGE` of joint k, for `_handed`.
 
-    hinge: `Hinge`; tip: `Vertex` of the section before; on_root: (force, N, inertial axes; moment, N m, root axes).
+    hinge: kinematics of the joint. tip: `Vertex` of the section before. on_root: force (N, inertial axes) and moment (N
+    m, root axes) on the link's root.
     """
     h = hinge_at(k)
     store_matrix(lane, S, h + H.now_turn, hinge.turn)

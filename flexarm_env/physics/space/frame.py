@@ -35,27 +35,27 @@ from .rotations import (
 class Frame(NamedTuple):
     """A segment's floating frame, and the derivatives of the frame's rotation by the ends' motion.
 
-    A      rotation matrix: frame axes to inertial axes
-    left, right  `Turn` of the sections
-    k      p_x / p_y: derivative of the frame's roll by its rotation about y
+    A: rotation matrix, frame axes to inertial axes
+    left, right: rotations (`Turn`) of the left and the right section relative to the frame
+    k: p_x / p_y, the derivative of the frame's roll by the frame's rotation about y
     """
 
     A: Any
-    length: Any  # m: of the chord
-    over: Any  # 1/m: 1 / length
+    length: Any  # m: length of the chord
+    over: Any  # 1/m: reciprocal of the chord's length
     left: Any
     right: Any
     k: Any
-    share: Any  # 1 / p_y, where p is the sum of both sections' y axes in frame axes
+    share: Any  # 1 / p_y; p: sum of both sections' y axes, in frame axes
 
 
 class Turn(NamedTuple):
     """A section's rotation relative to the frame."""
 
     E: Any  # rotation matrix: section axes to frame axes
-    phi: Any  # rad: its rotation vector
-    T: Any  # T^-1(phi)
-    g: Any  # roll of the frame by the section's rotation: dbeta_x = g . dth (section axes)
+    phi: Any  # rad: rotation vector of the section relative to the frame
+    T: Any  # T^-1(phi), inverse of the tangent map of rotations
+    g: Any  # derivative of the frame's roll by the section's rotation: dbeta_x = g . dth (section axes)
 
 
 class Rates(NamedTuple):
@@ -63,18 +63,18 @@ class Rates(NamedTuple):
 
     spin: Any  # rad/s: angular velocity of the frame, frame axes
     d: Any  # m/s: velocity of the right end relative to the left, frame axes
-    left: Any  # rad/s: rates of phi_l and phi_r, frame axes
+    left: Any  # rad/s: time derivatives of phi_l and phi_r, frame axes
     right: Any
 
 
 _HALF_TURN = tuple(2.0**k * math.factorial(k) ** 2 / math.factorial(2 * k + 1) for k in range(16))
-"""Series in 1 - w of a / sin(a), where w = cos(a) and a is half a rotation angle; error 1e-14 at a right angle."""
+"""Power series, in 1 - w, of a / sin(a); w = cos(a), a: half a rotation angle. Its error is 1e-14 at a right angle."""
 _BERNOULLI = (
     1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798, 174611 / 330, 854513 / 138,
     236364091 / 2730,
 )  # fmt: skip
 _CURVED = tuple(_BERNOULLI[k] / math.factorial(2 * k + 2) for k in range(12))
-"""Series in |phi|^2 of the coefficient c of T^-1 (`rotations.Turn`), with an error of 1e-14 at a right angle."""
+"""Power series, in |phi|^2, of the coefficient c of T^-1 (`rotations.Turn`). Its error is 1e-14 at a right angle."""
 
 
 @kernel
@@ -88,10 +88,10 @@ def _four(c, k, z, square):
 
 @kernel
 def _turn(A, own, share):
-    """Return the `Turn` of a section against the frame: rotation matrix E, rotation vector phi, T^-1(phi), roll g.
+    """Return the `Turn` of a section: its rotation relative to the frame, and the derivative of the frame's roll.
 
-    A, own: rotation matrices of frame and section (their axes to inertial axes); share: 1 / p_y of the `Frame`. Valid
-    for rotations below a right angle. See theory, (9.3).
+    A and own are the rotation matrices of frame and section, from their axes to inertial axes. share is 1 / p_y of the
+    `Frame`. The function is valid for relative rotations below a right angle. See theory, (9.3).
     """
     E = A.T @ own
     # quaternion of E from its trace: cos(a/2) = sqrt(1 + tr E) / 2, sin(a/2) n = part (E - E^T)
@@ -142,8 +142,9 @@ def frame_of(left, right):
 def rates_of(frame, left, right):
     """Return the `Rates` of a segment's frame, from the rates of the segment's ends (`Place`s left, right).
 
-    w_y = -d_z / l, w_z = d_y / l, w_x = g_l . w_l + g_r . w_r + k w_y. d: velocity of the right end relative to the
-    left (frame axes); l: length of the chord; g: `Turn.g`; k: `Frame.k`; w_l, w_r: the sections' rates, section axes.
+    w_y = -d_z / l, w_z = d_y / l, w_x = g_l . w_l + g_r . w_r + k w_y. d is the velocity of the right end relative to
+    the left end (frame axes), l the length of the chord. w_l and w_r are the sections' angular velocities in section
+    axes. g and k are fields of `Turn` and `Frame`.
     """
     d, share = frame.A.T @ (right.v - left.v), frame.over
     y = -(d[2] * share)
@@ -155,19 +156,19 @@ def rates_of(frame, left, right):
 def _phi_rate(turn, own, spin):
     """Return phi' = T^-1 w - T^-T w_f (rad/s), the rate of a section's rotation vector phi relative to the frame.
 
-    turn: `Turn` of the section; own: w, its angular velocity, section axes; spin: w_f, that of the frame, frame axes.
-    phi and phi' are in frame axes.
+    turn: the section's `Turn`. own: angular velocity w of the section, section axes. spin: angular velocity w_f of the
+    frame, frame axes. phi and phi' are in frame axes.
     """
     return turn.T @ own - turn.T.T @ spin
 
 
 @kernel
 def phi_second(turn, rate, own, own_second, spin, second):
-    """Return phi'' (rad/s^2) of a section: the second rate of its rotation vector relative to the frame.
+    """Return phi'' (rad/s^2), the second time derivative of a section's rotation vector relative to the frame.
 
-    turn: `Turn`; rate: phi'; own, own_second: angular velocity and acceleration of the section, section axes; spin,
-    second: angular velocity and acceleration of the frame, frame axes. T^-1 = 1 + phi^/2 + c phi^ phi^ with c = 1/12 +
-    |phi|^2/720 + ..., valid below a right angle.
+    turn: the section's `Turn`. rate: phi'. own, own_second: angular velocity and acceleration of the section, section
+    axes. spin, second: angular velocity and acceleration of the frame, frame axes. The inverse tangent map is T^-1 = 1
+    + phi^/2 + c phi^ phi^ with c = 1/12 + |phi|^2/720 + ...; the series is valid below a right angle.
     """
     phi = turn.phi
     square, apart = dot(phi, phi), own - spin
@@ -183,13 +184,13 @@ def phi_second(turn, rate, own, own_second, spin, second):
 
 @kernel
 def cross_with_ex(phi):
-    """Return phi x e_x = (0, phi_z, -phi_y): the slope of a section's tangent off the chord."""
+    """Return phi x e_x = (0, phi_z, -phi_y), the slope of a section's tangent relative to the chord."""
     return Vector(phi[0] * 0.0, phi[2], -phi[1])
 
 
 @kernel
 def ex_cross(f):
-    """Return e_x x f = (0, -f_z, f_y), the moment on phi of a transverse force f (transpose of `cross_with_ex`)."""
+    """Return e_x x f = (0, -f_z, f_y), the moment that a transverse force f exerts on phi."""
     return Vector(f[0] * 0.0, -f[2], f[1])
 
 
@@ -197,9 +198,9 @@ def ex_cross(f):
 def frame_second_rates(frame, rates, left, right):
     """Return the angular acceleration of a segment's frame (rad/s^2, frame axes), from its `Rates` and two `Vertex`es.
 
-    The y and z components are the rates of w_y = -d_z / l and w_z = d_y / l in the rotating frame; d: velocity of the
-    right end relative to the left. The x component follows from the condition that p, the sum of both sections' y axes,
-    keeps p_z = 0 in frame axes. See theory, (9.3).
+    The y and z components are the time derivatives of w_y = -d_z / l and w_z = d_y / l in the rotating frame, where d
+    is the velocity of the right end relative to the left end. The x component follows from the condition p_z = 0 in
+    frame axes, where p is the sum of both sections' y axes. See theory, (9.3).
     """
     spin, share = rates.spin, frame.over
     # y and z, from the chord's second rate

@@ -1,8 +1,8 @@
 """Forces of a segment with a floating frame in space, its energy and its damping (kinematics: `frame`; theory, 9).
 
-If segments are reduced to modes, the inner modes have rows of their own, behind all other rows. Each mode has an
-amplitude (rad) about x, y, z of the frame. A mode rotates sections in the frame, in addition to the ends' shape
-functions.
+If segments are reduced to modes, each inner mode has rows of its own, behind all other rows. A mode has an amplitude
+(rad) about x, y and z of the frame. It rotates sections relative to the frame, in addition to the shape functions of
+the ends' rotations.
 """
 
 from __future__ import annotations
@@ -30,29 +30,30 @@ from .rotations import (
 )
 
 MOST, HEAVY = 0.5, 40.0
-"""MOST bounds the forces in a segment's tangent: force divided by EI / l^2 (the buckling force is pi^2 EI / l^2) and
-moment divided by EI / l. The bound applies if the inertia term of the Newton matrix exceeds `HEAVY` times the bending
-stiffness. When Newton's iteration begins, strains have errors of second order in a step's rotation. Multiplied by EA or
-the stiffer EI, the resulting forces would spoil the tangent. Real forces are small compared with such inertia."""
+"""Bound of the forces in a segment's tangent: force divided by EI / l^2 (buckling force: pi^2 EI / l^2), moment divided
+by EI / l. The bound applies if the inertia term of the Newton matrix exceeds `HEAVY` times the bending stiffness. When
+Newton's iteration begins, strains have errors of second order in a step's rotation. Multiplied by EA or the stiffer EI,
+such strains would spoil the tangent. Real forces are small compared with such inertia."""
 
 
 class Stiff(NamedTuple):
     """Forces conjugate to a segment's elastic coordinates, with intermediate results (frame axes)."""
 
     pull: Any  # N: force along the chord
-    left: Any  # N m: moments on phi_l and phi_r
+    left: Any  # N m: moments conjugate to the rotations phi_l and phi_r
     right: Any
-    slope_l: Any  # m: H phi of the left and of the right end
+    slope_l: Any  # m: vectors H phi of the left and of the right end
     slope_r: Any
-    apart: Any  # N m: (left - right) / 4 of the bending and torsion moments, without the stretch's part
-    both: Any  # N m: `HELIX` times the sum of these moments
+    apart: Any  # N m: (left - right) / 4 of the bending and torsion moments, without the part from stretch
+    both: Any  # N m: `HELIX` times the sum of left and right bending and torsion moments
 
 
 @kernel
 def _bent(lane, model, par, table, a, b):
-    """Return the moments K (a, b) (N m) on both ends of a segment whose ends rotate by a, b (rad); frame axes.
+    """Return the moments K (a, b) (N m) on both ends of a segment whose ends rotate by a and b (rad), in frame axes.
 
-    table: offset of the stiffness K in model.frames; the arm's own factors (par) on GJ, EI_y and EI are applied.
+    The stiffness K begins at offset `table` of model.frames. The arm's own factors (par) on GJ, EI_y and EI are
+    applied.
     """
     factors = factors_of(lane, par)
     l, r = product(lane, model, table, a, b)
@@ -61,12 +62,12 @@ def _bent(lane, model, par, table, a, b):
 
 @kernel
 def _strained(a, b):
-    """Return the rotations of both ends as K takes them, from a = phi_l, b = phi_r (rad, frame axes), to second order.
+    """Return the rotations of both ends by which K is multiplied, from a = phi_l, b = phi_r (rad), to second order.
 
-    phi_l,r +- phi_l x phi_r / 4 - d_x (d x e_x) / 24, d = phi_r - phi_l (theory, 9). The sections rotate relative to
-    each other by log(exp(-a) exp(b)) = b - a - a x b / 2. If sections shear, a share of the last term remains however
-    short the segment is. The other term accounts for the sections of a helix, which are rotated against its chord
-    without shear.
+    The results are phi_l,r +- phi_l x phi_r / 4 - d_x (d x e_x) / 24, d = phi_r - phi_l, in frame axes (theory, 9). The
+    second term arises because sections rotate relative to each other by log(exp(-a) exp(b)) = b - a - a x b / 2. The
+    third term accounts for the sections of a helix, which without shear are rotated relative to its chord. If sections
+    shear, a part of the third term remains even in short segments.
     """
     d = b - a
     c, helix = 0.25 * cross(a, b), d[0] * HELIX * cross_with_ex(d)
@@ -75,7 +76,7 @@ def _strained(a, b):
 
 @kernel
 def _strained_rate(a, b, x, y):
-    """Return the rates (rad/s) of both results of `_strained`; x, y: rates of the rotations a, b; frame axes."""
+    """Return the time derivatives (rad/s) of both results of `_strained`; x, y: rates of rotations a, b; frame axes."""
     d, e = b - a, y - x
     c = 0.25 * (cross(x, b) + cross(a, y))
     helix = HELIX * (e[0] * cross_with_ex(d) + d[0] * cross_with_ex(e))
@@ -84,10 +85,10 @@ def _strained_rate(a, b, x, y):
 
 @kernel
 def _unstrained(a, b, l, r, apart, both):
-    """Return the moments (N m) on phi_l, phi_r that are equivalent to moments l, r on the `_strained` rotations.
+    """Return the moments (N m) on phi_l and phi_r that are equivalent to moments l, r on the `_strained` rotations.
 
-    This is the transpose of the derivative of `_strained`. a, b: phi_l, phi_r (rad); apart = (l - r) / 4, both = (l +
-    r) / 24; frame axes.
+    The function applies the transposed derivative of `_strained`. a, b: rotations phi_l, phi_r (rad). apart: (l - r) /
+    4. both: (l + r) / 24. All vectors are in frame axes.
     """
     d = b - a
     more = d[0] * ex_cross(both)
@@ -97,10 +98,11 @@ def _unstrained(a, b, l, r, apart, both):
 
 @kernel
 def _stretch(lane, model, frame, at, q, row):
-    """Return (e + phi' H phi / 2, H phi of the left end, of the right end) in m: stretch with foreshortening.
+    """Return (e + phi' H phi / 2, H phi of the left end, H phi of the right end), in m: stretch and foreshortening.
 
-    e: length of the chord less the segment's; H: `FRAME.coupling`; phi: rotations of both ends and, where there are
-    inner modes, their amplitudes in q from `row` on; at: `frame_at` of the segment. Vectors in frame axes.
+    e is the length of the chord minus the segment's length, H is `FRAME.coupling`. phi contains the rotations of both
+    ends and the amplitudes of inner modes, which begin at row `row` of q. at: `frame_at` of the segment. Vectors are in
+    frame axes.
     """
     a, b = frame.left.phi, frame.right.phi
     l, r = product(lane, model, at.coupling, a, b)
@@ -117,8 +119,8 @@ def _stretch(lane, model, frame, at, q, row):
 def _stretch_rate(lane, model, frame, rates, slopes, at, q, v, row):
     """Return the rate (m/s) of the stretch e + phi' H phi / 2; slopes: H phi of both ends (m), from `_stretch`.
 
-    rates: `Rates` of the frame; q, v: coordinates and rates, with the segment's inner modes from `row` on; at:
-    `frame_at`.
+    rates: `Rates` of the frame. q, v: the arm's coordinates and rates; the segment's inner modes begin at row `row`.
+    at: `frame_at` of the segment.
     """
     e = rates.d[0] + dot(slopes[0], rates.left) + dot(slopes[1], rates.right)
     if model.inner is not None:
@@ -130,10 +132,11 @@ def _stretch_rate(lane, model, frame, rates, slopes, at, q, v, row):
 
 @kernel
 def _elastic(lane, model, par: Lanes, frame, rates, tau, at, state, row):
-    """Return the `Stiff` of a segment: force along the chord (N), moments on phi_l and phi_r (N m), in frame axes.
+    """Return the `Stiff` of a segment: force along the chord (N) and moments on phi_l, phi_r (N m), in frame axes.
 
-    Forces are elastic, with Kelvin-Voigt damping (theory, eq. 1.3) unless tau is None. tau: time constant (s); rates:
-    `Rates`, only read with damping; at: `frame_at` of the segment; row: first row of its inner modes in state."""
+    The forces are elastic, with Kelvin-Voigt damping (theory, eq. 1.3) unless tau is None. tau: time constant (s).
+    rates: `Rates` of the frame, only read with damping. at: `frame_at` of the segment. row: first row of its inner
+    modes in state."""
     q, v, _ = state
     e, hl, hr = _stretch(lane, model, frame, at, q, row)
     a, b = frame.left.phi, frame.right.phi
@@ -158,7 +161,7 @@ def _elastic(lane, model, par: Lanes, frame, rates, tau, at, state, row):
 
 @kernel
 def _inner_bent(lane, model, par, at, i, x, row):
-    """Return row i of K x: moment (N m) on inner mode i of the inner amplitudes in x from `row` on, frame axes."""
+    """Return row i of K x, the moment (N m, frame axes) on inner mode i; inner amplitudes begin at row `row` of x."""
     zero = 0.0
     total = Vector(zero, zero, zero)
     for j in range(inner_of(model)):
@@ -171,9 +174,9 @@ def _inner_bent(lane, model, par, at, i, x, row):
 def _inner_forces(lane, model, par: Lanes, frame, tau, pull, second, at, state, row, r):
     """Add elastic, damping and rotary inertia forces of a segment's inner modes to their rows of r (N m, frame axes).
 
-    The translational inertia is added in `framed`. tau: time constant (s) or None; pull: force along the chord (N);
-    second: angular accelerations of the left section, the right section (section axes) and the frame (frame axes),
-    rad/s^2. at: `frame_at`; row: first row of the modes in state and r. See theory, (9.3).
+    `framed` adds the translational inertia. tau: time constant (s) or None. pull: force along the chord (N). second:
+    angular accelerations (rad/s^2) of left section, right section (section axes) and frame (frame axes). at: `frame_at`
+    of the segment. row: first row of the inner modes in state and r. See theory, (9.3).
     """
     q, v, a = state
     width, factor = inner_of(model) + 3, par[STIFFNESS_FACTOR]
@@ -193,10 +196,10 @@ def _inner_forces(lane, model, par: Lanes, frame, tau, pull, second, at, state, 
 
 @kernel
 def _off(lane, model, to, a, b, x, row):
-    """Return the offset n (m, frame axes) from the chord of the mass point `to`, for end rotations a, b and modes x.
+    """Return the offset n (m, frame axes) of a mass point from the chord, for end rotations a, b and inner amplitudes.
 
-    n = h_l (a x e_x) + h_r (b x e_x) + sum h_i (x_i x e_x); given rates or second rates of the rotations, the result is
-    the same rate of n. to: offset of a `WEIGHT` in model.frames; row: first row of the inner modes in x.
+    n = h_l (a x e_x) + h_r (b x e_x) + sum h_i (x_i x e_x). Given first or second rates of the rotations, the result is
+    the corresponding rate of n. to: offset of the point's `WEIGHT` in model.frames. row: first row of inner modes in x.
     """
     hl, hr = three_of(lane, model.frames, to + W.left), three_of(lane, model.frames, to + W.right)
     n = scale(cross_with_ex(a), hl) + scale(cross_with_ex(b), hr)
@@ -210,8 +213,8 @@ def _off(lane, model, to, a, b, x, row):
 def _rate(lane, model, frame, rates, left, right, to, v, row, n):
     """Return the velocity (m/s, inertial axes) of a mass point at the offset n (m, frame axes) from the chord.
 
-    left, right: `Place`s of the ends; rates: `Rates`; v: rates, with those of the inner modes from `row` on; to: offset
-    of the point's `WEIGHT` in model.frames.
+    left, right: `Place`s of the ends. rates: `Rates` of the frame. v: rates of the arm; the segment's inner modes begin
+    at row `row`. to: offset of the point's `WEIGHT` record in model.frames.
     """
     xi, slip = model.frames[to + W.xi], _off(lane, model, to, rates.left, rates.right, v, row)
     slip = frame.A @ (slip + cross(rates.spin, n))
@@ -220,7 +223,7 @@ def _rate(lane, model, frame, rates, left, right, to, v, row, n):
 
 @kernel
 def _most_force(section, sixth, mass):
-    """Return the largest force (N) that may enter the segment's tangent, or infinity (see `MOST`).
+    """Return the largest force (N) that enters the tangent of a segment, or infinity without a bound (see `MOST`).
 
     section: `Section`; sixth: a sixth of the segment's mass (kg); mass: weight of the mass in the matrix (1/s^2).
     """
@@ -238,7 +241,7 @@ def _clipped(a, most):
 
 @kernel
 def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
-    """Return (force, moment) on the left and on the right end of segment i, from elasticity, damping and inertia.
+    """Return the (force, moment) on the left and on the right end of segment i: elastic, damping and inertia forces.
 
     See theory, (9.3). Forces along inertial axes (N), moments in section axes (N m).
 
@@ -301,10 +304,11 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
 
 @kernel
 def _momenta(lane, model, at, a, b, c, x, row):
-    """Return the angular momenta of rotary inertia (kg m^2/s) of left section, right section, frame, in own axes.
+    """Return the angular momenta (kg m^2/s) of the rotary inertia: left section, right section, frame, in own axes.
 
-    a, b, c: angular velocities of these three (rad/s, own axes); x: rates, with those of the inner modes from `row` on;
-    at: `frame_at`. Given accelerations for a, b, c, x, it returns the linear part of the inertia moments (N m).
+    a, b, c: angular velocities of left section, right section and frame (rad/s, own axes). x: rates; the inner modes
+    begin at row `row`. at: `frame_at`. Given accelerations for a, b, c and x, the function returns inertia moments (N
+    m) without gyroscopic terms.
     """
     l, r = product(lane, model, at.rotary, a, b)
     lc, rc = constant(lane, model, at.rotary, 3), constant(lane, model, at.rotary, 4)
@@ -322,9 +326,9 @@ def _momenta(lane, model, at, a, b, c, x, row):
 def _rotary(lane, model, at, left, right, frame, state, row):
     """Return the rotary inertia moments (N m) on left section, right section and frame, each in its own axes.
 
-    d(momentum)/dt + w x momentum. at: offsets of the `FRAME`; left, right: `Vertex`; frame: (angular velocity, angular
-    acceleration) of the frame. state, row: its inner modes' rates and accelerations begin at row `row`.
-    """
+    The moments are d(momentum)/dt + w x momentum. at: offsets of the `FRAME` record. left, right: `Vertex` of each end.
+    frame: angular velocity and angular acceleration of the frame. The rates and accelerations of the segment's inner
+    modes begin at row `row` of state."""
     wl, wr, (spin, alpha) = left.place.spin, right.place.spin, frame
     l, r, c = _momenta(lane, model, at, wl, wr, spin, state.v, row)
     more_l, more_r, more = _momenta(lane, model, at, left.alpha, right.alpha, alpha, state.a, row)
@@ -335,8 +339,8 @@ def _rotary(lane, model, at, left, right, frame, state, row):
 def frame_sums(lane, model, par: Lanes, q, v, left, right, i):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of segment i.
 
-    left, right: `Place`s of its ends; q, v: coordinates and rates of the inner modes. See theory, (9.3).
-    """
+    left, right: `Place`s (position, rotation, rates) of the segment's ends. q, v: coordinates and rates, from which the
+    inner modes are read. See theory, (9.3)."""
     at, row = frame_at(model, i), inner_row(model, i)
     frame = frame_of(left, right)
     rates = rates_of(frame, left, right)
@@ -376,11 +380,11 @@ def frame_sums(lane, model, par: Lanes, q, v, left, right, i):
 
 @kernel
 def frame_damping(lane, model, par, state, left, right, other_l, other_r, i):
-    """Return the power / tau_d (W/s) of segment i's damping forces at first rates for a second set of (virtual) rates.
+    """Return v1^T C v2 / tau_d (W/s): power of segment i's damping forces at rates v1 for a second set of rates v2.
 
-    left, right: `Place`s of the ends with the first rates; other_l, other_r: `Place`s of the same ends with the second
-    rates. Inner modes: state.v has the first, state.a the second rates. i: index over all links. See theory, (9.3).
-    """
+    left, right: `Place`s of the ends with the first rates. other_l, other_r: `Place`s of the same ends with the second
+    rates. state.v contains the first rates of the inner modes, state.a their second rates. i: index over all links. See
+    theory, (9.3)."""
     at, row = frame_at(model, i), inner_row(model, i)
     q, v, x = state
     frame = frame_of(left, right)
@@ -399,10 +403,9 @@ def frame_damping(lane, model, par, state, left, right, other_l, other_r, i):
 
 @kernel
 def _strains(lane, model, state, left, right, at, row):
-    """Return (stretch, near, far) of a segment (m, rad, rad) and their rates, without inner bending.
+    """Return the strains (stretch, near, far) of a segment (m, rad, rad) and their rates, without inner bending.
 
-    state: (q, v); left, right: `Place`s; near, far: `_strained` rotations of both ends.
-    """
+    state: pair (q, v) of the arm. left, right: `Place`s of the ends. near, far: `_strained` rotations of both ends."""
     q, v = state
     frame = frame_of(left, right)
     rates, a, b = rates_of(frame, left, right), frame.left.phi, frame.right.phi
@@ -415,12 +418,11 @@ def _strains(lane, model, state, left, right, at, row):
 
 @kernel
 def frame_damping_over(lane, model, par, before, after, share, i):
-    """Return the damping power of segment i over a step, divided by tau_d, and its unresolved part, W/s.
+    """Return the damping power of segment i over a step and its unresolved part, both divided by tau_d (W/s).
 
-    before, after: (q, v, left `Place`, right `Place`) at the step's start and end; share: 1 / step (1/s). The first
-    value uses mean strain rates: the change of strain divided by the step. The second value is the excess power of the
-    mean damping force, as in `element.element_damping`. See theory, (9.3).
-    """
+    before, after: (q, v, left `Place`, right `Place`) at the step's start and end. share: 1 / step (1/s). The power
+    uses mean strain rates, i.e. the change of strain divided by the step. The unresolved part is the excess power of
+    the mean damping force, as in `element.element_damping`. See theory, (9.3)."""
     at, row = frame_at(model, i), inner_row(model, i)
     (q0, v0, left_0, right_0), (q, v, left, right) = before, after
     (e_0, near_0, far_0), (e_rate_0, near_rate_0, far_rate_0) = _strains(

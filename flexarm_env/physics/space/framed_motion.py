@@ -1,9 +1,9 @@
 """Velocity-dependent part of a floating segment's Newton matrix in space, to first order of phi (theory, 9).
 
-Angular velocities of sections are constant in the sections' own axes, which rotate with the sections. Velocities of
-positions are constant in inertial axes. Strain rates therefore change with the coordinates by more than c_v times the
-strains. So do the second rates of the ends' tangents in the inertia forces. Blocks act on rotations phi_l, phi_r in
-frame axes.
+Angular velocities of sections are coordinates in the sections' own axes, velocities of positions in inertial axes. If a
+coordinate changes at constant rates, these axes rotate relative to the frame. Strain rates and the second rates of the
+ends' tangents therefore change by more than c_v times the strains. Blocks act on the rotations phi_l and phi_r of the
+ends, in frame axes.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from .rotations import Matrix, Vector, cross, outer, skew, skewed
 def _both_rows(lane, model, table, A, B):
     """Return (ll A + lr B, lr A + rr B) for 3 x 3 matrices A, B and diagonal matrices ll, lr, rr of a `FRAME` table.
 
-    table: offset of the table in model.frames. For K: both ends' moments as the ends' rotations change by A and B.
+    table: offset of the table in model.frames. For K the results are derivatives of the moments on both ends, where A
+    and B are derivatives of the ends' rotations.
     """
     ll, lr, rr = constant(lane, model, table, 0), constant(lane, model, table, 1), constant(lane, model, table, 2)
     return rows_of(ll, A) + rows_of(lr, B), rows_of(lr, A) + rows_of(rr, B)
@@ -29,11 +30,11 @@ def _both_rows(lane, model, table, A, B):
 
 @kernel
 def bent_rows(lane, model, par, a, b, near, far, at):
-    """Return (dm_l, dm_r): derivatives (3 x 3) of the moments on phi_l, phi_r, from those of the strained rotations.
+    """Return (dm_l, dm_r), the 3 x 3 derivatives of the moments on phi_l and phi_r by any three variables.
 
-    near, far: derivatives (3 x 3) by any three variables of the rotations at the left and right end that K multiplies;
-    a, b: rotations phi_l, phi_r of the ends (rad); at: `frame_at`; all in frame axes. The function multiplies near and
-    far by the stiffness K, then by the transposed derivative of those rotations by phi_l, phi_r.
+    near, far: derivatives (3 x 3) of the `_strained` rotations of the left and right end by these variables. a, b:
+    rotations phi_l and phi_r of the ends (rad). at: `frame_at`. All vectors are in frame axes. The function multiplies
+    near and far by the stiffness K, then by the transposed derivative of the `_strained` rotations by phi_l, phi_r.
     """
     d, factors = HELIX * (b - a), factors_of(lane, par)
     l, r = _both_rows(lane, model, at.bend, near, far)
@@ -45,11 +46,12 @@ def bent_rows(lane, model, par, a, b, near, far, at):
 
 
 class Late(NamedTuple):
-    """Derivatives of damping forces by rotations at constant rates, in addition to the derivatives by rates.
+    """Derivatives of damping forces by rotations at constant rates; they are added to the derivatives by rates.
 
-    left, right, frame  N m: derivatives of (moment on phi_l, moment on phi_r) by the rotation of left section, right
-        section and frame
-    e_l, e_r, e_b  N: derivatives of the force along the chord by the rotation of left section, right section and frame
+    left, right, frame: derivatives (N m) of the pair (moment on phi_l, moment on phi_r) by the rotation of the left
+    section, right section and frame
+    e_l, e_r, e_b: derivatives (N) of the force along the chord by the rotation of the left section, right section and
+    frame
     """
 
     left: Any
@@ -62,11 +64,11 @@ class Late(NamedTuple):
 
 @kernel
 def late_of(lane, model, par, frame, rates, spins, stiff, late, at):
-    """Return the `Late` of a segment: damping forces by rotations at constant rates.
+    """Return the `Late` of a segment, the derivatives of damping forces by rotations at constant rates.
 
-    d phi' = (phi' / 2) x (dth + dbeta) - w x dth - X dbeta, X dbeta = w_x (0, dbeta_z, -dbeta_y) with the frame's spin
-    w_x; the strain rates follow from phi and phi'. spins: angular velocities of both sections (rad/s, section axes);
-    late: tau_d times a weight (s), see `framed_tangent.tangent`; stiff: `Stiff`. See theory, (9.3).
+    d phi' = (phi' / 2) x (dth + dbeta) - w x dth - X dbeta, X dbeta = w_x (0, dbeta_z, -dbeta_y), w_x: spin of the
+    frame. The strain rates follow from phi and phi'. spins: angular velocities of both sections (rad/s, section axes).
+    late: tau_d times a weight (s), see `framed_tangent.tangent`. stiff: `Stiff` of the segment. See theory, (9.3).
     """
     x, y, spin = 0.25 * late * rates.left, 0.25 * late * rates.right, late * rates.spin
     # d phi' by the rotations of the left section, the right section, and the frame
@@ -100,10 +102,11 @@ def late_of(lane, model, par, frame, rates, spins, stiff, late, at):
 
 @kernel
 def late_pull(frame, late):
-    """Return derivatives of the chord's force in `Late` by both sections' rotations (N) and lateral positions (N/m).
+    """Return derivatives of the chord's damping force by both sections' rotations (N) and by lateral positions (N/m).
 
-    The derivative by positions is a pair (y, z): by the right end's y and z position, frame axes. late: `Late`, or None
-    for zeros. The frame rotates with the ends' positions (beta_y, beta_z) and rolls with the sections (g).
+    The derivative by positions is a pair, by the right end's y and z position in frame axes. The frame rotates with the
+    ends' positions (beta_y, beta_z) and rolls with the sections (g). late: `Late` of the segment; the results are 0 if
+    it is None.
     """
     if late is None:
         zero = frame.length * 0.0
@@ -115,11 +118,11 @@ def late_pull(frame, late):
 
 @kernel
 def swung(w, own, cd):
-    """Return the part of d(t'')/d(rotation) of a section that its rates cause, times cd: rows y and z, section axes.
+    """Return the derivative of a section's t'' by its rotation that its rates cause, times cd: rows y, z, section axes.
 
-    t'': second time derivative of the section's tangent; w: the section's angular velocity (rad/s, section axes); own:
-    field `own` of the section's `Vertex`, the joint's rate (rad/s); cd: weight of dr/dv in the Newton matrix (1/s).
-    Each row is a `Vector` with one entry for each component of the rotation.
+    t'': second time derivative of the section's tangent. w: angular velocity of the section (rad/s, section axes). own:
+    joint's rate (rad/s), field `own` of the section's `Vertex`. cd: weight of dr/dv in the Newton matrix (1/s). Each
+    row is a `Vector`, with one entry for each component of the rotation.
     """
     x, zero = (w[0] - own[0]) * cd, w[0] * 0.0
     return Vector((w[1] + own[1]) * cd, x, zero), Vector((w[2] + own[2]) * cd, zero, x)
@@ -129,17 +132,17 @@ def swung(w, own, cd):
 def with_swung(rows, h, turned):
     """Return `rows`, to which h_y and h_z times the rows `turned` (result of `swung`) are added.
 
-    rows: derivatives of the y and z components of an end's force by a section's rotation, two `Vector`s, frame axes; h:
-    first moments of the mass that moves with the section's tangent (kg m).
+    rows: two `Vector`s (frame axes), the derivatives of the y and z components of an end's force by a section's
+    rotation. h: first moments (kg m) of the mass that moves with the section's tangent.
     """
     return rows[0] + h[1] * turned[0], rows[1] + h[2] * turned[1]
 
 
 @kernel
 def plus_lifted(A, h, turned):
-    """Return A with the moments that the rows of `swung` (turned) cause: row y - h_y turned_z, row z + h_z turned_y.
+    """Return A plus the moments that the rows `turned` cause: -h_y turned_z in row y, +h_z turned_y in row z.
 
-    A: derivative of the moment on a section by a section's rotation, 3 x 3 (N m); h: second moments of the mass about
-    x, y, z (kg m^2, `FRAME.lateral`).
+    A: derivative of the moment on a section by a section's rotation, 3 x 3 (N m). turned: result of `swung`. h: second
+    moments of the mass about x, y, z (kg m^2, `FRAME.lateral`).
     """
     return Matrix(A[0], A[1] - h[1] * turned[1], A[2] + h[2] * turned[0])

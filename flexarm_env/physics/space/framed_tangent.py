@@ -28,43 +28,43 @@ from .rotations import (
 
 @kernel
 def _plus_diagonal(A, d):
-    """Return A + diag(d)."""
+    """Return A + diag(d), the matrix A with the vector d added to its diagonal."""
     a, b, c = A
     return Matrix(Vector(a[0] + d[0], a[1], a[2]), Vector(b[0], b[1] + d[1], b[2]), Vector(c[0], c[1], c[2] + d[2]))
 
 
 @kernel
 def _column(A, j):
-    """Return column j of the matrix A."""
+    """Return column j of the 3 x 3 matrix A as a `Vector`."""
     return A.T[j]
 
 
 class Column(NamedTuple):
     """Derivatives by three increments: of an end's position (m, frame axes) or of its rotation (rad, section axes)."""
 
-    d: Any  # 1, -1 or 0: right end's position relative to the left one's
-    x_l: Any  # 1 or 0: left end's position
-    x_r: Any  # 1 or 0: right end's position
-    phi_l: Any  # 3 x 3: rotations relative to the frame
+    d: Any  # 1, -1 or 0: derivative of the right end's position relative to the left end
+    x_l: Any  # 1 or 0: derivative of the left end's position
+    x_r: Any  # 1 or 0: derivative of the right end's position
+    phi_l: Any  # 3 x 3: derivatives of the sections' rotations relative to the frame
     phi_r: Any
-    beta: Any  # 3 x 3: the frame's rotation
-    t_l: Any  # 3 x 3: the sections' rotations
+    beta: Any  # 3 x 3: derivative of the frame's rotation
+    t_l: Any  # 3 x 3: derivatives of the sections' rotations
     t_r: Any
 
 
 class Bent(NamedTuple):
-    """Moments of the mass of a deflected segment, whose mass has the deflection n from the chord; frame axes."""
+    """Mass moments of a deflected segment; n is the deflection of its mass from the chord, in frame axes."""
 
-    near: Any  # kg m: int m (1 - x/l) n
-    far: Any  # kg m: int m x/l n
-    left: Any  # kg m^2: int m h h phi about y, z of the left end, by which n goes round the chord
+    near: Any  # kg m: first moment, int m (1 - x/l) n
+    far: Any  # kg m: first moment, int m x/l n
+    left: Any  # kg m^2: int m h h phi about y, z of the left end; n rotates by it about the chord
     right: Any
     roll: Any  # kg m^2: int m n^2; None without inner modes
 
 
 @kernel
 def _bent_inertia(lane, model, frame, at, q, row):
-    """Return the `Bent` of a segment, (9.3); q, row: coordinates, first row of its inner modes; at: `FRAME` offsets."""
+    """Return the `Bent` of a segment (9.3). q: coordinates. row: first row of its inner modes. at: `FRAME` offsets."""
     a, b = frame.left.phi, frame.right.phi
     x, y = cross_with_ex(a), cross_with_ex(b)
     near = scale(x, constant(lane, model, at.near, 0)) + scale(y, constant(lane, model, at.near, 1))
@@ -88,7 +88,7 @@ def _bent_inertia(lane, model, frame, at, q, row):
 
 @kernel
 def _inner_own(lane, model, frame, at, k, q, row, mass):
-    """Return H phi (m) of inner mode k, mass int m h_k n about y, z, frame axes; mass: weight of dr/da; n: `Bent`."""
+    """Return H phi (m) of inner mode k, and its inertia int m h_k n about y, z times mass, the weight of dr/da."""
     a, b = frame.left.phi, frame.right.phi
     bow = mass * inner_by(lane, model, at.roll, 2, k + 2, a, b, q, row)
     return inner_by(lane, model, at.inner_coupling, 2, k, a, b, q, row), Vector(bow[0] * 0.0, bow[1], bow[2])
@@ -96,9 +96,10 @@ def _inner_own(lane, model, frame, at, k, q, row, mass):
 
 @kernel
 def _inner_column(lane, model, stiff, geometric, own, share, weights, at, k, by):
-    """Return the 3 x 3 derivative of the force on inner mode k (rows: about x, y, z; N m) by the coordinates of `by`.
+    """Return the 3 x 3 derivative of the moment (N m; rows x, y, z) on inner mode k by the coordinates of `by`.
 
-    by: `Column`; own: of `_inner_own`; share: weighted EA / l (N/m); geometric: weighted force along the chord (N).
+    by: `Column`. own: result of `_inner_own`. share: weighted EA / l (N/m). geometric: weighted force along the chord
+    (N).
     """
     cm, (slope, bow), pair = weights.mass, own, (inner_of(model) + 2) * k
     # material: H phi (EA / l) d(stretch)
@@ -123,10 +124,10 @@ def _inner_column(lane, model, stiff, geometric, own, share, weights, at, k, by)
 
 @kernel
 def _inner_pair(lane, model, par, slopes, share, rate, pull, weights, at, k, j, S: Lanes, inner):
-    """Store the derivative of the force on inner mode k by mode j in the `INNER` of S; slopes: H phi of both (m).
+    """Store the derivative of the moment on inner mode k by inner mode j in the `INNER` record of the segment in S.
 
-    share: weighted EA / l (N/m); rate: weight of K with damping; pull: force along the chord (N).
-    """
+    slopes: H phi of both modes (m). share: weighted EA / l (N/m). rate: weight of K with damping. pull: chord's force
+    (N)."""
     m, (one, two) = inner_of(model), slopes
     bend = rate * constant(lane, model, at.inner_bend, m * k + j)
     own = pull * weights.stiffness * constant(lane, model, at.inner_coupling, (m + 2) * k + 2 + j)
@@ -141,20 +142,20 @@ def _inner_pair(lane, model, par, slopes, share, rate, pull, weights, at, k, j, 
 
 @kernel
 def _diagonal(lane, model, at, i, A, geometric, cm):
-    """Return A + diag(geometric H + cm h): block i (0: ll, 1: lr, 2: rr) of moments on phi by phi, N m, frame axes.
+    """Return A + diag(geometric H + cm h), one block of the derivative of moments on phi by phi (N m, frame axes).
 
-    A: material part. geometric: chord's force (N) times the weight of stiffness; H: `FRAME.coupling`, m; cm: weight of
-    mass; h: `FRAME.lateral`, kg m^2. at: `FRAME` offsets."""
+    i: block (0: ll, 1: lr, 2: rr). A: material part. geometric: chord's force (N) times the weight of stiffness. cm:
+    weight of mass. H: `FRAME.coupling`, m. h: `FRAME.lateral`, kg m^2. at: `FRAME` offsets."""
     d = geometric * constant(lane, model, at.coupling, i)
     return _plus_diagonal(A, d + cm * constant(lane, model, at.lateral, i))
 
 
 @kernel
 def _bending(lane, model, par, frame, stiff, pull, strong, rate, weights, at):
-    """Return (ll, lr, rr): symmetric derivative of the moments on phi_l, phi_r by phi (N m, frame axes), and inertia.
+    """Return blocks (ll, lr, rr) of the symmetric derivative of the moments on phi_l, phi_r by phi, with inertia (N m).
 
-    strong: EA / l with damping (N/m); rate: weight of K with damping; pull: force in the chord (N); stiff: `Stiff`.
-    """
+    strong: EA / l with damping (N/m). rate: weight of K with damping. pull: chord's force (N). stiff: `Stiff`. Frame
+    axes."""
     c, a, b = weights.stiffness, frame.left.phi, frame.right.phi
     (x, y, z), (a0, a1, a2), (b0, b1, b2) = HELIX * (b - a), 0.25 * a, 0.25 * b
     zero, one = x * 0.0, x * 0.0 + 1.0
@@ -181,12 +182,12 @@ def _bending(lane, model, par, frame, stiff, pull, strong, rate, weights, at):
 
 @kernel
 def _mirrored(A):
-    """Return the symmetric matrix with the upper triangle of A."""
+    """Return the symmetric matrix whose upper triangle is that of A."""
     return Matrix(A[0], Vector(A[0][1], A[1][1], A[1][2]), A.T[2])
 
 
 class Turned(NamedTuple):
-    """Derivatives (3 x 3, N m) of moments by rotations; lr: left section's moment by the right section; b: frame."""
+    """3 x 3 derivatives (N m) of moments by rotations. lr: left section's moment by the right section's; b: frame."""
 
     ll: Any
     lr: Any
@@ -208,10 +209,10 @@ def _rows_by(P, Q, left, right):
 
 @kernel
 def _turned(lane, model, frame, now, bending, late, bent, weights, at):
-    """Return the `Turned` of a segment, d phi = T^-1 dth - T^-T dbeta at either end; each rotation in its own axes.
+    """Return the `Turned` of a segment: d phi = T^-1 dth - T^-T dbeta at each end, each rotation in its own axes.
 
-    now: (force between the ends, moments on phi_l, phi_r); bending: of `_bending`; late: `Late` or None; bent: `Bent`.
-    """
+    now: (force between the ends, moments on phi_l, phi_r). bending: from `_bending`. late: `Late` or None. bent:
+    `Bent`."""
     cm, c, P, Q = weights.mass, weights.stiffness, frame.left.T, frame.right.T
     # d(moment on phi), d phi = T^-1 dth - T^-T dbeta: ll P by dth of the left section, ll P^T + lr Q^T by -dbeta
     Pt, Qt, (ll, lr, rr) = P.T, Q.T, bending
@@ -264,7 +265,7 @@ def _turned(lane, model, frame, now, bending, late, bent, weights, at):
 
 @kernel
 def _plus_column(A, a):
-    """Return -A with a added to its first column."""
+    """Return -A with the vector a added to its first column."""
     one, two, three = A
     return Matrix(
         Vector(a[0] - one[0], -one[1], -one[2]),
@@ -275,7 +276,7 @@ def _plus_column(A, a):
 
 @kernel
 def _plus_row(A, a):
-    """Return -A with a added to its first row."""
+    """Return -A with the vector a added to its first row."""
     return Matrix(a - A[0], -A[1], -A[2])
 
 
@@ -299,11 +300,11 @@ def _by_chord(frame, A):
 
 @kernel
 def _drawn(frame, left, right, bent, cm):
-    """Return the inertia coupling of an end's position across the chord with rotations and positions (frame axes).
+    """Return the inertia coupling of an end's lateral position with rotations and lateral positions, in frame axes.
 
-    left, right, bent: kg m, h of both rotations and n, weighted with the end's share of the mass; cm: mass weight.
-    Returns (rows y, z by the left section), (by the right section), (force by the chord's y, by its z).
-    """
+    left, right, bent: h of both ends' rotations, and n, times the end's share of the mass (kg m). cm: weight of mass.
+    Returns rows y, z by the left section's rotation, rows y, z by the right section's, and force by the chord's y and
+    z."""
     P, Q, gl, gr = frame.left.T, frame.right.T, frame.left.g, frame.right.g
     hl, hr, n, Pt, Qt = cm * left, cm * right, cm * bent, P.T, Q.T
     y, z = hl[1] * Pt[2] + hr[1] * Qt[2], hl[2] * Pt[1] + hr[2] * Qt[1]
@@ -316,27 +317,27 @@ def _drawn(frame, left, right, bent, cm):
 
 @kernel
 def _across(A, rows):
-    """Return A M A^T, where M has a row x of zeros and rows y, z = rows; A: frame axes to inertial axes."""
+    """Return A M A^T; row x of M is zero, its rows y and z are `rows`. A: rotation from frame axes to inertial axes."""
     y, z = A @ rows[0], A @ rows[1]
     return Matrix(A[0][1] * y + A[0][2] * z, A[1][1] * y + A[1][2] * z, A[2][1] * y + A[2][2] * z)
 
 
 @kernel
 def _place_rows(A, x, rows, more):
-    """Return A times the matrix with row x and, as rows y and z, the sums of both pairs; A: frame to inertial axes."""
+    """Return A M; M has the row x and, as rows y and z, the sums of rows and more. A: frame axes to inertial axes."""
     y, z = rows[0] + more[0], rows[1] + more[1]
     return A @ Matrix(x, y, z)
 
 
 @kernel
 def _less(rows):
-    """Return a pair of rows with the opposite sign."""
+    """Return two rows with opposite signs."""
     return -rows[0], -rows[1]
 
 
 @kernel
 def _columns(frame):
-    """Return `Column`s by left place, left rotation, right place, right rotation (frame axes; own axes of sections)."""
+    """Return `Column`s for left position and rotation, then right (positions: frame axes; rotations: section axes)."""
     a, b, share, zero = frame.left, frame.right, frame.over, frame.length * 0.0
     none, full = Vector(zero, zero, zero), zero + 1.0
     nothing, one = Matrix(none, none, none), about_identity(full, none, zero, none)
@@ -352,13 +353,12 @@ def _columns(frame):
 
 @kernel
 def tangent(lane, model, par, tau, frame, rates, spins, rate_l, stiff, pull, now, i, q, weights, S, f):
-    """Store the derivative of `framed` for segment i in the `FACTOR` at offset f of S, axes as in `framed`.
+    """Store the derivative of `framed` for segment i in the `FACTOR` at offset f of S, in the axes of `framed`.
 
-    Inertia of the unbent segment, material stiffness, rotation of the force between the ends, and, to first order of
-    phi, velocity-dependent damping and inertia. spins: angular velocities of the sections (section axes); rate_l: `own`
-    of the left `Vertex`; tau: s, or None; stiff: `Stiff`; pull, now: bounded force along the chord; (force between the
-    ends, moments on phi). See theory, (9.3).
-    """
+    Parts: inertia of the unbent segment, material stiffness, rotation of the force between the ends, and, to first
+    order of phi, velocity-dependent damping and inertia. spins: angular velocities of the sections (section axes).
+    rate_l: `own` of the left `Vertex`. tau: s or None. pull: bounded force along the chord. now: (force between the
+    ends, moments on phi). See theory, (9.3)."""
     at, row = frame_at(model, i), inner_row(model, i)
     rate = weights.stiffness
     if tau is not None:

@@ -26,11 +26,11 @@ from .segments import ENDS, frames, turned_over
 Array = NDArray[np.float64]
 
 AXIS = {"xy": (2, 1.0), "xz": (1, -1.0), "torsion": (0, 1.0)}
-"""For each measure: component of the rotation vector (0, 1, 2: x, y, z) and sign with which a gauge reads it."""
+"""For each measure, the component of the rotation vector (0: x, 1: y, 2: z) that a gauge reads, and its sign."""
 
 
 def gauges(scene: Scene, settings: Settings, spots: Sequence[Any]) -> Array:
-    """Return (G, GAUGE.length): the packed `GAUGE` of each spot (link, place, optional measure).
+    """Return (G, GAUGE.length): one packed `GAUGE` record for each spot (link, place) or (link, place, measure).
 
     place: fraction of the link's length; measure: a key of `AXIS`, "xy" by default.
     """
@@ -49,7 +49,7 @@ def gauges(scene: Scene, settings: Settings, spots: Sequence[Any]) -> Array:
 
 
 def strained_rows(scene: Scene, settings: Settings, system: Any, spots: Sequence[Any]) -> Array:
-    """Return (G, n) rows whose products with q are the gauges' readings, for links with strains.
+    """Return (G, n): row g times the coordinates q is the reading of gauge g. For links with strains as coordinates.
 
     spots: as in `gauges`. A reading (1/m) is the strain at the station relative to the stress-free link.
     """
@@ -64,16 +64,17 @@ def strained_rows(scene: Scene, settings: Settings, system: Any, spots: Sequence
 
 
 def _stiffness(link: Link, s: Array, axis: int) -> Array:
-    """Return GJ, EI_y or EI (N m^2) of a link at s (m), for axis 0, 1 or 2."""
+    """Return the stiffness (N m^2) of a link at position s (m): GJ, EI_y or EI for axis 0, 1 or 2."""
     return np.asarray(link.along(s).EI if axis == 2 else link.across(s)["GJ" if axis == 0 else "EI_y"])
 
 
 def _elements(link: Link, n: int, s: float, axis: int) -> tuple[int, Array, Array, float]:
-    """Return (first, weights of its ends, weights of the next element's ends, reading without stress) of a gauge.
+    """Return a gauge's weights: (first element, weights of its ends, weights of the next element's ends, rest reading).
 
-    The reading, 1/m, is the sum of weights (1/m) times rotations (rad) of the ends of elements `first` and first + 1,
-    less the reading without stress. Weights (2,): left and right end; 0 if there is no next element. n: number of
-    elements; s: place of the gauge on the link, m; axis: 0 torsion, 1 and 2 bending about y and z.
+    The reading (1/m) is a weighted sum of the rotations (rad) of the ends of elements `first` and first + 1, minus the
+    rest reading without stress. The weights (2,), 1/m, are for the left and right end; they are 0 if there is no next
+    element. n: number of elements. s: position of the gauge on the link, m. axis: 0 for torsion, 1 and 2 for bending
+    about y and z.
     """
     ends = link.mesh(n, "elements")
     own = [ELEMENT.unpack(packed) for packed in _packed(link, n, 1.0)]
@@ -95,7 +96,7 @@ def _elements(link: Link, n: int, s: float, axis: int) -> tuple[int, Array, Arra
 
 
 def _segment(link: Link, n: int, s: float, axis: int) -> tuple[int, Array, Array, float]:
-    """Return the values of `_elements` for the segment with a floating frame at s (m), from its shapes' curvatures."""
+    """Return the values of `_elements` for a segment with a floating frame at s (m), from its shapes' curvatures."""
     ends = link.mesh(n, "segments")
     e = int(np.clip(np.searchsorted(ends, s, side="right") - 1, 0, n - 1))
     # torsion: (phi_r - phi_l) / l; bending: second derivative of the shapes

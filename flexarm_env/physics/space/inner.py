@@ -1,9 +1,10 @@
 """Inner modes of segments with floating frames in space: sums over modes, and their part of the Newton matrix.
 
 A segment has `inner_of(model)` inner modes. Each mode has an amplitude (rad) about x, y and z of the frame. The rows of
-these amplitudes follow the rows of the chain. The Newton matrix eliminates them within their segment before it is
-condensed along the chain. A table of a `FRAME` holds three numbers, for x, y, z, per pair of coordinates. Row i is for
-inner mode i; its columns are left end, right end (and frame, in `inner_rotary`), then the inner modes.
+these amplitudes follow the rows of the chain. They are eliminated within their segment before the Newton matrix is
+condensed along the chain. A `FRAME` record contains tables of three numbers (for x, y, z) for each pair of coordinates.
+Row i of such a table is for inner mode i. The columns are for the left end, the right end, the frame (only in
+`inner_rotary`) and the inner modes.
 """
 
 from __future__ import annotations
@@ -15,21 +16,21 @@ from .layout import F, count_of, inner_of
 from .rotations import Vector, dot, load_vector
 
 HELIX = 1.0 / 24.0
-"""Rotation (rad) of the sections of a helix against its chord, divided by twist times bending angle (rad^2)."""
+"""Rotation (rad) of the sections of a helix relative to its chord, divided by twist times bending angle (rad^2)."""
 
 
 @kernel
 def constant(lane, model, table, i):
-    """Return entry i of the table of a `FRAME` at offset `table` of model.frames: a `Vector` for the axes x, y, z."""
+    """Return entry i of a table of a `FRAME` record as a `Vector` for x, y, z; table: its offset in model.frames."""
     return three_of(lane, model.frames, table + 3 * i)
 
 
 @kernel
 def product(lane, model, table, a, b):
-    """Return (ll a + lr b, lr a + rr b): a symmetric table (ll, lr, rr) of a `FRAME` times vectors a, b of both ends.
+    """Return (ll a + lr b, lr a + rr b): the symmetric table (ll, lr, rr) of a `FRAME` times the ends' vectors a, b.
 
-    ll, lr, rr: diagonal matrices (entries for x, y, z) for the ends left-left, left-right, right-right; table: offset
-    of the table in model.frames.
+    ll, lr and rr are diagonal matrices (entries for x, y, z) for the pairs left-left, left-right and right-right of
+    ends. The table begins at offset `table` of model.frames.
     """
     ll, lr, rr = constant(lane, model, table, 0), constant(lane, model, table, 1), constant(lane, model, table, 2)
     return scale(a, ll) + scale(b, lr), scale(a, lr) + scale(b, rr)
@@ -37,10 +38,10 @@ def product(lane, model, table, a, b):
 
 @kernel
 def ends_by(lane, model, table, others, x, row, l, r):
-    """Return the vectors l, r of the left and right end, to which the table times the inner amplitudes x is added.
+    """Return the vectors l and r of the two ends plus the contributions of the inner amplitudes, by a table.
 
-    table: offset in model.frames of a table that has, for each inner mode, `others` columns (the first two: left and
-    right end), then those of the inner modes; row: first row of the segment's inner modes in x.
+    table: offset in model.frames. For each inner mode the table has `others` columns, of which the first two are for
+    the left and right end, then the columns of the inner modes. row: first row of the segment's inner amplitudes in x.
     """
     for i in range(inner_of(model)):
         own, at = load_vector(lane, x, row + 3 * i), (inner_of(model) + others) * i
@@ -51,10 +52,10 @@ def ends_by(lane, model, table, others, x, row, l, r):
 
 @kernel
 def inner_by(lane, model, table, others, i, a, b, x, row):
-    """Return the product of row i of a table with (a, b, x): both ends' vectors and the inner modes' amplitudes.
+    """Return the product of row i of a table with (a, b, inner amplitudes); a, b: vectors of the left and right end.
 
-    a, b: vectors of the left and right end; table: offset in model.frames of a table that has `others` columns (the
-    first two: left and right end) before those of the inner modes; row: first row of the segment's inner modes in x.
+    table: offset in model.frames. The table has `others` columns, of which the first two are for the left and right
+    end, then the columns of the inner modes. row: first row of the segment's inner amplitudes in x.
     """
     at = (inner_of(model) + others) * i
     total = scale(a, constant(lane, model, table, at)) + scale(b, constant(lane, model, table, at + 1))
@@ -65,7 +66,7 @@ def inner_by(lane, model, table, others, i, a, b, x, row):
 
 @kernel
 def elements_before(model, k):
-    """Return the number of elements of all links before link k."""
+    """Return the number of elements (or segments) on all links before link k."""
     total = 0
     for j in range(k):
         total += count_of(model, j)
@@ -74,7 +75,7 @@ def elements_before(model, k):
 
 @kernel
 def factors(lane, n, S: Lanes, o):
-    """Factor the n x n matrix at offset o of S in place: L has a unit diagonal, U reciprocal pivots.
+    """Factor the n x n matrix at offset o of S in place into L (unit diagonal) and U (stored with reciprocal pivots).
 
     No rows are exchanged, because the mass dominates the diagonal.
     """
@@ -109,10 +110,11 @@ def solution(lane, n, S: Lanes, o, x: Lanes, i, stride):
 
 @kernel
 def condense(lane, model, S: Lanes, f, inner):
-    """Factor the `INNER` of a segment and condense its inner modes out of the `FACTOR` at offset f of S.
+    """Factor the matrix of a segment's inner modes and eliminate these modes from the `FACTOR` at offset f of S.
 
-    The field `over` becomes matrix^-1 over, and each block LL, LR, RL, RR becomes block - ends^T over. inner: offsets
-    of the fields `matrix`, `ends`, `over` of the segment's `INNER` (`inner_at`).
+    In the segment's `INNER` record the field `over` becomes matrix^-1 over. Each block LL, LR, RL, RR of the `FACTOR`
+    becomes block - ends^T over. inner: offsets of the fields `matrix`, `ends`, `over` of the `INNER` record
+    (`inner_at`).
     """
     n, o = 3 * inner_of(model), inner.matrix
     factors(lane, n, S, o)
@@ -148,10 +150,10 @@ def transposed_solution(lane, n, S: Lanes, o, x: Lanes, i):
 
 @kernel
 def _subtract_from_ends(lane, model, S: Lanes, table, x: Lanes, row, right):
-    """Subtract table^T (x of the inner modes) from both ends; table: offset in S of 12 columns for each mode.
+    """Subtract table^T y, with y the inner rows of x, from both ends' rows; table: offset in S of 12 columns per mode.
 
-    row, right: first rows of the inner modes and of the right end in x. The left end's part is returned as (force,
-    inertial; moment, section axes) to add.
+    row, right: first rows in x of the inner modes and of the right end. The left end's part is returned, to be added,
+    as a force (inertial axes) and a moment (section axes).
     """
     n = 3 * inner_of(model)
     for j in range(6):
@@ -167,9 +169,9 @@ def _subtract_from_ends(lane, model, S: Lanes, table, x: Lanes, row, right):
 
 @kernel
 def _subtract_from_modes(lane, model, S: Lanes, table, x: Lanes, row, left, right):
-    """Subtract table (left, right) from x of the inner modes; table, row: as in `_subtract_from_ends`.
+    """Subtract table (left, right) from the inner modes' rows of x; table and row as in `_subtract_from_ends`.
 
-    left, right: (position, inertial axes; rotation, section axes) by which the ends move.
+    left, right: motion of each end, a pair of position (inertial axes) and rotation (section axes).
     """
     for k in range(3 * inner_of(model)):
         for part, side in ((left, 0), (right, 6)):
@@ -180,10 +182,10 @@ def _subtract_from_modes(lane, model, S: Lanes, table, x: Lanes, row, left, righ
 
 @kernel
 def down(lane, model, S, inner, x, row, right):
-    """Eliminate a segment's inner modes from x: their rows <- matrix^-1 x, then subtract ends^T x from both ends' rows.
+    """Eliminate a segment's inner modes from x: inner rows <- matrix^-1 x, then subtract ends^T x from both ends' rows.
 
-    inner: `inner_at` of the segment; row, right: first rows in x of the inner modes and of the right end. The left
-    end's share is not subtracted but returned: (force in inertial axes, moment in section axes), to be added.
+    inner: `inner_at` of the segment. row, right: first rows in x of the inner modes and of the right end. The left
+    end's part is not subtracted but returned, to be added, as a force (inertial axes) and a moment (section axes).
     """
     solution(lane, 3 * inner_of(model), S, inner.matrix, x, row, 1)
     return _subtract_from_ends(lane, model, S, inner.ends, x, row, right)
@@ -191,17 +193,17 @@ def down(lane, model, S, inner, x, row, right):
 
 @kernel
 def up(lane, model, S, inner, x, row, left, right):
-    """Compute a segment's inner amplitudes by back substitution: their rows of x <- x - over (motions of both ends).
+    """Compute a segment's inner amplitudes by back substitution: inner rows of x <- x - over (left, right).
 
-    inner: `inner_at` of the segment (field `over` is read); row: first row of the inner modes in x; left, right: motion
-    of each end (position in inertial axes, rotation in section axes).
+    inner: `inner_at` of the segment, whose field `over` is read. row: first row of the inner modes in x. left, right:
+    motion of each end, a pair of position (inertial axes) and rotation (section axes).
     """
     _subtract_from_modes(lane, model, S, inner.over, x, row, left, right)
 
 
 @kernel
 def up_transposed(lane, model, S, inner, x, row, right):
-    """Apply the transpose of `up`: subtract over^T x (x: inner rows) from both ends' rows; arguments as in `down`."""
+    """Apply the transpose of `up`: subtract over^T (inner rows of x) from both ends' rows; arguments as in `down`."""
     return _subtract_from_ends(lane, model, S, inner.over, x, row, right)
 
 
@@ -224,11 +226,11 @@ def _entry(lane, n, S: Lanes, o, i, j):
 
 @kernel
 def multiplied(lane, model, S, inner, x: Lanes, y: Lanes, row, left, right):
-    """Multiply the part of the matrix that `condense` has eliminated by x and the ends' motions; add the product to y.
+    """Multiply the part of the matrix that `condense` eliminated by x and the ends' motions; add the inner rows to y.
 
-    inner: `inner_at` of the segment; x: amplitudes and y: forces, of inner modes from `row` on; left, right: motion
-    (position, rotation) of the ends. The inner rows of the product are added to y. Returns the (force, moment) on the
-    left end and on the right end that the condensed blocks do not contain. See theory, (9.3).
+    inner: `inner_at` of the segment. x: amplitudes; y: forces; in both, the inner modes begin at row `row`. left,
+    right: motion (position, rotation) of the ends. The function returns the (force, moment) on the left end and on the
+    right end that the condensed blocks do not contain. See theory, (9.3).
     """
     n, zero = 3 * inner_of(model), 0.0
     nothing = Vector(zero, zero, zero)

@@ -23,27 +23,28 @@ AXES = 6
 ELEMENT = Layout(
     "Element", "",
     Field("length", (), "m", "reference length l"),
-    Field("mass", (3,), "kg", "lumped at the left end, the middle and the right end (Simpson's rule)"),
+    Field("mass", (3,), "kg", "masses lumped at the left end, the middle and the right end (Simpson's rule)"),
     Field("inertia", (3,), "kg m^2", "rotary inertia about the section's x, y, z at each end: half of the element's"),
     Field("EA", (), "N", "axial stiffness"),
     Field("shear", (2,), "1/N", "shear flexibility 1/C along y, 1/C_y along z"),
-    Field("bow", (2,), "1/N", "residual bending flexibility along y (of EI) and z (of EI_y); l^2/(12 EI) if constant"),
+    Field("bow", (2,), "1/N",
+          "residual bending flexibility along y (from EI) and z (from EI_y); l^2/(12 EI) if EI is constant"),
     Field("bend", (3,), "N m^2", "GJ, EI_y, EI: torsion and bending stiffness about x, y, z"),
-    Field("rest", (3,), "", "l kappa_0 in rad: rotation vector from left to right end without stress"),
-    Field("chord", (3,), "", "stress-free chord / l less that of an arc (`element.bow_of`), middle's axes"),
-    Field("tilt", (2,), "", "a_y, a_z: center of flexibility for bending about y, z, from the middle, over l"),
-    Field("damping", (), "", "Kelvin-Voigt time constant over the arm's largest"),
+    Field("rest", (3,), "", "l kappa_0: rotation vector (rad) from the left to the right end without stress"),
+    Field("chord", (3,), "", "stress-free chord / l minus that of an arc (`element.bow_of`), axes of the middle"),
+    Field("tilt", (2,), "", "a_y, a_z: distance from middle to center of flexibility for bending about y, z, over l"),
+    Field("damping", (), "", "the link's Kelvin-Voigt time constant divided by the arm's largest"),
 )  # fmt: skip
 
 POINTS = 4
-"""Number of Gauss points of a segment's mass, without inner modes."""
+"""Number of Gauss points for the mass of a segment without inner modes."""
 
 WEIGHT = Layout(
     "Weight", "inner",
     Field("xi", (), "", "position along the chord, from 0 (left) to 1 (right)"),
     Field("mass", (), "kg", "mass of the Gauss point"),
-    Field("left", (3,), "m", "h along y, z: the point is h (phi x e_x) off the chord, phi: left end's rotation"),
-    Field("right", (3,), "m", "h along y, z for the rotation of the right end"),
+    Field("left", (3,), "m", "h along y, z: the point is h (phi x e_x) off the chord; phi: rotation of the left end"),
+    Field("right", (3,), "m", "h along y, z for the rotation of the right end, as in `left`"),
     Field("inner", ("inner", 3), "m", "h along y, z for the amplitudes of each inner mode"),
 )  # fmt: skip
 
@@ -52,35 +53,39 @@ FRAME = Layout(
     Field("length", (), "m", "reference length l of the segment"),
     Field("pull", (), "N/m", "EA / l, stiffness against stretch of the chord"),
     Field("bend", (3, 3), "N m",
-          "K about x, y, z of the rotations phi: blocks (left, left), (left, right), (right, right)"),
-    Field("coupling", (3, 3), "m", "H of stretch with bending (theory 1.2), blocks as in K"),
-    Field("moment", (2, 3), "N m", "K phi_0 of the stress-free rotations, about x, y, z, left and right"),
-    Field("spent", (), "J", "phi_0^T K phi_0 / 2 of the stress-free rotations"),
+          "stiffness K about x, y, z for the rotations phi: blocks (left, left), (left, right), (right, right)"),
+    Field("coupling", (3, 3), "m", "coupling H of stretch with bending (theory 1.2), blocks as in `bend`"),
+    Field("moment", (2, 3), "N m", "moments K phi_0 of the stress-free rotations phi_0 about x, y, z: left, right"),
+    Field("spent", (), "J", "phi_0^T K phi_0 / 2, the energy of the stress-free rotations phi_0"),
     Field("rotary", (6, 3), "kg m^2",
           "rotary inertia about x, y, z: (l, l), (l, r), (r, r), (l, frame), (r, frame), (frame, frame)"),
-    Field("mass", (3,), "kg", "mass matrix of the ends' positions: (l, l), (l, r), (r, r)"),
+    Field("mass", (3,), "kg", "mass matrix of the ends' positions: (left, left), (left, right), (right, right)"),
     Field("near", (2, 3), "kg m",
-          "int m (1 - xi) h: left position with the left and the right rotation, h of `WEIGHT`"),
-    Field("far", (2, 3), "kg m", "int m xi h: right position with the left and the right rotation"),
-    Field("lateral", (3, 3), "kg m^2", "int m h h of the rotations about x, y, z: (l, l), (l, r), (r, r)"),
+          "int m (1 - xi) h: coupling of the left position with the left and the right rotation, h of `WEIGHT`"),
+    Field("far", (2, 3), "kg m", "int m xi h: coupling of the right position with left and right rotation"),
+    Field("lateral", (3, 3), "kg m^2",
+          "int m h h of rotations about x, y, z: (left, left), (left, right), (right, right)"),
     Field("points", ("points", WEIGHT.length), "", "Gauss points of the mass, a `WEIGHT` each"),
     Field("inner_bend", ("inner", "inner", 3), "N m",
-          "K of the inner modes about x, y, z; they do not couple with the ends' rotations"),
-    Field("inner_coupling", ("inner", "inner + 2", 3), "m", "H of each inner mode with left, right, inner modes"),
-    Field("inner_lateral", ("inner", "inner + 2", 3), "kg m^2", "int m h h of each inner mode with left, right, inner"),
-    Field("inner_rotary", ("inner", "inner + 3", 3), "kg m^2", "rotary inertia with left, right, frame, inner modes"),
+          "stiffness of the inner modes about x, y, z; inner modes do not couple with the ends' rotations"),
+    Field("inner_coupling", ("inner", "inner + 2", 3), "m",
+          "coupling H of each inner mode with left, right, inner modes"),
+    Field("inner_lateral", ("inner", "inner + 2", 3), "kg m^2",
+          "int m h h of each inner mode with left, right, inner modes"),
+    Field("inner_rotary", ("inner", "inner + 3", 3), "kg m^2",
+          "rotary inertia of each inner mode with left, right, frame, inner modes"),
     Field("inner_near", ("inner", 3), "kg m", "int m (1 - xi) h of each inner mode"),
     Field("inner_far", ("inner", 3), "kg m", "int m xi h of each inner mode"),
-    Field("inner_moment", ("inner", 3), "N m", "K times stress-free amplitudes, about x, y, z"),
+    Field("inner_moment", ("inner", 3), "N m", "stiffness times stress-free amplitudes, about x, y, z"),
     Field("roll", ("inner + 2", "inner + 2", 3), "kg m^2",
           "int m h_i h_j across planes (left, right, inner): [1] h_i on y, h_j on z; [2] reverse"),
 )  # fmt: skip
 
 BODY = Layout(
     "Body", "",
-    Field("mass", (), "kg", "mass; of the payload the arm's own parameter counts instead"),
+    Field("mass", (), "kg", "mass of the body; for the payload, the arm's parameter replaces this value"),
     Field("there", (), "", "1: the body exists; 0: it does not; the payload always exists"),
-    Field("centre", (3,), "m", "center of mass, from the origin of its section, section axes"),
+    Field("centre", (3,), "m", "center of mass, measured from the section's origin, section axes"),
     Field("inertia", (3, 3), "kg m^2", "inertia tensor about the center of mass, section axes"),
 )  # fmt: skip
 
@@ -89,57 +94,62 @@ JOINT = Layout(
     Field("axis", (3,), "", "unit vector of the joint's axis, axes of the link's root"),
     Field("mount", (3, 3), "", "rotation at angle 0: axes of the link's root to axes of the section before"),
     Field("quaternion", (4,), "", "quaternion of `mount`"),
-    Field("before", (3,), "m", "lever from the origin of the section before to the joint, axes of that section"),
+    Field("before", (3,), "m", "lever from the origin of the section before to the joint, axes of the section before"),
     Field("beyond", (3,), "m", "lever from the joint to the link's first section, axes of the link's root"),
     Field("near", (BODY.length,), "", "`BODY` fixed to the section before (elbow, rigid end)"),
-    Field("far", (BODY.length,), "", "`BODY` fixed to the link's root, center measured from its first section"),
+    Field("far", (BODY.length,), "", "`BODY` fixed to the link's root; its center is measured from the first section"),
 )  # fmt: skip
 
 FACTOR = Layout(
     "Factor", "",
     Field("LL", (6, 6), "",
-          "6 x 6 block (left rows, left columns), row by row; `factor` condenses what lies behind into it"),
+          "6 x 6 block (left rows, left columns), row by row; `factor` adds the condensed blocks of the vertices "
+          "beyond"),
     Field("LR", (6, 6), "", "block (left rows, right columns)"),
     Field("RL", (6, 6), "", "block (right rows, left columns); after `factor` RR^-1 RL"),
     Field("RR", (6, 6), "", "block (right, right); after `factor` its L and U, reciprocal pivots"),
-    Field("force", (3,), "N", "exact element: force n over the section of the last residual, axes of the middle"),
-    Field("by_place", (3, 3), "N/m", "exact element: dn by the right end's position (inertial axes), last matrix"),
-    Field("by_left", (3, 3), "N", "dn by the rotation of the left end (its axes)"),
-    Field("by_right", (3, 3), "N", "dn by the rotation of the right end (its axes)"),
+    Field("force", (3,), "N", "exact element: section force n of the last residual, axes of the middle"),
+    Field("by_place", (3, 3), "N/m", "exact element: derivative of n by the right end's position (inertial axes)"),
+    Field("by_left", (3, 3), "N", "derivative of n by the rotation of the left end (its axes)"),
+    Field("by_right", (3, 3), "N", "derivative of n by the rotation of the right end (its axes)"),
 )  # fmt: skip
 
 INNER = Layout(
     "Inner", "inner",
     Field("matrix", ("3 * inner", "3 * inner"), "",
-          "block of a segment's inner modes; after `factor` L and U, reciprocal pivots"),
-    Field("ends", ("3 * inner", 12), "", "d(force on the ends' 6 + 6 rows)/d(inner amplitudes), transposed"),
+          "block of a segment's inner modes; `factor` replaces it by L and U with reciprocal pivots"),
+    Field("ends", ("3 * inner", 12), "",
+          "derivative of the force on the ends' 12 rows by inner amplitudes, transposed"),
     Field("over", ("3 * inner", 12), "",
-          "d(inner rows)/d(the ends' 6 + 6 coordinates); after `factor` matrix^-1 times it"),
+          "derivative of the inner rows by the ends' 12 coordinates; `factor` multiplies it by matrix^-1"),
 )  # fmt: skip
 """`INNER`: one record for each segment; the records follow all `FACTOR`s in the matrix array S."""
 
 HINGE = Layout(
     "Hinge", "",
-    Field("turn", (3, 3), "", "rotation, axes of the link's root to axes of the section before, of the last matrix"),
+    Field("turn", (3, 3), "",
+          "rotation from axes of the link's root to axes of the section before, in the last matrix"),
     Field("moment", (3,), "N m", "moment on the link's root times weights.stiffness, root axes"),
     Field("force", (3,), "N",
-          "force on the root times weights.stiffness, axes of the section before; only with levers"),
-    Field("lever", (3,), "m", "s: from the section before to the link's first section, axes of the section before"),
+          "force on the root times weights.stiffness, axes of the section before; used only with levers"),
+    Field("lever", (3,), "m",
+          "s: lever from the section before to the link's first section, axes of the section before"),
     Field("frame", (3, 3), "", "A: axes of the section before to inertial axes"),
     Field("own", (), "N m/rad", "stiffness that `add_stiffness` adds to the pivot"),
-    Field("column", (6,), "", "d(force inertial, moment section axes, on the section before)/d(joint angle)"),
-    Field("row", (6,), "", "d(joint row)/d(increment of the section before), divided by the pivot"),
+    Field("column", (6,), "", "derivative of the wrench (inertial, section axes) on the section before by joint angle"),
+    Field("row", (6,), "", "derivative of the joint's row by motion of the section before, divided by the pivot"),
     Field("pivot", (), "", "reciprocal pivot of the joint's row"),
     Field("pinned", (), "", "1: the joint is fixed (row and column of the identity); otherwise 0"),
     Field("shift", (3, 3), "m",
-          "X: d(position of the link's first section, inertial)/d(rotation of the section before)"),
-    Field("swing", (3,), "m", "c: d(position of the link's first section, inertial)/d(joint angle)"),
+          "X: derivative of the first section's position (inertial axes) by the rotation of the section before"),
+    Field("swing", (3,), "m", "c: derivative of the first section's position (inertial axes) by the joint angle"),
     Field("lag", (3,), "rad",
           "rotation by which Kelvin-Voigt damping lets the root lag, see `matrix.joint_motion_of_root`"),
     Field("drift", (3,), "m", "`swing` with the rotation that `lag` adds, inertial axes"),
-    Field("sway", (3,), "rad/s", "w x e, joint axis e, spin w and axes of the section before; only with rotors"),
+    Field("sway", (3,), "rad/s",
+          "w x e: spin w of the section before, joint axis e, both in its axes; only with rotors"),
     Field("rotor", (ROTOR.end,), "", "`physics.layout.ROTOR` of the joint's rotor"),
-    Field("now_turn", (3, 3), "", "`turn` of the last residual; `solve` reads the fields above, not these"),
+    Field("now_turn", (3, 3), "", "`turn` of the last residual; `solve` reads `turn` instead"),
     Field("now_lever", (3,), "m", "`lever` of the last residual"),
     Field("now_frame", (3, 3), "", "`frame` of the last residual"),
     Field("now_force", (3,), "N", "force on the link's first section, inertial axes, of the last residual"),
@@ -167,11 +177,11 @@ GAUGE = Layout(
     Field("link", (), "", "index of the link"),
     Field("element", (), "", "index within the link of the first of at most two elements that it reads"),
     Field("axis", (), "", "0, 1 or 2: x, y or z component of the ends' rotations"),
-    Field("near", (2,), "1/m", "weights of the rotations of that element's left and right end"),
-    Field("far", (2,), "1/m", "weights for the next element; 0 if there is none"),
-    Field("rest", (), "1/m", "reading without stress, subtracted"),
+    Field("near", (2,), "1/m", "weights of the rotations of the left and right end of that element"),
+    Field("far", (2,), "1/m", "weights of the next element's rotations; 0 without next element"),
+    Field("rest", (), "1/m", "reading without stress, which is subtracted"),
 )  # fmt: skip
-"""A `GAUGE` reads ends' rotations (rad) relative to the element's middle section, or to the segment's frame."""
+"""A `GAUGE` reads the ends' rotations (rad) relative to the element's middle section, or to the segment's frame."""
 
 G = GAUGE.places
 E, J, P, F, H, B = ELEMENT.places, JOINT.places, BODY.places, FACTOR.places, HINGE.places, BASE.places
@@ -182,7 +192,7 @@ _frame_at, _weight_at, inner_layout = kernel(FRAME.offsets), kernel(WEIGHT.offse
 
 @kernel
 def inner_of(model):
-    """Return the number of inner modes of a segment (a compile-time constant), each with amplitudes about x, y, z."""
+    """Return the number of inner modes of a segment (compile-time constant). Each mode has amplitudes about x, y, z."""
     if model.inner is None:
         return 0
     return len(model.inner)
@@ -201,7 +211,7 @@ def points_of(model):
 
 @kernel
 def frame_at(model, i):
-    """Return the offsets, in model.frames, of the fields of the `FRAME` of segment i (counted over all links)."""
+    """Return the offsets, in model.frames, of the fields of the `FRAME` record of segment i, counted over all links."""
     inner, points = inner_of(model), points_of(model)
     return _frame_at(i * _frame_at(0, inner, points).end, inner, points)
 
@@ -214,13 +224,13 @@ def weight_end(model):
 
 @kernel
 def inner_row(model, i):
-    """Return the first row, in q and r, of the inner modes of segment i, behind all rows of the chain."""
+    """Return the first row, in q and r, of the inner modes of segment i. These rows follow all rows of the chain."""
     return model.places[PL.end * model.links + PL.row] + 3 * inner_of(model) * i
 
 
 @kernel
 def inner_at(model, i):
-    """Return the offsets, in the matrix array S, of the fields of the `INNER` of segment i, counted over all links."""
+    """Return the offsets, in the matrix array S, of the fields of the `INNER` record of segment i, over all links."""
     inner = inner_of(model)
     return inner_layout(model.places[PL.end * model.links + PL.factor] + inner_layout(0, inner).end * i, inner)
 
@@ -233,37 +243,37 @@ def joint_row(model, k):
 
 @kernel
 def vertex_row(model, k, e):
-    """Return the first of the six rows of vertex e of link k: right end of element e, or the root of a rigid link."""
+    """Return the first of six rows of vertex e of link k: right end of element e, or the root of a rigid link."""
     return joint_row(model, k) + 1 + AXES * e
 
 
 @kernel
 def count_of(model, k):
-    """Return the number of elements (or segments) of link k, which is 0 for a rigid link."""
+    """Return the number of elements (or segments) of link k; a rigid link has 0."""
     return model.places[PL.end * k + PL.elements]
 
 
 @kernel
 def hinge_at(k):
-    """Return the offset of the `HINGE` of joint k in S, the array of the Newton matrix and its factors."""
+    """Return the offset of the `HINGE` record of joint k in S, the array of the Newton matrix and its factors."""
     return B.end + H.end * k
 
 
 @kernel
 def factor_at(model, k, e):
-    """Return the offset of the `FACTOR` of element e of link k in S, the array of the Newton matrix and its factors."""
+    """Return the offset in S, the array of the Newton matrix, of the `FACTOR` record of element e of link k."""
     return model.places[PL.end * k + PL.factor] + F.end * e
 
 
 @kernel
 def rows_before(model, k):
-    """Return the first of the six rows of the section before joint k (the base's for k = 0)."""
+    """Return the first of the six rows of the section before joint k; for k = 0 this is the base."""
     return model.places[PL.end * k + PL.row] - AXES
 
 
 @kernel
 def before(model, k):
-    """Return the offset in S of the 6 x 6 diagonal block of the last section before joint k, of the base for k = 0.
+    """Return the offset in S of the 6 x 6 diagonal block of the last section before joint k; for k = 0 of the base.
 
     With k = model.links the function returns the block of the arm's last section. S: array of the Newton matrix.
     """

@@ -1,12 +1,12 @@
 """The Newton matrix of a chain in space: 6 x 6 blocks of vertices eliminated from tip to base, joints between them.
 
-The motion d = (position, rotation) of the section before a joint and the joint's angle b move the link's first section:
+The section before a joint moves by d = (position, rotation), the joint's angle by b. The link's first section moves by:
 
     position += X d_rotation + c b,   rotation = E^T d_rotation + axis b,     X = -A s^,  c = A E (axis x o)
 
-A: axes of the preceding section to inertial axes; E: axes of the link's root to axes of the preceding section; s: lever
-from the preceding section to the link's first section, and o: part of this lever beyond the joint, so X = c = 0 without
-levers. Block rows: force along inertial axes, moment in section axes; block columns: position (inertial), rotation in
+A: axes of the preceding section to inertial axes. E: axes of the link's root to axes of the preceding section. s: lever
+from the preceding section to the link's first section. o: the part of s beyond the joint. Without levers X = c = 0.
+Block rows: force along inertial axes, moment in section axes. Block columns: position in inertial axes, rotation in
 body axes.
 """
 
@@ -31,7 +31,7 @@ from .rotations import (
 
 @kernel
 def matrix_in(lane, S, o):
-    """Return the 3 x 3 `Matrix` whose nine entries are stored row by row in S from entry o on."""
+    """Return the nine entries of S from entry o on, stored row by row, as a 3 x 3 `Matrix`."""
     return Matrix(load_vector(lane, S, o), load_vector(lane, S, o + 3), load_vector(lane, S, o + 6))
 
 
@@ -48,8 +48,8 @@ def _joint_of(model, row):
 def add_stiffness(lane, model, S: Lanes, k, x):
     """Add x (N m/rad) to the stiffness of the joint angle in row k of q, which `factor` adds to that row's diagonal.
 
-    If x is None, row k (one of the base's six rows or a joint's row) is fixed: `factor` and `solve` then use the row of
-    the identity matrix.
+    If x is None, row k (one of the base's six rows or a joint's row) is fixed: `factor` and `solve` then replace the
+    row by that of the identity matrix.
     """
     if x is None:
         one = 1.0
@@ -62,7 +62,7 @@ def add_stiffness(lane, model, S: Lanes, k, x):
 
 
 def _factors(lane, A: Lanes):
-    """Replace a 6 x 6 matrix by its L (unit diagonal) and U, reciprocal pivots; mass makes pivoting needless."""
+    """Replace a 6 x 6 matrix by its factors L (unit diagonal) and U (reciprocal pivots), without pivoting."""
     a = [[A[6 * i + j] for j in range(6)] for i in range(6)]
     for k in range(6):
         a[k][k] = 1.0 / a[k][k]
@@ -76,7 +76,7 @@ def _factors(lane, A: Lanes):
 
 
 def _solution(lane, A: Lanes, x):
-    """Return the solution of A x = b, with b in the list x and the 6 x 6 factors of `_factors` in A."""
+    """Return the solution of A x = b; on entry the list x contains b, and A contains the factors from `_factors`."""
     # L y = b, then U x = y
     for k in range(6):
         for j in range(k):
@@ -90,7 +90,7 @@ def _solution(lane, A: Lanes, x):
 
 @traced
 def solve_six_transposed(lane, A: Lanes, x: Lanes):
-    """Solve A^T y = x in place for six entries of x; the array A (36 entries) holds the LU factors of the matrix."""
+    """Solve A^T y = x in place for six entries of x; A (36 entries) contains the LU factors of the matrix."""
     y = [x[k] for k in range(6)]
     # U^T, then L^T
     for k in range(6):
@@ -106,13 +106,13 @@ def solve_six_transposed(lane, A: Lanes, x: Lanes):
 
 @traced
 def _factor_six(lane, A):
-    """Factor the 6 x 6 matrix A in place (`_factors`)."""
+    """Replace the 6 x 6 matrix A by its LU factors (`_factors`)."""
     _factors(lane, A)
 
 
 @traced
 def solve_six(lane, A, x: Lanes):
-    """Solve A y = x in place for six entries of x; the array A (36 entries) holds the LU factors of the matrix."""
+    """Solve A y = x in place for six entries of x; A (36 entries) contains the LU factors of the matrix."""
     for k, value in enumerate(_solution(lane, A, [x[k] for k in range(6)])):
         x[k] = value
 
@@ -121,7 +121,8 @@ def solve_six(lane, A, x: Lanes):
 def eliminate(lane, LL: Lanes, LR: Lanes, RL: Lanes, RR):
     """Eliminate an element's right vertex: factor RR in place, then RL <- RR^-1 RL, LL <- LL - LR RR^-1 RL.
 
-    LL, LR, RL, RR: the element's four 6 x 6 blocks (rows and columns of the left, the right vertex), 36 entries each.
+    LL, LR, RL, RR: the element's 6 x 6 blocks, 36 entries each; the first letter names the rows, the second the columns
+    (left or right vertex).
     """
     _factors(lane, RR)
     for j in range(6):
@@ -160,14 +161,15 @@ def _base_is_held(lane, S):
 
 @kernel
 def eliminate_joint(lane, model, S: Lanes, k):
-    """Condense the root block of link k onto the preceding section, eliminate the joint's angle, fill its `HINGE`.
+    """Condense the root block of link k onto the preceding section, eliminate the joint's angle, and fill its `HINGE`.
 
-    The rotation d of the preceding section and the angle b move the link's root: position += X d + c b (inertial axes),
-    rotation = E^T d + axis b (root axes). A force f and a moment m on the root become the moment E m + X^T f on the
-    preceding section and axis . m + c . f in the joint's row. E, X, c: `HINGE.turn`, `shift`, `swing`. pivot, column
-    (wrench on the preceding section by the angle) and row (moment by that section's motion, divided by the pivot) are
-    stored in the `HINGE`; the 6 x 6 block of the preceding section becomes the transformed block less column row^T.
-    Includes the geometric part of the wrench on the root. See theory, (9.1).
+    The rotation d of the preceding section and the joint's angle b move the link's root: position += X d + c b
+    (inertial axes), rotation = E^T d + axis b (root axes). A force f and a moment m on the root are transmitted as the
+    moment E m + X^T f on the preceding section, and as axis . m + c . f in the joint's row. E, X, c are the fields
+    `turn`, `shift`, `swing` of the `HINGE`. The `HINGE` also receives three results: the pivot, `column` (the wrench on
+    the preceding section per joint angle) and `row` (the joint's moment per motion of the preceding section, divided by
+    the pivot). The preceding section's 6 x 6 block receives the transformed root block minus column row^T. The
+    geometric part of the wrench on the root is included. See theory, (9.1).
     """
     h, o, below = hinge_at(k), factor_at(model, k, 0) + F.LL, before(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -259,10 +261,10 @@ def eliminate_joint(lane, model, S: Lanes, k):
 
 @kernel
 def store_spin_lag(lane, model, par: Lanes, S, k, spin, weights):
-    """Store w tau/(1 + tau c_v) (rad) of link k's root in its `HINGE`, or 0 if weights.newton_share is 0.
+    """Store the vector w tau/(1 + tau c_v) (rad) of link k's root in its `HINGE`; 0 if weights.newton_share is 0.
 
-    spin w: rad/s, root axes; c_v = weights.damping (1/s); tau = tau_d (s). `joint_motion_of_root` reads the value.
-    See theory, section 9.
+    w: argument `spin`, rad/s, root axes. c_v: weights.damping (1/s). tau: tau_d (s). `joint_motion_of_root` reads the
+    stored vector. See theory, section 9.
     """
     if model.damped is not None and model.strains is None:
         tau = par[TAU_D]
@@ -271,12 +273,13 @@ def store_spin_lag(lane, model, par: Lanes, S, k, spin, weights):
 
 @kernel
 def joint_motion_of_root(lane, model, S, k, a):
-    """Return a + lag x a: rotation of link k's root per joint angle, root axes; a: the same rotation without damping.
+    """Return a + lag x a, the rotation of link k's root per joint angle in root axes; a: the same without damping.
 
-    lag: `HINGE.lag`. The joint's angle turns the root's axes, and the rates in these axes change by w x a; w: spin of
-    the root. Springs with dampers are 1 + tau_d c_v times as stiff as springs alone (c_v: weight of dr/dv). The change
-    of rates therefore corresponds to an additional rotation tau_d / (1 + tau_d c_v) w x a (theory, 9). Without damping,
-    or if strains are coordinates (whose dampers do not depend on these rates), a is returned.
+    lag: `HINGE.lag`. The joint's angle rotates the root's axes, so that rates in these axes change by w x a, where w is
+    the spin of the root. Springs with dampers are 1 + tau_d c_v times as stiff as springs alone; c_v is the weight of
+    dr/dv. The change of rates therefore acts like an additional rotation tau_d / (1 + tau_d c_v) w x a (theory, 9).
+    Without damping the function returns a. It also returns a if strains are coordinates, because dampers of strains do
+    not depend on these rates.
     """
     if model.damped is None or model.strains is not None:
         return a
@@ -298,9 +301,9 @@ def factor_base(lane, S: Lanes):
 
 @kernel
 def solve_base(lane, S, x: Lanes, across):
-    """Solve for the base's motion in x[0 : 6] (m along inertial axes, rad about base axes); fixed coordinates get 0.
+    """Solve for the base's motion in x[0 : 6]: m along inertial axes, rad about base axes; 0 for fixed coordinates.
 
-    across: True to solve the transposed system, False to solve the system itself.
+    across: if True, solve the transposed system; if False, solve the system itself.
     """
     for i in range(6):
         if S[(B.pinned + i) * len(lane)] != 0.0:
@@ -313,14 +316,14 @@ def solve_base(lane, S, x: Lanes, across):
 
 @kernel
 def block_times(lane, S, o, a, b):
-    """Return the product, as two vectors, of the 6 x 6 matrix at offset o of S with the vectors (a, b)."""
+    """Return M (a, b), a pair of vectors: M is the 6 x 6 matrix at offset o of S, a and b are vectors."""
     upper = _block(lane, S, o, 0, 0) @ a + _block(lane, S, o, 0, 1) @ b
     return upper, _block(lane, S, o, 1, 0) @ a + _block(lane, S, o, 1, 1) @ b
 
 
 @kernel
 def transposed_times(lane, S, o, a, b):
-    """Return the product, as two vectors, of the transposed 6 x 6 matrix at offset o of S with vectors (a, b)."""
+    """Return M^T (a, b), a pair of vectors: M is the 6 x 6 matrix at offset o of S, a and b are vectors."""
     upper = _block(lane, S, o, 0, 0).T @ a + _block(lane, S, o, 1, 0).T @ b
     return upper, _block(lane, S, o, 0, 1).T @ a + _block(lane, S, o, 1, 1).T @ b
 
@@ -329,8 +332,8 @@ def transposed_times(lane, S, o, a, b):
 def swing_of(lane, model, k, axis, turn):
     """Return E (axis x o), the displacement of link k's first section per joint angle (m/rad).
 
-    The vector is given in the axes of the section before the joint. turn: matrix E from axes of the link's root to axes
-    of the preceding section; axis: the joint's axis and o: lever from joint to first section (`JOINT.beyond`), root
-    axes.
+    The result is in the axes of the section before the joint. turn: rotation matrix E from axes of the link's root to
+    axes of the preceding section. axis: the joint's axis, root axes. o: lever from the joint to the link's first
+    section (`JOINT.beyond`), root axes.
     """
     return turn @ cross(axis, three_of(lane, model.joints, J.end * k + J.beyond))

@@ -25,11 +25,11 @@ from .rotations import (
 
 @kernel
 def move_vertex(lane, q: Lanes, i, share, d, more):
-    """Move the position (m, inertial axes) and rotation vector (rad) in rows i ... i + 5 of q by share d + more.
+    """Move the position (m, inertial axes) and rotation vector (rad) in rows i ... i + 5 of q by share * d + more.
 
-    share: factor on d. d, more: increments of q, whose rotations are in body axes (rad); more is None for zero. The
-    rotation becomes exp(q^) exp((share d + more)^). If the increment is zero, as for arms that have converged, the
-    rotation vector does not change, not even by rounding.
+    d and more are increments of q, whose rotations are in body axes (rad); more = None means zero. share is a factor on
+    d. The rotation becomes exp(q^) exp((share d + more)^). If the increment is zero, as for arms that have converged,
+    the rotation vector keeps its exact value without rounding.
     """
     step, turn = share * load_vector(lane, d, i), share * load_vector(lane, d, i + 3)
     if more is not None:
@@ -44,15 +44,15 @@ def move_vertex(lane, q: Lanes, i, share, d, more):
 
 @kernel
 def vertices_of(model, k):
-    """Return the number of six-row vertices behind the joint of link k: its elements, or one for a rigid link."""
+    """Return the number of six-row vertices beyond the joint of link k: one per element, or one for a rigid link."""
     return max(count_of(model, k), 1)
 
 
 @kernel
 def retract(lane, model, q: Lanes, share, d, more):
-    """Apply the increment share d + more to q: rotations are composed in body axes, other coordinates are added.
+    """Apply the increment share * d + more to q: rotations are composed in body axes, other coordinates are added.
 
-    share: factor on d. d, more: increments of all coordinates; more is None for zero. See `move_vertex`,
+    d and more are increments of all coordinates; more = None means zero. share is a factor on d. See `move_vertex` and
     `protocol.retract`.
     """
     # r, A of the base; theta of each joint; r, A of the vertices: exp(d) composed in section axes
@@ -68,14 +68,14 @@ def retract(lane, model, q: Lanes, share, d, more):
 
 @kernel
 def rotation_increment(lane, start, q, i):
-    """Return the increment (rad, body axes) of the rotation in rows i ... i + 2 from coordinates start to q."""
+    """Return the increment (rad, body axes) from coordinates start to q of the rotation in rows i ... i + 2."""
     before, after = quaternion(load_vector(lane, start, i)), quaternion(load_vector(lane, q, i))
     return rotation_vector(shortest_rotation(compose(inverse_rotation(before), after)))
 
 
 @superword
 def store_increment(lane, start, q, d, i):
-    """Store a vertex's increment (position, rotation in body axes) from start to q in rows i ... i + 5 of d."""
+    """Store in rows i ... i + 5 of d a vertex's increment from start to q: position, and rotation in body axes."""
     store_vector(lane, d, i, load_vector(lane, q, i) - load_vector(lane, start, i))
     store_vector(lane, d, i + 3, rotation_increment(lane, start, q, i + 3))
 
@@ -97,10 +97,10 @@ def local_difference(lane, model, start: Lanes, q: Lanes, d: Lanes):
 
 @kernel
 def tangent_map(lane, model, d, inverse, x):
-    """Multiply the rotation rows of x by T^T(d), or by T^-T(d) if `inverse` is True; other rows are unchanged.
+    """Multiply the rotation rows of x by T^T(d), or by T^-T(d) if `inverse` is True; other rows do not change.
 
-    T: tangent map of rotations, exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e; d: increments of q, rad
-    (`protocol.tangent_map`).
+    T is the tangent map of rotations: exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e. d contains increments of
+    q, rad. See `protocol.tangent_map`.
     """
     store_vector(lane, x, 3, rotations.tangent_map(load_vector(lane, d, 3), inverse, load_vector(lane, x, 3)))
     for k in range(model.links):
@@ -111,9 +111,9 @@ def tangent_map(lane, model, d, inverse, x):
 
 @kernel
 def note_inverse(lane, model, d, share: Lanes):
-    """Store in share, at the first row of each rotation, the coefficient c of T^-T(d) x = x - d^ x / 2 + c d^ d^ x.
+    """Store in share, at the first row of each rotation, the number c in T^-T(d) x = x - d^ x / 2 + c d^ d^ x.
 
-    d: increments of q, whose rotations (rad) are in body axes. `noted_inverse` reads share.
+    d contains increments of q, whose rotations (rad) are in body axes. `noted_inverse` reads the numbers c in share.
     """
     share[3] = rotations.inverse_share(load_vector(lane, d, 3))
     for k in range(model.links):
@@ -126,7 +126,7 @@ def note_inverse(lane, model, d, share: Lanes):
 def noted_inverse(lane, model, d, share: Lanes, x):
     """Multiply the rotation rows of x by T^-T(d), with the coefficients that `note_inverse` stored in share.
 
-    T: tangent map of rotations, exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e; d: increments of q, rad.
+    T is the tangent map of rotations: exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e. d: increments of q, rad.
     """
     store_vector(lane, x, 3, rotations.inverse_map(load_vector(lane, d, 3), share[3], load_vector(lane, x, 3)))
     for k in range(model.links):

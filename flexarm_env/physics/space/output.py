@@ -32,16 +32,16 @@ from .strained import last_place, point_of, strained_damping, strained_sums
 
 @kernel
 def _middle_of(left, right):
-    """Return the rotation matrix of a segment's middle section (to inertial axes) between two `Place`s."""
+    """Return the rotation matrix (section to inertial axes) of the middle section between two `Place`s."""
     return matrix(compose(left.p, turn_of(shortest_rotation(compose(inverse_rotation(left.p), right.p))).half))
 
 
 @kernel
 def restore_chords(lane, model, start, q):
-    """Recompute the positions of vertices in q from root to tip, so that segments keep their chords of `start`.
+    """Recompute the positions of vertices in q from root to tip, so that segments have the same chords as in `start`.
 
-    Do nothing unless segments have floating frames. Rotations in q do not change; each chord has the components of the
-    chord in `start`, in the axes of the segment's middle section.
+    The function changes nothing unless segments have floating frames. Rotations in q do not change. In the axes of a
+    segment's middle section, the chord's components are those in `start`.
     """
     if model.frames is None:
         return
@@ -64,7 +64,7 @@ def restore_chords(lane, model, start, q):
 def _element_sums(lane, model, par, left, right, element):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of an exact element.
 
-    left, right: `Place`s of its ends; element: its index over all links. See theory, (9.2).
+    left, right: `Place` (position, rotation, rates) of each end. element: index over all links. See theory, (9.2).
     """
     # inlined: each step of a free arm needs the momentum alone, and unused energies are then not compiled
     section = section_at(lane, model, par, element)
@@ -94,7 +94,7 @@ def energy(lane, model, par, q, v):
 
 @kernel
 def momentum(lane, model, par, q, v):
-    """Return the linear momentum (kg m/s, inertial axes) of all masses."""
+    """Return the total linear momentum (kg m/s, inertial axes) of the arm."""
     return _sums(lane, model, par, q, v)[1]
 
 
@@ -123,7 +123,7 @@ def add_vector_pairs(a, b):
 
 @inlined
 def _sums_along(lane, model, par, k, q, v, root, total):
-    """Return `total` plus energies (J) and momentum (kg m/s) of link k, between its root `Place` and last section."""
+    """Return `total` plus the energies (J) and momentum (kg m/s) of link k; root: `Place` of its first section."""
     if model.strains is not None:
         if count_of(model, k) > 0:
             total = add_vector_pairs(total, strained_sums(lane, model, par, k, q, v, root))
@@ -141,10 +141,10 @@ def _sums_along(lane, model, par, k, q, v, root, total):
 
 @kernel
 def damping_power(lane, model, par, q, v, x, since=None):
-    """Return x^T C(q) v in W, the power of the material's damping forces C v (N, N m) at the virtual rates x.
+    """Return x^T C(q) v in W: the power of the material's damping forces C v (N, N m) at the virtual rates x.
 
-    since = (start, v0, h): for a step h (s) from start, v0 to q, v return its mean power and unresolved part.
-    """
+    If since = (start, v0, h), return the mean power over a step of h (s) from start, v0 to q, v, and its unresolved
+    part."""
     if since is not None:
         return _mean_damping_power(lane, model, par, since[0], since[1], q, v, since[2])
     total = 0.0
@@ -178,12 +178,12 @@ def damping_power(lane, model, par, q, v, x, since=None):
 
 @kernel
 def _mean_damping_power(lane, model, par, start, v0, end, v, h):
-    """Return (power at the mean strain rates of a step, unresolved power or None), W (`protocol.damping_power`).
+    """Return the power (W) at the mean strain rates of a step, and the unresolved power (W) or None.
 
-    start, v0, end, v: coordinates and rates at the start and the end of a step of h (s). The dissipated power is tau_d
-    D ((strain at the end - strain at the start) / h)^2. Unresolved power: see `element_damping`. Mean coordinate rates
-    would be wrong: straight paths stretch an element that rotates by d by d^2/8 at mid-step, against EA.
-    """
+    start, v0, end, v: coordinates and rates at the start and the end of a step of h (s). The power is tau_d D ((end
+    strain - start strain) / h)^2. Unresolved power: see `element_damping`, `protocol.damping_power`. Mean coordinate
+    rates would be wrong: an element that rotates by d along straight paths is stretched by d^2/8 at mid-step, against
+    EA."""
     total, beyond = 0.0, 0.0
     if model.damped is None:
         return total, None
@@ -207,7 +207,7 @@ def _mean_damping_power(lane, model, par, start, v0, end, v, h):
 
 @kernel
 def last_section(lane, model, q, v, k, root):
-    """Return the `Place` of link k's last section; root: `Place` of its first section; pass q for v without rates."""
+    """Return the `Place` of link k's last section; root: `Place` of its first section. Pass q for v to ignore rates."""
     if count_of(model, k) == 0:
         return root
     if model.strains is not None:
@@ -223,7 +223,7 @@ def root_of(lane, model, q, v, k, tip):
 
 @kernel
 def _section_of(lane, model, q, link, at_tip):
-    """Return the `Place` (without rates) of the last section of link `link` if at_tip, otherwise of its first."""
+    """Return the `Place`, without rates, of a link's last section if at_tip, otherwise of the link's first section."""
     tip = place_at(lane, q, q, 0)
     root = tip
     for k in range(link + 1):
@@ -234,14 +234,14 @@ def _section_of(lane, model, q, link, at_tip):
 
 @kernel
 def _loaded(lane, model, q, f):
-    """Return the `Place` (without rates) of the section on which load f acts."""
+    """Return the `Place`, without rates, of the section on which point load f acts."""
     at = L.end * f
     return _section_of(lane, model, q, int(model.loads[at + L.link]), model.loads[at + L.at_tip] != 0.0)
 
 
 @kernel
 def _bent_ends(model, left, right):
-    """Return the rotation vectors (rad) of an element's ends relative to its middle, or to its frame, in those axes."""
+    """Return the ends' rotation vectors (rad) relative to the element's middle or the segment's frame, in its axes."""
     if model.frames is None:
         # ends turn by -psi/2 and psi/2 against the middle (section axes)
         half = 0.5 * rotation_vector(shortest_rotation(compose(inverse_rotation(left.p), right.p)))
@@ -252,7 +252,7 @@ def _bent_ends(model, left, right):
 
 @kernel
 def strain_gauge(lane, model, q, row):
-    """Return a strain gauge's reading (1/m): weighted rotations of two elements' ends, less the stress-free reading."""
+    """Return a gauge's reading (1/m): weighted end rotations of two elements, minus the stress-free reading."""
     k, e, axis = int(row[G.link]), int(row[G.element]), int(row[G.axis])
     total = -row[G.rest]
     left = _section_of(lane, model, q, k, False) if e == 0 else place_at(lane, q, q, vertex_row(model, k, e - 1))
@@ -267,11 +267,11 @@ def strain_gauge(lane, model, q, row):
 
 @kernel
 def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
-    """Store joint angles (rad) in y, then each load's position (m) and rotation vector (rad), inertial axes.
+    """Store in y the joint angles (rad), then the position (m) and rotation vector (rad) of each load, inertial axes.
 
-    since = (start, y0): rotation vectors are those of y0 plus the rotation since the coordinates `start` about inertial
-    axes, on which moments do work. With since = None the rotation vector is that of the section's rotation matrix.
-    """
+    If since = (start, y0), each rotation vector is that in y0 plus the rotation since the coordinates `start` about
+    inertial axes; moments do work on it. If since is None, the vector is the rotation vector of the section's rotation
+    matrix."""
     for k in range(model.links):
         y[k] = q[joint_row(model, k)]
     if model.loads is not None:
@@ -324,7 +324,7 @@ def put_pose(lane, model, k, q: Lanes, v: Lanes, root, tip, out: Lanes):
 
 @kernel
 def link_poses(lane, model, par, q, v, out, tasks=None):
-    """Store the `SPACE_POSE` of each link in out; do nothing if tasks is None (`space.reading` then reads q and v)."""
+    """Store the `SPACE_POSE` of each link in out; if tasks is None, do nothing (`space.reading` then reads q and v)."""
     if tasks is not None:
         tip = place_at(lane, q, v, 0)
         for k in range(model.links):
@@ -335,7 +335,7 @@ def link_poses(lane, model, par, q, v, out, tasks=None):
 
 @kernel
 def _put_pair(lane, live, rows: Lanes, i, first, second):
-    """Store two vectors in the six rows from i on, in lanes where `live` > 1/2."""
+    """Store two vectors in the six rows from row i on, in the lanes in which `live` is above 1/2."""
     for a in range(3):
         store_where(lane, live, rows, i + a, first[a], rows[i + a])
         store_where(lane, live, rows, i + 3 + a, second[a], rows[i + 3 + a])
@@ -343,7 +343,7 @@ def _put_pair(lane, live, rows: Lanes, i, first, second):
 
 @kernel
 def _put_unbent(lane, live, rates: Lanes | None, q: Lanes, v: Lanes, first, end):
-    """Set rows first to end - 1 of q to zero and of v to the same rows of rates (unless None), where `live` > 1/2."""
+    """In lanes with `live` > 1/2, set rows first ... end - 1 of q to zero, and of v to `rates` (None: unchanged)."""
     for j in range(first, end):
         store_where(lane, live, q, j, 0.0, q[j])
         if rates is not None:
@@ -352,10 +352,10 @@ def _put_unbent(lane, live, rates: Lanes | None, q: Lanes, v: Lanes, first, end)
 
 @kernel
 def set_joint_configuration(lane, model, live, angles: Lanes, rates: Lanes | None, q: Lanes, v: Lanes):
-    """Set q to straight links at joint angles (links,), rad, and v by `rates`, in lanes where `live` > 1/2.
+    """Set q to straight links at joint angles (links,), rad, and v to `rates`, in lanes with `live` above 1/2.
 
-    rates: joint rates and vertices' rates relative to their rotating link (link axes), rows as in v; None keeps v.
-    """
+    rates: joint rates, and rates of vertices relative to their rotating link (link axes), in the rows of v; None keeps
+    v."""
     tip, element = place_at(lane, q, v, 0), 0
     for k in range(model.links):
         i = joint_row(model, k)
@@ -386,7 +386,7 @@ def set_joint_configuration(lane, model, live, angles: Lanes, rates: Lanes | Non
 
 
 STATIONS = 4
-"""Number of points at which an element, or a rigid link, is drawn."""
+"""Number of points that are drawn for an element or for a rigid link."""
 
 
 @kernel
@@ -401,7 +401,7 @@ def _drawn(points, count, r):
 
 @kernel
 def _cubic(left, right, s):
-    """Return the position at s in [0, 1] on the cubic (m) from `left` to `right` that is tangent to their x axes."""
+    """Return the point (m) at s in [0, 1] of the cubic curve from `left` to `right` that is tangent to both x axes."""
     A, B, chord = matrix(left.p), matrix(right.p), right.r - left.r
     length = square_root(dot(chord, chord))
     # Hermite's polynomials: values and slopes at s = 0 and 1
@@ -413,7 +413,7 @@ def _cubic(left, right, s):
 
 @kernel
 def centerline(model, q, points):
-    """Store positions of the centerline (m, inertial axes) in points (P, 3), from base to tip; return their number."""
+    """Store points of the centerline (m, inertial axes) in `points` (P, 3), from base to tip; return their number."""
     # a planar arm's centerline is drawn by the planar formulation
     if points.shape[1] < 3:
         return 0
@@ -435,7 +435,7 @@ def centerline(model, q, points):
 
 @kernel
 def _draw(model, k, q, root, points, count):
-    """Store STATIONS points per element of link k (Gauss points if q holds strains); return the new count of points."""
+    """Store STATIONS points per element of link k, or its Gauss points if q has strains; return the new count."""
     if model.strains is not None:
         if count_of(model, k) > 0:
             for j in range(len(model.points)):

@@ -1,4 +1,4 @@
-"""Read positions, orientations and rates of an arm in space off recorded coordinates, for all instants at once."""
+"""Compute positions, orientations and rates of an arm in space from recorded coordinates, for all instants at once."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from .strained_layout import STRAINED
 Array = NDArray[np.float64]
 
 TURN = 0.2
-"""Weight (m/rad, divided by the arm's length) of an error in the orientation of the tip. If bending displaces a tip by
-a fraction of the length, its axes rotate by two to five times that fraction, in rad."""
+"""Weight of an error in the tip's orientation: m/rad, divided by the arm's length. If bending displaces a tip by a
+fraction of the length, the axes of the tip rotate by two to five times that fraction, in rad."""
 
 
 class Frame(NamedTuple):
@@ -39,7 +39,7 @@ class Frame(NamedTuple):
 
 
 class LinkMotion(NamedTuple):
-    """Motion of a link at n instants: root (at the joint), sections of the flexible part, tip (at the next joint)."""
+    """Motion of a link at n instants: its root (at the joint), the sections of its flexible part, its tip."""
 
     root: Frame
     sections: list[Frame]
@@ -47,15 +47,15 @@ class LinkMotion(NamedTuple):
 
 
 def _vertex(q: Array, v: Array, i: int) -> Frame:
-    """Return the `Frame` of the section whose six rows begin at i of q and v (n, rows)."""
+    """Return the `Frame` of a section; its six rows begin at row i of q and v (n, rows)."""
     A = matrices(q[:, i + 3 : i + AXES])
     return Frame(q[:, i : i + 3], A, v[:, i : i + 3], turned(A, v[:, i + 3 : i + AXES]))
 
 
 def _strained(root: Frame, link: Link, n: int, c: Array, rate: Array) -> list[Frame]:
-    """Return the `Frame`s of a link's points and its last section, from its first one (root) and its strains.
+    """Return the `Frame`s of a link's Gauss points and last section, from its first section (root) and its strains.
 
-    n: polynomials per strain; c, rate: coefficients of the strains and their rates (instants, 3 n).
+    n: number of polynomials per strain. c, rate: coefficients of the strains and their rates, (instants, 3 n).
     """
     own, packed = grid(n), STRAINED.unpack(_link(link, n, 1.0), polynomials=n, points=n + 2)
     natural = np.zeros((n + 3, 2, 3))
@@ -77,7 +77,7 @@ def _strained(root: Frame, link: Link, n: int, c: Array, rate: Array) -> list[Fr
 
 
 def links(arm: Arm, settings: Settings, q: Array, v: Array) -> Iterator[LinkMotion]:
-    """Yield the `LinkMotion` of each link, from root to tip, at the instants of the states q, v (n, rows)."""
+    """Yield the `LinkMotion` of each link, from root to tip, at the instants of the states q, v (instants, rows)."""
     at, i = _vertex(q, v, 0), AXES
     for k, link in enumerate(arm.links):
         before, beyond = levers(arm, k)
@@ -132,14 +132,14 @@ def read(arm: Arm, settings: Settings, q: Array, v: Array) -> dict[str, Any]:
 
 
 def tips(arm: Arm, settings: Settings, q: Array) -> Array:
-    """Return (n, 4, 3), m: the tip's position, and the tip's three axes as vectors of `TURN` times the arm's length."""
+    """Return (n, 4, 3), m: the tip's position, then its three unit axes, each times `TURN` times the arm's length."""
     *_, last = links(arm, settings, q, np.zeros_like(q))
     axes = TURN * arm.total_length * np.swapaxes(last.tip.A, 1, 2)
     return np.concatenate([last.tip.r[:, None], axes], axis=1)
 
 
 def _angle_rows(arm: Arm, settings: Settings) -> tuple[list[int], list[int]]:
-    """Return the rows of the joints' and of the motors' angles; motors on elastic gears follow all others."""
+    """Return the rows of the joint angles and of the motor angles; motors on elastic gears follow all other rows."""
     names = names_of(arm, settings)
     joints = [names.index(f"joint{k}") for k in range(arm.n_links)]
     elastic = [k for k in range(arm.n_links) if arm.joint(k).elastic]

@@ -1,4 +1,4 @@
-"""Algebra of vectors, 3 x 3 matrices and rotations, for one arm or for lanes: named tuples, which stay in registers.
+"""Vectors, 3 x 3 matrices and rotations for one arm or for lanes, as named tuples whose numbers stay in registers.
 
 A vector is a `Vector`, a matrix a `Matrix` of three rows, a unit quaternion a tuple p = (w, x, y, z) with w =
 cos(|psi|/2). A rotation vector psi (rad) denotes the rotation exp(psi^), where psi^ b = psi x b. p and -p denote the
@@ -177,7 +177,7 @@ def outer(a, b):
 
 @kernel
 def plus_identity(A, x):
-    """Return A + x 1: the number x added to the diagonal of the matrix A."""
+    """Return A + x 1: the matrix A with the number x added to its diagonal."""
     return Matrix(
         Vector(A[0][0] + x, A[0][1], A[0][2]),
         Vector(A[1][0], A[1][1] + x, A[1][2]),
@@ -257,7 +257,7 @@ class Turn(NamedTuple):
 
 @kernel
 def _unwound(square):
-    """Return a / tan(a/4) and 1 / cos(a/4), given `square` = tan^2(a/4) <= 1, for a rotation by the angle a (rad).
+    """Return a / tan(a/4) and 1 / cos(a/4) for a rotation by the angle a (rad), given `square` = tan^2(a/4) <= 1.
 
     The angle is halved twice more, so that the series of the arctangent converges fast.
     """
@@ -271,7 +271,7 @@ def _unwound(square):
 
 @kernel
 def rotation_vector(p):
-    """Return the rotation vector psi (rad, |psi| <= pi) of the quaternion p, which has w >= 0 (`shortest_rotation`)."""
+    """Return the rotation vector psi (rad, |psi| <= pi) of a quaternion p with w >= 0 (`shortest_rotation`)."""
     # g = tan(|psi|/4) psi/|psi|
     share = 1.0 / (p[0] + 1.0)
     g = Vector(p[1] * share, p[2] * share, p[3] * share)
@@ -280,9 +280,9 @@ def rotation_vector(p):
 
 @kernel
 def turn_of(p):
-    """Return the `Turn` of the quaternion p: rotation vector psi, half rotation, tan(|psi|/4) psi/|psi| and T^-1(psi).
+    """Return the `Turn` of the quaternion p: rotation vector psi, half rotation, tan(|psi|/4) psi/|psi|, T^-1(psi).
 
-    p must have w >= 0. T: tangent map of rotations, exp(psi^ + e^) = exp(psi^) exp((T e)^) to first order in e.
+    p must have w >= 0. T is the tangent map of rotations: exp(psi^ + e^) = exp(psi^) exp((T e)^) to first order in e.
     """
     # g = tan(a/4) psi/a, a = |psi|
     share = 1.0 / (p[0] + 1.0)
@@ -314,7 +314,7 @@ def _half_sine(d):
 def inverse_share(d):
     """Return the coefficient c = (1 - a/2 cot(a/2)) / a^2 in T^-1(d) = 1 + d^/2 + c d^ d^; a = |d| is at most 2 pi.
 
-    d: rotation vector, rad; T: tangent map of rotations, exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e.
+    d: rotation vector, rad. T is the tangent map of rotations: exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e.
     """
     square, (cosine, _, over, by_square) = dot(d, d), _half_sine(d)
     # series for a^2 < 1e-3, where the closed form cancels
@@ -326,7 +326,7 @@ def inverse_share(d):
 def inverse_map(d, share, x):
     """Return T^-T(d) x = x - d^ x / 2 + c d^ d^ x for a vector x, with c = `share` from `inverse_share(d)`.
 
-    d: rotation vector, rad; d^ b is the cross product of d and b; T: tangent map of rotations (`inverse_share`).
+    d: rotation vector, rad. d^ b is the cross product of d and b. T is the tangent map of rotations (`inverse_share`).
     """
     y = cross(d, x)
     return x + (-0.5 * y + share * cross(d, y))
@@ -336,9 +336,9 @@ def inverse_map(d, share, x):
 def tangent_map(d, inverse, x):
     """Return T^T(d) x, or T^-T(d) x where the compile-time flag `inverse` is True.
 
-    T^T = 1 + (1 - cos a)/a^2 d^ + (1 - sin(a)/a)/a^2 d^ d^, a = |d|; d: rotation vector of at most 2 pi (rad). The
-    tangent map T maps an increment e of d to the increment T e in body axes: exp(d^ + e^) = exp(d^) exp((T e)^). If x
-    is conjugate to increments in body axes, T^T x is conjugate to increments of d.
+    d is a rotation vector of at most 2 pi (rad). T^T = 1 + (1 - cos a)/a^2 d^ + (1 - sin(a)/a)/a^2 d^ d^ with a = |d|.
+    The tangent map T converts an increment e of d to the increment T e in body axes: exp(d^ + e^) = exp(d^) exp((T
+    e)^). If x is conjugate to increments in body axes, T^T x is conjugate to increments of d.
     """
     if inverse:
         return inverse_map(d, inverse_share(d), x)
@@ -353,7 +353,7 @@ def tangent_map(d, inverse, x):
 
 @kernel
 def matrix(p):
-    """Return the rotation matrix of the quaternion p: it maps vectors from body axes to reference axes."""
+    """Return the rotation matrix of the quaternion p, which maps vectors from body axes to reference axes."""
     w, x, y, z = p
     x2, y2, z2 = x + x, y + y, z + z
     xx, yy, zz = x * x2, y * y2, z * z2
@@ -367,5 +367,5 @@ def matrix(p):
 
 @superword
 def compose_rotation_vectors(psi, d):
-    """Return the rotation vector of exp(psi^) exp(d^): rotation psi, then the increment d in body axes (rad)."""
+    """Return the rotation vector (rad) of exp(psi^) exp(d^): the rotation psi, then the increment d in body axes."""
     return rotation_vector(shortest_rotation(compose(quaternion(psi), quaternion(d))))

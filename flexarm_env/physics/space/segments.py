@@ -1,9 +1,9 @@
 """Constants of segments with floating frames in space: planar elements for bending about y and z, and torsion.
 
-A segment that is reduced to n modes has n shapes for bending in either plane: two static shapes of its rotated ends and
-n - 2 `inner` shapes. The inner shapes are the lowest modes between pins, less the rotation of the ends that they cause.
-The coordinate of an inner mode is its largest slope or section rotation before that subtraction. Torsion has a linear
-shape and n - 2 waves between fixed ends.
+A segment that is reduced to n modes has n shapes for bending in each plane: two static shapes of its rotated ends and n
+- 2 `inner` shapes. The inner shapes are the lowest modes of the segment between pins, minus the rotations of the ends
+in these modes. The coordinate of an inner mode is its largest slope or section rotation before this subtraction.
+Torsion has a linear shape and n - 2 sine waves between fixed ends.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ ENDS = [2, 5]
 """Indices of the end rotations among the six coordinates of a planar element."""
 
 LEAST_ROTARY = 1e-8
-"""Lower bound of rotary inertia divided by m l^2, for a segment about its axis and for an exact element about any axis.
-The bound is needed because rotations of ends are coordinates of their own."""
+"""Lower bound of rotary inertia divided by m l^2. It applies to a segment about its axis and to an exact element about
+any axis. The bound is needed because the ends' rotations are independent coordinates."""
 
 
 def refuse(settings: Settings) -> None:
@@ -66,13 +66,13 @@ def turned_over(link: Link) -> Link:
 
 
 def torsion(link: Link, a: float, b: float) -> float:
-    """Return the torsional stiffness GJ (N m^2) of the link's piece from a to b (m): the harmonic mean of GJ there."""
+    """Return the torsional stiffness GJ (N m^2) of a link between positions a and b (m): harmonic mean of GJ."""
     x, w = np.polynomial.legendre.leggauss(8)
     return float(2.0 / (w @ (1.0 / link.across(0.5 * (a + b) + 0.5 * (b - a) * x)["GJ"])))
 
 
 class _Plane:
-    """Bending of a segment in one plane, by n shapes: the two rotated ends, then inner modes.
+    """Constants for bending of a segment in one plane by n shapes: two shapes of rotated ends, then inner modes.
 
     K       N m (n, n): bending stiffness           H    m (n, n): coupling with stretch
     moment  N m (n,): stress-free moments           h    m (n, points): deflection of the shapes
@@ -111,7 +111,7 @@ class _Plane:
         self.h, self.phi = np.array(shapes[: self.n]), np.array(shapes[self.n :])
 
     def across(self, x: float) -> Array:
-        """Return the deflections h (m) of the n shapes at x, m from the left end."""
+        """Return the deflections h (m) of the n shapes at the distance x (m) from the segment's left end."""
         e = int(np.searchsorted(self.starts, x, "right")) - 1
         xi = (x - self.starts[e]) / self.parts[e].length
         return np.asarray(self.parts[e].shapes(xi)[1][BENDING] @ self.nodal[2 * e : 2 * e + 4])
@@ -121,7 +121,7 @@ class Natural(NamedTuple):
     """Stress-free shape of a segment or element, in the plane of its curvature."""
 
     near: float  # rad: rotation from the left section to the chord
-    length: float  # m: chord
+    length: float  # m: length of the chord
     far: float  # rad: rotation from the chord to the right section
     inner: tuple[float, ...] = ()  # rad: amplitudes of the inner modes about x, y, z
 
@@ -130,15 +130,15 @@ _UPPER = np.triu_indices(2)
 
 
 def _symmetric(weights: Array, rows: Array) -> Array:
-    """Return int w f_i f_j, a matrix, of functions f in rows (n, points) with weights w (points,)."""
+    """Return the matrix of the integrals of w f_i f_j, for functions f in rows (n, points) and weights w (points,)."""
     return np.asarray((rows * weights) @ rows.T)
 
 
 def _frame(link: Link, plane: Element, across: Element, start: float, modes: int | None) -> tuple[Array, Natural]:
-    """Return the `FRAME` of the segment that begins at `start` (m), and its `Natural`.
+    """Return the packed `FRAME` record and the `Natural` (stress-free shape) of the segment that begins at `start` (m).
 
-    plane, across: its planar elements in the x-y and the x-z plane; modes: shapes per plane, or None for the static
-    two.
+    plane, across: the segment's planar elements in the x-y and in the x-z plane. modes: number of shapes per plane, or
+    None for the two static shapes.
     """
     l, n = plane.length, modes or 2
     inner, both = n - 2, (_Plane(across, modes), _Plane(plane, modes))

@@ -1,4 +1,4 @@
-"""Positions of sections from given rotations and element forces: the curve along which Newton increments are applied.
+"""Positions of sections from given rotations and section forces, by which Newton increments follow the constraint arc.
 
 Steel strips rotate far in a step and hardly stretch. If positions moved along straight lines while sections rotate by
 d, an element would be stretched by d^2/2. Damping would add c_v tau_d times the resulting force. The next iteration
@@ -42,10 +42,11 @@ if TYPE_CHECKING:
 
 @kernel
 def _chord(section, left, right, n, cv):
-    """Return the position (m, inertial axes) of `right` at which the element has the section force n.
+    """Return the position (m, inertial axes) of the right end at which the element has the section force n.
 
-    n: N, axes of the middle; left, right: `Place`s with final rotations and spins; cv: change of velocity per change of
-    position (1/s). Solves n / D = Gamma + tau Gamma' for the chord e. See theory, section 9, "Increments".
+    n: section force (N), axes of the middle. left, right: `Place`s of the ends, with final rotations and spins. cv:
+    change of velocity per change of position (1/s). The function solves n / D = Gamma + tau Gamma' for the chord e; D
+    is the stiffness against stretch and shear Gamma. See theory, section 9, "Increments".
     """
     relative = shortest_rotation(compose(inverse_rotation(left.p), right.p))
     psi, half, g, T = turn_of(relative)
@@ -72,7 +73,7 @@ def _chord(section, left, right, n, cv):
 
 @kernel
 def _hold_forces(lane, model, par, w):
-    """Store in each `FACTOR` of w.S the element's section force n (N, middle's axes) at the step's start (q0, v0)."""
+    """Store the section force n (N, axes of the middle) of each element at the step's start (q0, v0) in `FACTOR`."""
     tip = place_at(lane, w.q0, w.v0, 0)
     for k in range(model.links):
         left, first = joint_placement(lane, model, w.q0, w.v0, k, tip)[2], elements_before(model, k)
@@ -86,7 +87,7 @@ def _hold_forces(lane, model, par, w):
 
 @kernel
 def _add_forces(lane, model, w: Work, active):
-    """Add to each element's section force n its first-order change by the Newton increment w.r, where `active`.
+    """Add the first-order change by the Newton increment w.r to each element's section force n, where `active`.
 
     dn = by_place (dr_r - dr_l) + by_left dth_l + by_right dth_r (N, axes of the middle); theory, 9, "Increments".
     """
@@ -115,11 +116,11 @@ def _add_forces(lane, model, w: Work, active):
 def correct_positions(lane, model, par, w: Work, active, slopes, predicted):
     """Correct positions in w.q so that each exact element has its stored section force (`protocol.correct_positions`).
 
-    active: lanes with values above 1/2 are corrected. predicted: None if the call follows the Newton increment w.r; the
-    forces are then those after the increment, to first order. With a tag the call follows the prediction, and the
-    forces are those at the step's start. slopes: changes of velocity and acceleration per change of position. Segments
-    with floating frames keep the chords of the step's start, after the prediction alone. After the prediction w.r is
-    scratch. See theory, section 9, "Increments".
+    active: lanes with values above 1/2 are corrected. slopes: changes of velocity and acceleration per change of
+    position. predicted: None if the call follows the Newton increment w.r; the section forces then include this
+    increment to first order. Otherwise (a compile-time tag) the call follows the prediction, and the section forces are
+    those at the step's start. Segments with floating frames keep the chords of the step's start, only after the
+    prediction. After the prediction w.r is scratch memory. See theory, section 9, "Increments".
     """
     if predicted is not None:
         copy_rows(lane, model.n, w.q, w.r)

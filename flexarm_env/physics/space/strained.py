@@ -1,5 +1,4 @@
-"""A link in space whose coordinates are its strains: torsion and two curvatures, Legendre polynomials along it (theory,
-9).
+"""A link in space whose coordinates are its strains: torsion and two curvatures as sums of Legendre polynomials.
 
 The Gauss points divide the link into intervals. Over an interval the section rotates by the vector psi = s + s x d
 (Magnus' series to fourth order). The vector s is the integral of the strain over the interval. The vector d is the
@@ -8,10 +7,11 @@ coordinates. The Cayley vector x = tan(|psi|/2) psi/|psi| of the rotation has ra
 
     rel = 2 (x' - x x x') / (1 + x.x),   rel' = 2 (x'' - x x x'') / (1 + x.x) - 2 (x.x') rel / (1 + x.x)
 
-along the axes of the interval's end. The position of a Gauss point is a weighted sum of the link's tangents. Positions
-are a function of the coordinates. Generalized forces are the transpose of this function's derivative times the points'
-forces, to round-off. The chain therefore obeys its conservation laws for any number of points. All vectors are in the
-axes of the link's root unless stated otherwise.
+The vector `rel` is the relative angular velocity along the axes of the interval's end. The position of a Gauss point is
+a weighted sum of the link's tangents. Positions are therefore a function of the coordinates. The transposed derivative
+of this function maps the forces on the points to generalized forces, to round-off. The chain therefore obeys its
+conservation laws for any number of points. All vectors are in the axes of the link's root unless stated otherwise. See
+theory, section 9.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ CURVE = tuple(k * c for k, c in enumerate(_SLOPE))[:0:-1]
 
 
 class Bend(NamedTuple):
-    """Rotation of one interval and its rates, in the axes of the interval's end where not stated otherwise.
+    """Rotation of one interval and its rates, in the axes of the interval's end unless stated otherwise.
 
     x, psi  Cayley vector x = tan(|psi|/2) psi/|psi|, and rotation vector psi = s + s x d (rad)
     s, d    rad: integral of the strain, and first moment of the strain, over the interval
@@ -63,9 +63,9 @@ class Bend(NamedTuple):
     psi: Any
     s: Any
     d: Any
-    share: Any  # 1 / (1 + x.x)
+    share: Any  # the number 1 / (1 + x.x)
     f: Any
-    slope: Any  # f'
+    slope: Any  # derivative of the series f at psi.psi
     rel: Any
     second: Any
 
@@ -78,9 +78,9 @@ def strain_row(model, k):
 
 @kernel
 def _sum(lane, model, table, i, x, row):
-    """Return row i of a table times the coefficients in x from `row` on: a vector of torsion, bending about y, about z.
+    """Return row i of a table times the coefficients in x from `row` on, as a vector: torsion, bending about y and z.
 
-    table: offset in model.strains of a table with a row for each interval and a column for each polynomial.
+    table: offset of the table in model.strains; it has a row for each interval and a column for each polynomial.
     """
     n = size(model.polynomials)
     total = model.strains[table + n * i] * load_vector(lane, x, row)
@@ -91,16 +91,16 @@ def _sum(lane, model, table, i, x, row):
 
 @kernel
 def slope_of_slope(z):
-    """Return f''(z), the second derivative of the series f (`TANGENT`), for a squared angle z (rad^2)."""
+    """Return the second derivative f''(z) of the series f (`TANGENT`) at a squared angle z (rad^2)."""
     return polynomial(CURVE, z)
 
 
 @kernel
 def bend_of(lane, model, at, i, row, q, v, a):
-    """Return the `Bend` of interval i: rotation, and its rates where v and a are not None. See theory, (9.5).
+    """Return the `Bend` of interval i: its rotation, and the rates of the rotation if v and a are not None.
 
-    at: offsets of the link's constants (`strained_at`); q, v, a: coordinates, rates, accelerations of the arm; row: row
-    of the link's first strain.
+    at: offsets of the link's constants (`strained_at`). q, v, a: the arm's coordinates, rates, accelerations. row: row
+    of the link's first strain. See theory, (9.5).
     """
     s, d = _sum(lane, model, at.sums, i, q, row), _sum(lane, model, at.slants, i, q, row)
     # s and d of kappa_0 add, which lies in the link's x-y plane: bending about z
@@ -136,14 +136,14 @@ def bend_of(lane, model, at, i, row, q, v, a):
 
 @kernel
 def turned_by(bend, p):
-    """Return the quaternion p (1, x) / sqrt(1 + x.x): rotation p, then the interval's rotation in body axes."""
+    """Return the quaternion p (1, x) / sqrt(1 + x.x): the rotation p, then the interval's rotation in body axes."""
     half = square_root(bend.share)
     return compose(p, (half, bend.x[0] * half, bend.x[1] * half, bend.x[2] * half))
 
 
 @kernel
 def tangent_at(p):
-    """Return the section's tangent, the unit vector e_x rotated by the quaternion p."""
+    """Return the tangent of the section with rotation p (quaternion): the unit vector e_x rotated by p."""
     w, x, y, z = p
     return Vector(1.0 - (y * y + z * z) * 2.0, (x * y + w * z) * 2.0, (x * z - w * y) * 2.0)
 
@@ -157,7 +157,7 @@ def identity_rotation(lane):
 
 @kernel
 def last_place(lane, model, k, q, v, root):
-    """Return the `Place` of the last section of link k, from its strains and the `Place` root of its first section."""
+    """Return the `Place` of the last section of link k from the link's strains and its first section (root)."""
     n, at, row, zero = size(model.points), strained_at(model, k), strain_row(model, k), 0.0
     p, w = identity_rotation(lane), root.spin
     r, u = Vector(zero, zero, zero), Vector(zero, zero, zero)
@@ -175,9 +175,9 @@ def last_place(lane, model, k, q, v, root):
 
 @kernel
 def sweep_outward(lane, model, k, state, root, S):
-    """Return the `Vertex` of the last section of link k; store in S (`NOTED`) the values that `sweep_inward` needs.
+    """Return the `Vertex` of the last section of link k; store in `NOTED` of S the values that `sweep_inward` reads.
 
-    state: q, v, a; root: `Vertex` of the link's first section. `NOTED` stores orientations, angular rates,
+    state: q, v, a of the arm. root: `Vertex` of the link's first section. `NOTED` contains orientations, angular rates,
     accelerations, inertia forces and moments of all Gauss points, in the axes of the link's root. See theory, (9.5).
     """
     n, at, to, row = size(model.points), strained_at(model, k), noted_at(model, k), strain_row(model, k)
@@ -239,10 +239,10 @@ def noted_tangent(lane, S: Lanes, to, i):
 
 @kernel
 def _own_force(lane, S, to, i, g):
-    """Return generalized forces (N m) on s and d of interval i by the moment g (N m, root axes) on all later points.
+    """Return the generalized forces (N m) on s and d of interval i; g: moment (N m, root axes) on all points beyond.
 
-    s: integral of the strain over the interval, d: its first moment (rad); to: `noted_at` of the link. The map is the
-    transpose of d(rotation)/d(s, d), from the values that `sweep_outward` has stored in S.
+    s is the integral of the strain over the interval, d its first moment (rad). to: `noted_at` of the link. The
+    function applies the transposed derivative of the rotation by (s, d), from values that `sweep_outward` stored in S.
     """
     A, x, psi = (
         matrix_in(lane, S, to.turn + 9 * i),
@@ -260,11 +260,11 @@ def _own_force(lane, S, to, i, g):
 
 @kernel
 def elastic(lane, model, par: Lanes, k, state, r):
-    """Add link k's elastic and damping forces, less the correction of inertia for time steps, to its rows of r.
+    """Add the elastic and damping forces of link k's strains, minus the inertia correction for time steps, to r.
 
-    r <- r + factors K (q + tau v) - correction a (N m). K, correction: matrices `STRAINED.stiffness` and `correction`
-    of the link's polynomials; factors: the arm's factors on GJ, EI_y, EI; tau: tau_d times the link's share (s). See
-    theory, (9.4).
+    r <- r + factors K (q + tau v) - correction a (N m), in the rows of the link's strains. K and correction are the
+    matrices `STRAINED.stiffness` and `correction` of the link's polynomials. factors: the arm's factors on GJ, EI_y,
+    EI. tau: tau_d times the link's share (s). See theory, (9.4).
     """
     n, at, row = size(model.polynomials), strained_at(model, k), strain_row(model, k)
     factors, zero = factors_of(lane, par), 0.0
@@ -287,9 +287,9 @@ def elastic(lane, model, par: Lanes, k, state, r):
 
 @kernel
 def _three(lane, model, table, i, j):
-    """Return entry (i, j) of a table (3, polynomials, polynomials) at offset `table` of model.strains, as a `Vector`.
+    """Return entry (i, j) of a table (3, polynomials, polynomials) of model.strains as a `Vector`.
 
-    The vector's components are for torsion, bending about y, bending about z.
+    table: offset of the table. The vector's components are for torsion, bending about y, bending about z.
     """
     n = size(model.polynomials)
     o, next_of = table + n * i + j, n * n
@@ -299,22 +299,23 @@ def _three(lane, model, table, i, j):
 
 @kernel
 def stiff_of(lane, model, par, k, i, j):
-    """Return stiffnesses K_ij (N m) of polynomials i, j: torsion, bending about y and z, with the arm's factors."""
+    """Return stiffnesses K_ij (N m) of polynomials i, j for torsion, bending about y, z, times the arm's factors."""
     return scale(_three(lane, model, strained_at(model, k).stiffness, i, j), factors_of(lane, par))
 
 
 @kernel
 def correction_of(lane, model, k, i, j):
-    """Return the inertia (kg m^2) for polynomials i, j about x, y, z that time steps subtract (theory, 5.3)."""
+    """Return the inertia (kg m^2) about x, y, z that time steps subtract for polynomials i and j (theory, 5.3)."""
     return _three(lane, model, strained_at(model, k).correction, i, j)
 
 
 @kernel
 def sweep_inward(lane, model, k, r, S):
-    """Return the (force, N; moment, N m) on the root of link k, along inertial axes and in root axes.
+    """Return the force (N, inertial axes) and the moment (N m, root axes) on the root of link k.
 
-    Inward sweep over the points that `sweep_outward` has stored in S, from the wrench on the link's last section
-    (`NOTED.on`); the generalized forces on the strains are added to their rows of r. See theory, (9.5).
+    The function sums the forces that `sweep_outward` stored in S from tip to root, beginning with the wrench on the
+    link's last section (`NOTED.on`). The generalized forces on the strains are added to their rows of r. See theory,
+    (9.5).
     """
     n, m, at, to = size(model.points), size(model.polynomials), strained_at(model, k), noted_at(model, k)
     frame, A = matrix_in(lane, S, to.frame), matrix_in(lane, S, to.turn + 9 * n)
@@ -383,7 +384,7 @@ def strained_sums(lane, model, par, k, q, v, root):
 
 @kernel
 def point_of(model, k, i, q, root):
-    """Return the position (m, inertial axes) of Gauss point i of link k in one lane; root: the first section."""
+    """Return the position (m, inertial axes) of Gauss point i of link k in one lane; root: `Place` of its root."""
     lane, n, at, row = (0,), len(model.points), strained_at(model, k), strain_row(model, k)
     p, r = identity_rotation(lane), Vector(0.0, 0.0, 0.0)
     for j in range(n):
@@ -394,7 +395,7 @@ def point_of(model, k, i, q, root):
 
 @kernel
 def _stiff_sum(lane, model, par, k, x, y):
-    """Return x^T K y of the strains of link k (J for coordinates)."""
+    """Return x^T K y for the strains of link k; K: stiffness matrix. The unit is J if x and y are coordinates."""
     m, row, total = size(model.polynomials), strain_row(model, k), 0.0
     for i in range(m):
         for j in range(m):
@@ -407,8 +408,8 @@ def _stiff_sum(lane, model, par, k, x, y):
 def strained_damping(lane, model, par: Lanes, k, v, x):
     """Return x^T C v (W), the power of link k's damping forces C v (N m) at the strain rates x.
 
-    v, x: actual and virtual rates of all coordinates; C: stiffness of the strains times tau_d and the link's share of
-    tau_d.
+    v: actual rates of all coordinates. x: virtual rates of all coordinates. C: stiffness of the strains times tau_d and
+    times the link's share of tau_d.
     """
     tau = par[TAU_D] * model.strains[strained_at(model, k).damping]
     return _stiff_sum(lane, model, par, k, x, v) * tau
@@ -416,9 +417,9 @@ def strained_damping(lane, model, par: Lanes, k, v, x):
 
 @kernel
 def strained_update(lane, model, q: Lanes, share, d, more):
-    """Apply the increment share d + more to q: the base's rotation is composed in body axes, other rows are added.
+    """Apply the increment share * d + more to q: the base's rotation is composed in body axes, other rows are added.
 
-    share: factor on d. d, more: increments of all coordinates; more is None for zero (`protocol.retract`).
+    d, more: increments of all coordinates; more = None means zero. share: factor on d. See `protocol.retract`.
     """
     move_vertex(lane, q, 0, share, d, more)
     for k in range(AXES, model.n):

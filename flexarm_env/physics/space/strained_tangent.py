@@ -1,5 +1,4 @@
-"""The Newton matrix of a link whose coordinates are its strains, column by column (theory, 9); vectors in the root's
-axes.
+"""The Newton matrix of a link whose coordinates are its strains, column by column (theory, 9), in root axes.
 
 A change of a strain rotates sections by theta and moves points by R; both vectors are exact to round-off. A point's
 acceleration changes by
@@ -34,10 +33,10 @@ from .strained_layout import noted_at, strained_at
 
 @kernel
 def _turns(lane, S, to, i):
-    """Store the derivatives of the rotation of interval i's end by s and by d in `by_sum`, `by_slant` of S (root axes).
+    """Store the derivatives of the rotation of interval i's end by s and d in fields `by_sum`, `by_slant` (root axes).
 
-    s: integral of the strain over the interval, d: its first moment; the interval's rotation vector is psi = s + s x d.
-    See theory, (9.5).
+    s is the integral of the strain over the interval, d its first moment. The interval's rotation vector is psi = s + s
+    x d. See theory, (9.5).
     """
     A, x, psi = (
         matrix_in(lane, S, to.turn + 9 * i),
@@ -58,9 +57,9 @@ def _turns(lane, S, to, i):
 
 @kernel
 def _inertia(lane, model, at, to, S, i, b):
-    """Return I b of the section at point i: rotary inertia (kg m^2) times a vector b, in root axes.
+    """Return I b: the rotary inertia I (kg m^2) of the section at point i times a vector b, in root axes.
 
-    at, to: `strained_at` and `noted_at` of the link.
+    at, to: offsets of the link's constants and stored kinematics (`strained_at`, `noted_at`).
     """
     A = matrix_in(lane, S, to.turn + 9 * i)
     return A @ scale(A.T @ b, three_of(lane, model.strains, at.inertia + 3 * i))
@@ -70,8 +69,9 @@ def _inertia(lane, model, at, to, S, i, b):
 def _rotary(lane, model, at, to, S, i, theta, weights):
     """Return the change of the rotary inertia moment at point i by a rotation theta of its section, in root axes.
 
-    cm I theta + cd (theta x I w + w x I theta); cm, cd: `Weights` of mass, damping; w: angular velocity of the section.
-    The rotation of the moment itself (ck) is added by the caller. at, to: `strained_at`, `noted_at` of the link.
+    The change is cm I theta + cd (theta x I w + w x I theta). cm, cd: `Weights` of mass and damping. w: angular
+    velocity of the section. The caller adds the rotation of the moment itself (ck). at, to: `strained_at`, `noted_at`
+    of the link.
     """
     w, I = load_vector(lane, S, to.w + 3 * i), _inertia(lane, model, at, to, S, i, theta)
     gyration = cross(theta, _inertia(lane, model, at, to, S, i, w)) + cross(w, I)
@@ -80,10 +80,10 @@ def _rotary(lane, model, at, to, S, i, theta, weights):
 
 @kernel
 def _turned_on(lane, S, to, i, c, by_s, by_d):
-    """Return the derivatives (N m) of the generalized forces on s and d of interval i by s and d. See theory, (9.5).
+    """Return the derivatives (N m) of the generalized forces on s and d of interval i by component c of s and of d.
 
-    Component c of s changes by by_s, of d by by_d, while the moment `NOTED.bend` rotates with the interval's end: the
-    derivative of `strained._own_force`. s: integral of the strain over the interval, d: its first moment (rad).
+    This is the derivative of `strained._own_force`. by_s, by_d: changes of the vectors, while the moment `NOTED.bend`
+    rotates with the interval's end. s: integral of the strain over the interval, d: its first moment (rad). See (9.5).
     """
     A, x, psi = (
         matrix_in(lane, S, to.turn + 9 * i),
@@ -123,12 +123,13 @@ def _entry(like, c, x):
 
 @kernel
 def _on_strains(lane, model, S: Lanes, at, to, force, moment, ck, theta_too, column, stride):
-    """Return (force, moment) on the root from one column's changes of forces; add its strain rows to S.
+    """Return the change of (force, moment) on the root in one column of the matrix; add the column's strain rows to S.
 
-    Read from S: changes of the points' forces (`change`) and moments (`second`). force, moment: change on the last
-    section. ck: weight of dr/dq. theta_too: (polynomial, axis) of a strain's column, whose rotations `theta` and
-    displacements `moved` also turn the present forces (weight ck); None: the column of a root rotation. Strain row i of
-    the column is S[column + stride i]. Root axes; at, to: `strained_at`, `noted_at`. See theory, (9.5).
+    S contains the changes of the points' forces (`change`) and moments (`second`). force, moment: changes on the last
+    section. ck: weight of dr/dq. theta_too: (polynomial, axis) for a strain's column. Rotations `theta` and
+    displacements `moved` then also rotate the present forces, with weight ck. theta_too is None for the column of a
+    root rotation. Strain row i of the column is S[column + stride i]. Vectors are in root axes. at, to: `strained_at`,
+    `noted_at`. See theory, (9.5).
     """
     n, m = size(model.points), size(model.polynomials)
     total, couple, g = force, moment + cross(load_vector(lane, S, to.r + 3 * n), force), moment
@@ -176,10 +177,10 @@ def _on_strains(lane, model, S: Lanes, at, to, force, moment, ck, theta_too, col
 
 @kernel
 def _by_strain(lane, model, weights, S, at, to, j, c):
-    """Compute the column of the matrix for the coefficient of polynomial j about axis c, in the `NOTED` of S.
+    """Compute the column of the matrix for the coefficient of polynomial j about axis c, in the link's `NOTED` record.
 
-    Adds to column 3 j + c of `matrix` (its rows of strains) and writes row 3 j + c of `on_root`, `last` and, by the
-    root's position, `by_root`. at, to: `strained_at`, `noted_at` of the link. See theory, (9.5).
+    The function adds column 3 j + c to the strain rows of `matrix` and writes row 3 j + c of `on_root`, `last` and the
+    root position's part of `by_root`. at, to: `strained_at`, `noted_at` of the link. See theory, (9.5).
     """
     n, m, zero = size(model.points), size(model.polynomials), 0.0
     cm, cd, ck = weights.mass, weights.damping, weights.stiffness
@@ -234,8 +235,9 @@ def _by_strain(lane, model, weights, S, at, to, j, c):
 def _by_turn(lane, model, weights, S: Lanes, f, at, to, axis, c):
     """Compute the column of the matrix for a rotation of the root about its axis c (unit vector `axis`, root axes).
 
-    Adds column 3 + c of the 6 x 6 block LL at offset f of S (force inertial, moment root axes) and fills `by_root`. The
-    root's acceleration less gravity and the force on the last section stay fixed in inertial axes. See theory, (9.5).
+    The function adds column 3 + c of the 6 x 6 block LL at offset f of S (force in inertial axes, moment in root axes)
+    and fills `by_root`. In inertial axes, the root's acceleration minus gravity and the force on the last section stay
+    fixed. See theory, (9.5).
     """
     n, zero = size(model.points), 0.0
     cm, cd, ck = weights.mass, weights.damping, weights.stiffness
@@ -260,11 +262,11 @@ def _by_turn(lane, model, weights, S: Lanes, f, at, to, axis, c):
 
 @kernel
 def strained_tangent(lane, model, par: Lanes, k, weights, S: Lanes, f):
-    """Store the Newton matrix of link k's strains in its `NOTED`; add the block on its root to LL at offset f of S.
+    """Store the Newton matrix of link k's strains in its `NOTED`; add the block of its root to LL at offset f of S.
 
-    f: offset of the link's `FACTOR`; its RR, the block of the last section, is not written here. `NOTED` must hold the
-    values that `sweep_outward` and `sweep_inward` store. par: factors on stiffnesses, tau_d; weights: `Weights`. See
-    theory, (9.5).
+    f: offset of the link's `FACTOR` record. RR, the block of the last section, is not written here. `NOTED` must
+    contain the values that `sweep_outward` and `sweep_inward` store. par: factors on stiffnesses, tau_d. weights:
+    `Weights` of mass, damping and stiffness. See theory, (9.5).
     """
     n, m, at, to = size(model.points), size(model.polynomials), strained_at(model, k), noted_at(model, k)
     zero, cm = 0.0, weights.mass
