@@ -88,7 +88,7 @@ def within(plant: Dynamics, bounds: Bounds, n: int, total: int, stiff: float = 1
     if bounds.keep_out:
         length = plant.arm.total_length
 
-        # distances minus margin, over the arm's length; positive outside
+        # distances minus margin, divided by the arm's length; positive outside
         def distances(x: Array) -> Array:
             places = plant.places(x)
             far = [shape.distance(places) for shape in bounds.keep_out]

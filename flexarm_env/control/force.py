@@ -292,7 +292,7 @@ class Impedance(PressController):
         """Store the gains; see `PressController`."""
         self.timing = self.gains = ImpedanceGains() if gains is None else check.instance("gains", gains, ImpedanceGains)
         super().__init__(setup)
-        # N/m per unit of a stiffness: the largest tip force over the arm's length
+        # N/m per unit of a stiffness: the largest tip force divided by the arm's length
         self._unit = self.most / setup.arm.total_length
 
     def pressing(self, view: View) -> Array:

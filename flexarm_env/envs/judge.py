@@ -204,7 +204,8 @@ class Judge:
         return motion.respond(motion.stepped(h, round(self.period / h)), self._torques, PERIODS, len(HELD))
 
     def _apart(self, one: Array, two: Array) -> float:
-        """Return the largest distance, over the arm's length, between the tips of two responses (`Motion.respond`).
+        """Return the largest distance, divided by the arm's length, between the tips of two responses
+        (`Motion.respond`).
 
         The last run is left out. The result is inf if a response is not finite.
         """

@@ -372,7 +372,7 @@ def _settings(
     kind: Kind, formulation: str | None, period: float, options: dict[str, Any], arm: Arm, drive: Drive,
     drawn: Mapping[str, tuple[float, float]], trial: Trial | None, packaged: Arm | None,
 ) -> tuple[Settings, float, str]:  # fmt: skip
-    """Return the settings completed by `resolution`, their error over the arm's length, and a warning or "".
+    """Return the settings completed by `resolution`, their error divided by the arm's length, and a warning or "".
 
     packaged: the arm as the package has it, or None for a user's arm.
     """

@@ -104,7 +104,8 @@ def request_of(plan: Plan, options: Any) -> Request:
 
 
 def _vibration(value: Any, modes: int) -> Any:
-    """Read options['vibration']: each mode's amplitude, as tip deflection over the arm's length, from -0.5 to 0.5."""
+    """Read options['vibration']: each mode's amplitude, as tip deflection divided by the arm's length, from -0.5 to
+    0.5."""
     unit, bound = "tip deflection over L", {"minimum": -0.5, "maximum": 0.5}
     if modes == 1:
         return check.number("options.vibration", value, unit, **bound)

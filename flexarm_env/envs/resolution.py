@@ -54,7 +54,7 @@ from .resolution_warnings import COARSE, COARSE_IF_GIVEN, amplified, too_coarse,
 from .small_motions import Drive
 from .trials import Trial, refined, settled
 
-# Errors and bounds on errors are distances of the tip over the arm's length L.
+# Errors and bounds on errors are distances of the tip divided by the arm's length L.
 AIM = 1e-3  # bound to which step and mesh are refined unless the usual settings are kept
 
 SPUN = 0.02  # largest e_3 accepted
@@ -67,7 +67,7 @@ class Resolution:
     """Settings of an environment, the tip's error due to step and mesh, and a warning for the user, or ""."""
 
     settings: Settings
-    estimate: float  # error of the tip over the arm's length
+    estimate: float  # error of the tip divided by the arm's length
     warning: str = ""
 
 

@@ -15,7 +15,8 @@ from .laws import LAW_SIZE, channel_of
 
 @kernel
 def open_contacts(lane, model, w: Work):
-    """Set the impulses of all contact points to 0 at the start of a control period. Without contact nothing is done."""
+    """Set the impulses of all contact points to 0 at the start of a control period. Nothing is done if the arm cannot
+    touch obstacles."""
     reset_impulses(lane, model, w.S)
 
 
@@ -34,7 +35,8 @@ def is_free(lane, p, par, w, i):
 
 @kernel
 def start_contacts(lane, p, par, w: Work):
-    """Store the forces of all contact points at the start of an episode in w.S. Without contact nothing is done.
+    """Store the forces of all contact points at the start of an episode in w.S. Nothing is done if the arm cannot touch
+    obstacles.
 
     # in        w.q, w.v;  par, the arms' own parameters
     """
@@ -45,7 +47,8 @@ def start_contacts(lane, p, par, w: Work):
 
 @kernel
 def put_contacts(lane, p, w: Work, live, info):
-    """Write force, friction (N), penetration (m), sliding speed (m/s) and impulse (N s) into info where live > 1/2.
+    """Write force, friction (N), penetration (m), sliding speed (m/s) and impulse (N s) into info for running arms
+    (live > 1/2).
 
     # in        w.S, forces of the contact points at the end of the last step
     # out       info.further, the last numbers (`CONTACT`), if the arm may touch obstacles
