@@ -98,8 +98,7 @@ _vjp_motors = vjp_of(update_motor_torques, ("record", "w"))
 
 @entry_point
 def adjoint(address, first, last):
-    """Compute the cotangents of states and actions of groups first ... last - 1 from the cotangents of the periods'
-    results.
+    """Compute the cotangents of states and actions of groups first ... last - 1 from those of the periods' results.
 
     address: address of a `Derivative` d. The inputs are d.state_bar (cotangent of the state at the end of the period),
     d.observation_bar and d.reward_bar. The outputs are d.state_bar (cotangent of the state at the start of the period),
@@ -206,8 +205,7 @@ def _vjp_outcome(
 
 @kernel
 def _length(model, task):
-    """Return the number of values stored per step: q, v, a, increment of q, inputs, and motor torques before the
-    step."""
+    """Return the number of values stored per step: q, v, a, increment of q, inputs, earlier motor torques."""
     return _last(model) + size(task.links)
 
 
@@ -219,8 +217,7 @@ def _last(model):
 
 @kernel
 def _more(model):
-    """Return the number of values stored per jump of torques: matrix factors, and accelerations and inputs before
-    it."""
+    """Return the number of values stored per jump of torques: factors, and earlier accelerations and inputs."""
     return size(model.n_factor) + size(model.n) + size(model.n_inputs)
 
 

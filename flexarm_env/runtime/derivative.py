@@ -34,8 +34,7 @@ from .sensors import measure
 
 
 class Derivative(NamedTuple):
-    """A batch's program, and rows of n arms: states of S numbers, X of them moving, A actions, and O observed
-    entries."""
+    """A batch's program and rows of n arms: S numbers of a state, X of them moving, A actions, O observed entries."""
 
     lane: tuple[int, ...]  # one zero per lane, for plain numbers
     dual: tuple[int, ...]  # the same lanes for numbers with tangents
@@ -209,8 +208,7 @@ def at_once(d):
 
 @kernel
 def _arm(lane, n, g, i):
-    """Return the index of the arm in lane i of group g; for a lane without an arm, the index of the group's first
-    arm."""
+    """Return the index of the arm in lane i of group g; for a lane without an arm, that of the group's first."""
     arm = g * lane_count(lane) + i
     return arm if arm < n else g * lane_count(lane)
 

@@ -22,8 +22,7 @@ _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
 
 @kernel
 def draw_start(task, ranges, stream, request, arm, own):
-    """Draw an arm's `START` record: joint angles, target, vibration, factors and parameters, unless a value is
-    requested.
+    """Draw an arm's `START` record (joint angles, target, vibration, factors, parameters) unless requested.
 
     request: a `REQUEST`; NaN means that the number is drawn. Every request consumes the same number of random numbers,
     so that later draws do not depend on it.
@@ -51,8 +50,7 @@ def draw_start(task, ranges, stream, request, arm, own):
 
 @kernel
 def _draw_posture(task, ranges, stream, request, arm, own):
-    """Draw the joint angles and the target of a `START` record, unless requested; for the arguments see
-    `draw_start`."""
+    """Draw joint angles and target of a `START` record unless requested; arguments as in `draw_start`."""
     n = size(task.links)
     at, asked = start_at(0, n), request_at(0, n, 0)
     # theta_k (rad), drawn or requested; a share of the starts is straight, all 0
@@ -99,8 +97,7 @@ def draw_free(lane, p, arm, own, par, w):
 
 @kernel
 def _copy_goal(task, own, mine):
-    """Write the joint angles (rad) that reach the target of the record `own` into the record `mine`, both of type
-    `START`."""
+    """Write the joint angles (rad) that reach the target of `own` into `mine`; both are `START` records."""
     n = size(task.links)
     at, goal = start_at(0, n), stack(_ONE, task.links + _RECORD)
     goal[TARGET], goal[TARGET + 1] = own[at.target], own[at.target + 1]

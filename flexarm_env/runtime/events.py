@@ -125,8 +125,7 @@ def change_payloads(lane, p, par: Lanes, record, w):
 
 @kernel
 def set_pushes(lane, p, record, w):
-    """Write this period's push on the tip (N, inertial axes) into w.u after the joint torques; 0 for arms without a
-    push.
+    """Write this period's push on the tip (N, inertial axes) into w.u after the torques; 0 without a push.
 
     record.push: first control period of the push, first period after the push, force (N). Without pushes the kernel
     does nothing.
@@ -142,8 +141,7 @@ def set_pushes(lane, p, record, w):
 
 @kernel
 def record_events(lane, p, par: Lanes, record: Lanes, w: Work, live, info: Lanes, outcome: Lanes):
-    """Write the period's cost, payload mass (kg) and push (N) into `info` for running arms (live > 1/2); charge the
-    cost.
+    """Write cost, payload mass (kg) and push (N) of the period into info of running arms; charge the cost.
 
     The cost of a period is 1 if a limit is exceeded or if the arm is nearer to a keep-out shape than its margin,
     otherwise 0. The price times the cost is subtracted from the reward.

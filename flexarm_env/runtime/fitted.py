@@ -41,8 +41,7 @@ _FLAG, _FINE, TAKEN, APART, _TIPS = _FIRST.flag, _FIRST.fine, _FIRST.taken, _FIR
 
 @kernel
 def fit_period(lane, p, models, par, poses, record: Lanes, action, saved, scratch, block, w):
-    """Advance the arms by one control period in fitted steps: runs with steps of h / 2^k, k = 0, 1, ..., until all arms
-    have a result.
+    """Advance the arms by a period in fitted steps: runs with steps of h / 2^k until all arms have a result.
 
     A run of k halvings has steps of h / 2^k. An arm's result is the first run whose tips are within p.allowed (m) of
     the previous run's tips (theory, eq. 6.4), or the last possible run. Runs that no arm needs are omitted.
@@ -66,8 +65,7 @@ def fit_period(lane, p, models, par, poses, record: Lanes, action, saved, scratc
 
 @kernel
 def record_step_error(lane, p, scratch: Lanes, live, info: Lanes):
-    """Write the error of a period in fitted steps, divided by the arm's length, into info.step_error for running arms
-    (live > 1/2).
+    """Write the error of a period in fitted steps, divided by the arm's length, into info of running arms.
 
     The error is scratch.apart (m): distance of the tips between the kept run and the run with steps twice as long. The
     error exceeds the tolerance if steps of h/32 were still too long. With fixed steps the kernel does nothing.
@@ -194,8 +192,7 @@ def _compare(lanes, i, k, links, allowed, period, poses, record, scratch, result
 
 @kernel
 def _apart(lanes, i, links, period, poses, scratch):
-    """Return the distance (m) of arm i's tips between two runs, at the end and extrapolated by a period (theory, eq.
-    6.4).
+    """Return the distance (m) of arm i's tips in two runs, now and extrapolated by a period (theory, eq. 6.4).
 
         max over links and axes of |r - r'| + period |v - v'|
 

@@ -29,8 +29,7 @@ def _inverse(A):
 
 @kernel
 def _on_the_way(s, turn, start, end):
-    """Return the tip's rotation matrix at s, which runs from -1 to 1 over a period, relative to the tip's axes at s =
-    -1.
+    """Return the tip's rotation matrix at s, from -1 to 1 over a period, relative to its axes at s = -1.
 
     The rotation vector is a cubic Hermite polynomial from 0 to `turn` (rad), with slopes start at s = -1 and end at s =
     1 (rad per unit of s).

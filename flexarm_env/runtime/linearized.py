@@ -28,8 +28,7 @@ from .derivative import fill_rows
 
 
 class Linearization(NamedTuple):
-    """Data of n arms with N links: z = (q, v, torques) has m numbers, the first s are the state; there are p
-    outputs."""
+    """Data of n arms with N links: z = (q, v, torques) has m numbers, the first s the state; p outputs."""
 
     lane: tuple[int, ...]  # one zero per lane, for plain numbers
     dual: tuple[int, ...]  # the same lanes for numbers with tangents

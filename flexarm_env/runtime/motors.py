@@ -334,8 +334,7 @@ def draw_lag(p, arm, record, info, lanes):
 
 @kernel
 def record_delay(lane, p, record, live, info):
-    """Write the delay (s) of this period's commands into `info` for running arms (live > 1/2), if the delay is
-    random."""
+    """Write the delay (s) of this period's commands into info of running arms, if the delay is random."""
     actuator = p.actuator
     if actuator is not None and actuator.jitter is not None:
         late = _lateness(lane, p.task, actuator, record) + float(actuator.age * p.n_steps + actuator.late)

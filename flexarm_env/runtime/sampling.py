@@ -164,8 +164,7 @@ def start_consistently(lane, model, drive, par, w, stretch):
 
 @kernel
 def next_stop(kinks, k, time, instant):
-    """Return (stop, k, kinked) of a stretch from `time` towards `instant` (s): its end (s), the next kink, whether it
-    ends there.
+    """Return (stop, k, kinked) of a stretch from `time` towards `instant` (s): end, next kink, whether at a kink.
 
     kinks (K,): instants of the kinks, s, ascending. k: number of kinks known to be over; the returned k is the index of
     the next kink. Kinks at the present time are over. kinked: whether the stretch ends at a kink. A kink within

@@ -25,8 +25,10 @@ from ..physics.protocol import State, Weights, assemble, factor, link_poses, loc
 
 
 class Neighbour(NamedTuple):
-    """The model of the arm with the parameter theta + offset. The residual of this model enters the derivative with the
-    factor `weight`."""
+    """Model of the arm with the parameter theta + offset.
+
+    The residual of this model enters the derivative with the factor `weight`.
+    """
 
     model: Any
     par: np.ndarray  # the arm's own parameters

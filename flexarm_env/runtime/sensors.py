@@ -184,7 +184,7 @@ def _turned(lane, p, instruments, who, poses, record, seen):
 
     The entries are vectors in axes that turn with the hub: the target's rate and its future displacements, divided by
     their scales. The entries were written for the true angle; the observer knows only the measured angle. Angular
-    targets of one number are not rotated. who: the arm, a `Who`. poses: poses of the links, inertial axes. seen: entries.
+    targets of one number are not rotated. who: the arm, a `Who`. poses: links' poses, inertial axes.
     """
     if instruments.encoders is not None:
         if p.reference is not None:

@@ -277,8 +277,7 @@ def _first_observation(lane, p, arm, live, record, action, poses, seen, info):
 
 @kernel
 def guided_period(address, begins):
-    """Start the episode of an arm that follows prescribed motions (begins is 1), or advance it by a period (begins is
-    0).
+    """Start the episode of an arm under prescribed motions (begins is 1), or advance it by a period (0).
 
     address: address of the arm's own `Program`. One program does both, because both need a consistent start.
     """

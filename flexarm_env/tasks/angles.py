@@ -239,8 +239,7 @@ def _arc_bend(lengths, distance):
 
 @kernel
 def _from_arc(lengths, limits, x, y, side, angles):
-    """Compute the force that bends the chain to (x, y), m, starting from an arc: return (fx, fy, sum of squared
-    angles).
+    """Compute the force that bends the chain to (x, y), m, from an arc: (fx, fy, sum of squared angles).
 
     An arc has the same angle at all elbows; side: the sign of this angle, 1 or -1. fx, fy: force (rad/m) at (x, y)
     whose moments about the joints are the joint angles. The sum is inf without a solution. Newton's method starts from
@@ -294,8 +293,7 @@ def least_angles(lengths, limits, x, y, angles):
 
 @kernel
 def _set_arc(lengths, limits, bearing, bend, angles):
-    """Write the joint angles of an arc whose tip lies at `bearing` (rad): all elbows have the angle `bend`, within
-    limits.
+    """Write the joint angles of an arc with its tip at `bearing` (rad): elbows at `bend`, within their limits.
 
     bend: rad. lengths (N,): m; limits (2 N,): lower and upper limit of each joint, rad. angles (N,): out, rad.
     """

@@ -30,8 +30,7 @@ HARDEST = FARTHEST
 
 
 class Land(Reach):
-    """Constants of the task "land" for two links; the options page of the environments describes observation and
-    reward."""
+    """Constants of the task "land" for two links; the environments' options page describes the task."""
 
     __slots__ = ()
 
@@ -90,8 +89,7 @@ def land_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lane
 
 @kernel
 def land_draw_line(task, stream, arm, start, drawn, path):
-    """Write the `PATH` record of a target at rest on the wall, on a random side of the wall's point nearest to the
-    root.
+    """Write the `PATH` of a target at rest on the wall, on a random side of the wall's point nearest to the root.
 
     drawn (4,): distance of the nearest point from the root, m; distance of the target from the nearest point, m; an
     unused number; bearing of the nearest point, rad. stream[arm]: random numbers of the arm. start: not used.

@@ -18,8 +18,7 @@ TERM_ARGUMENTS = ("lane", "task", "poses", "action", "record")
 
 @kernel
 def judge_with_terms(lane, task, poses, action, record, live, info):
-    """Evaluate a task with user-defined reward terms at an instant; return (reward, 1.0 if a joint is beyond its
-    limits).
+    """Evaluate a task with user-defined reward terms; return (reward, 1.0 if a joint is beyond its limits).
 
     `judge` writes success and the task's terms into info for running arms (live > 1/2). task.own_terms: kernels
     term(lane, task, poses, action, record), whose weighted values are added to the reward and written into info.terms

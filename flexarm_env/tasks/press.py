@@ -35,8 +35,7 @@ WIDE_PATH, WIDE_FORCE = 0.01, 0.25
 
 
 class Press(Reach):
-    """Constants of the task "press" for two links; the options page of the environments describes observation and
-    reward."""
+    """Constants of the task "press" for two links; the environments' options page describes the task."""
 
     __slots__ = ()
 
@@ -143,8 +142,7 @@ def target_distances(lane, task, poses: Lanes, record: Lanes):
 
 @kernel
 def _record_press(lane, task, e, f, record: Lanes, live, info):
-    """Add the errors e (m) and f of a period to the record, and write success (1 or 0) into info, for running arms
-    (live > 1/2)."""
+    """Add the errors e (m) and f of a period to the record; write success (1 or 0) into info of running arms."""
     # periods done at the end of this one, and those of the first third, which do not count
     done, idle = record[PERIODS] + 1.0, record[PERIODS_ALLOWED] / 3.0
     counts = select_lt(idle, done, 1.0, 0.0)
@@ -160,8 +158,7 @@ def _record_press(lane, task, e, f, record: Lanes, live, info):
 
 @kernel
 def press_draw_line(task, stream, arm, start, drawn, path):
-    """Write the `PATH` record of a straight path along the wall, with the commanded normal force and the wall's
-    bearing.
+    """Write the `PATH` of a straight path along the wall, with commanded normal force and the wall's bearing.
 
     drawn (5,): distance of the wall from the root, m; time at which the target reaches the wall's nearest point, s;
     speed, m/s; bearing of the nearest point, rad; normal force, N.

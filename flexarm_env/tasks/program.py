@@ -250,8 +250,7 @@ class Block(NamedTuple):
 
 @inlined
 def sections(layout, block):
-    """Return views of a block's sections: parameters, poses, record, action, observation, info, saved state,
-    scratch."""
+    """Return views of a block's sections: par, poses, record, action, seen, info, saved, scratch."""
     return (
         block[layout.par : layout.poses], block[layout.poses : layout.record], block[layout.record : layout.action],
         block[layout.action : layout.seen], block[layout.seen : layout.info], block[layout.info : layout.saved],
@@ -301,8 +300,9 @@ class Sensors(NamedTuple):
 
 
 class Instruments(NamedTuple):
-    """Sensors with noise, filter and delay (`sensors.Law`); a field is None if the arm has no sensor of this kind. The
-    channels of the sensors are in the order of the fields.
+    """Sensors with noise, filter and delay (`sensors.Law`); None: no sensor of this kind.
+
+    The channels of the sensors are in the order of the fields.
 
     The sensors' entries of the observation follow the entries of task and target. Their order is: goals, accelerometer,
     gyroscope, camera, force, switch, gauges.

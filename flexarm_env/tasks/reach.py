@@ -40,8 +40,7 @@ class Reach(Task):
 
 
 class Chain(Task):
-    """Constants of the task "reach" for any number of links; the goal's joint angles come from
-    `angles.least_angles`."""
+    """Constants of the task "reach" for any number of links; goal joint angles by `angles.least_angles`."""
 
     __slots__ = ()
 
@@ -228,8 +227,7 @@ def reach_path_at(task, path, t, out):
 
 @kernel
 def reach_turn_in(lane, task, poses: Lanes, seen: Lanes, first, end):
-    """Rotate the points or velocities (x, y) in the entries `first` to `end` - 1 of `seen` from inertial axes to the
-    axes of link 0's root."""
+    """Rotate the points or velocities (x, y) at seen[first:end] from inertial axes to link 0's root axes."""
     sine, cosine = sincos(poses[POSE.angle])
     for k in range(first, end, 2):
         x, y = seen[k], seen[k + 1]

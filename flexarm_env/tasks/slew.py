@@ -125,8 +125,7 @@ def slew_judge(lane, task, poses, action, record: Lanes, live, info):
 
 @kernel
 def slew_target(task, angles, first, second):
-    """Return (target angle, 0.0), rad: the drawn angle `first`, plus joint 0's angle angles[0] if task.relative is
-    1."""
+    """Return (target angle, 0.0), rad: the drawn angle `first`, plus joint 0's angle if task.relative is 1."""
     return task.relative * angles[0] + first, 0.0
 
 

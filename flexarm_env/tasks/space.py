@@ -14,8 +14,10 @@ _PATH, _MOVING = PATH.places, MOVING.places
 
 
 class SpaceReach(Task):
-    """Constants of the task "reach" in space; `envs.spatial` describes observation and reward. Links of length 0 are
-    rigid."""
+    """Constants of the task "reach" in space; `envs.spatial` describes observation and reward.
+
+    Links of length 0 are rigid.
+    """
 
     __slots__ = ()
 
@@ -165,8 +167,7 @@ def space_pursue(task, record):
 
 @kernel
 def directions(bearing, elevation):
-    """Return three unit vectors: away from the root at a bearing and an elevation (rad), to greater bearing, and
-    upwards.
+    """Return unit vectors: away from the root at a bearing and elevation (rad), to greater bearing, upwards.
 
     Bearing: from x towards y about the z axis; elevation: above the plane of x and y.
     """
@@ -233,8 +234,7 @@ def space_path_at(task, path, t, out):
 
 @kernel
 def space_turn_in(lane, task, poses, seen: Lanes, first, end):
-    """Rotate the points or velocities in the entries `first` to `end` - 1 of `seen` from inertial axes to the axes of
-    link 0's root."""
+    """Rotate the points or velocities (x, y, z) at seen[first:end] from inertial axes to link 0's root axes."""
     for k in range(first, end, 3):
         x, y, z = seen[k], seen[k + 1], seen[k + 2]
         for d in range(3):

@@ -35,8 +35,7 @@ NOT_DRAWN = dict.fromkeys(FACTOR_NAMES[:ALWAYS], (1.0, 1.0))
 
 
 class Ranges(NamedTuple):
-    """Bounds (low, high) of the numbers that are drawn uniformly for a fresh start; N links, n coordinates of the
-    state."""
+    """Bounds (low, high) of numbers that are drawn uniformly for a fresh start; N links, n coordinates."""
 
     pose: np.ndarray | None  # (n, 1 + 3 N): coordinates q = pose times a `BASIS`; None in space
     shake: np.ndarray | None  # (n, 1 + 3 N): rates of a vibration of size 1; in space see `envs.vibration.swing`
@@ -56,8 +55,7 @@ class Ranges(NamedTuple):
 
 @dataclass(frozen=True)
 class Starts:
-    """Bounds of the numbers that are drawn uniformly for a fresh start; `Ranges` describes the fields not described
-    here.
+    """Bounds of numbers that are drawn uniformly for a fresh start; for fields without description see `Ranges`.
 
     target: bounds of two target numbers (for one link the second is unused); in space bounds of each joint's angle.
     drawn: bounds of each drawn factor by name, in the order of `FACTOR_NAMES`. laws: whether factors on joint laws are

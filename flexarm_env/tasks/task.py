@@ -67,8 +67,7 @@ class Task(NamedTuple):
 
     @property
     def given(self) -> str:
-        """Name of the `REQUEST` field that determines a start's target: "target", or "goals" for joint angles at the
-        target."""
+        """Field of `REQUEST` that determines a start's target: "target", or "goals" for joint angles there."""
         return "target"
 
 Task.own_terms = ()  # type: ignore[attr-defined]  # no field, known to the compiler: see `tasks.own_terms`
@@ -123,8 +122,7 @@ def deflection(lane, poses: Lanes, k):
 
 @kernel
 def of_base(lane, task, poses: Lanes, number):
-    """Return entry `number` of a floating base's `BASE_POSE`: attitude (rad) or rate (rad/s); 0 if the root is
-    fixed."""
+    """Return entry `number` of a floating base's `BASE_POSE`: attitude (rad) or rate (rad/s); 0 if fixed."""
     if size(task.base) > 0:
         return poses[POSE.end * size(task.links) + number]
     return 0.0
@@ -234,8 +232,7 @@ def past_limits(lane, task, poses: Lanes):
 
 @kernel
 def record_success(lane, task, good, record: Lanes, live, info):
-    """Count the consecutive instants within the success bands, and write success (1 or 0) into info, for running arms
-    (live > 1/2).
+    """Count the consecutive instants within the success bands; write success (1 or 0) into info of running arms.
 
     good: 1 where all errors are within their bands. Success means a count (record.hold) of at least task.hold. If
     task.once is not None, success lasts to the end of the episode.
@@ -283,8 +280,7 @@ def left_of(task, loss):
 
 @kernel
 def reward_change(lane, task, action: Lanes, record: Lanes, live, info, total):
-    """Return total plus the weighted term -sum (action - last action)^2; return total if task.acted is empty (no
-    price).
+    """Return total plus the weighted term -sum (action - last action)^2; total if it has no price (task.acted).
 
     The term's value is also written into info, before the failure term. For running arms (live > 1/2) the action
     (joints, lanes) is stored in the record as the last action.

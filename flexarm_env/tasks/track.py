@@ -13,8 +13,7 @@ _RECORD = (0,) * GOAL
 
 @kernel
 def _on_path(reference, task, record, lanes, i, t, k, out):
-    """Write position and velocity of arm i's target at time t (s), the end of control period k, into the `MOVING`
-    record `out`.
+    """Write position and velocity of arm i's target at time t (s), the end of period k, into the `MOVING` out.
 
     A target comes from reference.table (position and rate at each control instant; after the last row it rests) or from
     the path in the arm's record. lanes: number of arms in the group that contains arm i. record: in lanes.
@@ -36,8 +35,7 @@ def _on_path(reference, task, record, lanes, i, t, k, out):
 
 @kernel
 def _set_target(reference, task, record, lanes, i, t, k, out):
-    """Write position and velocity of arm i's target at time t (s), the end of control period k, into `out` and the
-    record.
+    """Write position and velocity of arm i's target at t (s), the end of period k, into out and the record.
 
     lanes: number of arms in the group that contains arm i. out: a `MOVING` record. record.target, record.target_rate:
     target (m or rad) and its rate, inertial axes, written.
@@ -50,8 +48,7 @@ def _set_target(reference, task, record, lanes, i, t, k, out):
 
 @kernel
 def move_targets(lane, reference, task, period, record):
-    """Move the targets of running arms to the end of the control period, and update the joint angles that reach the
-    targets.
+    """Move the targets of running arms to the end of the period, and update the joint angles that reach them.
 
     reference: a `Reference`; None if targets rest (no-op). period: control period, s. record (fields by lanes): mode
     and number of completed periods are read; target, target_rate and goal are written.
