@@ -2,10 +2,11 @@
 
 The error estimate has four parts, each a fraction of the arm's length:
 
-    time_step   half the distance of the tip from a companion run with twice the step. (The error of a second-order
-                method is a third of this distance; the remainder is a safety margin.) If the step does not resolve the
-                slowest vibration, or its decay: the whole distance from a run with an eighth of the step. In space up
-                to 1.5 times the distance, if a run with four times the step shows no second order
+    time_step   half the distance between the tips of this run and of a companion run with twice the step. (The error of
+                a second-order method is a third of this distance; the remainder is a safety margin.) If the step does
+                not resolve the slowest vibration, or its decay, this part is the whole distance from a run with an
+                eighth of the step. In space it is up to 1.5 times the distance, if a run with four times the step shows
+                that the method does not have second order
     mesh        half the distance between the companion with twice the step and another companion, with twice the step
                 on half the mesh; the whole distance if the other mesh is finer. Links may be so stubby that chords have
                 an error on any mesh, or under such tension that they bend within less than an element. The part is then
@@ -47,8 +48,8 @@ times as large because created energy indicates instability."""
 
 @dataclass(frozen=True)
 class Probe:
-    """A companion run. t (n,): instants, s. tip: in the plane positions of the tip (n, 2), m; in space the tip and the
-    ends of three axes, a fifth of the arm long, (n, 4, 3), m. good: whether the run reached its end."""
+    """A companion run. t (n,): instants of the samples, s. tip: in the plane positions of the tip (n, 2), m; in space
+    the tip and the ends of three axes, a fifth of the arm long, (n, 4, 3), m. good: whether the run reached its end."""
 
     t: Array
     tip: Array
@@ -65,7 +66,7 @@ class Estimate:
     unknown: str = ""
 
     def message(self, limit: float) -> str:
-        """Return the reason why a run is inaccurate, and the remedy."""
+        """Return the reason why a run is inaccurate, and advice to the user."""
         if self.unknown:
             return f"the error could not be estimated: {self.unknown}; take a smaller dt or a finer mesh"
         worst = max(self.parts, key=lambda name: self.parts[name])
@@ -101,9 +102,9 @@ HALF = 0.5
 def other_mesh(settings: Settings, space: bool = False, full: int = 5) -> tuple[Settings, float]:
     """Return settings with another mesh, and the run's error divided by its distance from a run with that mesh.
 
-    The other mesh is coarser, or finer if there is no coarser mesh. For links reduced to modes the returned settings
-    are those of the full model with at least `full` segments (in the plane), or have another number of segments with as
-    many modes (in space)."""
+    The other mesh is coarser, or finer if there is no coarser mesh. For links reduced to modes, the returned settings
+    in the plane are those of the full model with at least `full` segments. In space they have another number of
+    segments and the same number of modes."""
     if settings.formulation == "elastica":
         assert settings.nodes is not None
         # the smallest mesh is compared with a finer one
@@ -133,8 +134,8 @@ def other_mesh(settings: Settings, space: bool = False, full: int = 5) -> tuple[
 
 def companion_mesh(scene: Scene, settings: Settings) -> tuple[Scene, Settings, float]:
     """Return scene and settings with another mesh, and the error divided by the distance from a run on this mesh. If a
-    section jumps or kinks, all cells are halved: a coarser mesh may have the same cells in the critical piece and would
-    hide the error of these cells. Otherwise the mesh is that of `other_mesh`."""
+    section jumps or kinks, all cells are halved, because a coarser mesh may have the same cells in the critical piece
+    and would hide their error. Otherwise the mesh is that of `other_mesh`."""
     if divided(scene.arm) and (halved := halved_mesh(scene.arm, settings)):
         return replace(scene, arm=halved[0]), halved[1], 1.0
     return scene, *other_mesh(settings, scene.spatial, default_mesh(scene.arm, settings.formulation).get("segments", 5))
@@ -172,8 +173,8 @@ def rubs(scene: Scene) -> bool:
 
 
 def gear_rate(scene: Scene) -> float:
-    """Return the rate (1/s) of the fastest vibration of a rotor on its elastic gear against the rigid arm after the
-    gear. Return 0 if no gear is elastic, or for an arm in space."""
+    """Return the rate (1/s) of the fastest vibration of a rotor on its elastic gear, relative to the rigid arm beyond
+    the gear. Return 0 if no gear is elastic, or for an arm in space."""
     arm, rates = scene.arm, [0.0]
     if scene.spatial:
         return 0.0
@@ -185,9 +186,9 @@ def gear_rate(scene: Scene) -> float:
 
 
 def slowest_rate(scene: Scene) -> float:
-    """Return the rate (1/s) of the straight arm's slowest vibration with a held root, or of its faster decay if
-    overdamped. The rate is the frequency of a beam with the arm's length and smallest stiffness and the arm's load at
-    its tip (Rayleigh). For planar arms with varying sections the rate is that of the actual arm."""
+    """Return the rate (1/s) of the straight arm's slowest vibration with a fixed root; if overdamped, of its faster
+    decay. The rate is the frequency of a beam with the arm's length and smallest stiffness and the arm's load at its
+    tip (Rayleigh). For planar arms with varying sections the rate is that of the actual arm."""
     arm, spatial = scene.arm, scene.spatial
     bending = [link for link in arm.links if not link.rigid]
     if not bending:
@@ -237,9 +238,9 @@ def count_steps(scene: Scene, settings: Settings, end: float, sample: float) -> 
 
 
 def in_steps(scene: Scene, settings: Settings, end: float, sample: float) -> Settings:
-    """Return settings with the longest step of at most dt with which steps end at every sample and kink. An elastica's
-    inertia belongs to one step length (theory, 5.3). The dt of an elastica is therefore the step length for which equal
-    and shorter steps cover a tenth of the time."""
+    """Return settings with the longest step of at most dt for which steps end at every sample and kink. The inertia
+    matrix of an elastica is corrected for one step length (theory, 5.3). For an elastica dt is therefore chosen so that
+    steps of this length and shorter steps cover a tenth of the time."""
     return settings.replace(dt=_step_of(_stretches(scene, end, sample), settings, sample))
 
 
@@ -283,7 +284,7 @@ def common_instants(t: ArrayLike, other: ArrayLike) -> tuple[NDArray[np.intp], N
 
 
 def distance(one: Probe, other: Probe) -> float:
-    """Return the largest distance (m) between two runs' tips (or axes' ends) at equal times; inf if one failed."""
+    """Return the largest distance (m) between two runs' tips (or axes' ends) at equal times; inf if a run failed."""
     if not (one.good and other.good):
         return math.inf
     mine, theirs = common_instants(one.t, other.t)
@@ -361,8 +362,9 @@ def estimate(
 def _share_of_step(
     scene: Scene, settings: Settings, end: float, sample: float, mine: Probe, found: float, run: Callable[..., Probe]
 ) -> float:
-    """Return `step_factor` for a run in space at the distance `found` (m) from `mine`, a run with twice its step.
-    settings, sample: those of `mine`. A third run, with four times the step, shows how the distance grows."""
+    """Return `step_factor` for a run in space with the distance `found` (m) from `mine`, which has half its step.
+    settings, sample: settings and sampling interval of `mine`. A third run, with four times the step, shows how the
+    distance grows."""
     again, wide = settings.replace(dt=2.0 * float(settings.dt or 0.0)), min(2.0 * sample, end)
     if count_steps(scene, again, end, wide) > 0.75 * count_steps(scene, settings, end, sample):
         return step_factor(1.0)
@@ -394,8 +396,8 @@ def followed(
     """Return the elastica's error due to neglected stretch and shear, divided by L; {} for other formulations.
 
     The tip is compared with that of a run whose bending stiffness is reduced to imitate stretch and shear. In the plane
-    the error is the larger of this distance (at most 1) and the linear estimate in `notes`. In space the error is the
-    tip's distance from a run with exact beams or, for slender links, from the run with reduced stiffness.
+    the error is the larger of two values: this distance (at most 1) and the linear estimate in `notes`. In space the
+    error is the tip's distance from a run with exact beams or, for slender links, from the run with reduced stiffness.
     """
     stiffness = getattr(notes, "softer", None)
     if stiffness is None:
@@ -434,8 +436,8 @@ def finer_mesh(settings: Settings) -> Settings:
 
 
 def energy_part(balance: Array, turned_over: float) -> float:
-    """Return the part `energy` of the error estimate. balance (n,): created energy at each instant, J. turned_over:
-    energy turned over, J.
+    """Return the part `energy` of the error estimate. balance (n,): energy that the scheme has created up to each
+    instant, J. turned_over: energy turned over in the run, J.
     """
     if turned_over <= 0.0:
         return 0.0

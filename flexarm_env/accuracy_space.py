@@ -1,4 +1,4 @@
-"""Errors of a run in space that coarser meshes and longer steps do not show, and comparisons that show them.
+"""Find errors of a run in space that coarser meshes and longer steps do not show, and the runs that show them.
 
 This module computes part of the estimate of `accuracy`.
 """
@@ -34,7 +34,7 @@ number of elements per link of any exact beam that a run is compared with.
 
 
 def _stubbiness(link: Link) -> float:
-    """Return the largest EI / (C L^2) of a link in space, along the link and over both bending planes."""
+    """Return the largest shear-to-bending flexibility EI / (C L^2) of a link in space, over length and planes."""
     s = np.linspace(0.0, link.length, 9)
     own, across = link.along(s), link.across(s)
     return float(max((own.EI / own.C).max(), (across["EI_y"] / across["C_y"]).max()) / link.length**2)
@@ -59,11 +59,13 @@ def _pull(scene: Scene, t: Array, tip: Array) -> float:
 
 
 def witness(scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Settings | None, bool]:
-    """Return settings of an exact beam. Its distance from the run is an error that coarser meshes do not show.
+    """Return settings of an exact beam for a comparison, and whether its mesh is fine enough.
 
-    Frames along chords have an error of the order of the squared shear angle, on any mesh. The elastica neglects shear.
-    A link under an axial force N bends within about sqrt(EI/N) of its ends. With elements that are several times
-    longer, meshes with one and with two elements have the same error.
+    The distance between exact beam and run is an error that coarser meshes do not show.
+
+    Frames along chords have an error of the order of the squared shear angle, on any mesh. The elastica formulation
+    neglects shear. A link under an axial force N bends within a distance of about sqrt(EI/N) from its ends. With
+    elements that are several times longer, meshes with one and with two elements have the same error.
 
     Args:
         t: instants of the run, (n,), s. tip: positions of the tip and of the ends of its axes, (n, 4, 3), m.
@@ -108,10 +110,10 @@ LITTLE = 1e-7
 def step_factor(growth: float) -> float:
     """Return the error of a run with step h divided by its distance from a run with step 2 h.
 
-    growth: factor by which the distance grows if both steps are doubled. If the error is a power of h, it is 1 /
-    (growth - 1) of the distance: a third for a method of second order. The result includes a safety factor of 1.5. If
-    no step resolves a vibration, the error has the size of the vibration's amplitude at any step. Then growth is about
-    1, and the result is at most 1.5.
+    growth: factor by which the distance grows if both steps are doubled. If the error is proportional to a power of h,
+    it is 1 / (growth - 1) of the distance: a third for a method of second order. The result includes a safety factor of
+    1.5. If no step resolves a vibration, the error has the size of the vibration's amplitude at any step. Then growth
+    is about 1, and the result is at most 1.5.
     """
     return 0.5 if growth >= 4.0 or not math.isfinite(growth) else min(1.5, 1.5 / max(growth - 1.0, 1e-3))
 
@@ -119,8 +121,8 @@ def step_factor(growth: float) -> float:
 def mesh_factor(n: int) -> float:
     """Return the error of a run with n elements divided by its distance from a run with m = n / 2 elements.
 
-    If n is odd, m is rounded up. If the error is proportional to the squared element length, the error is 1 / ((n/m)^2
-    - 1) of the distance: a third if m is half of n. The result includes a safety factor of 1.5. For n = 1 the other run
-    has two elements, and the result is 1 (by the same rule the error would be 4/3 of the distance).
+    If n is odd, m is rounded up. If the error is proportional to the squared element length, it is 1 / ((n/m)^2 - 1) of
+      the distance: a third if m is half of n. The result includes a safety factor of 1.5. For n = 1 the other run has
+      two elements. The result is then 1; by the same rule the error would be 4/3 of the distance.
     """
     return 1.0 if n == 1 else 1.5 / ((n / -(-n // 2)) ** 2 - 1.0)

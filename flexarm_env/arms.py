@@ -93,7 +93,7 @@ def to_toml(arm: Arm) -> str:
 
 
 def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm:
-    """Read an arm from the table of a TOML file. default_name: name for a table without a name.
+    """Read an arm from a table of a TOML file. default_name: name of an arm whose table has no name.
 
     Raises ValueError that names the key path, the value and the rule.
     """
@@ -123,12 +123,15 @@ def section_of(path: str, value: object) -> Section:
 
 
 def base_of(value: object) -> Base:
-    """Read a base from its table. Raises ValueError that names the key path, the value and the rule."""
+    """Read the floating base from its table in an arm's TOML file.
+
+    Raises ValueError that names the key path, the value and the rule.
+    """
     return made("base", Base, value)
 
 
 def _link(path: str, value: object) -> Link:
-    """Read a link's table: a rigid link has a mass; other links have a section, points of a section, or a taper."""
+    """Read a link's table. A rigid link has a mass; all other links have a section, points of a section, or a taper."""
     table = check.table_of(path, value)
     if "section" not in table and any(key in table for key in _RIGID[1:]):
         check.known_keys(path, table, _RIGID)
@@ -164,7 +167,7 @@ _SECTIONS = (
 
 
 def _point(path: str, entry: object) -> tuple[Any, Section]:
-    """Read a point of a section that varies along the link."""
+    """Read one point, position and section, of a section that varies along the link."""
     table = check.table_of(path, entry)
     s = check.needed(path, table, "s", "must be a number (m from the link's root)")
     section = _section(path, {key: value for key, value in table.items() if key != "s"}, path)
@@ -172,7 +175,7 @@ def _point(path: str, entry: object) -> tuple[Any, Section]:
 
 
 def _section(path: str, section: dict[str, Any], inside: str | None = None) -> Section:
-    """Read the section of a table. inside: key path of the section, if it differs from `path`.section."""
+    """Read the section of a table. inside: key path of the section, if it is not `path`.section."""
     own = inside or f"{path}.section"
     what = f"must be a table of {', '.join(_SECTION)}, or of a rectangle's {', '.join(_RECTANGLE)}"
     keys: tuple[str, ...] = (*_SECTION, *ACROSS)
@@ -195,7 +198,7 @@ def _section(path: str, section: dict[str, Any], inside: str | None = None) -> S
 
 
 def _warn_of_units(path: str, section: Mapping[str, Any]) -> None:
-    """Warn of numbers of a section that are likely in another unit (`_UNLIKELY`). path: the section's key path."""
+    """Warn about numbers of a section that are probably in another unit (`_UNLIKELY`). path: the section's key path."""
     for key, number in ((key, x) for key, x in section.items() if key in _UNLIKELY for x in np.ravel(x)):
         low, high, unit, other, factor = _UNLIKELY[key]
         if not low <= number <= high:
@@ -207,7 +210,7 @@ def _warn_of_units(path: str, section: Mapping[str, Any]) -> None:
 
 
 def _joint(path: str, value: object) -> Joint:
-    """Read a joint's table, with the table of its motor."""
+    """Read a joint from its table, which contains the table of its motor."""
     table = check.table_of(path, value)
     if "motor" in table:
         check.known_keys(path, table, check.names_of(Joint))
@@ -217,7 +220,7 @@ def _joint(path: str, value: object) -> Joint:
 
 
 def _elbow(path: str, value: object) -> Elbow:
-    """Read an elbow's table."""
+    """Read an elbow from its table."""
     return made(path, Elbow, value)
 
 
@@ -252,7 +255,7 @@ def schema() -> dict[str, Any]:
 
 
 def _sensors_schema() -> dict[str, Any]:
-    """Return the schema of the table of sensors; a file may abbreviate encoders and places of strain gauges."""
+    """Return the schema of the table of sensors; a file may use short forms of encoders and places of strain gauges."""
 
     def one(kind: Any) -> dict[str, Any]:
         return records.schema(kind, low_pass=records.schema(sensors.LowPass))
@@ -267,7 +270,7 @@ def _sensors_schema() -> dict[str, Any]:
 
 
 def _material(**sides: dict[str, Any]) -> dict[str, Any]:
-    """Return the schema of a homogeneous section with these sides."""
+    """Return the schema of a homogeneous section given by the dimensions `sides`."""
     positive = {"type": "number", "exclusiveMinimum": 0.0}
     own = {
         "E": {**positive, "description": "Young's modulus (Pa)"},
@@ -290,7 +293,7 @@ def _sides(text: str) -> dict[str, Any]:
 
 
 def _section_schema(**more: dict[str, Any]) -> dict[str, Any]:
-    """Return the schema of a section's table, whose kind follows from its keys. more: further required keys."""
+    """Return the schema of a section's table; its keys determine its kind. more: further required keys."""
     plain = records.schema(Section)
     kinds = {
         "wall": _material(diameter=_side("outer diameter"), wall=_side("thickness of the wall"), **more),
@@ -313,7 +316,7 @@ _LINK_SCHEMA = records.by_key(
 
 
 def _link_table(link: Link, space: bool) -> dict[str, Any]:
-    """Return a link as a TOML table without fields at their defaults."""
+    """Return a link as a TOML table without fields that have their default values."""
     if isinstance(link, RigidLink):
         return {key: getattr(link, key) for key in _RIGID}
     plain = Link(link.length, link.section)
@@ -332,7 +335,7 @@ def _section_table(section: Section | Taper | Points, space: bool) -> Any:
 
 
 def to_table(arm: Arm, space: bool = True) -> dict[str, Any]:
-    """Return an arm as a TOML table without fields at their defaults."""
+    """Return an arm as a TOML table without fields that have their default values."""
     table: dict[str, Any] = {"name": arm.name}
     if arm.source:
         table["source"] = arm.source

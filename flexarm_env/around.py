@@ -1,4 +1,4 @@
-"""Gymnasium wrappers that add the action, as a share of the torque limits, to the torques of a controller.
+"""Gymnasium wrappers that add a controller's torques to the actions, which count as a share of the torque limits.
 
     env = AroundController(gymnasium.make("FlexibleArm-v0"), "pd", share=0.7)
     envs = AroundControllerVector(gymnasium.make_vec("FlexibleArm-v0", num_envs=64), "pd", share=0.7)

@@ -1,7 +1,8 @@
 """Many arms of one kind; one compiled call advances all arms by a control period. A single arm is a batch of one.
 
 The arms have one Model and one task in common. Each arm has its own payload, stiffness, damping and torque constant.
-Arms are stored in groups of lanes, which are distributed among threads. An arm's results do not depend on them."""
+Arms are stored in groups of lanes, and the groups are distributed among threads. An arm's results depend neither on its
+group nor on the number of threads."""
 
 from __future__ import annotations
 
@@ -89,7 +90,7 @@ ALONE_AFTER = 1  # steps after which a single arm's program is compiled, for arm
 
 
 def gauge_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, places: Sequence[Spot]) -> Array:
-    """Return rows (G, n), whose products with q are curvatures (1/m). places: (link, 0 at root to 1 at tip)."""
+    """Return rows (G, n), one per strain gauge: curvature (1/m) = row q. places: (link, 0 at root to 1 at tip)."""
     assert settings.dt is not None
     scene = standing_scene(arm, settings.dt, gravity)
     return curvature_rows(scene, settings, assembly.assemble(scene, settings), places)
@@ -99,17 +100,19 @@ class Batch:
     """n arms with a task, stored in groups of lanes.
 
     Args:
-        arm, settings (with dt), gravity (m/s^2): the mechanical system. n: number of arms.
+        arm: the arm. settings: solver settings with dt. gravity: acceleration of gravity, m/s^2. n: number of arms.
         task: record of a task. starts: ranges from which starts of episodes are drawn.
         period: control period, s, a multiple of settings.dt. account: whether to record energies, work and dissipation.
         threads: largest number of threads; None selects the fastest number by timing (`compiler.pace`).
         extras: controllers, motors, sensors, moving targets. contacts: the arms' contacts.
-        left: error of the tip by mesh and step, divided by the arm's length; inf: unknown. starting: compile starts.
+        left: tip error due to mesh and step, divided by the arm's length; inf if unknown. starting: whether to compile
+            the starts of episodes.
     Attributes:
         action (n, A) float32: input of `step`. observation (n, O) float32, reward (n,), terminated, truncated (n,):
             results of the last step or start. table: entries of info, one row each, one column per arm (and spare
-            columns). sheet: the table with its views. info_at: row of each entry of `INFO`. request: the next start, a
-            `REQUEST` (NaN: draw at random). address: address of the program's memory for compiled functions.
+            columns). sheet: the table with its views. info_at: row of each entry of `INFO`. request: values requested
+            for the next start, a `REQUEST` (NaN: drawn at random). address: address of the program's memory for
+            compiled functions.
     """
 
     def __init__(
@@ -206,18 +209,19 @@ class Batch:
     @property
     def estimate(self) -> float:
         """Estimated error of the tip, divided by the arm's length, due to mesh, step, and the elastica's neglect of
-        stretch and shear. The last part is a linear estimate, too small for links that whip round (theory, section 5).
-        An unknown error is inf, since nan would differ from itself in checks of determinism."""
+        stretch and shear. The error due to neglected stretch and shear is a linear estimate, which is too small for
+        links that whip round (theory, section 5). An unknown error is inf, since nan would differ from itself in checks
+        of determinism."""
         return self.left + self.system.notes.get("stretch_and_shear", 0.0)
 
     @property
     def reading(self) -> Reading:
-        """How poses and points of the arms are read."""
+        """Functions that read the poses and points of the arms."""
         return reading_of(self.arm)
 
     # --- one arm's entries -----------------------------------------------------------------------
     def _mine(self, first: int, last: int, i: int) -> Array:
-        """Return arm i's entries of [first, last) of the block, a view."""
+        """Return arm i's entries from `first` to `last` - 1 of the block, as a view."""
         # a block row is a lane group: entry k of all its lanes is contiguous
         lanes = len(self.lane)
         return self.block[i // lanes, first:last].reshape(-1, lanes)[:, i % lanes]
@@ -230,7 +234,7 @@ class Batch:
         return self._mine(self.layout.record, self.layout.action, i)
 
     def poses(self, i: int) -> Array:
-        """Return a copy of the poses (N, 12) of arm i's links after the last period or start (`View`)."""
+        """Return a copy of the poses (N, 12) of arm i's links after the last period or start (for `View`)."""
         end = self.layout.record - len(self.task.base) * len(self.lane)
         return self._mine(self.layout.poses, end, i).reshape(self.arm.n_links, -1).copy()
 
@@ -277,8 +281,9 @@ class Batch:
             getattr(self.program.ranges, name)[...] = getattr(ranges, name)
 
     def ask(self, angles: Array, target: Array, vibration: Array) -> None:
-        """Set the next episode's start: joint angles (N,), rad, target (2,), vibration (1,) or (3,). NaN is drawn at
-        random. In space the target is given as joint angles (N,) with which the arm reaches the target.
+        """Set the next episode's start: joint angles (N,), rad, target (2,), vibration (1,) or (3,). A NaN means that
+        the number is drawn at random. In space the target is given as joint angles (N,) with which the arm reaches the
+        target.
         """
         asked = {"angles": angles, "target": np.full(2, np.nan), "goals": np.zeros(0)}
         asked |= {"vibration": np.resize(vibration, 3), self.task.given: target}
@@ -294,12 +299,12 @@ class Batch:
         self._start(self.address, mode, len(arms))
 
     def sections(self, i: int) -> Array:
-        """Return a view of poses, record, action, observation and info of arm i, which its program with motions has
-        too (`envs.motion.Guide`)."""
+        """Return views of poses, record, action, observation and info of arm i. An arm that follows motions has its own
+        such views (`envs.motion.Guide`)."""
         return self._mine(self.layout.poses, self.layout.saved, i)
 
     def step(self) -> int:
-        """Advance all arms by a control period with `action`; return the number of arms that ended or are guided."""
+        """Advance all arms by a control period; return the number of arms that ended or that follow motions."""
         # several threads share the groups; lanes whose Newton iteration failed are repeated
         if self._native:
             count = self._team.run(self.compiled_step, self._native, self.address, self.groups)
@@ -311,8 +316,8 @@ class Batch:
         return int(count)
 
     def renew(self, keep: bool = True) -> None:
-        """Let later steps write to a new table; references from outside to the present table stay unchanged. keep:
-        whether to copy the present entries; if False, the next step must write all entries.
+        """Give later steps a new table for info; arrays that the caller has from the present table stay unchanged.
+        keep: whether the present entries are copied; if False, the next step must write all entries.
         """
         sheets = self._sheets
         if not sheets[1].is_free():
@@ -325,7 +330,7 @@ class Batch:
         self.address = self._placed.address
 
     def _repeat_alone(self) -> None:
-        """Repeat the period of arms whose Newton iteration failed in their lane, one by one, with halved steps."""
+        """Repeat, one by one and with halved steps, the period of arms whose Newton iteration failed in their group."""
         for i in np.flatnonzero(self.table[self.info_at.reason, : self.n] == RETRY).tolist():
             alone, self.repeats = self.alone(), self.repeats + 1
             alone.set_state(0, self.get_state(i))
@@ -342,7 +347,7 @@ class Batch:
         return Beside(ALONE_AFTER if len(self.lane) > 1 else 0)
 
     def _one(self) -> Batch:
-        """Create a batch of one arm that is otherwise equal to this batch; it continues episodes and starts none."""
+        """Create a batch of one arm, otherwise equal; it continues episodes of this batch and starts none."""
         names = ("arm", "settings", "task", "starts", "period", "gravity", "account", "extras", "left", "contacts")
         return Batch(n=1, starting=False, **{k: getattr(self, k) for k in names})
 
@@ -374,7 +379,7 @@ class Batch:
 
     @property
     def started(self) -> bool:
-        """Whether every arm has been started."""
+        """Whether every arm has started an episode."""
         at = self.layout.record + PERIODS_ALLOWED * len(self.lane)
         return bool((self.block[:, at : at + len(self.lane)].ravel()[: self.n] > 0.0).all())
 

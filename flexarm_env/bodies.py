@@ -142,9 +142,9 @@ def about(I: Array, mass: float, arm: Array) -> Array:
 class Body(NamedTuple):
     """A rigid body fixed to a section of an arm."""
 
-    mass: float  # kg
-    centre: Array  # m (3,): center of mass from the section's origin, section axes
-    inertia: Array  # kg m^2 (3, 3): about the center of mass, section axes
+    mass: float  # mass, kg
+    centre: Array  # (3,): vector from the section's origin to the center of mass, m, section axes
+    inertia: Array  # (3, 3): inertia tensor about the center of mass, kg m^2, section axes
 
 
 def combined_body(parts: list[Body]) -> Body:
@@ -182,25 +182,25 @@ class RigidLink(Link):
     curvature: float = field(init=False, default=0.0, repr=False)
 
     def __post_init__(self) -> None:
-        """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
+        """Validate the fields and convert them to plain numbers; an `InvalidValue` names the invalid field."""
         validate(self)
 
     @property
     def rigid(self) -> bool:
-        """True, because the link does not bend."""
+        """True: the link does not bend."""
         return True
 
     @property
     def uniform(self) -> None:
-        """None, because a rigid link has no section."""
+        """Section of the link: None, because a rigid link has none."""
         return None
 
     def moment(self, power: int) -> float:
-        """Return the integral of s^power dm, with the distance s from the root, for powers 0 to 2, kg m^power."""
+        """Return the mass moment int s^power dm, kg m^power, for powers 0 to 2; s: distance from the link's root, m."""
         # Steiner's term plus the inertia about z
         return self.mass * self.centre[0] ** power + (float(tensor(self.inertia)[2, 2]) if power == 2 else 0.0)
 
     @property
     def rotary(self) -> float:
-        """0, because `moment` contains the link's whole rotary inertia."""
+        """Rotary inertia of the link: 0, because `moment` contains the whole rotary inertia."""
         return 0.0

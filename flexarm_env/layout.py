@@ -2,11 +2,8 @@
 
     ELEMENT = Layout("Element", "", Field("EA", (), "N/m", "EA / l"), Field("G", (4, 4), "1/m", "of eq. [45]"))
     BODY = Layout(
-        "Body", "n, elements",
-        Field("length", (), "m", "of the body"),
-        Field("c", ("n",), "kg m", "..."),
-        Field("G", ("n", "n"), "kg", "..."),
-        Field("elements", ("elements", ELEMENT.length), "", "an `ELEMENT` each"),
+        "Body", "n, elements", Field("length", (), "m", "of the body"), Field("c", ("n",), "kg m", "..."), Field("G",
+        ("n", "n"), "kg", "..."), Field("elements", ("elements", ELEMENT.length), "", "an `ELEMENT` each"),
     )
     block = BODY.pack({"n": 3, "elements": 1}, length=1.0, c=c, G=G, elements=...)
     BODY.unpack(block, n=3, elements=1)["G"]                              views of `block`, in their shapes
@@ -32,7 +29,7 @@ from numpy.typing import NDArray
 
 
 class Field(NamedTuple):
-    """A part of a layout. shape: lengths of the axes, as numbers or expressions in the sizes; () for one number."""
+    """A field of a layout. shape: lengths of the axes, as numbers or expressions in the sizes; () for one number."""
 
     name: str
     shape: tuple[int | str, ...]
@@ -53,10 +50,11 @@ class Layout:
             "" for none.
         fields: the fields in order; an array is stored by rows.
     Attributes:
-        length: number of entries, as an expression in the sizes.
-        offsets: function (first, *sizes) -> named tuple of the places of all fields and of `end`.
-        views: function (flat, first, *sizes) -> named tuple of one-dimensional slices.
-        shapes: function (**sizes) -> the fields' shapes as numbers.
+        length: number of entries of the layout, as an expression in the sizes.
+        offsets: function of (first, *sizes) that returns a named tuple with the start of each field and the end of the
+            layout.
+        views: function of (flat, first, *sizes) that returns a named tuple of one-dimensional slices.
+        shapes: function of (**sizes) that returns the fields' shapes as numbers.
         places: `offsets(0)` if the layout has no sizes; otherwise None.
     Raises:
         ValueError: two fields have one name, or a field is named `end`.
@@ -65,8 +63,8 @@ class Layout:
     def __init__(self, name: str, sizes: str, *fields: Field) -> None:
         """Generate the functions that compute offsets, views and shapes for given sizes.
 
-        name: name of the layout. sizes: its symbolic sizes, for example "rows, lanes". Raises ValueError if a field
-        occurs twice.
+        name: name of the layout. sizes: names of the layout's sizes, for example "rows, lanes". Raises ValueError if a
+        field occurs twice.
         """
         self.name, self.fields = name, fields
         self.sizes = tuple(word.strip() for word in sizes.split(",") if word.strip())
@@ -116,7 +114,7 @@ class Layout:
 
     @cached_property
     def _fields(self) -> Any:
-        """The function that `unpack` calls; it is made at the first call."""
+        """Function that `unpack` calls; it is generated at the first call."""
         return _function(*self._unpacking, {})
 
     def unpack(self, flat: NDArray[np.float64], first: int = 0, /, **sizes: int) -> dict[str, NDArray[np.float64]]:
@@ -132,7 +130,7 @@ class Layout:
 
 
 def _part(k: int, field: Field) -> str:
-    """Return the text of an expression for field k's view in its shape."""
+    """Return the source text of an expression that gives a view of field k in its shape."""
     if len(field.shape) < 2:
         return f"_flat[..., _{k} : _{k + 1}]" if field.shape else f"_flat[..., _{k}]"
     shape = ", ".join(f"int({part})" for part in field.shape)
@@ -140,7 +138,7 @@ def _part(k: int, field: Field) -> str:
 
 
 def _function(name: str, arguments: list[str], lines: list[str], result: str, scope: dict[str, Any]) -> Any:
-    """Make a function from its lines, in a form from which a kernel can be made."""
+    """Make a function from its source lines, so that the compiler can make a kernel of it."""
     body = "".join(f"    {line}\n" for line in [*lines, f"return {result}"])
     text, file = f"def {name}({', '.join(arguments)}):\n{body}", f"<layout {name} {len(linecache.cache)}>"
     linecache.cache[file] = len(text), None, text.splitlines(keepends=True), file  # where a kernel's text is looked for

@@ -1,15 +1,15 @@
 """Division of a link into cells (elements, segments, node intervals) that follow jumps and kinks of its section.
 
-A smooth piece of a link lies between two neighboring places where its section jumps or kinks, or its curvature jumps.
-If a link is one smooth piece, its cells are equal. Otherwise cells end at jumps and kinks, and their size follows the
-density
+A smooth piece of a link lies between two neighboring places at which its section jumps or kinks, or its curvature
+jumps. If a link is one smooth piece, its cells are equal. Otherwise cells end at jumps and kinks, and their size
+follows the density
 
     d(s) = EI(s)^(-1/2) / int EI^(-1/2) ds + KINKED |d ln EI / ds|                  (1/m)
 
-The integral of the first term along the link is 1. The length l of a cell should follow both the angle M l / EI by
-which the cell bends (l ~ EI) and the length of bending waves (l ~ EI^(1/4)); the power 1/2 is a compromise. The second
-term adds cells to a piece whose stiffness changes by a large factor, because a cell's polynomial does not represent its
-curvature M / EI.
+The integral of the first term of d(s) along the link is 1. The length l of a cell should follow both the angle M l / EI
+by which the cell bends (l ~ EI) and the length of bending waves (l ~ EI^(1/4)); the power 1/2 is a compromise. The
+second term adds cells to a piece whose stiffness changes by a large factor, because a cell's polynomial does not
+represent its curvature M / EI.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Stiffnesses(Protocol):
 
     @property
     def EI(self) -> Array:
-        """Bending stiffness, N m^2."""
+        """Bending stiffness EI, N m^2."""
         ...
 
 
@@ -52,25 +52,25 @@ class Divisible(Protocol):
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Places of jumps and kinks of the section, and both ends of the link, m from the root."""
+        """Positions of jumps and kinks of the section, and of both ends of the link, m from the root."""
         ...
 
     @property
     def jumps(self) -> tuple[float, ...]:
-        """Places where the section or the curvature jumps, m from the root."""
+        """Positions at which the section or the curvature jumps, m from the root."""
         ...
 
     def along(self, s: Array | float, before: bool = False) -> Stiffnesses:
-        """Return the section's properties at places s (m); at a jump after the jump, or before the jump if `before`."""
+        """Return the section's properties at positions s (m), after a jump there, or before it if `before` is True."""
         ...
 
 
 class Piece(NamedTuple):
     """A smooth piece of a link, with the integral of the cell density over it."""
 
-    first: float  # start, m from the link's root
-    last: float  # end, m from the link's root
-    places: Array  # (SAMPLES + 1,) m from the root
+    first: float  # start of the piece, m from the link's root
+    last: float  # end of the piece, m from the link's root
+    places: Array  # (SAMPLES + 1,) positions, m from the link's root
     below: Array  # (SAMPLES + 1,): integral of the density from `first` to each place
     even: bool  # whether the density is constant
 
@@ -80,7 +80,7 @@ class Piece(NamedTuple):
         return float(self.below[-1])
 
     def ends(self, count: int) -> Array:
-        """Return the places (count,) where `count` cells of equal weight begin, m from the link's root."""
+        """Return the positions (count,) at which `count` cells of equal weight begin, m from the link's root."""
         if self.even:
             return np.linspace(self.first, self.last, count, endpoint=False)
         # invert the integral of the density
@@ -89,7 +89,7 @@ class Piece(NamedTuple):
 
 @lru_cache(512)
 def _pieces(link: Divisible, kinks: bool) -> tuple[Piece, ...]:
-    """Return the smooth pieces of a link, between jumps and kinks, or only between jumps if `kinks` is False."""
+    """Return the smooth pieces of a link, between jumps and kinks; if `kinks` is False, between jumps alone."""
     ends = link.breaks if kinks else (0.0, *link.jumps, link.length)
     sampled, spans = [], []
     # EI^(-1/2) along each piece; at its end the value before the jump
@@ -111,7 +111,7 @@ def _pieces(link: Divisible, kinks: bool) -> tuple[Piece, ...]:
 
 
 def pieces(link: Divisible, n: int, option: str) -> tuple[Piece, ...]:
-    """Return the pieces of a link between jumps and kinks, or only between jumps if n cells are too few.
+    """Return the pieces of a link between jumps and kinks; if n cells are too few for them, between jumps alone.
 
     option: name of the user's option for n. Raises ValueError, which names the option, if n is too small for the jumps.
     """
@@ -129,7 +129,7 @@ def counts(found: Sequence[Piece], n: int, most: int | None = None) -> list[int]
 
     Each piece gets one cell; each further cell goes to the piece with the largest weight per cell.
 
-    most: largest number of cells of a piece, or None; n must not exceed `most` times the number of pieces.
+    most: largest number of cells in a piece; None: no limit. n must not exceed `most` times the number of pieces.
     """
     weights, cells = np.array([piece.weight for piece in found]), np.ones(len(found), np.int64)
     for _ in range(n - len(found)):
@@ -149,14 +149,14 @@ def ends(link: Divisible, n: int, option: str) -> Array:
 
 
 def cells_like(link: Divisible, n: int) -> int:
-    """Return the number of cells that resolves a link with jumps and kinks as n cells resolve a uniform link."""
+    """Return the number of cells that resolve a link with jumps and kinks as n cells resolve a uniform link."""
     if len(link.breaks) == 2:
         return n
     return sum(max(1, int(np.ceil(n * piece.weight - 1e-9))) for piece in _pieces(link, True))
 
 
 def middles(link: Divisible, n: int) -> list[float]:
-    """Return the places, m from the root, that divide each piece into halves of equal weight.
+    """Return the positions, m from the root, that divide each piece into halves of equal weight.
 
     n: number of cells; it must exceed the number of jumps."""
     return [float(piece.ends(2)[1]) for piece in _pieces(link, n >= len(link.breaks) - 1)]
@@ -165,10 +165,9 @@ def middles(link: Divisible, n: int) -> list[float]:
 def divides(fine: Divisible, m: int, link: Divisible, n: int) -> bool:
     """Return whether m cells divide `fine` at least as finely as n cells divide `link`.
 
-    The condition is that each piece of `fine`, which is half of a piece of `link`, has at least as many cells as that
-    piece.
+    The condition is that each piece of `fine` has at least as many cells as the piece of `link` that contains it.
 
-    fine: a link whose pieces are the halves of the pieces of `link`.
+    fine: the same link, divided more finely: its pieces are the halves of the pieces of `link`.
     """
     found, halves = (_pieces(one, k >= len(one.breaks) - 1) for one, k in ((link, n), (fine, m)))
     whole, own = counts(found, n), counts(halves, m)

@@ -39,8 +39,9 @@ AXES = {False: "xy", True: "xyz"}
 class Elbow:
     """Masses and axis of the joint between two links.
 
-    In space the root axes of the link after the joint are R_tip mount exp(angle axis), with the axes R_tip of the tip
-    before the joint. The sphere of ``radius`` touches obstacles (`Contact`) and turns with the link before the joint.
+    In space the rotation matrix of the next link's root is R_tip mount exp(angle axis), where R_tip is the rotation
+    matrix of the previous link's tip. A sphere of radius ``radius`` about the joint touches obstacles (`Contact`); it
+    turns with the link before the joint.
     """
 
     mass: float = number("mass at the tip of the link before the joint", "kg", 0.0, minimum=0.0)
@@ -51,7 +52,7 @@ class Elbow:
     radius: float = number("radius of the sphere that touches obstacles; 0: a point", "m", 0.0, minimum=0.0)
 
     def __post_init__(self) -> None:
-        """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
+        """Validate the fields and convert them to plain numbers; an `InvalidValue` names the invalid field."""
         validate(self)
 
     @property
@@ -62,7 +63,7 @@ class Elbow:
 
 
 def _offset(path: str, value: object) -> tuple[float, ...]:
-    """Validate a payload's offset; a third component that is 0 is dropped: the payload is then planar."""
+    """Validate a payload's offset. A third component that is 0 is dropped, so that the payload is planar."""
     what = "two numbers (m), along the tip's tangent and across it"
     count = 3 if isinstance(value, list | tuple) and len(value) == 3 else 2
     offset = check.numbers(path, value, what, count, "m")
@@ -92,7 +93,7 @@ class Payload:
 
     @property
     def spatial(self) -> bool:
-        """Whether the payload is out of the arm's plane, or has an inertia tensor."""
+        """Whether the center of the payload lies out of the arm's plane, or the payload has an inertia tensor."""
         return len(self.offset) > 2 or isinstance(self.inertia, tuple)
 
     @property
@@ -136,7 +137,7 @@ FRICTION_SIDES = ("motor", "link")
 
 
 def _stiffness(path: str, value: object) -> float:
-    """Validate a gear's stiffness: a positive number, or infinity, which is no number of the unit."""
+    """Validate a gear's stiffness: a positive number, or infinity for a rigid gear."""
     if isinstance(value, float) and value == math.inf:
         return value
     try:
@@ -152,9 +153,9 @@ class Joint:
     """Drive of a joint: rotor, gear and friction. Angles, rates and torques are on the gear's output side.
 
     The torque of the joint (`JointTorque`, an action) acts on the motor's side. An elastic gear adds a coordinate to
-    the arm: the motor's angle divided by the gear ratio, measured relative to the previous link like the joint's angle.
-    The motor's coordinate is "motor0", in addition to "joint0", the angle of the link's root. Spring and damper act
-    between motor and joint.
+    the arm: the motor's angle divided by the gear ratio. Like the joint's angle, it is measured relative to the
+    previous link. The motor's coordinate is "motor0", in addition to "joint0", the angle of the link's root. Spring and
+    damper act between motor and joint.
 
     The rotor's energy is 1/2 motor_inertia (gear_ratio rate)^2, where rate is that of the motor's angle relative to the
     previous link. An elastic gear needs a positive rotor inertia unless a motion prescribes the motor's angle. In space
@@ -231,10 +232,10 @@ class Base:
 class Arm:
     """A chain of N links with hub, elbows, joints and payload.
 
-    The axes of link 0's root are hub_mount exp(angle hub_axis). With `tau_d` the stress is D (strain + tau_d strain
-    rate), so that zeta_k = tau_d omega_k / 2. `mass_damping` acts on the motion of a link, its elbow's mass and the
-    payload relative to the link's floating frame, eq. [65]; it adds mass_damping / (2 omega_k) to zeta_k and requires
-    one frame per link (formulation "floating_frame" with segments=1 or only modes).
+    The rotation matrix of link 0's root is hub_mount exp(angle hub_axis). With `tau_d` the stress is D (strain + tau_d
+    strain rate), so that zeta_k = tau_d omega_k / 2. `mass_damping` acts on the motion of a link, its elbow's mass and
+    the payload relative to the link's floating frame, eq. [65]; it adds mass_damping / (2 omega_k) to zeta_k and
+    requires one frame per link (formulation "floating_frame" with segments=1 or only modes).
 
     Args:
         name: a short word.
@@ -317,8 +318,8 @@ class Arm:
     def relative(self, values: Sequence[float], joint: int, turn: float = 0.0) -> float:
         """Return a joint's angle (rad) or rate (rad/s) from a scene's `angles` or `rates`.
 
-        A scene's values are absolute angles of links in the plane, and joint angles in space. turn: angle of a curved
-        link from its root to the joint, rad.
+        A scene's values are absolute angles of links in the plane, and joint angles in space. turn: angle between the
+        tangents of a curved link at its root and at the joint, rad.
         """
         if joint == 0 or self.spatial:
             return values[joint]
@@ -353,7 +354,7 @@ class Arm:
 
     @property
     def damping(self) -> tuple[float, tuple[float, ...] | None]:
-        """Largest tau_d of the links, s, and the ratio of each link's tau_d to the largest (None if all are equal)."""
+        """Largest tau_d of the links, s, and each link's tau_d divided by the largest (None if all are equal)."""
         # a link's own tau_d takes precedence over the arm's
         own = [self.tau_d if link.tau_d is None else link.tau_d for link in self.links]
         largest = max(own)
@@ -399,7 +400,7 @@ def _torque_limits(value: object, n: int) -> tuple[float, ...] | None:
 
 
 def _joint_limits(value: object, n: int) -> tuple[JointRange | None, ...] | None:
-    """Validate N joint ranges (low, high), rad; None, or None as an entry, stands for no limit."""
+    """Validate N joint ranges (low, high), rad; None for an entry, or for the whole value, means no limit."""
     if value is None:
         return None
     ranges: list[JointRange | None] = []

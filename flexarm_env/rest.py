@@ -1,7 +1,7 @@
 """Static equilibrium of scenes that start at rest under their loads, by pseudo-transient continuation.
 
 Each integrator step begins without velocity: M c (q - q_before) + f(q) = 0, where c decreases as the step grows. The
-first steps are short and reduce the energy; the last steps are long and equal Newton's iteration for f = 0.
+first steps are short and reduce the energy. The last steps are long and equal Newton's iteration for f = 0.
 """
 
 from dataclasses import replace
@@ -30,14 +30,14 @@ MOST = 300
 
 
 class NoEquilibrium(RuntimeError):
-    """Raised if no equilibrium was found; the message describes the attempts."""
+    """Raised if no equilibrium was found; its message describes the attempts."""
 
 
 def resting(scene: Scene) -> Scene:
     """Return the scene with all loads and motions constant, at the values that they have at t = 0.
 
-    With start="held" all joints are held, too. If a joint has an elastic gear, the motor is held instead of the joint.
-    Torques on held joints are removed.
+    With start="held" all joints are fixed, too. If a joint has an elastic gear, the motor is fixed instead of the
+    joint. Torques on fixed joints are removed.
     """
     names = [motion.coordinate for motion in scene.motions]
     held = []
@@ -122,7 +122,7 @@ def relax(simulation: Any) -> Array:
 
 
 def _reason(simulation: Any, last: float) -> str:
-    """Return the reason why no rest was found. last: status of the last failed step."""
+    """Return the reason why no equilibrium was found. last: status of the last failed step."""
     if last == OUT_OF_RANGE:
         return f"{out_of_range(simulation.model)}; start=\"unloaded\" lets it begin without stress"
     scene, frames = simulation.scene, simulation.settings.formulation == "floating_frame"
@@ -152,7 +152,7 @@ def out_of_range(model: Any, share: str = "") -> str:
 def rested(system: Any, scene: Scene, settings: Settings, kind: Any) -> Any:
     """Return the scene's System with initial coordinates q0 at equilibrium, or unchanged for start="unloaded".
 
-    kind: the class Simulation. Rows that the resting scene does not have, such as multipliers, start at 0.
+    kind: the class Simulation. Coordinates that the resting scene lacks, such as Lagrange multipliers, start at 0.
     """
     if scene.start == "unloaded":
         return system

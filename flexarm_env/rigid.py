@@ -1,9 +1,9 @@
 """Arm with rigid links, in the plane and in space: kinematics, inertia, Coriolis torques, weight and time scales.
 
 Angles are joint angles (n, N), rad. `bodies` lists the arm's masses; inertia, Coriolis torques and weight are sums over
-these bodies. In the plane the sums do not depend on the joint angles and are evaluated once (`link_inertia`,
-`mass_moments`). Planar positions are complex numbers x + i y: a link that spans a from joint to joint contributes
-a exp(i alpha_k), with the absolute angle alpha_k of the tangent at link k's root.
+these bodies. In the plane these sums do not depend on the joint angles and are evaluated once (`link_inertia`,
+`mass_moments`). Planar positions are complex numbers x + i y: a link that spans a from joint to joint contributes a
+exp(i alpha_k), with the absolute angle alpha_k of the tangent at link k's root.
 """
 
 import math
@@ -49,7 +49,7 @@ def largest_force(arm: Arm) -> float:
 
 # ---------------------------------------------------------------------- kinematics
 def mount_of(arm: Arm, k: int) -> Array:
-    """Return the rotation matrix of joint k at angle 0: root axes of link k to axes of the section before the joint."""
+    """Return the rotation matrix of joint k at angle 0: root axes of link k to axes of the section before joint k."""
     mount = arm.hub_mount if k == 0 else arm.elbow(k).mount
     return np.eye(3) if mount is None else np.array(mount)
 
@@ -167,7 +167,7 @@ def _beam(link: Link) -> Body:
 
 
 def _rotary_across(link: Link) -> float:
-    """Return the integral of J_y along a beam, kg m^2; 0 for sections of the plane, which lack J_y."""
+    """Return the integral of J_y along a beam, kg m^2; 0 for planar sections, which lack J_y."""
     if isinstance(link.section, Taper):
         known = True
     else:
@@ -180,7 +180,7 @@ def _rotary_across(link: Link) -> float:
 
 
 def link_bodies(arm: Arm) -> list[Body]:
-    """Return one body for each link: all bodies that the link's joint moves, and no later joint."""
+    """Return one body for each link, which combines all bodies that move with the link and not with a later joint."""
     found: list[list[Body]] = [[] for _ in arm.links]
     for k, body in bodies(arm):
         found[k].append(body)
@@ -193,7 +193,8 @@ def weight_and_inertia(
 ) -> tuple[Array, Array]:
     """Compute gravity torques (n, N), N m, and joint inertia (n, N, N), kg m^2, of the rigid arm with its rotors.
 
-    gravity (3,): m/s^2. angles (n, N): joint angles, rad. parts: result of `link_bodies(arm)`, or None to compute it.
+    gravity (3,): acceleration of gravity, m/s^2. angles (n, N): joint angles, rad. parts: result of `link_bodies(arm)`,
+    or None to compute it.
     """
     places, axes, links, _ = frames(arm, angles)
     torques, inertia = np.zeros(angles.shape), np.zeros((*angles.shape, arm.n_links))
@@ -219,8 +220,8 @@ def rigid_inertia(arm: Arm, angles: Array) -> Array:
 def coriolis(arm: Arm, angles: Array, rates: Array) -> Array:
     """Return the Coriolis and centrifugal torques (n, N), N m, at joint angles, rad, and rates, rad/s, (n, N) each.
 
-    These torques are the joint torques minus inertia matrix times joint accelerations. Gyroscopic moments of rotors are
-    not included.
+    These torques are the joint torques minus the product of inertia matrix and joint accelerations. Gyroscopic moments
+    of rotors are not included.
     """
     angles = _joints("angles", arm, angles)
     if arm.spatial:
@@ -254,7 +255,7 @@ def _coriolis(arm: Arm, angles: Array, rates: Array) -> Array:
 
 
 def _swept(growth: Array, spin: Array, lever: Array) -> Array:
-    """Return the acceleration omega' x r + omega x (omega x r), m/s^2, at a lever r (m) of a turning body."""
+    """Return the acceleration omega' x r + omega x (omega x r), m/s^2, of a point at r (m) on a turning body."""
     return _cross(growth, lever) + _cross(spin, _cross(spin, lever))
 
 
@@ -333,12 +334,12 @@ def _differences(arm: Arm, angles: Array) -> Array:
 
 
 def _of_joints(values: Array, axis: int) -> Array:
-    """Return sums over links k ... N - 1 along an axis: forces on link k and all later links act at joint k."""
+    """Return the sums over links k ... N - 1 along an axis: forces on these links act at joint k."""
     return np.flip(np.cumsum(np.flip(values, axis), axis), axis)
 
 
 def inertia_beyond(arm: Arm, joint: int) -> float:
-    """Return the inertia (kg m^2) about a joint of the straight arm from that joint to the tip, rotor included.
+    """Return the inertia (kg m^2) about a joint of the straight arm from that joint to the tip, with the motor's rotor.
 
     The joint's axis is the z axis of the link beyond it. In space the axes of all later links are aligned with that
     link's axes.
@@ -358,7 +359,7 @@ def rate_scale(arm: Arm, joint: int) -> float:
 
 
 def centre_shift(arm: Arm) -> float:
-    """Return the hub's largest distance from the center of mass of arm and floating base, m; 0 without a base.
+    """Return the largest distance (m) of the hub from the center of mass of arm and base; 0 without a base.
 
     If the base floats freely, this center of mass is a fixed point. The hub stays within the returned distance of the
     center of mass, and the tip within the arm's length minus this distance.

@@ -36,7 +36,7 @@ def _text(name: str) -> str:
 def names(parameter_sets: bool = False, space: bool = False) -> tuple[str, ...]:
     """Return the names of the package's scenes.
 
-    parameter_sets: include names of the form NAME@SET. space: include scenes in space.
+    parameter_sets: whether to include names of the form NAME@SET. space: whether to include scenes in space.
     """
     chosen = (*ORDER, *SPATIAL) if space else ORDER
     if not parameter_sets:

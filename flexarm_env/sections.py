@@ -17,7 +17,7 @@ from flexarm_env.validation import Array
 
 
 def _across(text: str, unit: str, **bounds: float) -> Any:
-    """Declare a property of motion out of the x-y plane."""
+    """Declare a property that only motion out of the x-y plane needs."""
     return number(f"{text}; required in space", unit, None, optional=True, **(bounds or {"above": 0.0}))
 
 
@@ -49,7 +49,7 @@ class Section:
         """Create a homogeneous rectangle that bends about its ``width`` axis: I = width thickness^3 / 12.
 
         Args:
-            width: m, across the plane of motion. thickness: m, in the plane of motion.
+            width: width across the plane of motion, m. thickness: thickness in the plane of motion, m.
             E: Young's modulus, Pa. rho: density, kg/m^3. G: shear modulus, Pa. kappa: shear coefficient, 0 to 1.
         """
         width = check.number("section.width", width, "m", above=0.0)
@@ -65,12 +65,18 @@ class Section:
 
     @classmethod
     def circle(cls, diameter: float, E: float, rho: float, G: float, kappa: float = 0.9) -> Section:
-        """Create a homogeneous round bar. diameter: m. All other arguments are those of :meth:`rectangle`."""
+        """Create a homogeneous round bar of a diameter, m.
+
+        All other arguments are those of :meth:`rectangle`.
+        """
         return cls.tube(diameter, check.number("section.diameter", diameter, "m", above=0.0) / 2.0, E, rho, G, kappa)
 
     @classmethod
     def tube(cls, diameter: float, wall: float, E: float, rho: float, G: float, kappa: float = 0.5) -> Section:
-        """Create a homogeneous round tube. diameter: outer, m. wall: thickness, m. Others: as in :meth:`rectangle`."""
+        """Create a homogeneous round tube. diameter: outer diameter, m. wall: thickness of the wall, m.
+
+        All other arguments are those of :meth:`rectangle`.
+        """
         outer = check.number("section.diameter", diameter, "m", above=0.0)
         wall = check.number("section.wall", wall, "m", above=0.0, maximum=outer / 2.0)
         E, rho, G, kappa = _material(E, rho, G, kappa)
@@ -100,7 +106,7 @@ def _material(E: float, rho: float, G: float, kappa: float) -> tuple[float, floa
 def torsion_constant(width: Any, thickness: Any) -> Any:
     """Return Saint-Venant's torsion constant of rectangles, m^4, to 2e-8 (Timoshenko & Goodier, section 109).
 
-    Arguments are numbers or arrays, m. With a >= b:
+    The side lengths are numbers or arrays, m. With a >= b:
     (a b^3 / 3) (1 - (192 b / (pi^5 a)) sum over odd k of tanh(k pi a / (2 b)) / k^5).
     """
     a, b = np.maximum(width, thickness), np.minimum(width, thickness)
@@ -125,7 +131,8 @@ class Taper:
     """Homogeneous rectangle whose sides vary linearly from a link's root to its tip: EI = E b h^3 / 12 at each place.
 
     Args:
-        widths: m, across the plane of motion, at root and tip. thicknesses: m, in the plane of motion, at root and tip.
+        widths: widths at root and tip across the plane of motion, m. thicknesses: thicknesses at root and tip in the
+            plane of motion, m.
         E: Young's modulus, Pa. rho: density, kg/m^3. G: shear modulus, Pa. kappa: shear coefficient, 0 to 1.
     """
 
@@ -190,11 +197,11 @@ class Link:
     next joint or the arm's tip, along the beam's end tangents. The mass of a rigid end is at the end's midpoint.
 
     Args:
-        section: a :class:`Section`; a :class:`Taper`; or a sequence of (s, Section), s in m from the root, ascending
-            from 0 to the length. Properties are linear between points; two points with the same s are a jump. Points
-            with equal sections are replaced by one Section.
-        curvature: 1/m, of the stress-free beam, positive to the left; or a sequence of (s, curvature), with s as in
-            `section`, linear between points. Two points with the same s are a jump.
+        section: a :class:`Section`, a :class:`Taper`, or a sequence of points (s, Section). s is the distance from the
+            root in m and ascends from 0 to the length. Properties are linear between points; two points with the same s
+            are a jump. Points with equal sections are replaced by one Section.
+        curvature: curvature of the stress-free beam, 1/m, positive to the left; or a sequence of points (s, curvature),
+            with s as in `section`. The curvature is linear between points. Two points with the same s are a jump.
     """
 
     length: float = number("length of the beam", "m", above=0.0)
@@ -258,7 +265,7 @@ class Link:
 
     def place(self, s: Any) -> Any:
         """Return points of the stress-free link as complex numbers x + iy, m, in the axes of the root joint's tangent.
-        s: m from the beam's root; below 0 and above the length the points are on the rigid ends."""
+        s: distances from the beam's root, m; below 0 and above the length the points are on the rigid ends."""
         # beam, then straight rigid ends along its end tangents
         inner = curves.place(self.curvature, np.clip(s, 0.0, self.length))
         beyond = np.maximum(np.asarray(s) - self.length, 0.0)
@@ -266,13 +273,13 @@ class Link:
 
     @property
     def points(self) -> tuple[float, ...]:
-        """Places where sections kink or jump, and both ends, m from the root; each place occurs once."""
+        """Positions at which sections kink or jump, and of both ends, m from the root; each position occurs once."""
         inner = () if isinstance(self.section, Section | Taper) else tuple(s for s, _ in self.section[1:-1])
         return tuple(sorted({0.0, *inner, *curves.points(self.curvature), self.length}))
 
     @property
     def jumps(self) -> tuple[float, ...]:
-        """Places where sections or the curvature jump, m from the root."""
+        """Positions at which sections or the curvature jump, m from the root."""
         bends = curves.jumps(self.curvature)
         if isinstance(self.section, Section | Taper):
             return bends
@@ -282,12 +289,12 @@ class Link:
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Places where cells of a mesh must end, m: kinks of sections, all jumps, and the link's ends."""
+        """Positions at which cells of a mesh must end, m: kinks of sections, all jumps, and the link's ends."""
         inner = () if isinstance(self.section, Section | Taper) else (s for s, _ in self.section[1:-1])
         return tuple(sorted({0.0, *inner, *curves.jumps(self.curvature), self.length}))
 
     def along(self, s: Array | float, before: bool = False) -> Properties:
-        """Return the section's properties at places s (m from the root), after a jump, or before it if `before`."""
+        """Return the section's properties at positions s (m from the root); at a jump after, or `before`, it."""
         s = np.asarray(s, np.float64)
         if isinstance(self.section, Taper):
             return self.section.along(s / self.length)
@@ -300,7 +307,7 @@ class Link:
         return Properties(*(column[i] + (column[i + 1] - column[i]) * share for column in columns))
 
     def across(self, s: Array) -> dict[str, Array]:
-        """Return EI_y, C_y, J_y and GJ at places s, m from the root; raise ValueError if a section lacks a field."""
+        """Return EI_y, C_y, J_y, GJ at positions s, m from the root; raise ValueError if a section lacks one."""
         if isinstance(self.section, Taper):
             # bending about the other axis: h b^3 / 12
             b, h = self.section.sides(s / self.length)
@@ -366,7 +373,7 @@ class Link:
 
     @property
     def far(self) -> complex:
-        """Position of the next joint of the stress-free link, complex, m, in the axes of the root joint's tangent."""
+        """Position of the next joint of the stress-free link in the axes of the root joint's tangent: x + i y, m."""
         return complex(self.place(self.length + self.tip_offset)) if self.curved else self.span
 
     @property
@@ -376,7 +383,7 @@ class Link:
         return root, (self.tip_mass, self.span - 0.5 * self.tip_offset, self.tip_inertia)
 
     def integral(self, what: str, power: int = 0) -> float:
-        """Return the integral of `what` s^power ds along the beam, s from its root. what: field of :class:`Section`."""
+        """Return the integral of `what` (field of :class:`Section`) times s^power along the beam, s from its root."""
         # closed form for constant sections
         if isinstance(self.section, Section):
             return float(getattr(self.section, what) * self.length ** (power + 1) / (power + 1))
@@ -389,7 +396,7 @@ class Link:
         return self.integral("m")
 
     def moment(self, power: int) -> float:
-        """Return the integral of m s^power ds along the beam, kg m^power, with s from the beam's root."""
+        """Return the mass moment int m s^power ds along the beam, kg m^power; s: distance from the beam's root, m."""
         return self.integral("m", power)
 
     @property
@@ -398,7 +405,7 @@ class Link:
         return self.integral("J")
 
     def series(self, what: str) -> float:
-        """Return the length divided by the integral of ds / stiffness (springs in series). what: a stiffness's name."""
+        """Return the length over the integral of ds / stiffness (springs in series). what: name of the stiffness."""
         if isinstance(self.section, Section):
             return float(getattr(self.section, what))
         s, weights = self.quadrature()
@@ -413,8 +420,8 @@ class Link:
 
     @property
     def slenderness(self) -> float:
-        """EI / (C L^2), the ratio of shear to bending flexibility; the elastica neglects shear (about 1e-3 is stubby).
-        For varying sections the mean section is used."""
+        """EI / (C L^2), the ratio of shear flexibility to bending flexibility. The elastica neglects shear (a link with
+        a ratio of about 1e-3 or more is stubby). For varying sections the mean section is used."""
         return self.mean.EI / (self.mean.C * self.length**2)
 
 

@@ -162,7 +162,7 @@ class Encoder(Law):
 @described
 @dataclass(frozen=True, kw_only=True)
 class StrainGauge(Law):
-    """Strain gauge: measures the bending of a link at a place; in space also bending out of the x-y plane and torsion.
+    """Strain gauge that measures the bending of a link at one place; in space also torsion and out-of-plane bending.
 
     The reading is the curvature (1/m), or the strain, which is curvature times `distance`. With measures="xy" the
     curvature is in the x-y plane, positive if the link bends towards y; with "xz" it is in the x-z plane, positive
@@ -181,7 +181,7 @@ class StrainGauge(Law):
     measures: str = choice(MEASURES, "measured component", "xy")
 
     def __post_init__(self) -> None:
-        """Validate the fields; a gauge of shear strain requires its distance from the axis."""
+        """Validate the fields; a gauge of the shear strain in torsion requires its distance from the axis."""
         super().__post_init__()
         # bending strains have a default distance, shear strains of torsion have none
         if self.distance is None and self.unit == "strain" and self.measures == "torsion":
@@ -195,14 +195,14 @@ class StrainGauge(Law):
     def per_curvature(self, m: float, J: float) -> float:
         """Return reading / curvature for a section with mass m (kg/m) and rotary inertia J (kg m) per length.
 
-        The ratio is 1 for a curvature and the distance from the neutral axis (m) for a strain.
+        For a curvature this ratio is 1; for a strain it is the distance from the neutral axis (m).
         """
         if self.unit == "curvature":
             return 1.0
         return surface(m, J) if self.distance is None else self.distance
 
     def per_curvature_of(self, link: Any) -> float:
-        """Return the ratio reading / curvature (without unit, or in m) at the gauge's place on a `Link`."""
+        """Return the ratio of reading to curvature (without unit, or in m) at the gauge's place on a `Link`."""
         s = self.place * link.length
         # section at the gauge; J_y for bending in x-z
         there, across = link.along(s), self.measures == "xz"
@@ -222,9 +222,9 @@ class Accelerometer(Law):
     """Accelerometer at the arm's tip: specific force, m/s^2, along the tip's tangent (x) and across the tangent (y).
 
     Specific force is acceleration minus gravity. In space it has three components along the tip's axes. The measured
-    quantity is the mean specific force since the last instant, in the tip's rotating axes. The mean is 0 in free fall.
-    In a steady spin at rate w and radius r it is -w^2 r along the tangent and 0 across. The first reading, which has no
-    last instant, assumes a constant velocity in the tip's axes; at rest it is -g.
+    quantity is the mean specific force since the last instant, in the tip's rotating axes. In free fall this mean is 0.
+    In a steady spin at rate w and radius r, the mean is -w^2 r along the tangent and 0 across the tangent. The first
+    reading, which has no last instant, assumes a constant velocity in the tip's axes; at rest it is -g.
     """
 
 
@@ -321,13 +321,13 @@ class Sensors:
                 check.instance(name, getattr(self, name), single)
 
     def encoder(self, joint: int) -> Encoder:
-        """Return the encoder of a joint."""
+        """Return the encoder of joint k, or None without encoders."""
         return self.encoders[joint if len(self.encoders) > 1 else 0]
 
     def readings(self, arm: Any, axes: str = "xy") -> dict[str, tuple[str, Law]]:
         """Return a dict of an arm's readings in order: name as in `Trajectory.measured` to (key path, sensor).
 
-        Key paths begin after "sensors". Encoders have their resolution at the output of the gear.
+        Key paths begin after the key "sensors". The encoders' resolution is that at the output of the gear.
         """
         found: dict[str, tuple[str, Law]] = {}
         # encoders, then sensors of the tip, then gauges
@@ -364,7 +364,7 @@ class Sensors:
 
     @classmethod
     def usual(cls, arm: Any) -> Sensors:
-        """Return the sensors of an environment's arm that has none of its own: ideal sensors, in space no sensors."""
+        """Return the default sensors of an environment's arm: ideal sensors in the plane, none in space."""
         return {"xy": cls.ideal(arm.links), "xyz": cls()}[arm.axes]
 
     @classmethod
@@ -440,5 +440,5 @@ def _read(path: str, kind: type[S], entry: Any) -> S:
 
 
 def _changed(part: Law) -> dict[str, Any]:
-    """Return the fields of a sensor that differ from their defaults, as values for a file."""
+    """Return the fields of a sensor that differ from their defaults, in the form in which a file stores them."""
     return {name: asdict(value) if name == "low_pass" else value for name, value in check.changed(part).items()}

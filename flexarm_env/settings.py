@@ -81,7 +81,7 @@ _PAIR = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems"
 
 
 def expand_preset(formulation: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Return a preset's formulation and options, overridden by ``options``; return a formulation unchanged."""
+    """Return formulation and options of a preset, overridden by ``options``; a formulation is returned unchanged."""
     check.choice("formulation", formulation, (*FORMULATIONS, *PRESETS))
     formulation, preset = PRESETS.get(formulation, (formulation, {}))
     check_options(formulation, options)
@@ -116,7 +116,8 @@ def check_options(formulation: str, names: Iterable[str]) -> None:
 class Settings:
     """A formulation with all its options, created by :meth:`make`; options of other formulations are None.
 
-    Options without a range here may be left out and then have the defaults of :func:`default_options`.
+    Options that are not declared with a range in this class may be omitted and then have the defaults of
+    :func:`default_options`.
 
     Args:
         frame: axes of a segment's floating frame (floating_frame). "chord" (default): through both ends. "root":
@@ -130,7 +131,8 @@ class Settings:
             step and is halved up to five times as the motion requires. If this does not suffice,
             `Trajectory.step_error` and info report the error, which is found by comparing the tips of links in steps of
             h and h/2. The comparison of tips does not detect errors of motors behind elastic gears, of Coulomb friction
-            that both runs reverse late, or of the mesh. At least `tolerance`. None (default): constant dt.
+            that both runs reverse late, or of the mesh. The value must be at least `tolerance`. None (default):
+            constant dt.
     """
 
     formulation: str = choice(FORMULATIONS, 'model of the links; "paper" is short for the solver of Meek & Liu (1995)')
@@ -252,12 +254,12 @@ class Settings:
 
     @property
     def deflection_bound(self) -> float:
-        """Tip deflection divided by a link's length at which a run stops; inf unless whole links have modes."""
+        """Tip deflection divided by a link's length at which a run stops; inf unless the links are reduced to modes."""
         return MODAL_BOUND if self.modes is not None and self.segments in (None, 1) else math.inf
 
     @property
     def period_error(self) -> float:
-        """kappa: the integrator lengthens a vibration period by the fraction kappa (omega h)^2 (theory, section 6)."""
+        """Coefficient kappa: the integrator lengthens a vibration period by kappa (omega h)^2 (theory, section 6)."""
         # Newmark, e = gamma - 1/2: kappa = beta/2 - 1/24 - e/4 + e^2/8, at least 0
         # generalized-alpha: kappa = 1/12 + 3/8 ((1 - rho_inf)/(1 + rho_inf))^2
         if self.newmark is not None:
@@ -272,7 +274,7 @@ class Settings:
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
     def replace(self, **options: Any) -> Settings:
-        """Return settings with some options changed. Old options that exclude a new option are removed."""
+        """Return settings with some options changed. Old options that a new option excludes are removed."""
         return Settings.make(self.formulation, **merged(self.options(), options))
 
     def dividing(self, period: float | None) -> Settings:
@@ -297,10 +299,10 @@ def steps_in(time: float, dt: float) -> int:
 
 
 def merged(base: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
-    """Return ``base`` overridden by the ``options`` that are not None, without entries that an option excludes.
+    """Return ``base`` overridden by those ``options`` that are not None, without entries that these options exclude.
 
-    The option modes excludes the mesh options and each mesh option excludes modes. The option multipliers excludes
-    frame. The options newmark and rho_inf exclude each other.
+    The option modes excludes the mesh options and each mesh option excludes modes. The option `multipliers` excludes
+    `frame`. The options `newmark` and `rho_inf` exclude each other.
     """
     given = {name: value for name, value in options.items() if value is not None}
     # options of `base` that the given ones exclude

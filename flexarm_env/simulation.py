@@ -1,4 +1,4 @@
-"""Simulation of a scene: one arm that is advanced from kink to kink, and its recorded Trajectory."""
+"""Simulate a scene: one arm is advanced from kink to kink, and its Trajectory is recorded."""
 
 import dataclasses
 import math
@@ -63,9 +63,9 @@ class Simulation:
         scene: a scene. settings: settings with a dt. moves: False if the arm is only linearized, for smaller programs.
     Attributes:
         t: time reached, s. status: status code of `flexarm_env.physics.model`. work: views of the state (`Work`).
-        gross: sum of the absolute values of the drives' work, J.
+        gross: sum of the absolute values of the work of motions and loads, J.
         levels: with a step_tolerance, number of halvings of dt in each past interval. step_error: as in `Trajectory`.
-        follow: prescribed number of halvings in each interval, in place of that required by the step_tolerance.
+        follow: prescribed number of halvings of dt in each interval; it replaces the step_tolerance's number.
         deadline: `time.perf_counter()` at which `advance_to` stops with status "timed_out", or None for no limit.
     """
 
@@ -128,7 +128,7 @@ class Simulation:
 
     def _fit(self, period: float, run: Callable[[], Array]) -> None:
         """Advance a stretch of `period` (s) in steps halved as the step_tolerance requires (`runtime.fitted`). run:
-        advances the stretch and returns the links' flat poses at its end; undefined after a failure."""
+        function that advances the stretch and returns the links' poses at its end (after a failure: undefined)."""
         links, w, start = self.scene.arm.n_links, self.work, self._start()
         level, nothing = np.array([float(self._level)]), np.zeros(0)
         # prescribed number of halvings, or compare runs of dt, dt/2, ... until they agree
@@ -155,7 +155,7 @@ class Simulation:
         self.model, self.dt = self.system.model, float(self.settings.dt or 0.0)
 
     def _start(self) -> Start:
-        """Return the start of a stretch before its fresh restart; each step size repeats this restart."""
+        """Return the start of a stretch before the fresh restart; each step size repeats this restart."""
         if self._restarted is None or not np.array_equal(self._flat, self._restarted[1]):
             return self.t, self.gross, False
         self._flat[:], _, gross = self._restarted
@@ -180,8 +180,9 @@ class Simulation:
         self, end: float, interval: float, progress: Callable[[float], None] | None = None
     ) -> tuple[dict[str, Array], Array]:
         """Advance to `end` (s) via every kink, and record the start and every `interval` (s); stop if the arm fails. At
-        a kink the state just before the kink is recorded. progress: called with the fraction done. Returns the fields
-        of m samples (`runtime.sampling.SAMPLE`), one instant per row, and points along the chain (m, P, 2)."""
+        a kink the state just before the kink is recorded. progress: function that is called with the completed
+        fraction. Returns the fields of m samples (`runtime.sampling.SAMPLE`), one instant per row, and P points along
+        the arm (m, P, 2), m."""
         count = steps_in(end, interval)
         instants = np.arange(count + 1.0) * interval
         instants[0], instants[-1] = self.t, min(count * interval, end)
@@ -203,7 +204,7 @@ class Simulation:
         return SAMPLE.unpack(table[:made], **self._sizes), shapes[:made]
 
     def _stretch(self, gain: float = math.inf, starts: float = GOES_ON) -> Array:
-        """Return a `STRETCH` record for a run that begins now. gain, starts: fields of this record."""
+        """Return a `STRETCH` record for a run that begins now. gain, starts: two fields of this record."""
         stretch = np.zeros(_AT.end)
         stretch[_AT.time], stretch[_AT.longest], stretch[_AT.gross] = self.t, self.dt, self.gross
         stretch[_AT.gain], stretch[_AT.starts] = gain, starts
@@ -233,7 +234,7 @@ class Simulation:
         return len(instants)
 
     def _fitted(self, stretch: Array, stop: float, table: Array, shapes: Array, account: bool) -> int:
-        """Advance a stretch without kinks in fitted steps and fill the row at its end; return 1, after a failure 0."""
+        """Advance a stretch without kinks in fitted steps and fill the row at its end; return 1, or 0 on failure."""
         row, made = SAMPLE.unpack(table[0], **self._sizes), 0
 
         def run() -> Array:
@@ -338,7 +339,7 @@ class Simulation:
         return torques
 
     def _count(self) -> int:
-        """Return the number of points along the chain."""
+        """Return the number of points along the arm."""
         if self._points is None:
             stretch, room = self._stretch(), assembly.room_for_points(self.settings, self.scene.arm.n_links)
             self._call(stretch, np.array([self.t]), np.empty((1, self._sample)), np.empty((1, room, 2)))
@@ -346,7 +347,7 @@ class Simulation:
         return self._points
 
     def shape_points(self) -> Array:
-        """Return positions along the chain from root to tip, (n_points, 2) m; in space (n_points, 3)."""
+        """Return positions along the arm from root to tip, (n_points, 2), m; in space (n_points, 3)."""
         return reading_of(self.scene).points(self.scene.arm, self.settings, self.model, self.work.q)
 
 
@@ -367,11 +368,13 @@ def simulate(
     Args:
         scene: a `Scene` (see `flexarm_env.scenes.named`).
         formulation: "floating_frame", "geometrically_exact", "elastica" or "paper"; None for the scene's formulation.
-        duration, sample: duration and sampling interval, s; None: the scene's. progress: called with the fraction done.
+        duration, sample: duration and sampling interval, s; None: the scene's values. progress: function that is called
+            with the completed fraction of the run.
         error_limit: largest `error_estimate` (fraction of the arm's length) for which the status is "ok".
         time_limit: wall-clock time, s, without compilation; a longer run fails with status "timed_out". Each run for
             the error estimate (usually two, with half as many steps) has the same additional limit.
-        estimate_error: False skips these runs: `error_estimate` is nan, `error_parts` has energy and notes.
+        estimate_error: whether to make the runs for the error estimate. With False, `error_estimate` is nan, and
+            `error_parts` has only energy and notes.
         options: options of the formulation (`flexarm_env.settings.Settings`), e.g. segments=8, dt=0.01. Steps are
             shorter if a motion or load is faster than dt: at most a sixteenth of a sine's period.
     Returns:
@@ -407,8 +410,9 @@ def simulate(
 
 def judge(trajectory: Trajectory, interval: float, error_limit: float = 0.05, time_limit: float | None = None,
           companions: bool = True) -> Trajectory:  # fmt: skip
-    """Return the trajectory with its estimated error, "inaccurate" if the error exceeds the limit; failures do not
-    change. interval: interval of the samples, s. companions: make the runs for the estimate."""
+    """Return the trajectory with its estimated error; the status becomes "inaccurate" if the error exceeds the limit,
+    but a failed run keeps its status. interval: sampling interval, s. companions: whether to make the runs for the
+    estimate."""
     if trajectory.status != STATUS[OK]:
         return trajectory
     scene, settings, t, levels = trajectory.scene, trajectory.settings, trajectory.t, trajectory.step_levels
@@ -429,7 +433,7 @@ def judge(trajectory: Trajectory, interval: float, error_limit: float = 0.05, ti
 
 def _probe(scene: Scene, settings: Settings, interval: float, levels: Sequence[int] = (), stiffness: float = 1.0, *,
            end: float, allowed: float | None) -> accuracy.Probe:  # fmt: skip
-    """Make a companion run; return its tips. stiffness: factor on EI; end: s; allowed: wall-clock s, or None."""
+    """Make a companion run; return its tips. stiffness: factor on EI; end: s; allowed: wall-clock time, s, or None."""
     try:
         simulation = Simulation(scene, accuracy.in_steps(scene, settings, end, interval))
     except NoEquilibrium:  # on its mesh or in its steps; the run itself began at rest

@@ -23,7 +23,7 @@ Array32 = NDArray[np.float32]
 
 
 class BadKey(ValueError):
-    """Error with a key path, ``path``. A reader of an outer table adds its own key by :func:`under`."""
+    """Error with a key path, in the attribute ``path``. A reader of an outer table adds its key by :func:`under`."""
 
     def __init__(self, path: str, *more: object) -> None:
         super().__init__(path, *more)
@@ -42,7 +42,7 @@ class InvalidValue(BadKey):
 
 
 class UnknownKey(BadKey):
-    """Unknown key. path: its key path. allowed: the existing keys. what: noun for the message. hint: further text."""
+    """Unknown key. path: its key path. allowed: the existing keys. what: noun for the message. hint: more text."""
 
     def __init__(self, path: str, allowed: Iterable[str], what: str = "key", hint: str = "") -> None:
         self.allowed, self.what, self.hint = tuple(allowed), what, hint
@@ -71,7 +71,7 @@ class UnknownArgument(UnknownKey, TypeError):
 
 
 class MissingKey(BadKey):
-    """Missing key. path: its key path. allowed: a phrase for the required value."""
+    """Missing key. path: key path of the missing key. allowed: a phrase for the required value."""
 
     def __init__(self, path: str, allowed: str) -> None:
         super().__init__(path, allowed)
@@ -82,7 +82,7 @@ class MissingKey(BadKey):
 
 
 class Unreadable(BadKey):
-    """Unreadable text. path: its key path, "" for a text without a key. why: the reason."""
+    """Unreadable text. path: key path of the text, "" for a text without a key. why: the reason."""
 
     def __init__(self, path: str, why: str) -> None:
         super().__init__(path, why)
@@ -274,7 +274,7 @@ def choice(path: str, value: object, allowed: Sequence[str]) -> str:
 
 
 def sequence(path: str, value: object, what: str, length: int | None = None) -> tuple[Any, ...]:
-    """Validate a list, tuple or 1-D array and return a tuple. ``what`` names the elements in the message."""
+    """Validate a list, tuple or 1-D array; return a tuple. ``what`` names the elements in the message."""
     if isinstance(value, np.ndarray) and value.ndim == 1:
         value = value.tolist()
     # texts and iterators are rejected
@@ -292,7 +292,7 @@ def numbers(
 
 
 def several(value: object) -> bool:
-    """Return whether a value is a sequence or array and not a single value; texts and bytes are single values."""
+    """Return whether a value is a sequence or array; texts and bytes count as single values."""
     row = isinstance(value, Sequence) and not isinstance(value, str | bytes)
     return row or (isinstance(value, np.ndarray) and value.ndim > 0)
 

@@ -25,7 +25,7 @@ GRID = 0.1
 
 
 def postures(goals: Array) -> list[tuple[float, ...]]:
-    """Round the elbow angles of goals (n, N), rad, to the design grid: one tuple of N - 1 angles per goal.
+    """Round the elbow angles of goals (n, N), rad, to the design grid; return a tuple of N - 1 angles for each goal.
 
     A posture and its mirror image have the same model; both are represented by the posture whose first bent elbow turns
     left, > 0.
@@ -46,7 +46,7 @@ class ArmModel:
     rates.
 
     Attributes:
-        A (2n, 2n), B (2n, N), C (4N, 2n): continuous time.
+        A (2n, 2n), B (2n, N), C (4N, 2n): matrices of the continuous-time model.
         frequencies (n - N,): frequencies of the flexible modes with free joints, rad/s. ratios (n - N,): damping ratios
             of these modes.
         inertia (N, N): rigid inertia about the joints, kg m^2.
@@ -103,7 +103,7 @@ def arm_model(arm: Arm, posture: tuple[float, ...] = (), flexible: int | None = 
 
     Args:
         arm: the arm. posture: angles of joints 1 to N-1, rad (() is straight).
-        flexible: number of flexible modes in addition to the N rigid modes, at least 1; None: N + 1.
+        flexible: number of flexible modes in addition to the N rigid modes, at least 1; None means N + 1.
     """
     n_joints, full = arm.n_links, linear_model(arm, posture)
     size = len(full.A) // 2

@@ -1,8 +1,8 @@
 """Policies with a controller inside, whose torque is the controller's torque plus a share of a network's torque.
 
 The network learns the part of the action that the controller lacks: action = clip(controller + share * network). All
-terms are torques divided by the limits. Controller and network read the same observation. The environment's actions
-are torques as before.
+terms are joint torques divided by the torque limits. Controller and network read the same observation. The
+environment's actions are torques as before.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Inside:
 
     Args:
         controller: name of the controller. share: share of the torque limits that the network's actions command. gains:
-            the controller's gains by name.
+            values of the controller's gains by name.
     """
 
     controller: str
@@ -40,8 +40,8 @@ class Inside:
     def of(cls, word: str, env: Any, share: float | None = None) -> Inside:
         """Build the controller that `word` names (pd, or pd@FILE with gains of `flexarm tune`) for an environment.
 
-        share: share of the torque limits that the network commands; None: `base.RESIDUAL_SHARE`. Raises ValueError for
-            an unknown word or file, or an invalid share.
+        share: share of the torque limits that the network commands; None means `base.RESIDUAL_SHARE`. Raises ValueError
+            for an unknown word or file, or an invalid share.
         """
         name, at, file = word.partition("@")
         check.choice("around", name, NAMES)
@@ -60,7 +60,10 @@ class Inside:
 
     @classmethod
     def read(cls, table: Any) -> Inside:
-        """Read the entry `around` of a policy's file. ValueError names the field, its value and the rule."""
+        """Read the entry `around` (the controller inside the policy) of a policy's file.
+
+        ValueError names the field, its value and the rule.
+        """
         with check.under("around"):
             entry = check.table_of("", table)
             check.known_keys("", entry, [field.name for field in dataclasses.fields(cls)])
@@ -70,7 +73,7 @@ class Inside:
             return cls(name, check.number("share", share, above=0.0), dict(check.table_of("gains", gains)))
 
     def table(self) -> dict[str, Any]:
-        """Return the entry `around` of a policy's file."""
+        """Return the entry `around` of a policy's file, which describes the controller inside the policy."""
         return dataclasses.asdict(self)
 
     def made(self, env: Any) -> Controller | Following:
@@ -78,7 +81,7 @@ class Inside:
         return controller(self.controller, env, self.gains)
 
     def actions(self, own: Controller | Following, observation: NDArray[np.floating], action: Any) -> Array32:
-        """Add the controller's actions to the network's, and saturate the sum.
+        """Add the controller's actions to the network's actions, and clip the sum to [-1, 1].
 
         own: the controller, which also reads the observation. action: actions of the network, (n, N) or (N,), which are
             clipped to [-1, 1] and multiplied by `share`.

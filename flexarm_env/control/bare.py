@@ -1,4 +1,4 @@
-"""Tasks without reward, of the environments' kinds, so that controllers' plants reuse their compiled functions."""
+"""Tasks without reward, for controllers' plants, which reuse the compiled functions of the environments."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..parameters import Arm
 
 
 def bare_task(arm: Arm) -> Task:
-    """Return the record of a task without reward for an arm."""
+    """Return a task without reward for an arm."""
     n = arm.n_links
     flexible = [link for link in arm.links if not link.rigid]
     # class, number of entries and of a target's coordinates

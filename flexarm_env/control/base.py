@@ -58,7 +58,7 @@ class Gains:
 
 @dataclass(frozen=True)
 class Setup:
-    """Facts about an environment that a controller may use: the nominal arm and the observation's layout, SI.
+    """Facts about an environment that a controller may use: the nominal arm and the observation's layout, in SI units.
 
     Args:
         task: "slew" (one link, tip angle), "reach" (two links or more, tip position), "press" or "land" (at a wall).
@@ -166,9 +166,9 @@ class Signals:
         angle, rad (slew), or (n, 2), vector from tip to target in the frame that turns with the hub, m (reach).
         to_go (n, N): the goal's joint angles minus the present joint angles, rad, with observation="measured"; bends,
             bend_rates and
-        error are then empty. gauges (n, G): readings of the strain gauges, in the gauges' units. In space error is (n,
-        3). Controllers in space that need deflections get bends (n, 3 F): deflections of the F flexible links along y,
-        then along z, then their twists (rad).
+        error are then empty. gauges (n, G): readings of the strain gauges, in the gauges' units. In space `error` has
+        the shape (n, 3). Controllers in space that need deflections get bends (n, 3 F): deflections of the F flexible
+        links along y, then along z, then their twists (rad).
     """
 
     angles: Array
@@ -188,7 +188,7 @@ class Signals:
 
 
 class Observed(NamedTuple):
-    """Entries of an observation, without link numbers, from which controllers read how links bend.
+    """Names of observation entries, without link numbers, from which controllers read how links bend.
 
     bends, rates: names of deflections and twist, and of their rates. aims: whether goals are computed from the bends.
     """
@@ -282,9 +282,9 @@ class Controller(ABC):
     needs_goals: ClassVar[bool] = False
     """Whether the controller requires goal joint angles minus measured joint angles (observation="measured")."""
     follows_goal: ClassVar[bool] = True
-    """Whether observed goal joint angles are followed in every period; otherwise the goal is fixed at reset."""
+    """Whether observed goal joint angles are followed in every period; if not, the goal is fixed at reset."""
     restarts: ClassVar[bool] = False
-    """Whether single environments may begin a new episode (`restart`); each then has its own memory."""
+    """Whether single environments may begin a new episode (`restart`), each with its own memory."""
 
     def __init__(self, setup: Setup) -> None:
         """Store the setup and torque limits, and prepare the observation reader."""
@@ -325,7 +325,7 @@ class Controller(ABC):
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> NDArray[np.float32]:
         """Compute actions in [-1, 1], (n, N), or (N,) for one observation: torques divided by their limits, saturated.
 
-        beside: actions of another policy, of the result's shape. The actions `beside` are added before the saturation,
+        beside: actions of another policy, with the shape of the result. These actions are added before the saturation,
         and the controller's state estimates are advanced under the sum. Raises RuntimeError before the first `reset`.
         Raises ValueError for an observation that is not finite, or whose shape differs from the shape given to `reset`;
         the memory is then unchanged.
@@ -365,7 +365,7 @@ class Controller(ABC):
         """Advance the estimate by one period under the applied torques (n, N), N m."""
 
     def _goal(self, signals: Signals) -> Array:
-        """Compute the joint angles (n, N), rad, of the arm at rest at its target, unwrapped from the current ones."""
+        """Compute the joint angles (n, N), rad, of the arm at rest at its target, without jumps by whole turns."""
         if signals.to_go is not None:
             return self._angles + signals.to_go
         if self.setup.task == "slew":

@@ -88,7 +88,7 @@ def within(plant: Dynamics, bounds: Bounds, n: int, total: int, stiff: float = 1
     if bounds.keep_out:
         length = plant.arm.total_length
 
-        # distances minus margin, over the arm's length; positive outside
+        # distances minus margin, divided by the arm's length; positive outside
         def distances(x: Array) -> Array:
             places = plant.places(x)
             far = [shape.distance(places) for shape in bounds.keep_out]
@@ -108,13 +108,13 @@ def _throughout(
     of: Callable[[Array], tuple[Array, Array]], low: Array, high: Array, n: int, total: int, penalty: float,
     alone: Callable[[Array], Array] | None = None,
 ) -> ilqr.Limits:  # fmt: skip
-    """Limit the function `of` (see `ilqr.Limits`) to low ... high at all stages of n arms."""
+    """Limit the function `of` (see `ilqr.Limits`) to the range from low to high at all stages of n arms."""
     shape = (total + 1, n, len(low))
     return ilqr.Limits(of, np.broadcast_to(low, shape), np.broadcast_to(high, shape), np.full(n, penalty), alone)
 
 
 def kept_by(plant: Dynamics, bounds: Bounds | None, **states: Array) -> Bounds:
-    """Return the validated bounds; raise InvalidValue unless each of the named states (n, S) satisfies them."""
+    """Return the validated bounds; raise InvalidValue unless all of the named states (n, S) satisfy the bounds."""
     own = check.instance("bounds", Bounds() if bounds is None else bounds, Bounds)
     for what, x in states.items():
         for one in within(plant, own, len(x), 0):

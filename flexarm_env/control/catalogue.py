@@ -100,11 +100,11 @@ TUNED_ON = "strip"
 
 
 def for_arm(gains: LQRGains, setup: Setup) -> LQRGains:
-    """Scale the LQR weights of rates from the one-link arm `TUNED_ON` to the setup's one-link arm.
+    """Scale the LQR weights of joint rates from the one-link arm `TUNED_ON` to the setup's one-link arm.
 
     The weights on rates are relative to the first flexible frequency. The product of this frequency and the duration of
-    the quickest quarter turn is computed for both arms, and the weights are multiplied by the ratio of the two
-    products, so that rates count relative to the slew.
+    the quickest quarter turn is computed for both arms. The weights are multiplied by the ratio of the two products, so
+    that rates count relative to the slew.
     """
     # ratio of (first flexible frequency x quarter-turn time) to that of the tuning arm
     share = _tempo(setup.arm) / _tempo(arms.named(TUNED_ON))
@@ -189,7 +189,7 @@ class Following:
         """Do nothing: there is no memory."""
 
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> Any:
-        """Compute actions (n, N) in [-1, 1] as if the episode began now; beside: see `Controller.act`."""
+        """Compute actions (n, N) in [-1, 1] as if the episode began now; for beside see `Controller.act`."""
         self.controller.reset(observation)
         return self.controller.act(observation, beside)
 

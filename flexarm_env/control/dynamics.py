@@ -78,7 +78,7 @@ class Dynamics:
         self._arms = np.vstack([parts.arms_to(k, s) for k, s in enumerate(ends)])
 
     def _begin(self, arm: Arm, period: float, nodes: int, joints: NDArray[np.int64], rows: NDArray[np.int64]) -> None:
-        """Set up the common part. joints: positions of joint angles in x. rows: the solver's rows contained in x."""
+        """Set up the common part. joints: indices of joint angles in the state x. rows: the solver's rows in x."""
         if arm.torque_limits is None:
             raise check.MissingKey("arm.torque_limits", f"torques are over theirs: {arm.n_links} limit(s) (N m)")
         self.arm = dataclasses.replace(arm, joints=(), joint_limits=None)
@@ -114,7 +114,7 @@ class Dynamics:
         return out
 
     def jacobians(self, x: Array, u: Array) -> tuple[Array, Array]:
-        """Return exact derivatives of `advance`: A (m, S, S) by x and B (m, S, N) by u; NaN if a step was halved."""
+        """Return exact derivatives of `advance`: A (m, S, S) by x, B (m, S, N) by u; NaN if a step was halved."""
         size, n = self.size, self.n_inputs
         A, B = np.empty((len(x), size, size)), np.empty((len(x), size, n))
         for first in range(0, len(x), AT_ONCE):
@@ -129,7 +129,7 @@ class Dynamics:
         return A, B
 
     def stage(self, k: int, x: Array, u: Array) -> Array:
-        """Advance by stage k of a plan (`ilqr.System`); all stages are one period long."""
+        """Advance by stage k of a plan (`ilqr.System`); every stage has the length of one period."""
         return self.advance(x, u)
 
     def linear(self, x: Array, u: Array) -> tuple[Array, Array]:
@@ -188,7 +188,7 @@ class Dynamics:
         return place[..., 0, :], slope[..., 0, :, :]
 
     def _ahead(self, x: Array, levers: Array) -> tuple[Array, Array]:
-        """Return positions (..., P, 2), m, and their derivative by x: sums of levers (P, half) times (cos, sin) phi."""
+        """Return positions (..., P, 2), m, and their derivative by x; levers (P, half) multiply cos and sin of phi."""
         phi = x[..., : self.half] @ self._angles.T
         cosine, sine = np.cos(phi)[..., None, :] * levers, np.sin(phi)[..., None, :] * levers
         slope = np.zeros((*cosine.shape[:-1], 2, self.size))
@@ -248,7 +248,7 @@ class Dynamics:
         return out
 
     def _turn(self, x: Array, part: int, k: int, by: Array) -> None:
-        """Turn link k's nodes by angles (m, nodes), the following links by its tip's. part: 0 angles, `half` rates."""
+        """Turn link k's nodes by angles (m, nodes), later links by its tip's angle. part: 0 angles, `half` rates."""
         x[:, part + k * self.nodes : part + (k + 1) * self.nodes] += by
         for later in range(k + 1, self.n_inputs):
             at = part + later * self.nodes
@@ -336,7 +336,7 @@ class SpatialDynamics(Dynamics):
         return SpatialDynamics(self.arm, period, self.nodes, self.gravity or (0.0, 0.0, 0.0))
 
     def still(self, angles: ArrayLike) -> tuple[Array, Array]:
-        """Find static rests as fixed points of a period, by Newton's method; see `Dynamics.still`."""
+        """Find the states at rest as fixed points of a control period, by Newton's method; see `Dynamics.still`."""
         x, n = self.unbent(angles), self.n_inputs
         u, half = np.zeros((len(x), n)), self.half
         u[:] = weight_and_inertia(self.arm, np.array(self.gravity), x[:, self.joints])[0] / self.limits
@@ -358,7 +358,7 @@ class SpatialDynamics(Dynamics):
         return x
 
     def homing(self, x: Array, u: Array) -> Array:
-        """Return gains K (m, N, S) of soft regulators u - K dx about rest states x (m, S) held by torques u (m, N)."""
+        """Return gains K (m, N, S) of soft regulators u - K dx about states x (m, S) held by torques u (m, N)."""
         stage, R = self.stage_weight(GENTLE), np.eye(self.n_inputs)
         return np.stack([riccati(A, B, stage, R)[0] for A, B in zip(*self.jacobians(x, u), strict=True)])
 
@@ -402,7 +402,7 @@ class SpatialDynamics(Dynamics):
         return found.reshape(*x.shape[:-1], *found.shape[1:])
 
     def _seen(self, x: Array, what: str) -> tuple[Array, Array]:
-        """Return a quantity (..., *) of `_read`, and its derivative by x (..., *, S) by central differences."""
+        """Return the result (..., *) of `_read`, and its derivative by x (..., *, S) by central differences."""
         q = x[..., : self.half].reshape(-1, self.half)
         ways = STEP * np.concatenate([np.zeros((1, self.half)), np.eye(self.half), -np.eye(self.half)])
         found = self._read((q + ways[:, None]).reshape(-1, self.half), what)
@@ -413,7 +413,7 @@ class SpatialDynamics(Dynamics):
         return found[0], slope
 
     def _read(self, q: Array, what: str) -> Array:
-        """Return points (m, P, 3), m ("shapes"), or deflections / length and twists (m, 3 F) ("bends") at q."""
+        """Return points (m, P, 3), m ("shapes"), or deflections / length and twists (m, 3 F) ("bends"), at q."""
         rows = np.zeros((len(q), 6 + self.half))
         rows[:, 6:] = q
         if what == "shapes":

@@ -31,7 +31,7 @@ OPSET, IR_VERSION = 17, 8
 class Entries:
     """Observation of a policy: names and scales of the entries of one instant, in order (entry = value / scale).
 
-    torque_limits: N m per joint at an action of 1; empty if actions are not torques.
+    torque_limits: torque of each joint at an action of 1, N m; empty if actions are not torques.
     """
 
     names: tuple[str, ...]
@@ -53,8 +53,8 @@ def onnx_bytes(policy: NumpyPolicy, law: tuple[float, NDArray[np.float64]] | Non
     """Serialize the policy as an ONNX model: `observation` (n, entries) to `action` (n, joints) in [-1, 1], float32.
 
     The observation is the environment's own, with all instants of its history; the model normalizes it. The model's
-    metadata is the policy's `meta`. law: (share, K) of a policy with a controller inside, whose unsaturated actions are
-    observation @ K. Raises ImportError if the package onnx is missing.
+    metadata is the policy's `meta`. law: (share, K) of a policy with a controller inside; the controller's unsaturated
+    actions are observation @ K. Raises ImportError if the package onnx is missing.
     """
     with check.needs("an ONNX file", "onnx", "export"):
         from onnx import TensorProto, checker, helper, numpy_helper
@@ -144,11 +144,11 @@ def c_comment(lines: Iterable[str]) -> str:
 
 
 def harmless(line: str) -> str:
-    """Make a line safe inside a C comment. The line may contain the name of an arm, a file or a keyword.
+    """Return a line, with names that users may have given, in a form that is safe inside a C comment.
 
-    Comment delimiters are broken up. Backslashes and all other characters except printable ASCII become "?". Two
-    question marks are separated, because the C99 trigraph for a backslash begins with them: at the end of a line a
-    backslash would join the line to the next.
+    In the line, comment delimiters are broken up. Backslashes and all other characters except printable ASCII become
+    "?". Two question marks are separated, because the C99 trigraph for a backslash begins with them: at the end of a
+    line a backslash would join the line to the next.
     """
     # printable ASCII without backslash
     line = re.sub(r"[^ -\[\]-~]", "?", line)
@@ -169,7 +169,7 @@ def c_source(policy: NumpyPolicy, entries: Entries, name: str) -> str:
         entries: entries of one instant; a policy whose observation contains several instants has a history.
         name: prefix of the file's definitions. NAME_decide maps the environment's observation to actions. NAME_act maps
             values in SI units, one instant after the other, to actions. Further definitions are NAME_reset,
-            NAME_memory, NAME_OBSERVATION, ...
+            NAME_memory, NAME_OBSERVATION and others.
     Raises:
         ValueError: the size of the policy's observation is no multiple of the number of entries.
     """
@@ -196,7 +196,7 @@ def c_source(policy: NumpyPolicy, entries: Entries, name: str) -> str:
 
 
 def _steps(policy: NumpyPolicy) -> Iterator[str]:
-    """Generate the C statements from the observation, in `x`, to actions; the layers write to `y` and `x` in turn."""
+    """Generate the C statements from the observation to the actions; the layers write to `y` and `x` in turn."""
     # observation into x, clipped or normalized, with the remainder in x_rest
     if policy.normaliser is None:
         yield "for (i = 0; i < UPPER_OBSERVATION; i++)"

@@ -24,11 +24,10 @@ def around_c_source(
     Args:
         policy: policy bound to an environment. entries: observation entries of one instant. name: prefix of the file's
             definitions: NAME_reset, NAME_act (values in SI units to actions) and NAME_decide (the environment's
-            observation to actions), each with a NAME_memory. elbows, targets: arguments of `in_c.controller_source` for
-            the controller.
+            observation to actions), each with a NAME_memory. elbows, targets: arguments that `in_c.controller_source`
+            gets for the controller.
     Raises:
-        ValueError: as `export.c_source` and `in_c.controller_source`; or for a controller that restarts in every
-            period.
+        ValueError: `export.c_source` or `in_c.controller_source` raises it, or the controller restarts in every period.
     """
     own = bound_controller(policy)
     if isinstance(own, Following):

@@ -31,7 +31,7 @@ TASKS = ("press", "land")
 
 @dataclass(frozen=True, kw_only=True)
 class Approach(Gains):
-    """Times, friction and force of the reference motion.
+    """Parameters of the reference motion: times, friction coefficient and force.
 
     Args:
         approach: time in which the tip moves to the wall, s. press: time in which the force rises after the approach,
@@ -80,7 +80,7 @@ class ImpedanceGains(Approach):
 
 
 class View(NamedTuple):
-    """Quantities of one control period that the controllers of a contact force use, for n arms, in inertial axes.
+    """Quantities of a control period that the controllers of a contact force use: n arms, inertial axes.
 
     Attributes: signals: joint angles, deflections and their rates. to_target, velocity (n, 2): tip to target, m, and
         the target's velocity, m/s. target (n, 2): m from the root. along, normal (n, 2): unit vectors of the path and
@@ -145,10 +145,10 @@ class WallController(Controller):
         return self.timing.friction if self.slides else 0.0
 
     def forget(self) -> None:
-        """Reset the controller's memory, arrays with one row per episode, to its value at the start of an episode."""
+        """Reset the controller's memory (arrays with one row per episode) to its values at the start of an episode."""
 
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> NDArray[np.float32]:
-        """Compute actions in [-1, 1]: torques divided by their limits, saturated; beside: see `Controller.act`."""
+        """Compute actions in [-1, 1]: torques divided by their limits, saturated; for beside see `Controller.act`."""
         if not len(self.goal):
             raise RuntimeError("No episode has begun: call the controller's reset(observation) first")
         signals = self.read(observation)
@@ -164,7 +164,7 @@ class WallController(Controller):
         return applied if np.ndim(observation) == 2 else applied.reshape(-1)
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Raise an error: `act` does not use this method, since it needs entries that `Signals` lacks."""
+        """Raise an error: `act` of this class needs entries that `Signals` lacks, and does not use this method."""
         raise NotImplementedError
 
     @abstractmethod
@@ -172,7 +172,7 @@ class WallController(Controller):
         """Return joint torques (n, N), N m, from an observation (n, entries), scaled as the environment scales it."""
 
     def progress(self) -> tuple[Array, Array, Array]:
-        """Return the progress of the approach and of the rise of the force (n,), 0 to 1, and 1 once the force is risen.
+        """Return the progress (n,) of the approach and of the force's rise, 0 to 1, and 1 once the force is risen.
 
         The approach is a polynomial of fifth degree in time.
         """
@@ -227,7 +227,7 @@ class PressController(WallController):
         return View(signals, to_target, velocity, target, along, normal, commanded, seen[:, -1], near, share, touching)
 
     def _rest(self, view: View, shift: Array | float, excess: Array | float) -> tuple[Array, Array]:
-        """Return deviations (n, 4 N) from the arm at rest at the reference, and its holding torques (n, N), N m.
+        """Return outputs (n, 4 N) minus those at rest at the reference, and the holding torques there (n, N), N m.
 
         shift (n, 2): shift of the target, m. excess (n,): addition to the commanded force, N. The reference is stored
         in `goal` (joint angles) and `_bends`.
@@ -282,17 +282,17 @@ class HybridForce(PressController):
 class Impedance(PressController):
     """Impedance control: the tip acts like a spring and damper about the reference, stiff along the wall.
 
-    torques = holding torques + J' [K (x_d - x) + D (x_d' - x')] with the Jacobian J of the arm at rest at the
-    reference (Hogan 1985, eq. 9, quasi-static). K and D have the axes of the wall. x - x_d is J times the deviation of
-    the joint angles, without the deviation of the deflections, so that sensors and motors are collocated and the loop
-    dissipates energy for any gains. The controller integrates no errors: friction, wall and arm must be known.
+    torques = holding torques + J' [K (x_d - x) + D (x_d' - x')] with the Jacobian J of the arm at rest at the reference
+    (Hogan 1985, eq. 9, quasi-static). K and D have the axes of the wall. x - x_d is J times the deviation of the joint
+    angles, without the deviation of the deflections, so that sensors and motors are collocated and the loop dissipates
+    energy for any gains. The controller integrates no errors: friction, wall and arm must be known.
     """
 
     def __init__(self, setup: Setup, gains: ImpedanceGains | None = None) -> None:
         """Store the gains; see `PressController`."""
         self.timing = self.gains = ImpedanceGains() if gains is None else check.instance("gains", gains, ImpedanceGains)
         super().__init__(setup)
-        # N/m per unit of a stiffness: the largest tip force over the arm's length
+        # N/m per unit of a stiffness: the largest tip force divided by the arm's length
         self._unit = self.most / setup.arm.total_length
 
     def pressing(self, view: View) -> Array:
@@ -315,8 +315,8 @@ class Impedance(PressController):
 def feedback(setup: Setup, weights: LQRGains, goals: Array, off: Array) -> Array:
     """Return K x (n, N), N m: the LQR's gains times the deviation of the state from the goal.
 
-    goals (n, N): joint angles at the goals, rad; each goal's posture has its own gains. off (n, 4 N): outputs minus the
-    outputs at the goal; see `Signals.outputs`.
+    goals (n, N): joint angles at the goals, rad; each goal's posture has its own gains. off (n, 4 N): outputs minus
+    their values at the goal; see `Signals.outputs`.
     """
     # a mirrored posture has the same gains
     rows = [posture_gains(setup.arm, setup.torque_limits, setup.control_dt, weights, one) for one in postures(goals)]
@@ -327,7 +327,7 @@ def feedback(setup: Setup, weights: LQRGains, goals: Array, off: Array) -> Array
 def posture_gains(
     arm: Arm, limits: tuple[float, ...], dt: float, weights: LQRGains, posture: tuple[float, ...]
 ) -> Array:
-    """Return LQR gains (N, 4 N) for outputs instead of states, in the posture (elbow angles, rad).
+    """Return LQR gains (N, 4 N) that multiply outputs instead of states, in a posture (elbow angles, rad).
 
     The gains are the product of the state gains of `lqr.design` and the map `ArmModel.state_of` from outputs to
     states.

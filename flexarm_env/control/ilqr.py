@@ -84,11 +84,11 @@ class Quadratic:
 class Limits:
     """Constraints low <= g(x) <= high by the augmented Lagrangian method; low = high is an equality.
 
-    of: function that returns g (..., G) and its derivative (..., G, S) at states x (..., S). low, high (T + 1, n, G):
+    of: function of states x (..., S) that returns g (..., G) and its derivative (..., G, S). low, high (T + 1, n, G):
     limits of g at each stage, infinite for no limit.
-    penalty (n,): penalty factor of each arm. alone: optional cheaper function that returns g (..., G) without its
-    derivative; with `alone`, `of` is called only at states where a limit is active. above, below (T + 1, n, G):
-    multipliers of the upper and lower limits.
+    penalty (n,): penalty factor of each arm. alone: optional cheaper function of the states that returns g (..., G)
+    alone; `of` is then called only at states at which a limit is active. above, below (T + 1, n, G): multipliers of the
+    upper and lower limits.
     """
 
     of: Any
@@ -203,7 +203,7 @@ def solve(
             followed with its feedback gains. effort (N,): positive weights on the controls.
         iterations: largest number of iterations. tolerance: the iteration stops when each arm's cost falls by at most
             this fraction.
-        bound: bound of the controls. still (n, N): controls without cost.
+        bound: largest magnitude of the controls. still (n, N): controls that cost nothing.
     Raises:
         Astray: neither the initial guess nor `still` leads to finite states.
     """
@@ -316,7 +316,7 @@ def _within(Quu: Array, Qu: Array, Qux: Array, low: Array, high: Array) -> tuple
 
 
 def _corner(H: Array, g: Array, low: Array, high: Array) -> Array:
-    """Minimize 1/2 u' H u + g u between low and high, (n, N), in cases in which a limit is active.
+    """Minimize 1/2 u' H u + g' u between low and high, (n, N), when a limit is active.
 
     For two controls the result is the best point with one control at a limit. For more controls the method is
     coordinate descent.

@@ -2,8 +2,8 @@
 
 Designs that need SciPy (Riccati equations, modes, a linear program) are solved here. The C file contains the numbers
 that result and computes the actions of `Controller.act` in each control period; the pieces of C from which it is
-composed are in `data/control/c`. Gains that depend on an arm's posture are tabulated for all requested postures,
-`arm_model.GRID` apart.
+composed are in `data/control/c`. Gains that depend on an arm's posture are tabulated for all requested postures, in
+steps of `arm_model.GRID`.
 """
 
 import itertools
@@ -49,7 +49,7 @@ def controller_source(
     Args:
         controller: result of `control.make`. name: prefix of the file's definitions. NAME_act maps values in SI units
             to actions, once per control period. NAME_decide maps the environment's observation to actions. Further
-                definitions are NAME_reset, ...
+            definitions are NAME_reset and others.
         slew: angle, rad, of the slew whose plan the file contains, to either side; for TimeOptimal only.
         elbows: (low, high), rad, for each elbow: range of its angle at the goal (for LQG also during the motion) for
             which gains are tabulated; other postures use the nearest entry. None: the full range of a two-link arm.
@@ -58,9 +58,9 @@ def controller_source(
         inside: whether NAME_act and NAME_decide have the argument `const double *beside` before the actions. `beside`
             points to actions (JOINTS) that are added before the saturation, as in a policy around the controller.
     Raises:
-        ValueError: the controller is MPC, which optimizes in each period, or one of a contact force; slew is missing;
-            elbows are missing for three links or more; targets are missing for an arm in space, or the arm has no
-            equilibrium at a target.
+        ValueError: the controller is MPC, which optimizes in each period, or a controller of a contact force; slew is
+            missing; elbows are missing for three links or more; targets are missing for an arm in space, or the arm has
+            no equilibrium at a target.
     """
     kind = type(controller)
     if isinstance(controller, PressController):
@@ -210,7 +210,7 @@ def _impulses(shapers: Sequence[Shaper], effort: Array) -> dict[str, Any]:
 def _in_plane(own: Controller, slew: float | None, held: Held) -> dict[str, Any]:
     """Collect the tables and sizes of a planar controller; arrays become C tables, single numbers become sizes.
 
-    slew: slew of TimeOptimal, rad. held: postures with tabulated gains.
+    slew: slew of TimeOptimal, rad. held: postures for which gains are tabulated.
     """
     setup = own.setup
     # rigid arm: inertia, lengths, limits

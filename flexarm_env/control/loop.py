@@ -116,7 +116,7 @@ def pd_law(kp: Array, kd: Array) -> Law:
 
 
 def observer_law(A: Array, B: Array, C: Array, K: Array, L: Array) -> Law:
-    """Return the law u = -K x^ with an estimator: x^ is corrected by L (y - C x^), used, and predicted one period.
+    """Return the law u = -K x^ with an estimate x^: corrected by L (y - C x^), used, and predicted one period.
 
     A, B, C: discrete model. Returns (P, Q, K, D) with the predicted x^ as the controller's states.
     """

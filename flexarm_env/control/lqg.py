@@ -1,4 +1,4 @@
-"""LQG: linear-quadratic control of a state estimated by a Kalman filter from sensor readings.
+"""LQG: linear-quadratic regulator whose state is estimated by a Kalman filter from sensor readings.
 
 The filter's model is the linearization of `flexarm_env.linear` about rest at the current joint angles, over a control
 period with constant torque. The model's state contains the arm's state x, a constant disturbance torque d at each joint
@@ -70,8 +70,8 @@ class LQGGains(StateWeights):
 class Plant(NamedTuple):
     """Linear model of an arm about rest over a control period: x+ = A x + B u; outputs are rows . x.
 
-    rigid (2n, N): derivative of x by the joint angles of a stiff arm. inertia (N, N): rigid inertia of this arm,
-    kg m^2. first: lowest flexible frequency with free joints, rad/s. states: names of x. shown: output rows of joint
+    rigid (2n, N): derivative of x by the joint angles of a stiff arm. inertia (N, N): rigid inertia of the arm, kg m^2.
+    first: lowest flexible frequency with free joints, rad/s. states: names of the states x. shown: output rows of joint
     angles, of their rates, of the outputs of `bent_of`, and of the rates of these outputs.
     """
 
@@ -88,9 +88,9 @@ class Plant(NamedTuple):
 class Design(NamedTuple):
     """Regulator and filter of z = (x, d, b), s numbers: z+ = A z + B u; y = C z; u = -K z; z += L[k] (y - C z).
 
-    k: index of the period in the episode. x: arm state; d (N,): disturbance torques, N m; b: gauge biases. stopping
-    (N, s): rows of the motors' rates, rad/s. rigid (s, N): derivative of z by the joint angles of a stiff arm. states:
-    names of x, as in `LinearModel.states`.
+    k: index of the control period in the episode. x: state of the arm; d (N,): disturbance torques, N m; b: biases of
+    the gauges. stopping (N, s): rows of the motors' rates, rad/s. rigid (s, N): derivative of z by the joint angles of
+    a stiff arm. states: names of x, as in `LinearModel.states`.
     """
 
     A: Array
@@ -137,7 +137,7 @@ def bent_of(arm: Arm) -> list[tuple[str, float]]:
 
 
 def _shown(arm: Arm, rows: dict[str, Array]) -> list[Array]:
-    """Return output rows of joint angles, of `bent_of`'s outputs, and of the rates of both (`Plant.shown`)."""
+    """Return the output rows of joint angles, of the outputs of `bent_of`, and of the rates of both (`Plant.shown`)."""
     parts = [(f"joint{k}", 1.0) for k in range(arm.n_links)], bent_of(arm)
     return [
         np.array([rows[name + end] / over for name, over in part]).reshape(-1, len(rows["joint0"]))
@@ -206,7 +206,7 @@ def designed(setup: Setup, gains: LQGGains, own: Plant, seen: Array, variances: 
 
 
 def _regulator(setup: Setup, gains: LQGGains, own: Plant) -> Array:
-    """Compute the regulator gain K (N, 2n), u = -K x, from the gains' weights on the `shown` outputs."""
+    """Compute the regulator gain K (N, 2n), u = -K x, from the weights in `gains` on the outputs `Plant.shown`."""
     weights = gains.angle, gains.rate / own.first, gains.bend, gains.bend_rate / own.first
     # Q = sum of weighted output rows, R = 1 / limit^2
     Q = np.vstack([weight * rows for weight, rows in zip(weights, own.shown, strict=True)])
@@ -305,8 +305,8 @@ class LQG(Controller):
     def _friction(self, d: Design, z: Array, torques: Array, sharp: float = 1.0) -> Array:
         """Predict the Coulomb friction (n, N), N m, in the next period: the torque that stops the motors, limited.
 
-        The motors stop by the end of the period. The limit is the joints' friction torque. sharp: factor on the torque
-        before the limit.
+        This torque stops the motors by the end of the period. The limit is the joints' friction torque. sharp: factor
+        by which the torque is multiplied before it is limited.
         """
         # motor rates at the end of the period without friction; torque that makes them zero
         rates = z @ (d.stopping @ d.A).T + torques @ (d.stopping @ d.B).T
@@ -392,8 +392,8 @@ class SpatialLQR(SpatialLQG):
         return designed(self.setup, self.gains, own, np.vstack(own.shown), noise**2, np.zeros(0))
 
     def resting(self, y: dict[str, float]) -> list[float]:
-        """Return the outputs at the goal, zero except for the deflections. y: the model's outputs at the goal, by
-        name."""
+        """Return the outputs at the goal: deflections, and zeros for all other outputs. y: the model's outputs at the
+        goal, by name."""
         still = [y[name] / over for name, over in bent_of(self.setup.arm)]
         return [0.0] * (2 * self.setup.n_joints) + still + [0.0] * len(still)
 

@@ -14,7 +14,7 @@ from .base import Controller, Gains, Setup, Signals
 
 @dataclass(frozen=True)
 class StateWeights(Gains):
-    """Dimensionless state weights, relative to a weight of 1 on each torque divided by its limit.
+    """Dimensionless state weights; each torque, divided by its limit, has the weight 1.
 
     Args:
         angle: weight of joint angles (1/rad). rate: weight of joint rates divided by the first flexible frequency.
@@ -85,9 +85,9 @@ def riccati(A: Array, B: Array, Q: Array, R: Array) -> tuple[Array, Array]:
 
 
 def spread_of(setup: Setup) -> tuple[float, ...]:
-    """Return the standard deviations (4 N,), SI, of the observation's noise; () without noise.
+    """Return the standard deviations (4 N,), SI units, of the noise on the outputs; () without noise.
 
-    The order is joint angles, their rates, deflections, their rates.
+    The order of the outputs is: joint angles, their rates, deflections, their rates.
     """
     if not any(setup.noise):
         return ()
@@ -162,7 +162,7 @@ class LQR(Controller):
         self.gains = gains
 
     def designs(self) -> list[Design]:
-        """Return each arm's design, chosen by its elbow angles at the goal (a mirrored posture has the same design)."""
+        """Return each arm's design, chosen by the elbow angles at its goal (a mirrored posture has the same design)."""
         setup = self.setup
         return [
             design(setup.arm, setup.torque_limits, setup.control_dt, self.gains, posture, spread_of(setup))

@@ -71,7 +71,7 @@ class LQRForce(PressController):
         return holding - found
 
     def _pressed(self, view: View, i: int, off: Array) -> Array:
-        """Return K (x, sums) (N,), N m, of arm i. off (4 N,): its deviation from rest at the reference."""
+        """Return torques K (x, sums) (N,), N m, of arm i. off (4 N,): its outputs minus those at the reference."""
         setup, goal = self.setup, self.goal[i]
         (posture,) = postures(goal[None])
         # the design's posture bends its first bent elbow to the left; mirror all other postures

@@ -24,7 +24,10 @@ MARGINS_OF = ("pd", "zvd", "lqr", "time_optimal")
 
 @dataclass(frozen=True)
 class Margins:
-    """Smallest margins of a controller's loop in all postures. gain: factor on the torques. delay: loop delay, s."""
+    """Smallest margins of a controller's loop in all postures.
+
+    gain: gain margin, a factor on the torques. delay: delay margin, s.
+    """
 
     gain: float
     delay: float
@@ -76,7 +79,7 @@ def warn_of_delay(name: str, setup: Setup, gains: Any) -> None:
 
 
 def warn_of_growth(name: str, setup: Setup, gains: Any) -> None:
-    """Warn if a controller makes a vibration of an undamped arm grow that the controller's own model omits.
+    """Warn if a controller makes a vibration grow that its own model omits, in an arm without damping.
 
     Without damping the arm's higher modes, which are sampled too slowly, can gain energy in each control period. The
     arm of the check has all modes of the linear model. name: name of the controller.
@@ -105,7 +108,7 @@ def warn_of_growth(name: str, setup: Setup, gains: Any) -> None:
 
 
 def stand_in(setup: Setup) -> LQRGains:
-    """Return the gains of an LQR about as fast as the controllers that follow plans.
+    """Return the gains of an LQR that is about as fast as the controllers that follow plans.
 
     The returned gains are the tuned gains of time-optimal control, which follows its plan by an LQR. Receding-horizon
     control is about as fast.

@@ -66,7 +66,7 @@ class _Arrays(pickle.Unpickler):
         self.storage = storage
 
     def find_class(self, module: str, name: str) -> Any:
-        """Return the class or function if it is a harmless one that builds arrays, otherwise `_Anything`."""
+        """Return the class or function if it only builds arrays and is harmless, otherwise `_Anything`."""
         if (module, name) == ("collections", "OrderedDict"):
             return _Dictionary
         if module == "torch._utils" and name in ("_rebuild_tensor_v2", "_rebuild_parameter"):

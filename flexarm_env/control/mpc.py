@@ -1,16 +1,16 @@
 """Receding-horizon control: in every period plan the torques of the next periods, and apply the first of them.
 
 `ilqr` plans on the elastica, within the torque limits, from the estimated state. The cost consists of the effort and,
-from an arrival instant on, of the distance from rest at the goal. The terminal cost is the cost-to-go of the linear
-regulator at the goal. (If the distance counted from the start on, saturated torques would overshoot.) In each period
-the previous plan is followed by its gains from the present state and improved by one iteration. A plan that misses its
+from the planned arrival on, of the distance from rest at the goal. The terminal cost is the cost-to-go of the linear
+regulator at the goal. (If the distance counted from the start, saturated torques would overshoot.) In each period the
+previous plan is followed by its gains from the present state and improved by one iteration. A plan that misses its
 arrival gets a later arrival. At the start of an episode the arrival is postponed until a plan succeeds, later only as
 far as an arm that differs from the nominal one may need. Once the regulator alone stays within the limits, it takes
 over.
 
 Measurements are joint angles, tip deflections and their rates. The rest of the state is predicted by the model. The
 prediction contains the higher modes of the nominal arm, which are wrong for another arm. The predicted shape is
-therefore drawn towards the shape of a link bent by a force at its tip.
+therefore moved towards the shape of a link bent by a force at its tip.
 
 Violations of joint limits and of shapes to be avoided are penalized.
 """
@@ -47,7 +47,7 @@ MOST = 60
 
 
 class Grid:
-    """Stages of equal length after a first stage that may be shorter; both `Dynamics` have the same arm and nodes."""
+    """Stages of a plan, equal but for a shorter first one; both `Dynamics` have the same arm and nodes."""
 
     def __init__(self, first: Dynamics, later: Dynamics) -> None:
         self.first, self.later = first, later
@@ -70,8 +70,8 @@ class MPCGains(StateWeights):
     """`StateWeights` and parameters of the planner.
 
     Args:
-        memory: weight of the prediction in the unmeasured part of the state estimate. The shape under a force at the
-            tip has the weight 1 - memory.
+        memory: weight, 0 to 1, of the model's prediction in the part of the state that is not measured. The shape of a
+            link bent by a force at its tip has the weight 1 - memory.
         allowed: a plan has arrived if the cost of its distance from the goal is below this value.
         block: number of control periods with the same planned torque. horizon: number of blocks in a plan.
         iterations: iLQR iterations per period. first: iterations of an episode's first plan.
@@ -127,8 +127,8 @@ class MPC(Controller):
 
     needs_bends = True
     wild, ahead, put_off = np.inf, 1.0, 0.03
-    """Miss cost above which a plan is discarded; first arrival tried, divided by the rigid arm's minimum time; share of
-    that time by which an arrival is postponed during an episode's first plan."""
+    """Three numbers: the miss cost above which a plan is discarded; the first arrival time tried, divided by the rigid
+    arm's minimum time; the share of that time by which an arrival is postponed during an episode's first plan."""
 
     def __init__(self, setup: Setup, gains: MPCGains) -> None:
         """Prepare the dynamics, cost and bounds; they do not depend on the episode."""
@@ -146,7 +146,7 @@ class MPC(Controller):
         self.effort = np.full(setup.n_joints, float(gains.block))
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        """Find rests, regulators and first plans of new episodes."""
+        """Compute the states at rest, regulators and first plans of new episodes."""
         n, gains, setup = len(to_go), self.gains, self.setup
         # rests at the goals, holding torques, terminal costs
         self.home, self.still = self.plant.still(self.goal)
@@ -217,8 +217,8 @@ class MPC(Controller):
     def _improve(self, chosen: NDArray[np.bool_], iterations: int) -> Array:
         """Improve the plans of the chosen arms from their present states; return each arm's miss at arrival, dx' P dx.
 
-        chosen (n,): mask of arms. iterations: number of iLQR iterations. The result has one number per chosen arm, inf
-        if planning failed.
+        chosen (n,): mask of arms. iterations: number of iLQR iterations. The result has one number for each chosen arm,
+        inf if planning failed.
         """
         # stage cost from the arrival on, terminal cost P of the regulator
         there = self._ends[:, None] >= self.arrival[chosen]

@@ -1,4 +1,4 @@
-"""Optimal motions of many arms at once: least effort, least time, soonest settled, and along a path of the tip.
+"""Optimal motions of many arms at once: least effort, least time, earliest settling, and along a path of the tip.
 
     plant = dynamics(arm, 0.02)
     motion = least_time(plant, plant.rest(start), plant.rest(goal), Bounds(deflection=0.1))
@@ -50,7 +50,7 @@ class Motion:
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """Whether each arm (n,) meets all limits, in the plan and, by `Replay.kept`, in its replay."""
+        """Whether each arm (n,) meets all limits, both in the plan and in its replay (`Replay.kept`)."""
         planned = self.missed <= TOLERANCE
         return planned if self.replay is None else planned & self.replay.kept
 
@@ -93,8 +93,8 @@ def optimise(
     Returns the solution and each arm's largest violation (n,). A limit whose violation is not halved in a round gets a
     larger penalty. The loop ends when every arm meets its limits, or has not improved for two rounds.
 
-    x: states (n, S). controls (T, n, N): initial guess. effort: weight of the squared controls. torque: bound of the
-    controls.
+    x: initial states (n, S). controls (T, n, N): initial guess. effort: weight of the squared controls. torque: largest
+    magnitude of the controls.
     """
     weights = np.full(plant.n_inputs, effort)
     missed, stuck = np.full(len(x), np.inf), np.zeros(len(x), np.int64)
@@ -159,10 +159,10 @@ def _replayed(plant: Dynamics, motion: Motion, start: Array, goal: Array | None,
 
 
 def _refined(plant: Dynamics, solve: Callable[[Dynamics, Motion | None], Motion]) -> Motion:
-    """Return a replayed plan; in space it is planned again in half the step while it fails or its replay misses limits.
+    """Return a replayed plan; in space the step is halved as long as planning fails or the replay misses limits.
 
-    solve: (plant, last plan or None) -> replayed motion. A step that the user gave is kept. If a shorter step finds
-    fewer plans, the plan with the longer step is kept.
+    solve: function of a plant and the last plan (or None) that returns a replayed motion. A step that the user gave is
+    kept. If a shorter step finds fewer plans, the plan with the longer step is kept.
     """
     halvings = plant.halvings if plant.step == type(plant).step else 0
     best = last = None
@@ -190,8 +190,9 @@ def least_effort(
     """Plan from a state to rest in a given time with the least integral of the squared torques.
 
     Args:
-        plant: the arm. start, goal: states (n, S), see `Dynamics.rest`. periods: control periods.
-        bounds: see `Bounds`. guess: initial guess (T, n, N).
+        plant: dynamics of the arm. start, goal: states (n, S) at the start and at the end, see `Dynamics.rest`.
+            periods: duration of the motion in control periods.
+        bounds: limits of the motion, see `Bounds`. guess: initial guess (T, n, N) of the controls.
     Returns a motion whose `found` says for which arms the plan meets all limits.
     """
     start, goal, own = _posed(plant, start, goal, bounds)
@@ -202,7 +203,7 @@ def least_effort(
     when = np.full(n, total)
 
     def solve(plant: Dynamics, last: Motion | None) -> Motion:
-        """Plan from the last plan, or without one from the guess; return the motion with its replay on a finer mesh."""
+        """Plan from the last plan or, without one, from the guess; return the motion with its finer replay."""
         limits = [arrive(plant, goal, when, total), *within(plant, own, n, total)]
         begun = controls if last is None else last.controls
         found, missed = optimise(plant, start, begun, [], limits, 1.0, torque=own.torque, rounds=14)
@@ -255,12 +256,12 @@ def least_settling(
     """Plan the motion that brings the tip into its band, and keeps it there, in the fewest control periods.
 
     Args:
-        plant: the arm. start, goal: states (n, S), the goal at rest.
+        plant: dynamics of the arm. start, goal: states (n, S) at the start and at the goal; the arm rests at the goal.
         off: function of states (..., n, S) and arm indices (n,). It returns the distances (..., n, 1) of the tips from
             their targets divided by the allowed distance, and the derivative (..., n, 1, S) of these distances.
         after: cost matrices after the arrival: for a stage (S, S) and for the last stage (n, S, S).
-        guess: controls (T, n, N) that arrive after about `periods` (n,). tail: periods of the plan after the arrival.
-            most: largest number of periods.
+        guess: controls (T, n, N) with which the arms arrive after about `periods` (n,) control periods. tail: periods
+            of the plan after the arrival. most: largest number of periods.
     The returned motion's `missed` is in multiples of the allowed distance.
     """
     stage, last = after
@@ -333,7 +334,7 @@ def _padded(controls: Array, total: int) -> Array:
 
 @dataclass
 class TipPath:
-    """Tracking cost 1/2 weight |tip - path|^2, stage by stage: path (T + 1, n, 2 or 3) m; weight: 1/m^2."""
+    """Tracking cost 1/2 weight |tip - path|^2 of each stage: path (T + 1, n, 2 or 3), m; weight, 1/m^2."""
 
     plant: Dynamics
     path: Array
@@ -358,9 +359,10 @@ def follow(
     """Plan torques that move the tip along a path: feedforward that accounts for bending.
 
     Args:
-        plant: the arm. start: states (n, S), tips at the path's start. path (T + 1, n, 2 or 3): tip positions at the
-            control instants, m from the root. bounds: see `Bounds`. weight: weight of squared distances, 1/m^2,
-            relative to squared torques divided by their limits; a larger weight gives better tracking.
+        plant: dynamics of the arm. start: states (n, S) with the tips at the start of the path. path (T + 1, n, 2 or
+            3): tip positions at the control instants, m from the root. bounds: see `Bounds`. weight: weight of squared
+            distances, 1/m^2, relative to squared torques divided by their limits; a larger weight gives better
+            tracking.
     Returns a motion whose `missed` covers the bounds alone.
     """
     start = check.array("start", start, ("n", plant.size), STATES)

@@ -89,7 +89,7 @@ class PD(Controller):
         return K
 
     passed = 1.0
-    """Share of a change of the rates that passes the rate filter per period; 1: no filter."""
+    """Share of a change of the rates that the rate filter passes in a period; 1: no filter."""
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
         return self.kp * to_go - self.kd * signals.rates
@@ -102,10 +102,10 @@ class PD(Controller):
 
 @dataclass(frozen=True)
 class SpatialPDGains(Gains):
-    """Gains in space. rate: natural frequency, rad/s, of each joint with its spring while the other joints are fixed.
+    """Gains in space. rate: natural frequency, rad/s, of each joint with its PD spring, others fixed.
 
-    ratio: damping ratio. lag: time constant, s, of the low-pass on rates. A beam's root has so little inertia that its
-    sampled rate must not be fed back without this filter.
+    ratio: damping ratio. lag: time constant, s, of the low-pass on rates. The root of a beam has so little inertia that
+    its sampled rate must not be fed back without this filter.
     """
 
     rate: float
@@ -132,9 +132,9 @@ class SpatialPD(AboutRest):
         return self.forward(to_go) + self.pulled(signals, to_go)
 
     def pulled(self, signals: Signals, to_go: Array, rates: Array | float = 0.0) -> Array:
-        """Update the rate filter; return PD torques (n, N), N m, scaled by inertia, towards joint angles and `rates`.
+        """Update the rate filter; return PD torques (n, N), N m, scaled by inertia.
 
-        to_go (n, N): goal minus joint angles, rad. rates: desired joint rates, rad/s.
+        to_go (n, N): goal minus joint angles, rad. rates: desired joint rates (n, N), rad/s.
         """
         # first-order low-pass of the rate error
         self.rates += self.passed * (signals.rates - rates - self.rates)

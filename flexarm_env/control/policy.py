@@ -35,8 +35,8 @@ class NumpyPolicy:
     """Deterministic policy network that maps observations to actions.
 
     Args:
-        meta: see the module. weights: list of (w, b) of the layers, float32. normaliser: mean, variance, clip, epsilon,
-            or None.
+        meta: the file's entry `meta`, see the module's docstring. weights: list of (w, b) of the layers, float32.
+            normaliser: mean, variance, clip, epsilon, or None.
     """
 
     def __init__(
@@ -97,9 +97,10 @@ class NumpyPolicy:
         return self.check(Setup.of(env))
 
     def check(self, setup: Setup) -> NumpyPolicy:
-        """Return the policy; ValueError unless observation and action are the same as in the policy's training.
+        """Return the policy; raise ValueError unless observation and action are the same as in the policy's training.
 
-        If the entries have the same names but other scales, as for another arm, later observations are converted.
+        If the entries have the same names as in training but other scales, as for another arm, later observations are
+        converted.
         """
         self.ratio = fitted(self.meta, setup, self.size, self.weights[-1][0].shape[1])
         return self
@@ -123,7 +124,7 @@ class AroundPolicy(NumpyPolicy):
         self.controller: Controller | Following | None = None
 
     def bound(self, env: Any) -> NumpyPolicy:
-        """Return a policy with its controller made for the environment; ValueError if one of the two does not fit."""
+        """Return a policy with a controller made for the environment; raise ValueError if either does not fit."""
         found = AroundPolicy(self.meta, self.weights, self.normaliser)
         found.check(Setup.of(env))
         found.controller = self.inside.made(env)
@@ -158,12 +159,12 @@ def of_network(
 
 
 def format_of(meta: Mapping[str, Any]) -> int:
-    """Return the format of the file for a policy with this `meta`."""
+    """Return the format number of the file for a policy with this `meta`."""
     return FORMAT_AROUND if "around" in meta else FORMAT
 
 
 def fitted(meta: Mapping[str, Any], setup: Setup, size: int, joints: int) -> NDArray[np.float64] | None:
-    """Check that a policy with `size` entries and `joints` actions fits an environment, by its file's `meta`.
+    """Check by a file's `meta` that a policy with `size` entries and `joints` actions fits an environment.
 
     Returns:
         the environment's scales divided by the policy's own, if they differ for entries of the same names; otherwise

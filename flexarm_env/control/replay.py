@@ -29,7 +29,7 @@ class Replay:
 
     Attributes:
         deflection (n, D): largest magnitude of `Dynamics.bends`, at the plan's control instants and between them.
-        off (n, N): joint angles minus the goal's joint angles at the plan's arrival, rad; nan without a goal.
+        off (n, N): joint angles at the plan's arrival minus the goal's joint angles, rad; nan without a goal.
         rates (n, N): joint rates at the arrival, rad/s; nan without a goal.
         missed (n,): largest violation of the bounds and the goal, in the units of `Motion.missed`.
         kept (n,): whether the replay meets its tolerances (`BENT`, `LEAST`, `OTHERS`): the deflection bound is exceeded
@@ -52,7 +52,7 @@ def finer(plant: Dynamics) -> Dynamics:
 
 
 def _places(line: Line, tip: bool) -> Array:
-    """Return arc-length positions (nodes,), m, of a link's nodes from its root; tip: whether the last is at the tip."""
+    """Return arc lengths (nodes,), m, of a link's nodes from its root; tip: whether the last node is the tip."""
     found = np.zeros(line.n)
     for a, b, first, functions in line.pieces:
         k = len(functions.own)
@@ -61,7 +61,7 @@ def _places(line: Line, tip: bool) -> Array:
 
 
 def refined(plant: Dynamics, fine: Dynamics, x: Array) -> Array:
-    """Interpolate states (n, S) of a plant to the finer plant's nodes, by the polynomials of the node angles."""
+    """Interpolate states (n, S) of a plant to the nodes of the finer plant, by the polynomials of the node angles."""
     if plant.nodes == fine.nodes:
         return x
     known, wanted = chain(plant.arm, plant.nodes), chain(fine.arm, fine.nodes)

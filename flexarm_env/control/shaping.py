@@ -78,7 +78,7 @@ SHAPERS = {"zv": zv, "zvd": zvd}
 
 @dataclass(frozen=True)
 class ShapedGains(PDGains):
-    """Dimensionless PD gains, and `effort`: share of the torque limit that the reference uses."""
+    """Dimensionless PD gains. effort: share of the torque limit that the reference motion uses."""
 
     effort: float
 
@@ -97,7 +97,7 @@ def closed_loop_shaper(arm: Arm, gains: PDGains, kind: str, posture: tuple[float
 
 
 def cascade(closed: Array, kind: str, most: int) -> Shaper:
-    """Convolve shapers for the slowest lightly damped modes of x' = closed x, at most `most` modes."""
+    """Convolve the shapers of the slowest lightly damped modes of x' = closed x; at most `most` modes."""
     # one of each conjugate pair: frequency |s|, damping ratio -Re(s)/|s|
     poles = np.linalg.eigvals(closed)
     poles = poles[poles.imag > 1e-6]

@@ -38,7 +38,7 @@ KINDS = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 
 @dataclass(frozen=True)
 class NamedPolicy:
-    """A policy that is not yet bound to an environment.
+    """A policy that has been named and is not yet bound to an environment.
 
     Attributes:
         name: for display. env_id, env_kwargs: training environment and its keywords ("" and {}: any).
@@ -253,7 +253,7 @@ class FunctionPolicy:
     """
 
     def __init__(self, word: str, function: Any, flag: str = "--policy") -> None:
-        """Store the function and its `reset`. word: the policy's name in messages. flag: the option's name in them."""
+        """Store the function and its `reset`; messages contain `word`, the policy's name, and `flag`, the option."""
         self.word, self.flag, self.begin = word, flag, getattr(function, "reset", None)
         self.function: Callable[[Any], Any] = function.act if _is_policy(function) else function
         self.joints: int | None = None
@@ -326,7 +326,7 @@ def _is_policy(found: Any) -> bool:
 
 
 def function_named(word: str, flag: str = "--policy") -> Any:
-    """Import module:name, also from the current folder: a function, a policy, or an instance of a class of either.
+    """Import module:name, also from the current folder: a function, a policy, or an instance of a policy class.
 
     flag: the option's name in the message of a ValueError.
     """

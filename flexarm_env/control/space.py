@@ -38,8 +38,8 @@ def held_model(
 ) -> tuple[LinearModel, Array, Array]:
     """Linearize the flexible arm about its rest at joint angles (N,), rad, with free joints and without backlash.
 
-    Returns the model, the rows (N, S) of its joint angles, and A. In A the rigid arm's weight is compensated at every
-    angle.
+    Returns the model, the rows (N, S) of its joint angles, and A. In the matrix A the rigid arm's weight is compensated
+    at every angle.
     """
     # x' = A x + B u about the rest, and rows of the joint angles
     free = linearize(rest(arm.taut, gravity, angles), gauges=list(gauges))
@@ -66,14 +66,14 @@ class AboutRest(Controller):
         self._rests: dict[bytes, tuple[float, Array, Array]] = {}
 
     def _rest(self, angles: Array) -> tuple[Array, Array]:
-        """Return tip position (3,), m, and joint torques (N,), N m, of the arm at rest at joint angles (N,), rad."""
+        """Return tip position (3,), m, and joint torques (N,), N m, of the resting arm at joint angles (N,), rad."""
         found = rest(self.setup.arm, self.gravity, angles)
         return tips(self.setup.arm, found.settings, found.work.q[None])[0, 0], np.array(found.joint_torques())
 
     def _settle(self, target: Array, angles: Array) -> tuple[float, Array, Array]:
         """Find the rest whose tip is nearest to the target (3,), m, by Broyden's method from joint angles (N,).
 
-        Returns (distance of the tip, m, joint angles, rad, torques, N m).
+        Returns the distance between tip and target (m), joint angles (rad) and torques (N m).
         """
         arm = self.setup.arm
         J, (tip, torques) = jacobian(arm, angles), self._rest(angles)
@@ -112,7 +112,7 @@ class AboutRest(Controller):
     def rest_at(self, target: Array, now: Array) -> tuple[float, Array, Array]:
         """Find the rest whose tip is nearest to a target (3,), m, from joint angles `now` (N,) and two bent postures.
 
-        Returns (distance of the tip, m, joint angles (N,), rad, torques (N,), N m).
+        Returns the distance between tip and target (m), joint angles (N,), rad, and torques (N,), N m.
         """
         arm, N = self.setup.arm, self.setup.n_joints
         known = self._rests.get(key := target.tobytes() + now.tobytes())
@@ -132,7 +132,7 @@ class AboutRest(Controller):
         return best
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        """Store the rigid inertia at the goal and the torque difference between flexible and rigid rest."""
+        """Store the rigid inertia at the goal, and the holding torques of the flexible minus the rigid arm."""
         weight, self.inertia = weight_and_inertia(self.setup.arm, self.gravity, self.goal, self.bodies)
         self.torque = self.torque - weight
 

@@ -152,7 +152,7 @@ class SpatialHybridForce(WallController):
         return np.asarray(held + inertia * pull)
 
     def estimated(self, signals: Signals, along: Array, force: Array | None) -> tuple[Rest, Array]:
-        """Return the present arm, as if it rested, and the normal force (n,), N; update the estimated shape and force.
+        """Return the present arm, as if at rest, and the normal force (n,), N; update estimated shape and force.
 
         along (n, 3): direction of the path. force (n,): measured normal force, N; None: the gauges reveal it.
         """
@@ -173,7 +173,7 @@ class SpatialHybridForce(WallController):
     def _follow(self, reference: Array, reaction: Array) -> None:
         """Move `goal` towards the joint angles whose resting tip is at the reference (n, 3), m.
 
-        reaction (n, 3): force on the tip, N. Two steps a period follow the moving reference.
+        reaction (n, 3): force on the tip, N. Two steps per control period follow the moving reference.
         """
         for _ in range(2):
             rest = self.chain.at(self.goal, reaction, self._bent)

@@ -25,12 +25,12 @@ CELLS = 8
 
 @dataclass(frozen=True)
 class Rest:
-    """n arms at rest, in inertial axes.
+    """n arms at rest; vectors in inertial axes.
 
-    Attributes: force (n, 3): force on the tip, N. tip (n, 3): m. torques (n, N): holding torques of the joints, N m.
-        jacobian (n, 3, N): derivatives of the tip by the joint angles at fixed curvatures, m. curvatures (n, cells, 3):
-        twist and curvatures of the cells, 1/m. rows (n, G, 3), offsets (n, G): gauge readings are rows @ force +
-        offsets, in curvatures, 1/m.
+    Attributes: force (n, 3): force on the tip, N. tip (n, 3): position of the tip, m. torques (n, N): holding torques
+        of the joints, N m. jacobian (n, 3, N): derivatives of the tip by the joint angles at fixed curvatures, m.
+        curvatures (n, cells, 3): twist and curvatures of the cells, 1/m. rows (n, G, 3), offsets (n, G): curvatures at
+        the gauges are rows @ force + offsets, 1/m.
     """
 
     force: Array
@@ -46,7 +46,8 @@ class SpatialChain:
     """Arm of flexible links in space at rest.
 
     Args:
-        arm: an arm that leaves the plane. gravity (3,): m/s^2. gauges: strain gauges whose readings are wanted.
+        arm: an arm in space. gravity (3,): acceleration of gravity, m/s^2. gauges: strain gauges whose readings are
+            computed.
     """
 
     def __init__(self, arm: Arm, gravity: Array, gauges: Sequence[StrainGauge] = ()) -> None:
@@ -79,8 +80,8 @@ class SpatialChain:
     def at(self, angles: Array, force: Array, curvatures: Array) -> Rest:
         """Compute the arms with joints at angles (n, N), rad, under forces (n, 3), N, on their tips.
 
-        curvatures (n, cells, 3): curvatures of the cells, of which the shape is computed, 1/m; the result holds those
-        that follow from the shape's moments.
+        curvatures (n, cells, 3): curvatures of the cells, 1/m, from which the shape is computed. The result contains
+        the curvatures that follow from the moments in this shape.
         """
         arm, n = self.arm, len(angles)
         A, r = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
@@ -131,7 +132,7 @@ class SpatialChain:
         first = np.concatenate([np.cumsum(moved[:, ::-1], axis=1)[:, ::-1], np.zeros((n, 1, 3))], axis=1)
 
         def moments(spots: list[tuple[Array, Array, int]], beyond: int) -> tuple[Array, Array]:
-            """Return levers to the tip (n, spots, 3), m, and moments of the weight beyond the spots, N m."""
+            """Return vectors from the spots to the tip (n, spots, 3), m, and moments of the weight beyond them, N m."""
             at, js = np.stack([spot[0] for spot in spots], axis=1), np.array([spot[2] for spot in spots]) + beyond
             return r[:, None] - at, _cross(first[:, js] - mass[js, None] * at, self.gravity)
 
@@ -157,7 +158,7 @@ class SpatialChain:
         return Rest(force, r, torques, columns, after, rows, offsets)
 
     def _stiffness_at(self, gauge: StrainGauge) -> float:
-        """Return GJ, EI_y or EI, N m^2, at a gauge."""
+        """Return the stiffness GJ, EI_y or EI, N m^2, that belongs to a gauge."""
         link = self.arm.links[gauge.link]
         s = gauge.place * link.length
         across = link.across(np.array(s))

@@ -20,7 +20,8 @@ from .lqr import LQR, LQRGains, times
 class Plan:
     """Torque plan of n periods to rest at the goal.
 
-    torques (n, N): torques, N m, one row per period; states (n + 1, m): states relative to the goal, the last one zero.
+    torques (n, N): torques, N m, one row per control period; states (n + 1, m): states relative to the goal; the last
+    state is zero.
     """
 
     torques: Array
@@ -35,7 +36,8 @@ class Plan:
 def rigid_time(inertia: float, angle: float, limit: float) -> float:
     """Return the time, s, of the rigid arm's time-optimal slew, 2 sqrt(I angle / torque).
 
-    No rigid arm is faster. inertia: kg m^2 about the hub. angle: angle of the slew, rad. limit: torque limit, N m.
+    This time is the minimum for a rigid arm. inertia: inertia about the hub, kg m^2. angle: angle of the slew, rad.
+    limit: torque limit, N m.
     """
     return 2.0 * float(np.sqrt(inertia * abs(angle) / limit))
 
@@ -44,7 +46,7 @@ def plan(A: Array, B: Array, start: Array, limits: Array, least: int = 1, most: 
     """Find the shortest plan from a state to zero.
 
     Args:
-        A (m, m), B (m, N): discrete model. start (m,): initial state. limits (N,): torque limits, N m.
+        A (m, m), B (m, N): matrices of the discrete model. start (m,): initial state. limits (N,): torque limits, N m.
         least, most: bounds on the number of periods; most=None: 1000, or four times `least` if that is larger.
     Raises:
         ValueError: there is no plan of at most `most` periods.
@@ -96,7 +98,7 @@ def _feasible(A: Array, B: Array, start: Array, limits: Array, periods: int) -> 
 
 
 def slew_plan(setup: Setup, angle: float, effort: float = 1.0, flexible: int | None = None) -> Plan:
-    """Find the shortest rest-to-rest plan of one link.
+    """Find the shortest plan of one link from rest to rest.
 
     setup: arm, period and torque limit. angle: hub angle of the slew, rad. effort: share of the torque limit that the
     plan uses. flexible: number of flexible modes, see `LQRGains`. Raises ValueError if `plan` finds no plan.
@@ -110,7 +112,7 @@ def slew_plan(setup: Setup, angle: float, effort: float = 1.0, flexible: int | N
 
 @dataclass(frozen=True)
 class TimeOptimalGains(LQRGains):
-    """Gains of the LQR that keeps the arm on its plan, and `effort`: share of the torque limit that plans use."""
+    """Gains of the LQR that keeps the arm on its plan. effort: share of the torque limit that plans use."""
 
     effort: float = field(kw_only=True)
 
@@ -143,7 +145,7 @@ class TimeOptimal(LQR):
             self.plan_states[: p.periods, i] = p.states[:-1]
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Return the plan's torques plus LQR feedback on the deviation from the plan's states, (n, N), N m."""
+        """Return torques (n, N), N m: the plan's torques plus LQR feedback on the deviation from the plan's states."""
         self.observer.update(signals.outputs(-to_go))
         # after its end the plan is zero: LQR about the goal
         k = min(self.step, len(self.plan_torques) - 1)

@@ -32,7 +32,7 @@ _SURE = 0.98
 
 
 def needs_of(frame: Frame, task: Task, starts: Starts, extras: Any) -> Attainable | None:
-    """Return the conditions on drawn targets; None if every possible draw meets the conditions or the base floats.
+    """Return the conditions on drawn targets; None if every possible target is attainable or the arm's base floats.
 
     Raises:
         ValueError: none of the `SAMPLES` drawn targets is attainable.
@@ -114,8 +114,8 @@ def _first_out(task: Task, begin: np.ndarray, points: np.ndarray) -> int | None:
 def _first_lost(arm: Arm, begin: np.ndarray, points: np.ndarray) -> int | None:
     """Return the index of the first point (n, 3), m, at which an arm in space leaves its joint limits, or None.
 
-    The arm starts at the middles of the ranges begin (N, 2), rad. If it leaves its limits from there, `TRIED` drawn
-    starts are tried, too. The function returns the largest index over all starts.
+    The arm starts at the middles of the ranges begin (N, 2), rad. If the arm leaves its limits from this start, `TRIED`
+    drawn starts are tried, too. The function returns the largest index over all starts.
     """
     if arm.joint_limits is None:
         return None
@@ -227,8 +227,8 @@ def _in_space(frame: Frame, arm: Arm, starts: Starts, torques: np.ndarray) -> At
     """Return the conditions on targets of an arm in space; None if the motors hold the arm at every target.
 
     Targets are drawn as joint angles. `Attainable.bodies` gets each link's mass (kg) and center of mass (m, link axes).
-    torques (N,): the largest torques, N m. Raises ValueError if the motors cannot hold the arm at any of `SAMPLES`
-    drawn targets.
+    torques (N,): largest torque of each joint, N m. Raises ValueError if the motors cannot hold the arm at any of
+    `SAMPLES` drawn targets.
     """
     gravity = np.array(frame.gravity or (0.0, 0.0, 0.0))
     if not gravity.any():

@@ -37,10 +37,9 @@ def framed(
 
     If the user gives no `dt`, a control period is divided into enough steps, at most `MOST_STEPS`. The Newton tolerance
     decreases with the square of the step. The number of steps follows from the lightest and softest arm that may be
-    drawn.
-    value: keyword `contacts`: one or several `Contact` or tables; None for no contacts. task: task of the environment.
-    given: the user's options of the solver. drawn: ranges of randomized factors by name. changing: the payload change,
-    or None.
+    drawn. value: keyword `contacts`: one or several `Contact` or tables; None for no contacts. task: task of the
+    environment. given: the user's solver options. drawn: ranges of randomized factors by name. changing: the payload
+    change, or None.
 
     Raises:
         ValueError: the message names the key path, the value and the allowed values.
@@ -74,7 +73,7 @@ DRAWS = 50
 
 
 def free_starts(frame: Frame, task: Task, starts: Starts, targets: bool) -> Starts:
-    """Return the starts so that those inside an obstacle are drawn again. targets: the same of drawn targets.
+    """Return starts that are drawn again while the arm touches an obstacle. targets: whether targets are, too.
 
     Raises:
         ValueError: none of `DRAWS` drawn starts or targets is outside the obstacles.
@@ -141,7 +140,10 @@ def _resolved(
 
 
 def _with_step(first: Settings, dt: float, fixed: bool) -> Settings:
-    """Return the settings with steps of dt (s). Unless it is fixed, the Newton tolerance is adapted to this step."""
+    """Return the settings with steps of dt (s).
+
+    Unless the user fixes the Newton tolerance, it is adapted to this step.
+    """
     assert first.dt is not None
     share = dt / first.dt
     tolerance = first.tolerance
@@ -153,7 +155,7 @@ def _with_step(first: Settings, dt: float, fixed: bool) -> Settings:
 def _with_least_masses(
     system: System, scene: Scene, settings: Settings, drawn: Mapping[str, tuple[float, float]], changed: float,
 ) -> System:  # fmt: skip
-    """Return the System whose points have their smallest effective masses.
+    """Return the assembled arm (`System`) whose contact points have their smallest effective masses.
 
     The minimum is over the nominal arm and the lightest, softest arm. changed: smallest factor of a payload change.
     """

@@ -37,7 +37,7 @@ class Sheet:
     """Canvas of one picture of an arm, on which the methods draw.
 
     Args:
-        size: width and height of the picture, pixels. reach: arm's reach, m. margin: length shown by half of the
+        size: width and height of the picture, pixels. reach: arm's reach, m. margin: length shown along half of the
             picture's shorter side, divided by the reach.
         center (2,): the point at the middle of the picture, m. cell: side of a grid square, m.
     A length of one "point" is 1/640 of the picture's shorter side.
@@ -46,7 +46,7 @@ class Sheet:
     def __init__(self, size: tuple[int, int], reach: float, margin: float, center: Array, cell: float) -> None:
         """Draw paper of size (width, height), pixels, around `center` (2,), m, with grid squares of `cell` m.
 
-        reach: m; half of the shorter side shows margin * reach (`scale_of`).
+        reach: the arm's reach, m; half of the picture's shorter side shows the length margin * reach (`scale_of`).
         """
         self.pg = pygame_module()
         self.size, self.center = size, center
@@ -67,7 +67,7 @@ class Sheet:
         self.pg.draw.circle(self.canvas, color, self.pixels(at), radius * self.point, max(1, round(width * self.point)))
 
     def band(self, points: Array, root: float, tip: float, color: Color, shift: float = 0.0) -> None:
-        """Draw a stroke along points (n, 2) with round ends; its width changes from `root` to `tip` points."""
+        """Draw a stroke along points (n, 2) with round ends; its width changes from `root` to `tip`, both in points."""
         line = self.pixels(points) + shift * self.point
         widths = np.linspace(root, tip, len(line)) * self.point
         self.pg.draw.polygon(self.canvas, color, ribbon(line, widths))
@@ -190,7 +190,7 @@ def _font(pixels: int) -> Any:
 
 # -------------------------------------------------------------------- geometry
 def smooth(points: Array, root_angle: float, tip_angle: float, pieces: int = 6) -> Array:
-    """Return a C1 cubic curve through points (n, 2) with given directions (rad) at its ends.
+    """Return a smooth (C1) cubic curve through points (n, 2), with given directions (rad) at its ends.
 
     pieces: number of curve pieces between two given points.
     """
@@ -223,12 +223,12 @@ def length_of(line: Array) -> float:
 
 
 def round_step(value: float) -> float:
-    """Return the largest of 1, 2, 5 times a power of ten that does not exceed value."""
+    """Return the largest number of the form 1, 2 or 5 times a power of ten that does not exceed `value`."""
     power = 10.0 ** math.floor(math.log10(value) + 1e-9)
     return next(m * power for m in (5.0, 2.0, 1.0) if m * power <= value * (1.0 + 1e-9))
 
 
 def blend(first: Color, second: Color, share: float) -> Color:
-    """Return a color between two; share: 0 for the first color, 1 for the second."""
+    """Return a color between two colors; share: 0 gives the first color, 1 the second."""
     red, green, blue = (round(a + (b - a) * share) for a, b in zip(first, second, strict=True))
     return red, green, blue

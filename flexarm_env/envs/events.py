@@ -1,4 +1,4 @@
-"""Conversion of keyword arguments to records: costs, pushes, payload changes, starts and conditions of success."""
+"""Convert keyword arguments to records: costs, pushes, payload changes, starts and conditions of success."""
 
 import dataclasses
 import math
@@ -115,7 +115,7 @@ def pushes(frame: Frame, value: Any) -> Pushes | None:
 
 
 def _range(path: str, table: dict[str, Any], key: str, unit: str, minimum: float = 0.0) -> Array:
-    """Return the required range (low, high) of a table's key."""
+    """Return the value (low, high) of a table's key; the key is required."""
     value = check.needed(path, table, key, f"must be two numbers{f' ({unit})' if unit else ''}, (low, high)")
     return np.array(check.limits(f"{path}.{key}", value, unit, minimum=minimum))
 
@@ -135,10 +135,10 @@ def payload_change(frame: Frame, value: Any) -> PayloadChange | None:
 
 
 def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool, drawn: int) -> dict[str, Any]:
-    """Return the task record's fields for success, turns and info that differ from their defaults.
+    """Return the fields of the task record for success, turns and info that differ from their defaults.
 
-    success: keyword `success`. turns: keyword `turns`. absolute: whether target angles are absolute. drawn: index of
-    the last drawn number in info; -1 if no number is drawn.
+    success: keyword `success`. turns: keyword `turns`. absolute: whether target angles are absolute. drawn: index in
+    info of the last drawn number; -1 if no number is drawn.
     """
     kind = frame.kind
     table = table_of("success", success, (*kind.bands, "hold", "once", "paid"))

@@ -1,4 +1,4 @@
-"""Conversion of an environment's keyword arguments to its `Extras`: sensors, actuators, controllers, moving targets."""
+"""Convert an environment's keyword arguments to its `Extras`: sensors, actuators, controllers, moving targets."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ LONGEST = 1000
 
 @dataclass(frozen=True)
 class Frame:
-    """Properties of an environment that its keywords depend on. contacts: obstacles that the arm may touch."""
+    """Properties of an environment on which its keywords depend. contacts: obstacles that the arm may touch."""
 
     kind: Kind
     arm: Arm
@@ -78,8 +78,8 @@ def _late(path: str, value: Any, step: float, name: str) -> tuple[int, int]:
 def controller(frame: Frame, mode: Any, share: Any) -> Controller | None:
     """Return the joint controllers that the action commands; None if the action is a torque, a current or a voltage.
 
-    The stiffness gives the full torque at an error of pi/4 rad. The damping is critical for the rigid, straight part of
-    the arm from the joint to the tip.
+    The stiffness is chosen so that an error of pi/4 rad gives the full torque. The damping is critical for the rigid,
+    straight part of the arm from the joint to the tip.
     """
     if check.choice("action_mode", mode, ACTION_MODES) != "residual_pd":
         if share is not None:
@@ -142,9 +142,9 @@ def with_friction(arm: Arm, value: Any) -> Arm:
 
 
 def with_hub(arm: Arm, drawn: Any) -> tuple[Arm, float]:
-    """Return the arm prepared for a drawn hub inertia, and the nominal inertia about the hub's axis, kg m^2.
+    """Return the arm prepared for drawn hub inertias, and the nominal hub inertia about the hub's axis, kg m^2.
 
-    The difference between the drawn and the nominal hub inertia is drawn as inertia of joint 0's rotor. On a base that
+    The drawn deviation from the nominal hub inertia is added to the inertia of joint 0's rotor. On a base that
     does not turn, the rotor has the same effect as the hub. If joint 0 is ideal, it gets a negligible rotor.
     """
     if drawn is None:
@@ -207,7 +207,7 @@ _SENSORS = ("noise", "delay", *description.KEYS)
 def sensors(
     frame: Frame, value: Any, gauges: Sequence[description.StrainGauge], names: Sequence[str], scales: Sequence[float]
 ) -> Sensors | None:
-    """Read noise and delay of all observation entries and the strain gauges; return the sensors; None if ideal.
+    """Convert noise, delay and strain gauges of the observation to sensors; None if all sensors are ideal.
 
     names, scales: names and scales of all entries of the observation, with the gauges last.
     """
@@ -242,7 +242,8 @@ def gauge_scales(frame: Frame, gauges: Sequence[description.StrainGauge]) -> lis
 def _noise(deviations: Any, names: Sequence[str], scales: Sequence[float]) -> Array:
     """Return standard deviations, divided by the entries' scales.
 
-    deviations: one share of the scale for all entries, or a table by name in each entry's unit.
+    deviations: one number for all entries, as a fraction of their scales, or a table of numbers by name, in the
+    entries' units.
     """
     if not isinstance(deviations, Mapping):
         return np.full(len(names), check.number("sensors.noise", deviations, minimum=0.0))

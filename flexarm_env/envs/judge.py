@@ -1,4 +1,4 @@
-"""Error of an environment's tip in small motions: the quantities of the rule in `resolution`, for one arm."""
+"""Estimate an arm's tip error in small motions: the quantities of the rule in the module `resolution`."""
 
 from __future__ import annotations
 
@@ -79,13 +79,13 @@ class Judge:
 
     @property
     def slender(self) -> bool:
-        """Whether the links are slender, so that small motions, which neglect shear, represent the arm."""
+        """Whether the links are slender, so that small motions without shear represent the arm."""
         radii = [math.sqrt(link.rotary / link.mass) / link.length for link in self.arm.links if link.mass > 0.0]
         return max(radii, default=0.0) <= SLENDER
 
     @cached_property
     def chatters(self) -> tuple[bool, bool]:
-        """Whether a PD loop does not come to rest without action: (in at least one posture, in every posture)."""
+        """Return whether a PD loop keeps vibrating without action: (in at least one posture, in every posture)."""
         if self.drive.residual is None:
             return False, False
         limits = CHATTER * np.array(self.drive.limits)
@@ -100,7 +100,7 @@ class Judge:
         return math.sqrt(joint.stiffness * (1.0 / joint.rotor + 1.0 / (self.inertia[k] - joint.rotor)))
 
     def _response(self, motion: Motion) -> Array:
-        """Return the reference's response to all runs (`Motion.respond`), and store the torques of the first run."""
+        """Return the reference mesh's response to all runs (`Motion.respond`); store the first run's torques."""
         asked = []
 
         def torques(k: int, angles: Array, rates: Array) -> Array:
@@ -113,10 +113,11 @@ class Judge:
         return found
 
     def _spun(self, response: Array, inner: bool) -> float:
-        """Return int Omega^3 dt, rad^3/s^2, of the fastest link; if `inner`, of the fastest elbow without joint limits.
+        """Return the time integral of Omega^3, rad^3/s^2, of the fastest link; if `inner`, of the fastest elbow.
 
-        response: result of `Motion.respond`, with joint angles (rad) of each control period and run. Omega: rate,
-        rad/s, of the link's absolute angle (in space of its joint angle), or of the elbow angle.
+        response: result of `Motion.respond`, with joint angles (rad) of each control period and run. Omega: rate of the
+        link's absolute angle (in space of its joint angle), or of the elbow angle, rad/s. Elbows with joint limits are
+        excluded.
         """
         count, limits = self.arm.n_links, self.arm.joint_limits or (None,) * self.arm.n_links
         angles = response[:, self.places : self.places + count]
@@ -148,14 +149,14 @@ class Judge:
         return np.asarray(np.clip(full * action, -limits, limits))
 
     def _fine(self, pose: Array) -> Motion:
-        """Return the small motions of the reference mesh about a posture, with limited frequencies (`_softened`).
+        """Return the small motions of the fine reference mesh about a posture, with limited frequencies (`_softened`).
 
         pose (N,), rad: absolute link angles in the plane, joint angles in space.
         """
         return self._softened(self.motions.reference(self.arm, pose, self.stiffness))
 
     def _softened(self, motion: Motion) -> Motion:
-        """Return the motion with its frequencies limited to those that double precision resolves in a period."""
+        """Return the motion with frequencies limited to those that double precision resolves in a period."""
         return motion.softened(math.sqrt(STIFFEST / self.period))
 
     def _motion(self, settings: Settings, pose: Array, h: float) -> Motion:
@@ -188,7 +189,7 @@ class Judge:
         return self._known[key]
 
     def halved(self, settings: Settings, h: float) -> float:
-        """Return the largest distance between the tips of small motions in steps of h (s) and of h/2, divided by L."""
+        """Return the largest tip distance between small motions in steps of h (s) and in steps of h/2, divided by L."""
         worst = 0.0
         for pose in self.poses:
             one, two = (self._stepped(settings, pose, k) for k in (h, 0.5 * h))
@@ -204,9 +205,9 @@ class Judge:
         return motion.respond(motion.stepped(h, round(self.period / h)), self._torques, PERIODS, len(HELD))
 
     def _apart(self, one: Array, two: Array) -> float:
-        """Return the largest distance, over the arm's length, between the tips of two responses (`Motion.respond`).
+        """Return the largest distance / arm's length between the tips of two responses (`Motion.respond`).
 
-        The last run is left out. The result is inf if a response is not finite.
+        The last run is omitted. If a response is not finite, the result is inf.
         """
         apart = np.linalg.norm((one - two)[:, : self.places, :-1], axis=1).max() / self.arm.total_length
         return float(apart) if math.isfinite(apart) else math.inf
@@ -234,13 +235,13 @@ class Judge:
         return self.gain * self.small(settings, h) + self.friction * h * TRAVEL
 
     def estimate(self, settings: Settings, h: float) -> float:
-        """Return the tip's estimated error MARGIN G e_1 + MARGIN_OF_FRICTION e_2 + e_3, divided by the arm's length."""
+        """Return the estimated tip error MARGIN G e_1 + MARGIN_OF_FRICTION e_2 + e_3, divided by the arm's length."""
         more = (MARGIN_OF_FRICTION - MARGIN) * self.friction * h * TRAVEL
         return min(1.0, MARGIN * self.bound(settings, h) + self.spin(settings, h) + more)
 
 
 class Worst:
-    """The largest errors of the nominal arm and of the extreme drawn arms, whose errors have the weight SELDOM."""
+    """Largest errors of the nominal arm and of the extreme drawn arms; the extreme arms have the weight SELDOM."""
 
     def __init__(self, rules: Sequence[Judge]) -> None:
         self.rules, self.arm, self.period = rules, rules[0].arm, rules[0].period

@@ -1,4 +1,4 @@
-"""Keyword arguments of the environments with their types, for completion in editors and for `help`."""
+"""Types of the environments' keyword arguments, for completion in editors and for `help`."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ SOLVER_OPTIONS = tuple(dict.fromkeys(name for formulation in FORMULATIONS for na
 
 
 def signature_of(function: Callable[..., Any], plan: Callable[..., Any]) -> inspect.Signature:
-    """Return the signature of a constructor that passes `**arguments` to `plan`, with types and defaults.
+    """Return the signature, with types and defaults, of a constructor that passes its `**arguments` to `plan`.
 
     function: a constructor whose first parameter is `self`. plan: a function of the environment's kind and of keywords;
     its last parameter collects the solver's options. The solver's options have the default None, which selects the

@@ -36,8 +36,8 @@ Factor = float | Sequence[float]
 def scaled(arm: Arm, factor: Factor) -> Arm:
     """Return the arm with its links' lengths multiplied by one factor for all links, or by a factor for each link.
 
-    The positions along the link at which sections or the curvature are given are scaled; the sections themselves do not
-    change. Rigid ends do not change, nor do the mass and inertia of rigid links.
+    The positions along the link at which sections or the curvature are given are scaled, but the sections themselves do
+    not change. Rigid ends do not change. Mass and inertia of rigid links do not change either.
     """
     given = factor if check.several(factor) else [factor] * arm.n_links
     factors = check.numbers("lengths", given, f"a number, or {arm.n_links} of them", arm.n_links, "", above=0.0)
@@ -71,10 +71,10 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
             evenly among the entries, and the first arms have the first entry.
         keywords: keywords of the environment, with `autoreset_mode` and `threads`.
     Attributes:
-        parts: a native vector environment for each length, in order. lengths: the given lengths. plan: plan of the
+        parts: one native vector environment for each length, in order. lengths: the given lengths. plan: plan of the
             first part.
     Raises:
-        ValueError: there are fewer arms than lengths, a length is not positive, or the environment raises the error.
+        ValueError: there are fewer arms than lengths, a length is not positive, or the environment rejects a keyword.
     """
 
     def __init__(self, env_id: str, num_envs: int, lengths: Sequence[Factor], **keywords: Any) -> None:
@@ -116,7 +116,7 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         """Start episodes of all arms, or of the arms in options["reset_mask"]; arm i has seed + i, or seed[i].
 
         Raises:
-            ValueError: in the cases in which the native vector environment raises it; no episode has then started.
+            ValueError: the native vector environment rejects the arguments; no episode has then started.
         """
         seeds = checked_seeds(seed, self.num_envs)
         chosen, rest = checked_mask(options, self.num_envs)
@@ -228,7 +228,7 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         return part, i - own.start
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of all arms; only `starts` may change.
+        """Set an attribute of all arms; only the attribute `starts` can be set.
 
         values: one value, or a list of one value per arm; arms with the same length share one value.
         """
@@ -255,5 +255,5 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
 
 
 def _blank(known: NDArray[Any]) -> Any:
-    """Return the array entry that stands for an arm without a value."""
+    """Return the array entry that represents an arm without a value."""
     return None if known.dtype == object else 0

@@ -33,7 +33,7 @@ WHAT = "must be a named motion, a table (n, 2 to 4), a .csv or .toml file, a Tim
 
 @dataclass(frozen=True)
 class Prescribed:
-    """Joint motions of an episode. functions: (joint, function of time) pairs. end: end of the motion, s.
+    """Joint motions of an episode. functions: pairs (joint, function of time). end: end of the motion, s.
 
     scene: the scene that is replayed unchanged, if one was given.
     """
@@ -162,7 +162,7 @@ ANGLE = {"minimum": -FARTHEST, "maximum": FARTHEST}
 
 
 class Guide:
-    """An arm of a batch that follows prescribed motions and has a program of its own, with its motions as a part.
+    """An arm of a batch that follows prescribed motions; it has its own program, which contains the motions.
 
     Args:
         scene: arm, motions and loads. settings: solver settings, with dt given. period: control period, s.
@@ -202,7 +202,7 @@ class Guide:
         return self._placed.value
 
     def _place(self, batch: Batch, i: int) -> None:
-        """Make the program: that of the batch with this arm's model and motions, and with memory of its own."""
+        """Make the program: the batch's program with this arm's model and motions, and with its own memory."""
         simulation, given, one = self.simulation, batch.program, slice(i, i + 1)
         model, fitted = simulation.model, given.models is not None
         models = (system.model for system in simulation._systems)
@@ -255,7 +255,7 @@ class Guide:
         self.moved = self.simulation.status == OK
 
     def _run(self, batch: Batch, i: int, begins: bool) -> None:
-        """Start or advance the arm with the record of arm i of the batch, and copy the results there."""
+        """Start or advance the arm with the record of arm i of the batch, and copy the results to the batch."""
         program, shared, at = self._placed.value, batch.sections(i), STRETCH.places
         simulation, guide, layout = self.simulation, program.guide, program.layout
         own = self.block[layout.poses : layout.saved]
@@ -269,7 +269,7 @@ class Guide:
             simulation.step_error = float(batch.table[batch.info_at.further + FURTHER.step_error, i])
 
     def starts(self) -> Array:
-        """Return the joint angles (N,), rad, at the motion's start."""
+        """Return the joint angles (N,), rad, at the start of the motion."""
         return reading_of(self.scene).start_angles(self.scene, self.simulation.observe()[0])
 
     def view(self, view: View) -> View:
@@ -309,7 +309,7 @@ def guide(plan: Any, motion: Prescribed, starts: Array) -> Guide:
 
 
 def _moved(plan: Any, motion: Prescribed, starts: Array) -> Scene:
-    """Return the scene of the environment's arm with motions of its joints."""
+    """Return a scene with the environment's arm and motions of its joints."""
     functions = dict(motion.functions)
     for k, function in functions.items():
         check.number(f"options.motion: joint{k} at t = 0", function.start, "rad", **ANGLE)

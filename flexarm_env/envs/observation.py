@@ -29,8 +29,8 @@ Entries = list[tuple[str, float]]
 class Sight:
     """Entries of the observation: the names and scales of all entries, gauges and previous actions last.
 
-    chosen (C,): indices of the observed entries, in order; None for all. instruments: sensors with a reading law, or
-    None. read: number of entries that are read by sensors.
+    chosen (C,): indices of the observed entries, in order; None for all. instruments: sensors with noise, filter or
+    delay, or None. read: number of entries that sensors produce.
     """
 
     names: tuple[str, ...]
@@ -40,7 +40,7 @@ class Sight:
     read: int
 
     def of(self, values: Sequence[Any]) -> tuple[Any, ...]:
-        """Select the observed entries' values from one value per entry."""
+        """Return the selected entries, given one value per available entry."""
         return tuple(values) if self.chosen is None else tuple(values[k] for k in self.chosen)
 
     def selection(self, history: int) -> Selection | None:
@@ -52,7 +52,7 @@ class Sight:
 
 
 def checked_observation(observation: Any, history: Any) -> tuple[str | tuple[str, ...], int]:
-    """Check the keywords `observation` and `history` to the extent possible without the arm; return both."""
+    """Check the keywords `observation` and `history` as far as possible without the arm; return both."""
     count = check.integer("history", history, minimum=1, maximum=LONGEST_HISTORY)
     if isinstance(observation, str):
         if observation in (FULL, MEASURED):
@@ -69,7 +69,7 @@ def checked_observation(observation: Any, history: Any) -> tuple[str | tuple[str
 
 
 def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any) -> description.Sensors:
-    """Return the environment's sensors: given sensors, otherwise the arm's own unless the observation is "full".
+    """Return the environment's sensors: the user's, otherwise the arm's unless the observation is "full".
 
     With "measured", an arm without sensors gets ideal sensors, and an arm without encoders gets ideal encoders.
     """
@@ -120,7 +120,7 @@ def sight(frame: Frame, observation: str | tuple[str, ...], sensors: description
 
 
 def goal_entries(kind: Kind, arm: Arm) -> Entries:
-    """Return names and scales of two kinds of entries: goal joint angles minus encoder angles, and target point."""
+    """Return names and scales of two kinds of entries: goal joint angles minus encoder angles, and the target point."""
     axes = "xyz"[: kind.target.numbers] if kind.target.numbers > 1 else ""
     point = [(f"target_{axis}", arm.total_length) for axis in axes]
     return [*((f"{joint}_error", 1.0) for joint in arm.joint_names), *point]
@@ -163,7 +163,7 @@ def _instruments(
     sizes: list[float],
     added: int,
 ) -> Instruments | None:
-    """Return the sensors that have a reading law, or None; ideal gauges have no law."""
+    """Return the sensors with noise, filter or delay, or None; ideal gauges are not among them."""
     motors: list[int] = []
     laws, period, length = [], frame.period, frame.arm.total_length
     if sensors.encoders:
@@ -201,6 +201,6 @@ def _instruments(
 
 
 def _tip_of(frame: Frame) -> int:
-    """Return the tip's index among the points that may touch (the last one); -1 if the tip may not touch."""
+    """Return the tip's index among the possible contact points (the last one); -1 if the tip cannot touch."""
     links = {link for contact in frame.contacts for link in contact.links(frame.arm)}
     return len(links) - 1 if frame.arm.n_links - 1 in links else -1

@@ -78,7 +78,7 @@ Ctrl-C waits for one period, so the second limit bounds this wait to a fraction 
 
 
 class Given:
-    """Marker of an argument that was not given, for arguments whose value None has a meaning of its own."""
+    """Marker of an argument that was not given, for arguments with a separate meaning of None."""
 
     def __repr__(self) -> str:
         return "<the arm's>"
@@ -89,15 +89,15 @@ OF_THE_ARM = Given()
 
 @dataclass(frozen=True)
 class Plan:
-    """A checked environment: the arguments of a Batch, and the names and scales of the entries that users see.
+    """Checked arguments of an environment: the arguments of a Batch, and the names and scales of the observed entries.
 
     names, scales: names and scales of the entries of one observation. history: number of observations that are stacked,
     oldest first. record: the task's record. gauges: link and place of each strain gauge. gauge_scales: scale of each
-    gauge, 1/m. limit: number of control periods of an episode. max_steps: keyword `max_episode_steps`. motion: motion
+    gauge, 1/m. limit: number of control periods in an episode. max_steps: keyword `max_episode_steps`. motion: motion
     of task="replay". entries: entries of info; full: whether info has energies; words: whether info has texts.
-    action_mode: the keyword, which says what an action commands. keep_out: shapes to avoid. contacts: obstacles that
-    the arm may touch. estimate: estimated error of the tip due to mesh and step, divided by the arm's length. coarse:
-    warning about this error, or "".
+    action_mode: the keyword, which determines the quantity that an action commands. keep_out: shapes to avoid.
+    contacts: obstacles that the arm may touch. estimate: estimated error of the tip due to mesh and step, divided by
+    the arm's length. coarse: warning about this error, or "".
     """
 
     kind: Kind
@@ -142,12 +142,12 @@ class Plan:
 
     @cached_property
     def farthest(self) -> float:
-        """Largest joint angle at a start, rad (`physics.precision`)."""
+        """Largest magnitude of a joint angle at a start, rad (`physics.precision`)."""
         return precision.farthest(self.arm, self.settings, precision.largest(self.starts.drawn))
 
     @property
     def deflection_bound(self) -> float:
-        """Largest valid tip deflection divided by length; it is finite only for modes in the plane."""
+        """Largest valid tip deflection divided by link length; it is finite only for modal links in the plane."""
         return math.inf if self.kind.space else self.settings.deflection_bound
 
     @property
@@ -310,9 +310,9 @@ def with_starts(plan: Plan, ranges: Mapping[str, Any] | None) -> Plan:
 
 
 def _drawn_offsets(extras: Extras, readings: Mapping[str, tuple[str, Law]]) -> dict[str, int]:
-    """Return, by name, the offsets of drawn delays, lags and gains, counted from the end of the factors in info.
+    """Return the offsets, by name, of drawn delays, lags and gains, counted from the end of the drawn factors in info.
 
-    readings: readings of the sensors.
+    readings: the sensors' readings, by name.
     """
     first, found, late = FURTHER.told - FURTHER.drawn, {}, extras.sensors
     if extras.actuator is not None and extras.actuator.jitter is not None:
@@ -341,7 +341,7 @@ def _packaged(arm: Any) -> bool:
 
 
 def _only_with(name: str, value: Any, task: str, wanted: str) -> None:
-    """Raise `InvalidValue` if a keyword is given although the task is not the one that uses it."""
+    """Raise `InvalidValue` if a keyword is given that belongs to another task."""
     if value is not None and task != wanted:
         raise check.InvalidValue(name, value, f'must be given with task="{wanted}" only')
 
@@ -372,9 +372,9 @@ def _settings(
     kind: Kind, formulation: str | None, period: float, options: dict[str, Any], arm: Arm, drive: Drive,
     drawn: Mapping[str, tuple[float, float]], trial: Trial | None, packaged: Arm | None,
 ) -> tuple[Settings, float, str]:  # fmt: skip
-    """Return the settings completed by `resolution`, their error over the arm's length, and a warning or "".
+    """Return the settings completed by `resolution`, their error divided by the arm's length, and a warning (or "").
 
-    packaged: the arm as the package has it, or None for a user's arm.
+    packaged: the unchanged arm of the package; None for a user's arm.
     """
     default = DEFAULT_FORMULATION if kind.settings is None else "geometrically_exact"
     chosen = default if formulation is None else formulation

@@ -28,7 +28,7 @@ MOST = 16
 
 
 def renderer(plan: Plan, mode: str, size: tuple[int, int] = (SIDE, SIDE)) -> Renderer:
-    """Return the Renderer of an environment; deflection bars end at a clamped link's deflection at full torque."""
+    """Return the Renderer of an environment; a full deflection bar is a clamped link's deflection at full torque."""
     arm, limits = plan.arm, plan.arm.torque_limits
     assert limits is not None
     softest = [min(float(link.along(x * link.length).EI) for x in (0.0, 0.5, 1.0)) for link in arm.links]
@@ -55,7 +55,7 @@ def bending(arm: Arm) -> list[str]:
 
 
 def bent(arm: Arm, deflection: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the flexible links' deflections along y, z divided by length; deflection (N, 2): values of all links."""
+    """Return deflections along y and z divided by length of the flexible links, from deflection (N, 2) of all links."""
     y, z = deflection[[not link.rigid for link in arm.links]].T
     return np.asarray(np.hypot(y, z))
 
@@ -115,7 +115,7 @@ def draw(pen: Renderer, plan: Plan, view: View) -> Any:
 
 
 def chain(points: NDArray[np.float64], poses: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Split points from root to tip into links at the points nearest to the hinges."""
+    """Split the points from root to tip into links, at the points nearest to the joints."""
     cuts = [0]
     for pose in poses[1:]:
         distance = np.hypot(*(points[cuts[-1] + 1 : -1] - pose[ROOT][:2]).T)

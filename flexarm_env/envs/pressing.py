@@ -52,7 +52,7 @@ can hold.
 
 
 class Wall(NamedTuple):
-    """A wall. distance: of its nearest point from the root, m. bearing, elevation: direction of this point, rad."""
+    """A wall. distance: from the root to its nearest point, m. bearing, elevation: of this point, rad."""
 
     distance: float
     bearing: float
@@ -64,21 +64,21 @@ class Wall(NamedTuple):
         return np.array(uncompiled(directions_of)(self.bearing, self.elevation))
 
     def half_chord(self, length: float) -> float:
-        """Return the largest distance, m, from the nearest point at which the wall is within `REACH` lengths (m)."""
+        """Return the largest distance (m) along the wall from its nearest point within `REACH` lengths of the root."""
         return math.sqrt(max((REACH * length) ** 2 - self.distance**2, 0.0))
 
 
 class OnWall(Point):
-    """A point that moves along a wall."""
+    """Moving target on a wall."""
 
     paths: ClassVar = {"line": (*Point.paths["line"], ("force", "N"))}
 
     def __init__(self, wall: Wall, duration: float) -> None:
-        """Set the wall, and the length of an episode, s."""
+        """Store the wall and the length of an episode, s."""
         self.wall, self.duration = wall, duration
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges of a drawn path's wall distance (m), time (s), speed (m/s), wall bearing (rad), force (N)."""
+        """Return ranges of a drawn path: wall distance (m), time (s), speed (m/s), bearing (rad), force (N)."""
         d, b, _ = self.wall
         half = self.wall.half_chord(arm.total_length)
         speed = min(0.05 * arm.total_length, half / (0.6 * self.duration))
@@ -92,16 +92,16 @@ class OnWall(Point):
 
 
 class OnWallInSpace(Place):
-    """A point that moves along a wall in space, in a random direction."""
+    """Moving target on a wall in space, with a random direction along the wall."""
 
     paths: ClassVar = {"line": (*Place.paths["line"], ("height", "m"), ("force", "N"))}
 
     def __init__(self, wall: Wall, duration: float) -> None:
-        """Set the wall, and the length of an episode, s."""
+        """Store the wall and the length of an episode, s."""
         self.wall, self.duration = wall, duration
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges of wall distance (m), time (s), speed (m/s), bearing, elevation (rad), height (m), force (N).
+        """Return ranges of a path: distance (m), time (s), speed (m/s), bearing, elevation (rad), height, force (N).
 
         The height of a path's middle is its distance from the wall's nearest point, upwards along the wall.
         """
@@ -138,12 +138,12 @@ def check_force(force: Pair) -> None:
 
 
 class PlaceOnWall(OnWall):
-    """A point at rest on a wall."""
+    """Target at rest on a wall."""
 
     paths: ClassVar = {"line": (("distance", "m"), ("offset", "m"), ("speed", "m/s"), ("bearing", "rad"))}
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges of wall distance (m), offset from the wall's nearest point (m), speed (0), bearing (rad)."""
+        """Return ranges of a target: wall distance (m), offset from its nearest point (m), speed (0), bearing (rad)."""
         d, b, _ = self.wall
         half = self.wall.half_chord(arm.total_length)
         return [(d, d), (0.0, 0.7 * half), (0.0, 0.0), (b, b)]
@@ -157,7 +157,7 @@ class PlaceOnWall(OnWall):
 
 
 class Pressing(NamedTuple):
-    """Properties of an environment with task "press" or "land": kind, contacts, sensors and reference."""
+    """Properties of an environment with task "press" or "land": definition of the task, contacts, sensors and path."""
 
     kind: Kind
     contacts: Any
@@ -166,7 +166,7 @@ class Pressing(NamedTuple):
 
 
 def pressing(kind: Kind, arm: Arm, task: Any, duration: Any, contacts: Any, sensors: Any, reference: Any) -> Pressing:
-    """Return the kind and the keywords of task="press" or "land"; for any other task, the given kind and keywords.
+    """Return the task's definition and the keywords for task="press" or "land"; for any other task, both unchanged.
 
     The first contact is the wall: a half-space with the root outside of it. Without contacts the wall is at a distance
     of 0.7 arm lengths along x. A force sensor is added.
@@ -224,7 +224,7 @@ def _wall_of(contact: Contact, arm: Arm) -> Wall:
 
 
 def _kind(kind: Kind, wall: Wall, duration: float) -> Kind:
-    """Return the kind for task="press" at a wall, with episodes of `duration` s."""
+    """Return the task definition for task="press" at a wall, with episodes of `duration` s."""
     weights = {name: kind.rewards[name] for name in kind.rewards if name != FAILURE}
 
     def entries(arm: Arm) -> list[tuple[str, float]]:
@@ -246,7 +246,7 @@ def _kind(kind: Kind, wall: Wall, duration: float) -> Kind:
 
 
 def _landing(kind: Kind, wall: Wall, duration: float, arm: Arm) -> Kind:
-    """Return the kind for task="land" at a wall, with episodes of `duration` s."""
+    """Return the task definition for task="land" at a wall, with episodes of `duration` s."""
     weights = {name: kind.rewards[name] for name in kind.rewards if name != FAILURE}
 
     def starts(arm: Arm, rules: int) -> Starts:

@@ -73,7 +73,7 @@ class Renderer:
         reach: largest distance of the tip from the root, m; it determines the scale.
         size: width and height, pixels. fps: pictures per second in the window.
         hub, payload: whether a motor turns the root, and whether the tip carries a payload.
-        deflection, torque: full scales of the bars, as shares of the link's length and of the torque limit.
+        deflection, torque: values at the ends of the bars, as fractions of the link's length and of the torque limit.
     Raises:
         ValueError: an unknown mode, or a reach that is not positive. gymnasium.error.DependencyNotInstalled: pygame is
             not installed.
@@ -253,7 +253,7 @@ class Renderer:
         self._time = time
 
     def arrows(self) -> list[tuple[Array, Array]]:
-        """Return the start and the end of the arrow, m, of each force that an obstacle exerts on the arm.
+        """Return start and end (m) of an arrow for each force that an obstacle exerts on the arm.
 
         The length of an arrow is `ARROW` times the reach times F / (F + `force`) for a force F, N, so that large and
         small forces are visible.
@@ -336,12 +336,12 @@ def end_of_scale(largest: float) -> float:
 
 
 def stroke_widths(k: int, n: int) -> tuple[float, float]:
-    """Return the stroke widths of link k of n at its root and tip, in points; the whole arm has one taper."""
+    """Return the stroke widths, in points, of link k of n at its root and tip; the whole arm has one taper."""
     return 12.0 - 6.0 * k / n, 12.0 - 6.0 * (k + 1) / n
 
 
 def rigid_arm(chain: Sequence[Array], ends: Array) -> list[Array]:
-    """Return straight links (2, 2) with the chain's lengths and joint angles.
+    """Return the arm's links as straight lines (2, 2), with the lengths and joint angles of the chain.
 
     ends (N, 2): angles of the tangents at roots and tips, rad.
     """

@@ -27,7 +27,7 @@ _FORCE = slice(8, 10)
 
 @dataclass(frozen=True)
 class Request:
-    """Options of one reset; NaN stands for a number that is drawn at random.
+    """Options of one reset; NaN means that a number is drawn at random.
 
     angles (N,): joint angles at the start, rad. target (2,): the target as the task's record stores it; in space (N,):
     joint angles at which the arm reaches the target. vibration (1,): tip deflection divided by L of the initial
@@ -42,12 +42,15 @@ class Request:
     force: float = math.nan
 
     def copy(self) -> "Request":
-        """Return the request with its own arrays."""
+        """Return the request with copies of its arrays."""
         return Request(self.angles.copy(), self.target.copy(), self.vibration.copy(), self.motion, self.force)
 
     @contextmanager
     def commanded(self, batch: Batch) -> Iterator[None]:
-        """Context manager in which episodes of `batch` start with the requested force; the same numbers are drawn."""
+        """Context manager in which new episodes of `batch` get the requested normal force instead of a drawn one.
+
+        A request does not change the random stream: the same numbers are drawn.
+        """
         if math.isnan(self.force):
             yield
             return
@@ -104,7 +107,7 @@ def request_of(plan: Plan, options: Any) -> Request:
 
 
 def _vibration(value: Any, modes: int) -> Any:
-    """Read options['vibration']: each mode's amplitude, as tip deflection over the arm's length, from -0.5 to 0.5."""
+    """Read options['vibration']: each mode's amplitude, a tip deflection / arm's length, from -0.5 to 0.5."""
     unit, bound = "tip deflection over L", {"minimum": -0.5, "maximum": 0.5}
     if modes == 1:
         return check.number("options.vibration", value, unit, **bound)
@@ -132,7 +135,7 @@ def _start(plan: Plan, value: Any) -> list[float]:
 
 
 def guide_of(plan: Plan, request: Request) -> Guide | None:
-    """Return the guide of an episode with prescribed motion; None for an ordinary episode."""
+    """Return the guide (own program) of an episode with prescribed motion; None for an ordinary episode."""
     if request.motion is None:
         return None
     if plan.arm.base is not None:

@@ -1,35 +1,45 @@
-"""Default mesh, step and Newton tolerance of an environment, and the error of its tip with these settings.
+"""Choose an environment's default mesh, step and Newton tolerance, and estimate the tip's error with these settings.
 
 The usual settings (`options.DEFAULT_OPTIONS`) are used if the rule below accepts them for an arm. Otherwise the step
 becomes a whole fraction of the usual step, and the mesh finer, until the rule accepts them. A user's own options are
-never changed. Symbols: control period T, step h, arm's length L, inertia I about a joint.
+never changed. Symbols: T control period, h step, L the arm's length, I inertia about a joint.
 
-e_1, small motions. Largest distance, divided by L, between the tip of small motions (`small_motions`) on the mesh in
-    steps of h and the tip on a fine mesh without steps. The motions last 100 periods with bang-bang torques, which are
-    held for 1 and for 8 periods. The small motions include the first frequencies of the links, payload, hub, rotors on
-    elastic gears, jumps and tapers of sections, and viscous friction. The inner PD loop, and the amplifier with its
-    back-emf, act on these motions at control instants. The motions also include the stiffness of linear elements and
-    the numerical damping of Newmark's scheme. Source: linear theory.
-G = 1 + (theta / 0.55 rad)^3, large bends. theta is the largest angle between the ends of a link in these motions; it
-    depends on torque divided by EI/L and on resonance. Measured over random arms: the error is up to 4 e_1 for theta
-    below 0.4 rad; for theta of 0.8, 1.2 and 2 rad, the median error is 2, 6 and 20 e_1. Above theta = 1.6 and 3 rad the
-    search begins with the second and the third of `MESHES` (measured).
-e_2 = sum of T_C h t / I, Coulomb friction T_C. If a joint reverses within a step, its rate afterwards has an error of
-    up to T_C h / I (docs: theory, section 6). The error of the rate acts on the position for t = 1 s.
-e_3 = kappa h^2 int Omega^3 dt, spin Omega of the links. The coordinates of the exact beam in the plane are positions:
-    in steps of h, a turn lags by the fraction kappa (Omega h)^2 (`Settings.period_error`). The coordinates of the other
-    formulations are angles: e_3 is a tenth of this value, with Omega the rate of elbows without limits.
-omega_c h <= 0.3, backlash: steps resolve the contact of a rotor J with the arm I through a gear k, with omega_c =
-    sqrt(k (1/J + 1/I)). Measured. A PD loop that chatters begins with such steps, and trials shorten them.
-trials (`trials`), arms of several links: nonlinear episodes measure by which factor the amplification of errors exceeds
-    G. The step and then the mesh are refined until the error of a trial is small. The estimate includes this error.
-omega_3 h <= 0.45: for chains of elasticas whose third vibration has less than a tenth of critical damping. With longer
-    steps the energy of unresolved vibrations may grow. Measured.
-tau L / (E EI) <= 2 rad, with E elements per link in space: an element that turns by pi has no rotation vector.
-    Measured.
-tolerance: the usual tolerance times (h / usual h)^2 for steps of at most half the usual step, because increments
-    decrease in this proportion. In space it is also multiplied by 100 I_min / I_max if this is below 1, for light
-    wrists.
+Small motions have the error e_1: the largest distance, divided by L, between the tip of small motions (`small_motions`)
+on the mesh in steps of h and the tip on a fine mesh with exact time integration. The motions last 100 periods with
+bang-bang torques, which are held for 1 and for 8 periods. The small motions include the first frequencies of the links,
+payload, hub, rotors on elastic gears, jumps and tapers of sections, and viscous friction. The inner PD loop, and the
+amplifier with its back-emf, act on these motions at control instants. The motions also include the stiffness of linear
+elements and the numerical damping of Newmark's scheme. The values follow from linear theory.
+
+Large bends increase the error by the factor G = 1 + (theta / 0.55 rad)^3. The angle theta is the largest angle between
+the ends of a link in these motions; it depends on torque divided by EI/L and on resonance. Measured over random arms,
+the error is up to 4 e_1 for theta below 0.4 rad; for theta of 0.8, 1.2 and 2 rad, the median error is 2, 6 and 20 e_1.
+Above theta = 1.6 and 3 rad the search begins with the second and the third of `MESHES` (measured).
+
+Coulomb friction T_C adds the error e_2 = sum of T_C h t / I. If a joint reverses within a step, its rate afterwards has
+an error of up to T_C h / I (docs: theory, section 6). This error of the rate acts on the position for t = 1 s.
+
+A fast turn with the links' angular velocity Omega has the error e_3 = kappa h^2 times the time integral of Omega^3. The
+coordinates of the exact beam in the plane are positions: in steps of h, a turn lags by the fraction kappa (Omega h)^2
+(`Settings.period_error`). The coordinates of the other formulations are angles: e_3 is a tenth of this value, with
+Omega the rate of elbows without limits.
+
+With backlash, omega_c h must not exceed 0.3 (measured). The steps then resolve the contact of a rotor of inertia J with
+an arm of inertia I through a gear of stiffness k, omega_c = sqrt(k (1/J + 1/I)). For a PD loop that chatters, the
+search begins with such steps, and trials shorten the steps.
+
+For arms of several links, trials (`trials`) of nonlinear episodes measure by which factor the amplification of errors
+exceeds G. The step and then the mesh are refined until the error of a trial is small. The estimate includes this error.
+
+For chains of elasticas, omega_3 h must not exceed 0.45 (measured) if the third vibration, of frequency omega_3, has
+less than a tenth of critical damping. With longer steps the energy of unresolved vibrations may grow.
+
+In space, tau L / (E EI) must not exceed 2 rad (measured) for a torque tau and E elements per link, because an element
+that turns by pi has no rotation vector.
+
+The Newton tolerance is the usual tolerance times (h / usual h)^2 for steps of at most half the usual step, because
+increments decrease in this proportion. In space it is also multiplied by 100 I_min / I_max if this is below 1, for
+light wrists.
 
 The bound is e = G e_1 + e_2. The usual settings are kept if e <= `SmallMotions.kept` and e_3 <= `SPUN`; otherwise the
 search looks for settings with e <= `AIM`. The estimate is `MARGIN` G e_1 + `MARGIN_OF_FRICTION` e_2 + e_3, to which
@@ -54,7 +64,7 @@ from .resolution_warnings import COARSE, COARSE_IF_GIVEN, amplified, too_coarse,
 from .small_motions import Drive
 from .trials import Trial, refined, settled
 
-# Errors and bounds on errors are distances of the tip over the arm's length L.
+# Errors and bounds on errors are distances of the tip divided by the arm's length L.
 AIM = 1e-3  # bound to which step and mesh are refined unless the usual settings are kept
 
 SPUN = 0.02  # largest e_3 accepted
@@ -64,10 +74,10 @@ FRACTIONS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # divisors of the usual step tha
 
 @dataclass(frozen=True)
 class Resolution:
-    """Settings of an environment, the tip's error due to step and mesh, and a warning for the user, or ""."""
+    """Settings of an environment, estimated tip error due to step and mesh, and a warning for the user, or ""."""
 
     settings: Settings
-    estimate: float  # error of the tip over the arm's length
+    estimate: float  # tip error divided by the arm's length
     warning: str = ""
 
 
@@ -78,9 +88,9 @@ def resolve(
 ) -> Resolution:  # fmt: skip
     """Return the settings of an environment: the user's options, and a mesh, step and tolerance that the rule chooses.
 
-    usual: default options of the formulation. given: the user's options. drawn: ranges of randomized factors by name.
-    period: control period, s. trial: trials of nonlinear motions (`trials`); None for no trials. gain: without trials,
-    the factor by which the arm's motions amplify the errors of small motions (`trials.amplification`).
+    usual: default options of the formulation. given: the user's options. drawn: ranges (low, high) of randomized
+    factors by name. period: control period, s. trial: trials of nonlinear motions (`trials`); None for no trials. gain:
+    without trials, the factor by which the arm's motions amplify the errors of small motions (`trials.amplification`).
     """
     given = {name: value for name, value in given.items() if value is not None}
     first = Settings.make(formulation, **merged(dict(usual), given)).dividing(period)
@@ -158,8 +168,8 @@ def _meshes(
     """Return settings with the meshes to try, from the coarsest to the finest.
 
     first: settings to complete. name: name of the field with the number of elements or nodes. sizes: values of this
-    field to try. usual: default options of the formulation. For large bends (rule.theta) the list begins with a finer
-    mesh.
+    field that are tried. usual: default options of the formulation. For large bends (rule.theta) the list begins with a
+    finer mesh.
     """
     begin = usual[name]
     pieces = max(len(link.jumps) for link in rule.arm.links) + 1
@@ -184,9 +194,9 @@ def _tolerance(rule: Worst, settings: Settings, usual: float) -> float:
 
 
 def _search(rule: Worst, meshes: list[Settings], fractions: tuple[int, ...]) -> Settings:
-    """Return the settings with the first mesh and the longest step that the rule accepts, or the best ones tried.
+    """Return the settings with the first mesh and longest step that the rule accepts, or the best ones tried.
 
-    fractions: divisors of the usual step to try.
+    fractions: divisors of the usual step that are tried.
     """
     h = meshes[0].dt
     assert h is not None

@@ -21,7 +21,7 @@ LEAST_TURNS = 1.5
 
 
 class ResolutionWarning(UserWarning):
-    """Warning: with this step or mesh the tip may have an error above `COARSE` of the arm's length."""
+    """Warning that the tip's error with this step or mesh may exceed the fraction `COARSE` of the arm's length."""
 
 
 class Rule(Protocol):

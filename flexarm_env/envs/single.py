@@ -45,7 +45,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         self._bind()
 
     def _bind(self) -> None:
-        """Store the objects that `step` reads as attributes, to save look-ups."""
+        """Store as attributes the objects that `step` reads, to save look-ups."""
         batch = self.batch
         self._step, self._address = batch.compiled_step, batch.address
         self._action, self._shape = batch.action[0], batch.action[0].shape
@@ -197,7 +197,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
 
 
 def checked_action(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return the action as float32 of the given shape, clipped far outside +-1; raise ValueError if it is invalid."""
+    """Return the action as float32 of the given shape, clipped far outside +-1; ValueError if it is invalid."""
     try:
         values = np.asarray(action)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Small motions of an arm in the plane: the response on a mesh, in steps, to torques that change at control instants.
+"""Small motions of an arm in the plane: response to torques that change at control instants, on a given mesh and step.
 
 The links are elasticas about straight lines. The coordinates x are the tangent angles phi at the nodes of
 `physics.elastica.chain` (rad) and the angles psi of motors behind elastic gears. If the base floats, its position (m)
@@ -95,15 +95,15 @@ def cut(arm: Arm, elements: int) -> Chain:
 
 @dataclass(frozen=True)
 class Motion:
-    """Matrices of small motions about a posture: M x'' + C x' + K x = B u; n coordinates, N joints, SI units."""
+    """Small motions about a posture: M x'' + C x' + K x = B u; n coordinates x, N torques u, SI units."""
 
-    M: Array  # (n, n) inertia
-    C: Array  # (n, n) damping
-    K: Array  # (n, n) stiffness
-    S: Array  # (n, n) inertia that steps of h see; M where the period is not corrected
-    B: Array  # (n, N): generalized forces of the joint torques; B^T x: motor or joint angles, rad
-    tip: Array  # (2, n), in space (3, n): displacement of the tip, m, inertial axes
-    bend: Array  # (N, n) rad: rotation of each link's tip against its root; in space (3 flexible links, n)
+    M: Array  # (n, n) inertia matrix
+    C: Array  # (n, n) damping matrix
+    K: Array  # (n, n) stiffness matrix
+    S: Array  # (n, n) effective inertia matrix in steps of h; equal to M unless the period is corrected
+    B: Array  # (n, N): generalized forces per joint torque; B^T x: motor or joint angles, rad
+    tip: Array  # (2, n), in space (3, n): displacement of the tip per coordinate, m, inertial axes
+    bend: Array  # (N, n): rotation of each link's tip relative to its root, rad; in space (3 flexible links, n)
 
     @classmethod
     def of(cls, arm: Arm, parts: Chain, pose: Array, settings: Settings | None = None, h: float = 0.0) -> Motion:
@@ -211,7 +211,7 @@ class Motion:
         MV = self.M @ V
 
         def soft(X: Array) -> Array:
-            """Scale rows and columns of X, in modal coordinates."""
+            """Scale rows and columns of the matrix X in modal coordinates."""
             return np.asarray(MV @ (scale[:, None] * (V.T @ X @ V) * scale) @ MV.T, np.float64)
 
         return replace(self, C=soft(self.C), K=soft(self.K), S=self.M - soft(self.M - self.S))
@@ -237,7 +237,7 @@ class Motion:
         return self._whole(lambda whole: np.asarray(np.linalg.matrix_power(whole, steps), np.float64), one, below)
 
     def _whole(self, power: Callable[[Array], Array], rows: Array, below: Array | None = None) -> Array:
-        """Return the upper rows of a function of the square matrix (rows; below) whose columns are state and torques.
+        """Return the upper rows of a function of the square matrix [rows; below]; columns: state, then torques.
 
         power: matrix function, exponential or power. below: (N, N) block for the torques; None: 0, as for an
         exponential.
@@ -271,10 +271,10 @@ class Motion:
 class Drive:
     """Actuation of the joints for small motions: direct torques, a PD loop, or an amplifier with back-emf; N joints."""
 
-    torques: tuple[float, ...]  # (N,) N m at full action
-    residual: float | None = None  # share of the action's torque beside the PD loop; None: no loop
-    emf: tuple[float, ...] | None = None  # (N,) N m s/rad, back-emf of motors under voltage; None: none
-    limits: tuple[float, ...] = ()  # (N,) N m
+    torques: tuple[float, ...]  # (N,) joint torques at full action, N m
+    residual: float | None = None  # share of the torque limits that the action adds to the PD loop; None: no PD loop
+    emf: tuple[float, ...] | None = None  # (N,) back-emf constants of motors under voltage, N m s/rad; None: none
+    limits: tuple[float, ...] = ()  # (N,) torque limits, N m
 
     @classmethod
     def of(cls, arm: Arm, mode: str, share: float | None, amplifier: Amplifier | None) -> Drive:

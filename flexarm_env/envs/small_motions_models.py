@@ -28,9 +28,10 @@ class SmallMotions:
     """Small motions in the plane.
 
     Attributes:
-        bend: bend, rad, in the factor G = 1 + (theta / bend)^3 (`Judge.gain`). kept: error that usual settings may
-            have, a fraction of the arm's length. ladder: bends, rad, above which meshes begin one and two sizes finer.
-            trials, lanes: largest number of settings tried in trial episodes, and number of nominal episodes.
+        bend: reference angle, rad, in the factor G = 1 + (theta / bend)^3 (`Judge.gain`). kept: error that usual
+            settings may have, a fraction of the arm's length. ladder: bends, rad, above which meshes begin one and two
+            sizes finer. trials, lanes: largest number of settings tried in trial episodes, and number of nominal
+            episodes.
     """
 
     bend, kept, ladder, trials, lanes = 0.55, 5e-3, (1.6, 3.0), 6, 16
@@ -55,11 +56,11 @@ class SmallMotions:
         return 0.0 if n == 1 else frequency_unless_damped(motion, index, damped)
 
     def link_angles(self, joints: Array) -> Array:
-        """Return the angles whose rates count as spin, from joint angles (periods, N, runs): absolute angles."""
+        """Return the links' absolute angles, whose rates count as spin, from joint angles (periods, N, runs)."""
         return np.cumsum(joints, axis=1)
 
     def spin(self, error: float) -> float:
-        """Return the error of a fast turn, given that of the links' absolute angles; 0 in space."""
+        """Return the error of a fast turn, given the error by the links' absolute angles; 0 in space."""
         return error
 
     def tolerance(self, inertia: Array) -> float:
@@ -102,7 +103,7 @@ class SmallMotionsInSpace(SmallMotions):
         return min(1.0, UNEQUAL * float(inertia.min() / inertia.max()))
 
     def elements(self, arm: Arm, stiffness: float) -> int:
-        """Return the number of elements with which the full torque of a joint turns each by at most `TURNED` at rest.
+        """Return the number of elements, each of which a joint's full torque bends by at most `TURNED` at rest.
 
         stiffness: smallest factor on the arm's stiffness.
         """

@@ -37,8 +37,8 @@ POINTS = legendre.leggauss(4)
 class _Assembly:
     """Matrices M, C, K (n, n) of an arm about joint angles `pose`, assembled from root to tip; SI units, inertial axes.
 
-    bend: per flexible link (3, n), rotation of its tip relative to its root, in the link's axes. tip: (3, n),
-    displacement.
+    bend: for each flexible link (3, n), rotation of its tip relative to its root, rad, in the link's axes. tip (3, n):
+    displacement of the tip, m.
     """
 
     def __init__(self, arm: Arm, elements: int, pose: Array) -> None:
@@ -84,8 +84,8 @@ class _Assembly:
     def add_link(self, link: Link, at: Array, axes: Array, count: int, first: int) -> Array:
         """Add a beam and its rigid ends to M, C and K; return the map (6, n) of the joint at the beam's far end.
 
-        count: number of elements. at: map of the joint at the link's root. axes: the link's axes, in inertial axes.
-        first: index of the link's first coordinate.
+        count: number of elements. at: map (6, n) of the joint at the link's root. axes: unit vectors of the link's
+        axes, in inertial axes. first: index of the link's first coordinate.
         """
         root = moved(at, link.root_offset * axes @ X)
         self.add_body(moved(at, 0.5 * link.root_offset * axes @ X), axes, link.root_mass, link.root_inertia)

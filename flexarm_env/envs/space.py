@@ -31,7 +31,7 @@ def check_arm(arm: Arm, kind: Kind) -> None:
 
 
 class Place(Target):
-    """A target position of the tip in space, (x, y, z) in m; records store the rigid arm's joint angles there."""
+    """Target position of the tip in space, (x, y, z) in m; records store the rigid arm's joint angles there."""
 
     numbers = 3
     paths: ClassVar = {name: (*entries, ("elevation", "rad")) for name, entries in POINT.paths.items()}
@@ -54,7 +54,7 @@ class Place(Target):
         return POINT.entries(arm, "xyz")
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges for a path of this shape: distances scaled by the arm's length, times by its joint rates."""
+        """Return ranges for a path: distances proportional to the arm's length, times to 1 / its joint rates."""
         _, *others, bearing = POINT.ranges(arm, path)
         far = arm.total_length
         if path == "circle":
@@ -86,7 +86,7 @@ class Place(Target):
         raise AssertionError
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Check that circles, and the point of a line nearest to the root, are within reach and joint limits.
+        """Check that circles, and each straight path's point nearest to the root, are in reach and joint limits.
 
         The check samples points around the middles and ends of the ranges.
         """
@@ -116,7 +116,7 @@ class Place(Target):
 
 
 def _about_middle(pair: Pair, share: float) -> Pair:
-    """Return a range with the same middle and with a share of the width."""
+    """Return a range with the same middle whose width is the given share of the range's width."""
     middle, half = 0.5 * (pair[0] + pair[1]), 0.5 * share * (pair[1] - pair[0])
     return middle - half, middle + half
 

@@ -46,7 +46,7 @@ class Camera:
     """Perspective view with `center` (3,), m, in the middle; for lengths in points see `drawing.Sheet`."""
 
     def __init__(self, size: tuple[int, int], reach: float, center: Array) -> None:
-        """Place a camera at a distance of `FAR` times reach (m) that looks at center (3,), m.
+        """Place a camera that looks at center (3,), m, from a distance of `FAR` times reach (m).
 
         size: width and height of the picture, pixels.
         """
@@ -76,7 +76,7 @@ class SpaceRenderer(Renderer):
 
     Args:
         sides: (N, 2), width and thickness of each link, m (`geometry.ribbons.Ribbons`). ground: height of the ground,
-            m. links: names of the deflection bars.
+            m. links: names of the links, for the deflection bars.
     """
 
     def __init__(
@@ -85,8 +85,8 @@ class SpaceRenderer(Renderer):
     ) -> None:  # fmt: skip
         """Check the arguments, including those of `Renderer`.
 
-        sides (N, 2): m, width and thickness of each link, 0 for a rigid link. ground: m, height of the ground with the
-        shadows. links: names of the links that have deflection bars.
+        sides (N, 2): width and thickness of each link, m, 0 for a rigid link. ground: height of the ground with the
+        shadows, m. links: names of the links that have deflection bars.
         """
         super().__init__(mode, reach, size, fps, payload=payload, **more)
         least = np.array([0.03, 0.007]) * self.reach
@@ -201,7 +201,7 @@ class SpaceRenderer(Renderer):
         pg.draw.circle(canvas, TARGET, seen, 2.6 * camera.point)
 
     def _pieces(self, canvas: Any, camera: Camera, chain: Sequence[tuple[Array, Array]]) -> list[tuple[float, Any]]:
-        """Return the arm's parts as (distance, function that draws it)."""
+        """Return the arm's parts as pairs (distance from the camera, function that draws the part)."""
         pieces: list[tuple[float, Any]] = []
         for k, ((points, across), half) in enumerate(zip(chain, self.half, strict=True)):
             solid = half[0] == half[1]
@@ -233,7 +233,7 @@ class SpaceRenderer(Renderer):
         return pieces
 
     def _ball(self, canvas: Any, camera: Camera, at: Array, share: float, color: Color) -> tuple[float, Any]:
-        """Draw a sphere. share: radius over the arm's reach."""
+        """Draw a sphere. share: radius divided by the arm's reach."""
         pg, (seen, away) = pygame_module(), camera.see(at)
         radius = share * self.reach * camera.scale / float(away)
         color = color if at[2] >= self.ground else blend(color, GROUND, 0.6)
@@ -267,7 +267,7 @@ def _polygon(canvas: Any, color: Color, corners: Array) -> Any:
 
 
 def _lit(color: Color, light: float) -> Color:
-    """Return the color that a share of light, 0 to 1, gives to a surface."""
+    """Return the color of a surface that receives a share of light from 0 to 1."""
     over = (light - 0.6) / 0.4 if light > 0.6 else (0.6 - light) / 0.6
     return blend(color, WHITE, 0.45 * over) if light > 0.6 else blend(color, INK, 0.75 * over)
 

@@ -63,7 +63,7 @@ class ArmSpec(EnvSpec):
 
 
 def changed(spec: EnvSpec) -> list[str]:
-    """Return the keywords by which an environment differs from the frozen task of the suite that it was made from."""
+    """Return the keywords that differ from those of the suite's frozen task from which the environment was made."""
     if spec.namespace != FROZEN or spec.id not in registry:
         return []
     own = registry[spec.id].kwargs
@@ -91,7 +91,7 @@ class Specified:
     _spec: ArmSpec | None = None
 
     def __init_subclass__(cls, **arguments: Any) -> None:
-        """Give the class a signature that names every keyword, for `help` and completion."""
+        """Give the class a signature that contains every keyword, for `help` and completion."""
         super().__init_subclass__(**arguments)
         cls.__signature__ = signature_of(cls.__init__, plan)  # type: ignore[attr-defined]
 

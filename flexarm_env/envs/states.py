@@ -88,7 +88,7 @@ def _check_block(batch: Batch, block: Array) -> None:
 
 
 def put_state(batch: Batch, i: int, state: dict[str, Any]) -> tuple[np.random.Generator, Any, Guide | None]:
-    """Set arm i to a state; return the state's generator, seed and guide."""
+    """Set arm i to a state; return the random generator, the seed and the guide that the state contains."""
     batch.set_state(i, state["arm"])
     return copy.deepcopy(state["generator"]), state["seed"], copy.deepcopy(state["guide"])
 
@@ -125,7 +125,7 @@ def linear_model(plan: Plan, batch: Batch, i: int, guide: Guide | None, discrete
 def linear_models(
     plan: Plan, batch: Batch, guides: dict[int, Guide], discrete: float | None, kept: dict[float | None, Linearizer]
 ) -> LinearModels:
-    """Return the linear models of all arms; `kept`: cache of compiled linearizations, keyed by `discrete` (s)."""
+    """Return the linear models of all arms; `kept`: cache of compiled linearizations by `discrete` (period, s)."""
     from ..linear.many import Linearizer, compiled, stacked
 
     _check_linear(batch, range(batch.n))

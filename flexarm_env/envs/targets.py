@@ -157,7 +157,7 @@ class Point(Target):
         return [(f"{name}_{axis}", scale) for name, scale in named for axis in axes]
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges for a path of this shape: distances scaled by the arm's length, times by its joint rates."""
+        """Return ranges for a path: distances proportional to the arm's length, times to 1 / its joint rates."""
         rate, far = rate_scale(arm, 0), arm.total_length
         turns = (-math.pi / 3, math.pi / 3)
         if path == "line":
@@ -165,7 +165,7 @@ class Point(Target):
         return [(0.5 * far, 0.75 * far), (12.0 / rate, 24.0 / rate), (0.05 * far, 0.2 * far), turns]
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Raise ValueError if a circle, or the point of a line nearest to the root, is out of reach."""
+        """Raise ValueError if a circle, or the point of a straight path nearest to the root, is out of reach."""
         (nearest, farthest), _, (_, radius), _ = ranges
         near, far = reach(arm)
         wide = radius if path == "circle" else 0.0

@@ -44,14 +44,13 @@ ATTITUDE = "attitude"
 class Kind:
     """Definition of a task for arms of `links` links (minimum, maximum; None: any number).
 
-    id: id of the registry. task: name of the default task. arm: name of the default arm. duration: default length of an
-    episode, s. target: type of target. rewards: names and default weights of the reward's terms, in the order in which
-    the task's `judge` computes them; the last term is failure. entries: names and scales of an arm's observation, in
-    the order of `observe`.
-    record: class of the task's record for an arm; it determines the kernels. starts: ranges of fresh starts, by arm
-    and version of the rules. bands: default bounds of success with their units, by name. replays: default motions of
-    task="replay"; additional joints use the last motion. space: whether arms leave the plane. period: control period,
-    s. gravity: default gravity, m/s^2. settings: default settings in space.
+    id: id in Gymnasium's registry. task: name of the default task. arm: name of the default arm. duration: default
+    length of an episode, s. target: type of target. rewards: names and default weights of the reward's terms, in the
+    order in which the task's `judge` computes them; the last term is failure. entries: names and scales of an arm's
+    observation, in the order of `observe`. record: class of the task's record for an arm; it determines the kernels.
+    starts: ranges of fresh starts, by arm and version of the rules. bands: default bounds of success with their units,
+    by name. replays: default motions of task="replay"; additional joints use the last motion. space: whether arms leave
+    the plane. period: control period, s. gravity: default gravity, m/s^2. settings: default settings in space.
     """
 
     id: str
@@ -72,7 +71,7 @@ class Kind:
     settings: Mapping[str, Any] | None = None
 
     def build(self, arm: Arm, weights: Array, period: float, aims: Mapping[str, Any], rules: int = 2) -> Task:
-        """Return the task's record for an arm.
+        """Return the constants of the task (a `tasks.task.Task`) for an arm.
 
         weights: weights of the reward's terms. period: control period, s. aims: fields of the record that differ from
             the defaults.
@@ -174,7 +173,7 @@ def _reach_starts(arm: Arm, rules: int) -> Starts:
     """Return the ranges of starts (joint angles, rad) and of targets (distance, m, and bearing, rad).
 
     Rules 2: each joint begins within +-0.5 rad. Rules 1: the hub within +-1 rad, an elbow within +-3.6 / N rad. Large
-    turns and elbows bent to the wrong side are rare there, and policies drive these elbows into their limits.
+    turns are rare in these ranges, and so are elbows bent to the wrong side, which policies drive into their limits.
     """
     length, elbow = arm.total_length, 3.6 / arm.n_links
     hub, elbow = (1.0, elbow) if rules == 1 else (0.5, min(0.5, elbow))
@@ -332,14 +331,15 @@ RULES = (1, 2)
 def reward_weights(
     kind: Kind, chosen: Mapping[str, float] | None, joints: int, period: float, limit: int, rules: int
 ) -> Array:
-    """Return the weights of the reward's terms for one control period: the user's weights, or else the kind's.
+    """Return the reward weights for one control period: the user's weights, otherwise the task's defaults.
 
-    Rules 2: distance and attitude pay their bound minus the loss (`tasks.task.left_of`). The default weight of failure
-    is the sum of two parts. The first part is the largest loss that the other terms can cause in an episode, so that
-    ending an episode early never pays. The second part is the largest reward of the other terms in `HOLD_TIME`, so that
-    policies learn to avoid the joint limits. Weights refer to the kind's control period. For another period all weights
-    except the weight of failure scale in proportion, so that an episode's return does not depend on the period. Rules
-    1: distance and attitude cost up to 1, weights do not depend on the period, and the weight of failure is the kind's.
+    Under rules 2 the terms for distance and attitude are their bound minus the loss (`tasks.task.left_of`). The default
+    weight of failure is the sum of two parts. The first part is the largest loss that the other terms can cause in an
+    episode, so that ending an episode early never pays. The second part is the largest reward of the other terms in
+    `HOLD_TIME`, so that policies learn to avoid the joint limits. Default weights refer to the default control period
+    of the task. For another period all weights except the weight of failure scale in proportion, so that an episode's
+    return does not depend on the period. Under rules 1 distance and attitude cost up to 1, weights do not depend on the
+    period, and the weight of failure is the task's default.
 
     joints: number of joints. period: control period, s. limit: control periods of an episode.
     """
@@ -359,7 +359,7 @@ def reward_weights(
 def most_lost(weights: Mapping[str, float], joints: int) -> float:
     """Return the largest sum that all reward terms except failure can subtract in a control period.
 
-    Bounds of the terms: effort 1 per joint, change 4 per joint, rewarding terms 0, all others 1.
+    The bounds of the terms are: effort 1 per joint, change 4 per joint, terms that are never negative 0, all others 1.
     """
     largest = {**dict.fromkeys(PAYING, 0.0), "effort": joints, CHANGE: 4.0 * joints}
     return float(sum(largest.get(name, 1.0) * weight for name, weight in weights.items()))

@@ -1,16 +1,16 @@
 """Trial episodes with a user's arm, which measure how much its motions amplify the errors of small motions.
 
-Links can buckle under the forces of other links, and chains can whip; linear theory includes neither effect. Trials
-therefore run episodes in steps of h and of h/2. The episodes have bang-bang torques, which are held for 1 and for 8 of
-100 control periods. With
+Links can buckle under the forces of other links, and chains can move like a whip; linear theory includes neither
+effect. Trials therefore run episodes in steps of h and of h/2. The episodes have bang-bang torques, which are held for
+1 and for 8 of 100 control periods. With
 
     d    the largest distance between the tips of the two runs, divided by L; infinite if a run fails,
     d_1  the same distance in small motions, plus the tolerance,
     e_1  the error of small motions due to step and mesh (`resolution`),
 
-errors are amplified by the factor d / d_1, and the trial's error is max(d, e_1 d / d_1). If the factor exceeds `GROWN`,
-a second condition applies to a small error: the distance to episodes on the next mesh in steps of h/2 must be small,
-too. If a PD loop chatters, small motions give no information, and this distance is the error.
+The factor d / d_1 measures how much errors are amplified, and the trial's error is max(d, e_1 d / d_1). If the factor
+exceeds `GROWN`, a second condition applies to a small error: the distance to episodes on the next mesh in steps of h/2
+must be small, too. If a PD loop chatters, small motions give no information, and this distance is the error.
 
 With drawn factors (`randomization`), two more arms run the same episodes as the nominal arm: the softest arm with the
 heaviest payload under the strongest torques, and the stiffest arm with the lightest payload.
@@ -206,12 +206,12 @@ def _actions(count: int, lanes: int) -> Array:
 
 
 def _apart(one: Array, two: Array, length: float) -> float:
-    """Return d: the largest distance over `length` between the tips of two trials, until either episode ends.
+    """Return d, the largest distance between the tips of two trials, divided by `length`, until either episode ends.
 
-    The logarithms of errors that grow exponentially scatter about normally. d is therefore the larger of two numbers.
-    One number is the largest distance in the lanes. The second number is the distance `TAIL` standard deviations above
-    the mean of the logarithms, divided by MARGIN; almost all episodes have smaller distances. one, two: results of a
-    `Trial`. length: length of the arm, m. d is inf if an episode failed.
+    The logarithms of errors that grow exponentially are about normally distributed. The result d is therefore the
+    larger of two numbers. One number is the largest distance in the lanes. The second number is the distance `TAIL`
+    standard deviations above the mean of the logarithms, divided by MARGIN; almost all episodes have smaller distances.
+    one, two: results of a `Trial`. length: length of the arm, m. d is inf if an episode failed.
     """
     if np.isinf(one).any() or np.isinf(two).any():
         return math.inf

@@ -34,7 +34,7 @@ SINGLE_NAMES = {"observation_space": "single_observation_space", "action_space":
 class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     """Common base of the vector environments.
 
-    Only one thread at a time may reset or step the environment, or read or set its states; any other thread gets a
+    Only one thread at a time may reset or step the environment, or read or set its states. A second thread gets a
     RuntimeError.
     """
 
@@ -84,7 +84,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
 
     @property
     def guides(self) -> Mapping[int, Guide]:
-        """The guides of the arms with prescribed motion, by the arm's number."""
+        """Guides (separate programs) of the arms with prescribed motion, by the arms' indices."""
         return self._guides
 
     # --- gymnasium ---------------------------------------------------------------------------------
@@ -278,7 +278,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
 
     @property
     def ended(self) -> Sequence[int]:
-        """Numbers of the arms whose episodes have ended and have not started again."""
+        """Indices of the arms whose episodes have ended and have not started again."""
         return tuple(self._ended)
 
     # --- states --------------------------------------------------------------------------------------

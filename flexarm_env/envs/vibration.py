@@ -29,8 +29,8 @@ def shake(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Ar
     """Return the matrix S (n, 1 + 3 N) of initial rates v = S (1, alpha_k, cos alpha_k, sin alpha_k) in the first mode.
 
     The links are straight at absolute angles alpha_k. The first link's tip then deflects by the link's length, without
-    damping and to first order. Angles, and tips and points within a link relative to the link's root, have the rates of
-    the straight arm's mode, along axes that turn with the link.
+    damping and to first order. All rates are those of the straight arm's mode, along axes that turn with the link:
+    rates of angles, of tips, and of points within a link relative to the link's root.
     """
     assert settings.dt is not None
     arm, count = arm.taut, arm.n_links
@@ -123,13 +123,13 @@ def swing(arm: Arm, settings: Settings) -> Array:
 
 
 def _slip(root: Frame, section: Frame) -> Array:
-    """Return the rates (6,) of a section's position and rotation relative to another, in the other's axes."""
+    """Return the rates (6,) of a section's position and rotation relative to another section, in that one's axes."""
     slip = section.v - root.v - np.cross(root.w, section.r - root.r)
     return np.concatenate([back(root.A, slip)[0], back(root.A, section.w - root.w)[0]])
 
 
 def _within(moving: list[LinkMotion], v: Array) -> tuple[Array, Array]:
-    """Return rates v (n,) with the vertices relative to their link's root (`_slip`).
+    """Return rates v (n,) in which the rates of vertices are relative to the root of their link (`_slip`).
 
     The second result is the rotation of each element's far end relative to its near end, (elements, 3).
     """

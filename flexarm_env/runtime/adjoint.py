@@ -1,10 +1,10 @@
 """Reverse derivative of a control period: from cotangents of its results to cotangents of initial state and action.
 
-The period is run once more with the end of each step stored on a tape. After the run the steps are processed in reverse
-order. One reverse pass computes all derivatives of one scalar, for a few times the cost of the period. A block with the
-layout of the arms' block holds cotangents. x_bar is the cotangent of x, the derivative of the scalar by x.
-Accelerations are solved for anew at the start of each period (elasticas) or jump with the torques (stiff arms). Torques
-that change within a period change at the start of a step.
+The period is run once more, and the state at the end of each step is stored on a tape. After the run the steps are
+processed in reverse order. One reverse pass computes all derivatives of one scalar, for a few times the cost of the
+period. A block with the layout of the arms' block holds cotangents: x_bar, the cotangent of a number x, is the
+derivative of the scalar by x. At the start of each period the accelerations of elastica arms are solved for anew; those
+of stiff arms jump with the torques. Torques that change within a period change at the start of a step.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ from .sensors import read_gauges
 
 
 class Asked(NamedTuple):
-    """The rows of the integrator's work array that `motors.command` reads and writes."""
+    """Rows of the integrator's work array that `motors.command` reads and writes."""
 
-    q: Lanes  # (n,) coordinates, m and rad
-    v: Lanes  # (n,) velocities
-    u: Lanes  # (inputs,) torques, N m
-    y: Lanes  # (joints,) scratch
+    q: Lanes  # (n,) coordinates of the arm, m and rad
+    v: Lanes  # (n,) velocities, m/s and rad/s
+    u: Lanes  # (inputs,) joint torques, N m
+    y: Lanes  # (joints,) scratch memory
 
 
 @kernel
@@ -65,9 +65,9 @@ def _see(lane, p, q, poses, record, action, seen, outcome):
     """Compute the scaled true observation `seen` and the reward (outcome row 0) from q, poses, record and action.
 
     # in        q (m, rad), poses (inertial axes, m, rad and rates), record, action (joints, lanes)
-    # in, out   seen (entries, lanes): in, where a moving target will be (`track.list_ahead`); out, over the scales
+    # in, out   seen (entries, lanes): in: a moving target's future (`track.list_ahead`); out: scaled
     # out       outcome
-    All info is scratch here. This function exists to be differentiated in reverse (`vjp_of`).
+    All info is scratch here. This function exists so that the compiler can differentiate it in reverse mode (`vjp_of`).
     """
     info = stack(lane, (0,) * info_of(p.task).end)
     for k in range(info_of(p.task).end):
@@ -205,7 +205,7 @@ def _vjp_outcome(
 
 @kernel
 def _length(model, task):
-    """Return how many numbers are stored per step: q, v, a, increment of q, inputs, motor torques before the step."""
+    """Return the number of values stored per step: q, v, a, increment of q, inputs, earlier motor torques."""
     return _last(model) + size(task.links)
 
 
@@ -217,7 +217,7 @@ def _last(model):
 
 @kernel
 def _more(model):
-    """Return how many numbers are stored per jump of torques: factors, accelerations and inputs before the jump."""
+    """Return the number of values stored per jump of torques: factors, and earlier accelerations and inputs."""
     return size(model.n_factor) + size(model.n) + size(model.n_inputs)
 
 

@@ -1,14 +1,14 @@
 """One control period and its derivative by state and action, on rows of numbers instead of a batch's blocks.
 
-A row of `Derivative.state` holds all numbers that an arm's period depends on. The first X numbers are the moving
-numbers: derivatives of them and with respect to them are computed. Constants follow. The period is that of `episode`,
-without info: it computes torques, steps, observation and reward from the action. The period's derivative, `jacobian`,
-has D = X + A columns, one per moving number and action, and X + O + 1 rows per arm: the moving numbers at the end, the
-observation's entries and the reward.
+A row of `Derivative.state` holds all numbers that an arm's period depends on. The first X numbers of a row are the
+moving numbers: the derivatives are computed for these numbers and with respect to them. The constants of the arm follow
+in the row. The period is that of `episode`, without info: it computes torques, steps, observation and reward from the
+action. The period's derivative, `jacobian`, has D = X + A columns, one per moving number and action, and X + O + 1 rows
+per arm: the moving numbers at the end, the observation's entries and the reward.
 
 `tangents` runs the period in dual lanes, for several columns in each pass. Every operation is differentiated when it is
-computed. Newton's solution is differentiated by the implicit function theorem (`physics.integrator.newton`). `implicit`
-is faster if only the equations of a step determine its result.
+computed. Newton's solution is differentiated by the implicit function theorem (`physics.integrator.newton`). The module
+`implicit` computes the same derivative faster, but only if a step's result depends on nothing but the step's equations.
 """
 
 from __future__ import annotations
@@ -34,38 +34,38 @@ from .sensors import measure
 
 
 class Derivative(NamedTuple):
-    """A batch's program and rows of n arms: states of S numbers, of which X move, A actions, O observed entries."""
+    """A batch's program and rows of n arms: S numbers of a state, X of them moving, A actions, O observed entries."""
 
-    lane: tuple[int, ...]  # tag of plain lanes
-    dual: tuple[int, ...]  # tag of the same lanes with tangents
+    lane: tuple[int, ...]  # one zero per lane, for plain numbers
+    dual: tuple[int, ...]  # the same lanes for numbers with tangents
     program: Program
-    plain: Block  # sections of a block in plain lanes
-    both: Block  # sections of a block in dual lanes
-    columns: int  # X + A
-    moving: int  # X
-    passes: int  # solutions for a step's tangents: 1 where the step's matrix is exact
-    places: np.ndarray  # (S,) int64: offsets of a state's numbers in a plain block
-    twice: np.ndarray  # (S,) int64: their offsets in a dual block
-    chosen: np.ndarray  # (O,) int64: indices of the entries observed
-    n: int  # arms
-    state: np.ndarray  # (n S,) at the start of the period
-    action: np.ndarray  # (n A,), within +-1
-    after: np.ndarray  # (n S,): state at the end of the period
-    observation: np.ndarray  # (n O,) over the scales
-    reward: np.ndarray  # (n,)
-    failed: np.ndarray  # (n,) uint8: status code
-    past: np.ndarray  # (n,) uint8: 1 where a joint is beyond its limits
-    level: np.ndarray  # (n,): halvings of the steps that the last period took, where steps are fitted
-    jacobian: np.ndarray  # (n (X + O + 1) (X + A),)
-    state_bar: np.ndarray  # (n S,): cotangents of `after` in, of `state` out
-    observation_bar: np.ndarray  # (n O,): cotangents in
-    reward_bar: np.ndarray  # (n,): cotangents in
-    action_bar: np.ndarray  # (n A,): cotangents out
-    bars: np.ndarray  # (groups, plain.row): blocks that hold cotangents
-    tape: np.ndarray  # (groups, room): values stored on the forward pass
-    room: int  # numbers of a group's tape
-    block: np.ndarray  # (groups, plain.row)
-    scratch: np.ndarray  # (groups, both.row)
+    plain: Block  # offsets of a block's sections in plain lanes
+    both: Block  # offsets of a block's sections in dual lanes
+    columns: int  # X + A, number of columns of the Jacobian
+    moving: int  # X, number of moving numbers of a state
+    passes: int  # number of linear solutions for a step's tangents; 1 if the step's matrix is exact
+    places: np.ndarray  # (S,) int64: offsets of the state's numbers in a plain block
+    twice: np.ndarray  # (S,) int64: offsets of the state's numbers in a dual block
+    chosen: np.ndarray  # (O,) int64: indices of the observed entries
+    n: int  # number of arms
+    state: np.ndarray  # (n S,) states at the start of the period
+    action: np.ndarray  # (n A,) actions, in [-1, 1]
+    after: np.ndarray  # (n S,) states at the end of the period
+    observation: np.ndarray  # (n O,) observed entries, divided by their scales
+    reward: np.ndarray  # (n,) reward of the period
+    failed: np.ndarray  # (n,) uint8: status code of the period, 0 without failure
+    past: np.ndarray  # (n,) uint8: 1 if a joint is beyond its limits
+    level: np.ndarray  # (n,): with fitted steps, the last period's steps were h / 2^level
+    jacobian: np.ndarray  # (n (X + O + 1) (X + A),) derivatives of results by moving numbers and actions
+    state_bar: np.ndarray  # (n S,): cotangents; input: of `after`, output: of `state`
+    observation_bar: np.ndarray  # (n O,): input: cotangents of the observation
+    reward_bar: np.ndarray  # (n,): input: cotangents of the reward
+    action_bar: np.ndarray  # (n A,): output: cotangents of the actions
+    bars: np.ndarray  # (groups, plain.row): scratch blocks for cotangents
+    tape: np.ndarray  # (groups, room): numbers stored on the forward pass
+    room: int  # amount of numbers on the tape of a group
+    block: np.ndarray  # (groups, plain.row): scratch blocks in plain lanes
+    scratch: np.ndarray  # (groups, both.row): scratch blocks in dual lanes
 
 
 @kernel
@@ -80,7 +80,7 @@ def step(address, first, last):
 
 @kernel
 def observe(address, first, last):
-    """Observe groups first ... last - 1 in the states d.state, without a step: d.observation and d.reward.
+    """Observe groups first ... last - 1 in the states d.state, without a step; write d.observation and d.reward.
 
     address: address of a `Derivative` d. Returns 0.
     """
@@ -115,7 +115,7 @@ def _views(lane, p, model, block):
 def _values(d, first, last, moves):
     """Advance and observe groups first ... last - 1, or only observe them if moves is None; return 0.
 
-    moves: a tag for a step, or None. d: a `Derivative`.
+    moves: not None for a step; None to observe only. d: a `Derivative`.
     """
     for g in range(first, last):
         _values_of(d, first, g, moves)
@@ -126,7 +126,8 @@ def _values(d, first, last, moves):
 def _values_of(d, first, g, moves):
     """Advance and observe group g, or only observe it if moves is None, in the memory of group `first`.
 
-    Rows of d.state and d.action in; rows of d.after, d.observation, d.reward, d.failed, d.past and d.level out.
+    The rows of d.state and d.action are read; the rows of d.after, d.observation, d.reward, d.failed, d.past and
+    d.level are written.
     """
     p, block = d.program, d.block[first * d.plain.row : (first + 1) * d.plain.row]
     fill(d.lane, d, d.places, d.plain, g, block)
@@ -163,7 +164,7 @@ def _columns(d, first, last, moves):
 
 @kernel
 def _taken(d, k, g):
-    """Return whether an arm of group g took k halvings in its last period."""
+    """Return whether the last period of an arm in group g took steps of h / 2^k."""
     for arm in range(g * len(d.lane), min((g + 1) * len(d.lane), d.n)):
         if d.level[arm] == k:
             return True
@@ -207,7 +208,7 @@ def at_once(d):
 
 @kernel
 def _arm(lane, n, g, i):
-    """Return the number of the arm in lane i of group g; a lane without an arm gets the group's first."""
+    """Return the index of the arm in lane i of group g; for a lane without an arm, that of the group's first."""
     arm = g * lane_count(lane) + i
     return arm if arm < n else g * lane_count(lane)
 
@@ -267,7 +268,7 @@ def seed(lane, d, first, last, block):
 
 @kernel
 def _go(lane, p, models, model, parts, layout, block, w, moves):
-    """Advance the arms in a block by one control period and observe them, or only observe them where moves is None.
+    """Advance the arms in a block by one control period and observe them; if moves is None, only observe them.
 
     models, model, parts: as in `guided.move`. layout: offsets of the block's sections, in plain or dual lanes. w: the
     integrator's views of the block.

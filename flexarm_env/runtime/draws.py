@@ -22,9 +22,9 @@ _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
 
 @kernel
 def draw_start(task, ranges, stream, request, arm, own):
-    """Draw an arm's `START` (joint angles, target, vibration, factors, parameters) into own, unless requested.
+    """Draw an arm's `START` record (joint angles, target, vibration, factors, parameters) unless requested.
 
-    request: a `REQUEST`, NaN where a number is to be drawn. Every request consumes the same number of random numbers,
+    request: a `REQUEST`; NaN means that the number is drawn. Every request consumes the same number of random numbers,
     so that later draws do not depend on it.
     # in        task, ranges (`Ranges`), request
     # in, out   stream[arm]
@@ -50,7 +50,7 @@ def draw_start(task, ranges, stream, request, arm, own):
 
 @kernel
 def _draw_posture(task, ranges, stream, request, arm, own):
-    """Draw the joint angles and the target of a `START`, unless requested; arguments as in `draw_start`."""
+    """Draw joint angles and target of a `START` record unless requested; arguments as in `draw_start`."""
     n = size(task.links)
     at, asked = start_at(0, n), request_at(0, n, 0)
     # theta_k (rad), drawn or requested; a share of the starts is straight, all 0
@@ -73,10 +73,10 @@ def _draw_posture(task, ranges, stream, request, arm, own):
 
 @kernel
 def draw_free(lane, p, arm, own, par, w):
-    """Draw joint angles and target of a planar arm anew until both are outside obstacles, at most MOST_DRAWS times.
+    """Draw joint angles and target of a planar arm until both are outside obstacles, at most MOST_DRAWS times.
 
-    A requested start or target is not checked. own: the arm's `START`: in and out. Scratch: w.r, and w.q, v, a and b of
-    the arm's lane.
+    A requested start or target is not checked. own: the arm's `START` record, read and written. Scratch: w.r, and w.q,
+    v, a and b of the arm's lane.
     """
     n, lanes, i = size(p.task.links), len(lane), arm % len(lane)
     asked, mine = request_at(0, n, 0), stack(_ONE, p.task.links + _START)
@@ -97,7 +97,7 @@ def draw_free(lane, p, arm, own, par, w):
 
 @kernel
 def _copy_goal(task, own, mine):
-    """Write to mine, a `START`, the joint angles (rad) that reach the target of the `START` own, nearest to its own."""
+    """Write the joint angles (rad) that reach the target of `own` into `mine`; both are `START` records."""
     n = size(task.links)
     at, goal = start_at(0, n), stack(_ONE, task.links + _RECORD)
     goal[TARGET], goal[TARGET + 1] = own[at.target], own[at.target + 1]
@@ -113,8 +113,9 @@ def _copy_goal(task, own, mine):
 def draw_more(p, lanes, i, arm, factors, par):
     """Draw the optional factors (friction, backlash, inertias, EI_y, GJ) of an arm and apply them to par in lane i.
 
-    factors: a `FACTORS`, of which entries from ALWAYS on are written. par: the arm's own parameters in lanes; behind
-    them the laws of its joints (`joints.layout.LAWS`), which get the model's laws times the factors.
+    factors: a `FACTORS` record; its entries from ALWAYS on are written. par: the arm's own parameters in lanes,
+    followed by the laws of its joints (`joints.layout.LAWS`). Each joint law becomes the model's law times the drawn
+    factors.
     """
     for k in range(p.ranges.more.shape[0] // 2):
         factors[ALWAYS + k] = draw(p.stream, arm, p.ranges.more, k)
@@ -144,7 +145,7 @@ def draw_more(p, lanes, i, arm, factors, par):
 
 @kernel
 def given(requested, drawn):
-    """Return `requested`, or `drawn` where requested is NaN."""
+    """Return `requested`, or `drawn` if `requested` is NaN."""
     if math.isnan(requested):
         return drawn
     return requested
@@ -156,7 +157,7 @@ def place(lanes, i, pose, shake, n_joints, own, rows, q, v, a, b):
 
     q and v are linear in the `BASIS` (1, alpha_k, cos alpha_k, sin alpha_k) of the links' absolute angles alpha (rad):
     q = pose BASIS, v = vibration * shake BASIS.
-    # in        pose, shake (rows, BASIS); own, a `START` with joint angles and vibration (tip deflection over L)
+    # in        pose, shake (rows, BASIS); own, a `START`: joint angles, vibration (tip deflection / L)
     # out       q (m, rad), v (m/s, rad/s), a = b = 0 in lane i, `rows` rows
     """
     at = start_at(0, n_joints)
@@ -178,7 +179,7 @@ def place(lanes, i, pose, shake, n_joints, own, rows, q, v, a, b):
 
 @kernel
 def draw_free_goal(lane, p, arm, live, record, par, w):
-    """Draw goal angles (rad) anew until the arm, placed there, is outside obstacles, at most MOST_DRAWS times.
+    """Draw goal angles (rad) until the arm at these angles is outside obstacles, at most MOST_DRAWS times.
 
     live: mask of the arm's lane.   # in, out   record.goal, w.q   # scratch   w.r, w.v
     """
@@ -195,9 +196,10 @@ def draw_free_goal(lane, p, arm, live, record, par, w):
 
 @kernel
 def draw_held(p, arm, lanes, record):
-    """Draw goal angles (rad) anew until the motors can hold the rigid arm there, at most MOST_DRAWS times.
+    """Draw goal angles (rad) until the motors can hold the rigid arm at these angles, at most MOST_DRAWS times.
 
-    record.goal of the arm's lane: in and out. arm: number in the batch; lanes: number of lanes of a group.
+    record.goal of the arm's lane is read and written. arm: index of the arm in the batch; lanes: number of arms in a
+    group.
     """
     n, i = size(p.task.links), arm % lanes
     mine = stack(_ONE, p.task.links)

@@ -96,7 +96,7 @@ def _changes(lane, record, w):
 
 @kernel
 def add_work(lane, record: Lanes, live, work, gross):
-    """Add work (J) to record.accounted and gross work (J) to record.exchanged, in lanes where live > 1/2.
+    """Add work (J) to record.accounted and gross work (J) to record.exchanged, for running arms (live > 1/2).
 
     accounted: energy at the start of the episode plus work since then. exchanged: sum of their absolute values.
     """

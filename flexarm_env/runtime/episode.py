@@ -1,8 +1,8 @@
 """One control period of a batch of arms: from actions to observations, rewards and info.
 
-A `tasks.program.Program` holds all data of the batch and is passed to compiled code by its address (`compiler.entry`).
+A `tasks.program.Program` contains all data of the batch; compiled code receives its address (`compiler.entry`).
 Arms are advanced in groups of L = len(lane) lanes. Row g of `block` is the memory of arms g L ... g L + L - 1;
-`program.Block` names its sections. In arrays of lanes, number k of the arm in lane i has index k L + i. Actions,
+`program.Block` names its sections. In an array of lanes, number k of the arm in lane i has the index k L + i. Actions,
 observations, rewards, flags and streams of random numbers are stored arm by arm, without lanes.
 
 Arguments that recur in this package
@@ -129,12 +129,12 @@ def advance_group(lane, p, g, block, w):
 
 @kernel
 def read_actions(lane, p, g, action, record, flag):
-    """Copy the actions of group g into lanes, clipped to [-1, 1], and set each arm's status flag.
+    """Copy the actions of group g into lanes, clip them to [-1, 1], and set each arm's status flag.
 
     # in        p.action (arms x joints,) float32, arm by arm;  p.n, number of arms;  record.mode
     # out       action (joints, lanes);  flag (lanes,) status
     flag: OK where the arm will be moved; RETRY in a lane without an arm or with an arm of another mode;
-    ACTION_NOT_FINITE where an entry of the action is not finite. The entry is then replaced by 0.
+    ACTION_NOT_FINITE where an entry of the action is not finite. An entry that is not finite is replaced by 0.
     """
     lanes, n_joints, moved = len(lane), size(p.task.links), moved_mode(p.guide)
     for i in range(lanes):
@@ -160,7 +160,7 @@ def read_actions(lane, p, g, action, record, flag):
 def observe_state(lane, p, first, poses, record, seen):
     """Write the true observation without strain gauges into `seen`: entries divided by their scales, clipped to +-10.
 
-    first: True at the start of an episode, False after a period that record.periods does not count yet.
+    first: True when the episode begins, False after a period that record.periods does not count yet.
     # in        poses of the links (inertial axes);  record: target, path, periods done
     # out       seen (entries, lanes): entries of the task, then entries for a moving target
     """
@@ -170,10 +170,10 @@ def observe_state(lane, p, first, poses, record, seen):
 
 @kernel
 def observe_material(lane, p, par, record, w, seen):
-    """Write scaled curvatures at strain gauges into `seen`, and the true values for other sensors into `record`.
+    """Write the scaled curvatures at strain gauges into `seen`, and the true values of all other sensors into `record`.
 
     # in        w.q, coordinates (m, rad)
-    # out       seen, last entries (curvature over its scale);  record, motor angles (rad) and contact forces in
+    # out       seen, last entries (curvature divided by its scale);  record, motor angles (rad) and contact forces in
     #           the channels of encoders, force sensor and contact switch
     """
     read_gauges(lane, p.sensors, p.entries, p.model, w.q, seen)
@@ -183,7 +183,7 @@ def observe_material(lane, p, par, record, w, seen):
 
 @kernel
 def find_sound(lane, entries, flag: Lanes, seen: Lanes):
-    """Return 1.0 in lanes that were moved and whose observation is finite, otherwise 0.0.
+    """Return 1.0 in lanes of arms that were advanced and have finite observations, otherwise 0.0.
 
     flag (lanes,): status code, 0 (OK) where the arm was moved without error; NOT_FINITE is written if an entry of seen
     is not finite. A code other than OK is kept. entries: number of rows of `seen` that are checked.
@@ -198,7 +198,7 @@ def find_sound(lane, entries, flag: Lanes, seen: Lanes):
 
 @kernel
 def reward(lane, p, live, poses, action, record, info, outcome: Lanes):
-    """Compute the period's reward; write reward terms, success and tip into `info` in lanes where live > 1/2.
+    """Compute the period's reward; write reward terms, success and tip into `info` for running arms (live > 1/2).
 
     # in        poses of the links (inertial axes, m, rad and rates);  action (joints, lanes), clipped to [-1, 1]
     # in, out   record: number of consecutive instants within the bounds of success, last action
@@ -234,12 +234,12 @@ def record_period(lane, p, par, record, scratch, w, live, info, outcome):
 
 @kernel
 def record_torques(lane, p, par, record: Lanes, w: Work, live, info):
-    """Write the joint torques (N m) of the period into info.torque, where live > 1/2.
+    """Write the joint torques (N m) of the period into info.torque, for running arms (live > 1/2).
 
     With ideal motors the torque is w.u. With lagging motors (p.actuator) the torque is that at the end of the period.
     With motors driven by voltage, the back-emf torque is subtracted from w.u: emf (N m s/rad) times the joint's rate.
-    The model treats back-emf as viscous friction. w.y is scratch memory. Torques under prescribed motions:
-    `guided.record_motion_torques`.
+    The model treats back-emf as viscous friction. w.y is scratch memory. Torques under prescribed motions are written
+    by `guided.record_motion_torques`.
     """
     n, at = size(p.task.links), info_of(p.task).torque
     if p.guide is not None:
@@ -264,7 +264,8 @@ def record_torques(lane, p, par, record: Lanes, w: Work, live, info):
 def record_energies(lane, p, par, w: Work, live, info):
     """Write energies (J), motor angles (rad) and rates (rad/s), both divided by the gear ratio, into `info`.
 
-    Energies, angles and rates are written in lanes where live > 1/2, if the batch records energies (p.books is a tag).
+    Energies, angles and rates are written for running arms (live > 1/2), if the batch records energies (p.books is not
+    None).
     # in        w.q (m, rad), w.v;  w.books, energy account, J;  par, the arms' own parameters
     # scratch   w.y
     # out       info.energies: kinetic, strain, gravity, dissipated, work;  info.motors (2, joints): angles, then rates
@@ -304,7 +305,7 @@ def finish(lane, p, g, w, poses, record, seen, info, saved, outcome):
     be repeated. A period is repeated if the arm's Newton iteration failed in a group of several lanes, where steps
     cannot be halved. Arms that must be repeated and arms that were not moved are restored from `saved`, the state at
     the start of the period. The mode of an arm that was just reset changes from FRESH to RUNNING. outcome (2, lanes):
-    the reward, and 1 where a joint is beyond its limits. seen (entries, lanes): true observation.
+    the reward, and 1 if a joint is beyond its limits. seen (entries, lanes): true observation.
     """
     lanes, reason_at, count, moved = len(lane), info_of(p.task).reason * len(lane), 0, moved_mode(p.guide)
     for i in range(lanes):

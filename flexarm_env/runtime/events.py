@@ -1,8 +1,8 @@
 """Events of an episode: pushes at the tip, a change of the payload, and the cost of exceeding limits.
 
-Pushes and payload changes begin at the start of a control period. They are drawn and applied before the arm's state is
-saved for a repetition (`keeping`). A repeated period does not draw or apply them again, because the record stores which
-push acts and whether the payload change is still due.
+Pushes and payload changes begin at the start of a control period. Pushes and payload changes are drawn and applied
+before the arm's state is saved for a repetition (`keeping`). A repeated period does not draw or apply them again,
+because the record stores which push acts and whether the payload change is still due.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def draw_events(lanes, p, arm, par, record, info):
     """Draw the payload change and the first push of an arm's episode; write the payload's mass (kg) into info.payload.
 
     record.change becomes (number of the control period at whose start the payload changes, factor on the nominal
-    payload). lanes: number of lanes of a group. arm: number of the arm in the batch; its lane is arm % lanes. par:
+    payload). lanes: number of arms in a group. arm: number of the arm in the batch; its lane is arm % lanes. par:
     parameters in lanes, with the present payload mass.
     """
     i = arm % lanes
@@ -60,11 +60,12 @@ def draw_events(lanes, p, arm, par, record, info):
 
 @kernel
 def _draw_push(pushes, stream, arm, record, lanes, axes):
-    """Draw the next push of an arm into record.push: first period, first period after it, force (N, inertial axes).
+    """Draw the next push of an arm: first control period, first period after the push, force (N, inertial axes).
 
-    pushes: ranges of waiting time and force, `lasting` and `until`; times in control periods. The direction is uniform
-    on the circle in the plane (axes = 2) or on the sphere in space (axes = 3; height uniform in [-1, 1], angle
-    uniform). A push that would begin after pushes.until is omitted (first = inf). lanes: number of lanes of a group.
+    pushes: bounds of waiting time and force, duration `lasting` and latest start `until`; times in control periods. The
+    direction is uniform on the circle in the plane (axes = 2) or on the sphere in space (axes = 3; height uniform in
+    [-1, 1], angle uniform). A push that would begin after pushes.until is omitted (first = inf). lanes: number of arms
+    in a group.
     """
     i = arm % lanes
     # period of the push; it is drawn in every case, so that the stream does not depend on the settings
@@ -99,8 +100,8 @@ def change_payloads(lane, p, par: Lanes, record, w):
     """Apply the payload changes that are due in this period: mass (kg), inertia (kg m^2), jump of velocities.
 
     A change is due in an arm that moves (w.flag OK) if record.change equals the number of periods done. Afterwards
-    record.change is -1. The numbers of all other arms keep their bits. par: each arm's own parameters, in and out. w:
-    state, in and out. `impact.change_payload` applies the balance of momentum.
+    record.change is -1. The numbers of all other arms remain unchanged, bit by bit. par: each arm's own parameters, in
+    and out. w: state, in and out. `impact.change_payload` applies the balance of momentum.
     """
     if p.payload_change is not None:
         lanes, due = len(lane), False
@@ -124,10 +125,10 @@ def change_payloads(lane, p, par: Lanes, record, w):
 
 @kernel
 def set_pushes(lane, p, record, w):
-    """Write this period's push on the tip (N, inertial axes) into w.u after the joint torques; 0 where no push acts.
+    """Write this period's push on the tip (N, inertial axes) into w.u after the torques; 0 without a push.
 
-    record.push: first period of the push, first period after the push, force (N). Without pushes the kernel does
-    nothing.
+    record.push: first control period of the push, first period after the push, force (N). Without pushes the kernel
+    does nothing.
     """
     if p.pushes is not None:
         lanes, first = len(lane), size(p.task.links)
@@ -140,7 +141,7 @@ def set_pushes(lane, p, record, w):
 
 @kernel
 def record_events(lane, p, par: Lanes, record: Lanes, w: Work, live, info: Lanes, outcome: Lanes):
-    """Write the period's cost, payload mass (kg) and push (N) into `info` where live > 1/2; charge the cost.
+    """Write cost, payload mass (kg) and push (N) of the period into info of running arms; charge the cost.
 
     The cost of a period is 1 if a limit is exceeded or if the arm is nearer to a keep-out shape than its margin,
     otherwise 0. The price times the cost is subtracted from the reward.
@@ -171,11 +172,11 @@ def record_events(lane, p, par: Lanes, record: Lanes, w: Work, live, info: Lanes
 
 @kernel
 def _cost(lane, p, q, info: Lanes):
-    """Return 1.0 in lanes where a tip deflection or a strain exceeds its limit, otherwise 0.0.
+    """Return 1.0 in lanes of arms whose tip deflection or strain exceeds a limit, otherwise 0.0.
 
-    Deflections are read from info (tip deflection over link length). Strains come from rows of `gauges.curvature_rows`,
-    divided by the limit. In space each station has two rows, for bending in both planes, whose absolute values are
-    added.
+    Deflections are read from info (tip deflection / link length). Strains are computed from rows of
+    `gauges.curvature_rows`, divided by their limits. In space each station has two rows, for bending in both planes,
+    whose absolute values are added.
     # in        q (n, lanes) coordinates; info.deflection
     """
     most, task, cost = 0.0, p.task, p.cost

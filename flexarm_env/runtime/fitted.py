@@ -4,14 +4,14 @@ A period is computed in steps of h and of h/2 from the same start. The error of 
 distance between the tips of both runs, at the end of the period and extrapolated by another period (theory, eq. 6.4).
 The finer run is kept if its error is allowed. Otherwise h/4 is compared with h/2, and so on up to h/32. The run with
 h/32 is kept even if its error is too large, and its error is reported. The next period begins with the same pair of
-step sizes, or with the next coarser pair if the error was below an eighth of the allowed error. In lanes, a step size
-that one arm needs is computed for all arms of the group. Each arm keeps its own result, which does not depend on other
-arms.
+step sizes, or with the next coarser pair if the error was below an eighth of the allowed error. If one arm of a group
+needs a step size, that step size is computed for all arms of the group. Each arm keeps its own result, which does not
+depend on other arms.
 
 An environment fits the steps of its control periods (`fit_period`), under prescribed motions those between two kinks
 (`guided`). A scene fits the steps of its stretches between samples and kinks (`simulation.Simulation`). All of them
-call `open_fit`, then `start_run` and `end_run` for each step size, then `close_fit`. A run of k halvings has steps of
-h / 2^k. Each k has a model of its own, because inertia corrections depend on the step.
+call `open_fit`, then `start_run` and `end_run` for each step size, and finally `close_fit`. A run of k halvings has
+steps of h / 2^k. Each number k of halvings has its own model, because inertia corrections depend on the step.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ _FLAG, _FINE, TAKEN, APART, _TIPS = _FIRST.flag, _FIRST.fine, _FIRST.taken, _FIR
 
 @kernel
 def fit_period(lane, p, models, par, poses, record: Lanes, action, saved, scratch, block, w):
-    """Advance the arms by one control period in fitted steps: runs of k = 0, 1, ... halvings until all have a result.
+    """Advance the arms by a period in fitted steps: runs with steps of h / 2^k until all arms have a result.
 
     A run of k halvings has steps of h / 2^k. An arm's result is the first run whose tips are within p.allowed (m) of
-    those of the run before, (6.4), or the last possible run. Runs that no arm needs are left out.
+    the previous run's tips (theory, eq. 6.4), or the last possible run. Runs that no arm needs are omitted.
 
     # model     models: of k = 0, 1, ... halvings;  par, the arms' own parameters
     # in        action (joints, lanes), in [-1, 1];  saved, a `SAVED` of the start of the period, in lanes
@@ -65,7 +65,7 @@ def fit_period(lane, p, models, par, poses, record: Lanes, action, saved, scratc
 
 @kernel
 def record_step_error(lane, p, scratch: Lanes, live, info: Lanes):
-    """Write the error of a period in fitted steps, divided by the arm's length, into info.step_error where live > 1/2.
+    """Write the error of a period in fitted steps, divided by the arm's length, into info of running arms.
 
     The error is scratch.apart (m): distance of the tips between the kept run and the run with steps twice as long. The
     error exceeds the tolerance if steps of h/32 were still too long. With fixed steps the kernel does nothing.
@@ -79,7 +79,7 @@ def record_step_error(lane, p, scratch: Lanes, live, info: Lanes):
 def _result(lane, links, saved, scratch):
     """Return the view of `scratch`, a `SCRATCH` in lanes, that holds a `SAVED`: the arms' results.
 
-    links: number of links. saved: any `SAVED` in lanes, for its length.
+    links: number of links. saved: a `SAVED` record in lanes; only its length is used.
     """
     first = scratch_at(0, links, 0).result * len(lane)
     return scratch[first : first + saved.shape[0]]
@@ -106,9 +106,9 @@ def open_fit(lane, links, level, record, saved, scratch, w):
 def start_run(lane, k, saved, scratch, record, w):
     """Return whether an arm needs a run of k halvings; if so, restore all lanes to the start of the period.
 
-    Runs are compared in pairs of fine - 1 and fine halvings. In a run of k halvings each step is h / 2^k. An arm needs
-    this run as the coarser run (scratch.fine = k + 1) or as the finer run (scratch.fine = k) of its pair. w.flag
-    becomes OK in the arm's lane and RETRY (not moved) in other lanes.
+    Runs are compared in pairs: a coarser run with fine - 1 halvings and a finer run with `fine` halvings of h. In a run
+    of k halvings each step is h / 2^k. An arm needs this run as the coarser run (scratch.fine = k + 1) or as the finer
+    run (scratch.fine = k) of its pair. w.flag becomes OK in the arm's lane and RETRY (not moved) in other lanes.
     """
     lanes, asked = len(lane), False
     for i in range(lanes):
@@ -158,8 +158,8 @@ def _compare(lanes, i, k, links, allowed, period, poses, record, scratch, result
     """Compare arm i's run of k halvings with its coarser run: keep the run as the result, or store its tips.
 
     The finer run of a pair (scratch.fine = k) is kept if the distance of the tips is at most allowed (m), or if there
-    are no shorter steps. A run that failed in a group of several lanes is kept as well. After any other run fine
-    becomes k + 1.
+    are no shorter steps. A run that failed in a group of several lanes is kept as well. After any other run,
+    scratch.fine becomes k + 1.
     # in        poses, tips of this run (m, m/s, inertial axes);  w.flag, status;  scratch.fine
     # out       scratch.flag, taken (k), apart (error, m), result, where kept;  scratch.tips, where not
     #           level, where kept without failure: halvings of the next period
@@ -192,12 +192,12 @@ def _compare(lanes, i, k, links, allowed, period, poses, record, scratch, result
 
 @kernel
 def _apart(lanes, i, links, period, poses, scratch):
-    """Return the distance of arm i's tips between two runs, now and extrapolated by a period, m (theory, eq. 6.4).
+    """Return the distance (m) of arm i's tips in two runs, now and extrapolated by a period (theory, eq. 6.4).
 
         max over links and axes of |r - r'| + period |v - v'|
 
     # in        poses, r and v: tips of the finer run (m, m/s, inertial axes)
-    #           scratch.tips, r' and v': those of the coarser run (nan after a failure: the distance is infinite)
+    #           scratch.tips, r' and v': tips of the coarser run (nan after a failure: the distance is infinite)
     """
     most = 0.0
     for j in range(links):

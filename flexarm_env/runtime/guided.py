@@ -32,22 +32,22 @@ _ALL = 2**62
 class Guided(NamedTuple):
     """Prescribed motions of a program's single arm."""
 
-    drive: Any  # loads and motions as functions of time
+    drive: Any  # prescribed motions and loads as functions of time
     motions: int  # number of prescribed coordinates
     joints: np.ndarray  # (motions,) int64: joint of each prescribed coordinate
-    kinks: np.ndarray  # (K,) s, ascending: instants where motions or loads may jump
-    duration: float  # s, end of the motions, after which the arm stays as it is
-    longest: float  # s, longest step
-    chunk: int  # steps between sums of the gross work
-    free: np.ndarray  # (A,): 1 where neither motion nor load acts on a joint, so that its action counts
-    takes: float  # 1 where actions are torques on those joints, otherwise 0
-    stretch: np.ndarray  # a `STRETCH`: instant reached, gross work
-    levels: np.ndarray  # with fitted steps: number of stretches so far, then the halvings of each
-    books: tuple[int, ...] | None = (0,)  # a tag where work and dissipation are integrated
+    kinks: np.ndarray  # (K,) instants at which motions or loads may jump, s, ascending
+    duration: float  # end of the prescribed motions, s; later the arm keeps its state
+    longest: float  # length of the longest step, s
+    chunk: int  # number of steps after which gross work is summed
+    free: np.ndarray  # (A,): 1 for a joint without prescribed motion or load; its action is applied
+    takes: float  # 1 if actions are torques on the free joints, otherwise 0
+    stretch: np.ndarray  # a `STRETCH` record: instant reached, gross work
+    levels: np.ndarray  # with fitted steps: number of stretches so far, then each stretch's number of halvings of h
+    books: tuple[int, ...] | None = (0,)  # not None if work and dissipation are integrated
 
 
 def unaccounted(guide: Guided) -> Guided:
-    """Return the motions with scratch memory of their own and without energy account, for derivatives."""
+    """Return a copy of the motions for derivatives: with its own scratch memory and without energy account."""
     return guide._replace(stretch=guide.stretch.copy(), levels=guide.levels.copy(), books=None)
 
 
@@ -59,7 +59,7 @@ def motions_of(guide):
 
 @kernel
 def moved_mode(guide):
-    """Return the mode of the arms that a program moves: GUIDED with a guide, otherwise RUNNING."""
+    """Return the mode of the arms that a program advances: GUIDED with a guide, otherwise RUNNING."""
     return RUNNING if guide is None else GUIDED
 
 
@@ -101,8 +101,8 @@ def _follow_motions(lane, p, guide, models, model, par, poses, record: Lanes, ac
     """Advance an arm under prescribed motions by one control period, with torques on its free joints.
 
     A change of a torque between periods is a kink, at which velocities and accelerations are made consistent.
-    # in        record.periods, which gives the time; the rest as in `move`
-    # in, out   action (joints, lanes), entries of joints that are not free become 0;  w;  guide.stretch
+    # in        record.periods, which gives the time; the other inputs as in `move`
+    # in, out   action (joints, lanes), entries of joints with a prescribed motion or load become 0;  w;  guide.stretch
     # out       record.accounted, record.exchanged: start energy plus work, and sum of their absolute values, J
     """
     drive, stretch, periods = guide.drive, guide.stretch, without_tangents(record[PERIODS])
@@ -194,10 +194,10 @@ def _drop_known_tangents(lane, drive, w):
 
 @kernel
 def _set_torques(lane, guide, task, action, w):
-    """Set w.u to the joint torques (N m) that the action commands, where guide.takes is 1; return whether one changed.
+    """Set w.u to the commanded joint torques (N m) if guide.takes is 1; return whether a torque has changed.
 
-    Torque = action (joints, lanes), in [-1, 1], times task.torque_limits. Entries of joints that are not free
-    (guide.free is 0) are set to 0. A torque whose action has tangents counts as changed, because any change of the
+    Torque = action (joints, lanes), in [-1, 1], times task.torque_limits. Entries of joints with a prescribed motion or
+    load (guide.free is 0) are set to 0. A torque whose action has tangents counts as changed, because any change of the
     action makes the start of the period a kink.
     """
     changed = False
@@ -217,10 +217,10 @@ def _set_torques(lane, guide, task, action, w):
 
 @kernel
 def _landed(kinks, t):
-    """Return (the kink at time t (s), True), or (t, False) if there is no kink within round-off.
+    """Return (kink, True) for a kink within round-off of time t (s), otherwise (t, False).
 
-    kinks (K,): s, instants where motions or loads may jump. Round-off: NEAR (1e-12) times t, or times 1 s for smaller
-    t.
+    kinks (K,): instants at which motions or loads may jump, s. Round-off: NEAR (1e-12) times t, or times 1 s for
+    smaller t.
     """
     for k in range(kinks.shape[0]):
         if abs(kinks[k] - t) <= NEAR * max(1.0, t):
@@ -230,7 +230,7 @@ def _landed(kinks, t):
 
 @kernel
 def record_motion_torques(lane, p, w, live, info, first):
-    """Write the torques (N m) of an arm under motions into info from entry `first` on, where live > 1/2.
+    """Write the torques (N m) of an arm under motions into info from entry `first` on, for running arms (live > 1/2).
 
     The torque of a prescribed joint is the reaction that enforces its motion. Free joints have the applied torque w.u.
     """

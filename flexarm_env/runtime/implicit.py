@@ -1,8 +1,8 @@
 """Derivative of a control period step by step: values in plain lanes, tangents by the implicit function theorem.
 
-The caller passes groups that no other thread uses. The scratch memory of the first group is used for all groups. All
-columns of the Jacobian advance together: each step is computed once, the step's matrix is factored once more at the end
-of the step, and each dual block holds some of the columns (`physics.integrator.transitions`).
+The caller passes groups that no other thread uses at the same time. The scratch memory of the first group is used for
+all groups. All columns of the Jacobian advance together: each step is computed once, the step's matrix is factored once
+more at the end of the step, and each dual block holds some of the columns (`physics.integrator.transitions`).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def implicit(address, first, last):
 
 @inlined
 def _chunk(d, c, scratch):
-    """Return the dual block of chunk c of the columns, and the work array in it."""
+    """Return the dual block of chunk c of the Jacobian's columns, and the integrator's work array in this block."""
     both = scratch[c * d.both.row : (c + 1) * d.both.row]
     return both, unpack(d.dual, d.program.model, both, 0)
 
@@ -96,7 +96,7 @@ def _period(lane, d, g, chunks, block, scratch, w):
 
 @kernel
 def _turn(lane, d, s, chunks, record, scratch, w):
-    """Update the motors' torques (N m) for step s, in plain lanes and in all dual blocks.
+    """Update the motors' torques (N m) in step s, in plain lanes and in all dual blocks.
 
     # in, out   record.torque, in `record` and in the dual blocks
     # out       u (joints, lanes), mean torques over the step, and u0, those before it, of w and of each dual work array
@@ -145,7 +145,7 @@ def _close(lane, d, g, c, scratch, w):
 
 @kernel
 def _jump(lane, d, chunks, par, s, record, saved, block, scratch, w):
-    """Let accelerations jump with the torques ahead of step s, with their tangents (`motors.jump_with_torques`).
+    """Let accelerations and their tangents jump with the torques before step s (`motors.jump_with_torques`).
 
     # in        u0, u: inputs before and after, N m and N
     # in, out   a, b (m/s^2, rad/s^2) of w, and their tangents in the dual work arrays

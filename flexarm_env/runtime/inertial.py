@@ -29,7 +29,7 @@ def _inverse(A):
 
 @kernel
 def _on_the_way(s, turn, start, end):
-    """Return the tip's rotation matrix at s, in the axes that the tip had at s = -1; s runs from -1 to 1 over a period.
+    """Return the tip's rotation matrix at s, from -1 to 1 over a period, relative to its axes at s = -1.
 
     The rotation vector is a cubic Hermite polynomial from 0 to `turn` (rad), with slopes start at s = -1 and end at s =
     1 (rad per unit of s).
@@ -50,8 +50,8 @@ def specific_force(lane, memory, base, room, c, i, r, psi, v, w, period, gravity
         M0 = mean R f = A0 f0 + A1 f1,     M1 = mean s R f = A1 f0 + A2 f1,     A_j = mean s^j R at three Gauss points,
 
     where M0 and M1 follow from the changes of velocity and position, and R is the rotation matrix of the tip's axes.
-    The kernel returns f0. first: True at the start of an episode, where no period precedes. The velocity in the tip's
-    axes is then taken as constant: f = w x R^T v - R^T g.
+    The kernel returns f0, the mean of f. first: whether the episode begins, so that no period precedes. At such a start
+    the velocity in the tip's axes is assumed constant: f = w x R^T v - R^T g.
 
     # in        r (m), psi (rotation vector, rad), v (m/s), gravity (m/s^2), (3,) each, inertial axes;  w (3,): angular
     #           velocity, rad/s, tip axes;  period, s
@@ -95,8 +95,9 @@ def specific_force(lane, memory, base, room, c, i, r, psi, v, w, period, gravity
 def _before(lane, memory, base, room, c, i):
     """Return position (m), velocity (m/s), rotation vector (rad) and angular velocity (rad/s) of the tip a period ago.
 
-    Inertial axes, the angular velocity in tip axes. Channels c, c + 1, c + 2 store them for lane i, one component each.
-    base: offset of channel 0 in `memory`; room: past outputs in a channel.
+    All vectors are in inertial axes, except for the angular velocity in tip axes. Channels c, c + 1, c + 2 store the
+    components of these vectors for lane i, one channel per component. base: offset of channel 0 in `memory`; room: past
+    outputs in a channel.
     """
     x, y, z = channel_of(base, room, c), channel_of(base, room, c + 1), channel_of(base, room, c + 2)
     return (
@@ -109,5 +110,5 @@ def _before(lane, memory, base, room, c, i):
 
 @kernel
 def _stored_vector(lane, memory, x, y, z, i):
-    """Return the vector whose components are entries x, y, z (offsets in a single lane) of lane i of `memory`."""
+    """Return the vector whose components are lane i of `memory` at the offsets x, y, z (of a single lane)."""
     return Vector(load_lane(lane, memory, x, i), load_lane(lane, memory, y, i), load_lane(lane, memory, z, i))

@@ -23,9 +23,9 @@ SPACING = 1.0 / 16.0
 
 
 def with_room(given: KeepOut | None, model: Any, q: Array, room: Array, groups: int, length: float) -> KeepOut | None:
-    """Return the `KeepOut` with memory for centerline points, and with the subdivision of the intervals between points.
+    """Return the `KeepOut` record with memory for centerline points and with the number of parts of each interval.
 
-    given: a `KeepOut`, or None; for None the result is None. q: coordinates of the model in some state. room (many, 2
+    given: a `KeepOut` record; for None the result is None. q: coordinates of the model in some state. room (many, 2
     or 3): scratch memory for the points, m. groups: number of groups of the batch. length: length of the arm, m.
     Intervals between centerline points are subdivided to at most SPACING times the length.
     """
@@ -44,9 +44,9 @@ def with_room(given: KeepOut | None, model: Any, q: Array, room: Array, groups: 
 def clearance(keep_out, model, g, lanes, i, q):
     """Return the signed distance (m) of arm i of group g from the nearest shape; negative within a shape.
 
-    Points along the centerline (inertial axes) are checked, or only the tip if keep_out.tip is a tag. The root does not
-    move and is not checked. q (n, lanes): coordinates (m, rad) of the group's arms. keep_out.parts: number of parts
-    into which each interval between centerline points is divided. keep_out.rows: tuple of zeros, one for each of the n
+    Points along the centerline (inertial axes) are checked, or only the tip if keep_out.tip is not None. The root does
+    not move and is not checked. q (n, lanes): coordinates (m, rad) of the group's arms. keep_out.parts: number of parts
+    into which each interval between centerline points is divided. keep_out.rows: one zero for each of the n
     coordinates. keep_out.points: scratch memory for the points.
     """
     mine, points = stack(_ONE, keep_out.rows), keep_out.points[g]
@@ -73,7 +73,7 @@ def clearance(keep_out, model, g, lanes, i, q):
 
 @kernel
 def record_clearance(lane, p, g, q, live, info):
-    """Write clearance and penetration (m) of the arms of group g into info where live > 1/2.
+    """Write clearance and penetration (m) of the arms of group g into info for running arms (live > 1/2).
 
     Clearance is the signed distance of the arm from the nearest keep-out shape, penetration max(-clearance, 0). q (n,
     lanes): coordinates (m, rad). Without keep-out shapes (p.keep_out is None) the kernel does nothing.

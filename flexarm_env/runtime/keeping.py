@@ -1,4 +1,4 @@
-"""Save and restore the state of arms, for periods that are repeated: a `tasks.program.SAVED` in lanes.
+"""Save and restore the state of arms for periods that are repeated: a `tasks.program.SAVED` record in lanes.
 
 `saved` holds q, v, a, b, books (energy account), u (inputs), psi (prescribed motions), reactions, and the first numbers
 of the record, as many as `saved` has room for.
@@ -11,7 +11,7 @@ from ..compiler import kernel, noinline
 
 @kernel
 def _parts(w, record, saved):
-    """Return the views of a group's memory that are saved, in the order of `SAVED`.
+    """Return the views of a group's memory that are saved, in the order of the record `SAVED`.
 
     w: the integrator's `Work`: q, v, a, b (coordinates, rates, accelerations, auxiliary ones), books (energy account),
     inputs u, prescribed motions psi and their reactions. record: its first numbers are saved, as many as fit into
@@ -74,9 +74,9 @@ def restore_lane(lanes, i, w, saved, record):
 
 @kernel
 def _copy_lane(lanes, i, parts, saved, back):
-    """Copy lane i of the arrays `parts` to `saved`, one array after the other, or from `saved` where `back` is True.
+    """Copy lane i of the arrays `parts` to `saved`, one array after the other; if `back` is True, copy it from `saved`.
 
-    All arrays hold lanes: number k of lane i is at k lanes + i.
+    In all arrays, number k of the arm in lane i has the index k lanes + i.
     """
     first = i
     for part in parts:
@@ -89,7 +89,7 @@ def _copy_lane(lanes, i, parts, saved, back):
 
 @noinline
 def _copy(source, target, count, step):
-    """Copy every `step`-th number of `source` to the same places of `target`, up to `count`.
+    """Copy every `step`-th number of `source` to the same indices of `target`, up to index `count`.
 
     The kernel is not inlined, because it is seldom called and LLVM would generate much code for a loop per array.
     """

@@ -1,10 +1,10 @@
-"""A sensor's law for reading one quantity: filter, delay, gain and bias, noise, resolution (`sensors.Law`).
+"""A sensor's law for reading one quantity: filter, delay, gain, bias, noise and resolution (`sensors.Law`).
 
     reading = round(gain F u(t - delay) + bias + noise),        F: low-pass filter
 
-Between the instants of two readings the quantity u is interpolated linearly. For the interpolated u filter and delay
-are exact. Bias, noise and resolution are in units of the entry's scale. A channel (`program.CHANNEL`) is the memory of
-a sensor for one quantity.
+Between the instants of two readings the quantity u is interpolated linearly. For this interpolated u, filter and delay
+are computed exactly. Bias, noise and resolution are in units of the entry's scale. A channel (`program.CHANNEL`) is the
+memory of a sensor for one quantity.
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ MOST_LATE = 1000
 
 @lru_cache(64)
 def _held_filter(low_pass: Any, period: float) -> tuple[Any, Any, Any]:
-    """Return the exact transition of a low-pass filter over a period in which its input u is a straight line.
+    """Return the exact transition of a low-pass filter over a period in which its input u changes linearly.
 
     State x = (y, s) with y' = w s, s' = w (u - y) - 2 damping w s; order 1 has y' = w (u - y) alone. Time is in
-    periods. Returned are own (4,) by rows, before (2,) and after (2,) of x+ = own x + before u + after u+. low_pass:
-    None for y = u.
+    periods. The result contains own (4,) by rows, before (2,) and after (2,) of the transition x+ = own x + before u +
+    after u+. low_pass: the filter; None for y = u.
     """
     if low_pass is None:
         return (0.0,) * 4, (0.0, 0.0), (1.0, 0.0)
@@ -76,10 +76,10 @@ def _held_filter(low_pass: Any, period: float) -> tuple[Any, Any, Any]:
 
 
 def _bow(low_pass: Any, period: float, share: float) -> np.ndarray:
-    """Return `LAW.bow` (4,): coefficients of a delayed filter output's deviation from the line between two outputs.
+    """Return `LAW.bow` (4,): coefficients of a delayed filter output's deviation from linear interpolation.
 
     The filter's output `share` of a period before the second instant is (1 - share) y+ + share y + bow . (y, s, u, u+),
-    where the input runs straight from u to u+. Zeros without a filter or a fractional delay.
+    where the input runs straight from u to u+. All coefficients are 0 without a filter or without a fractional delay.
     """
     if low_pass is None or share == 0.0:
         return np.zeros(4)
@@ -100,7 +100,7 @@ def room_of(laws: np.ndarray) -> int:
 
 
 def memory_of(channels: int, room: int) -> np.ndarray:
-    """Return zeroed memory for `channels` channels, a `CHANNEL` with `room` past outputs each."""
+    """Return zeroed memory for `channels` channels: `CHANNEL` records with `room` past outputs each."""
     return np.zeros(channels * CHANNEL.offsets(0, room).end)
 
 
@@ -127,8 +127,8 @@ def read(lane, laws, room, c, memory, base, stream, arm, value, first):
 
     value: present true value of the quantity, in the unit of its law. laws: one `LAW` per channel. c: number of the
     channel. memory: array in lanes that holds one `CHANNEL` per channel from offset `base` on, each with `room` past
-    outputs. arm: number of the arm in the batch; its lane is arm % lanes. first: True at the start of an episode; the
-    quantity is then assumed constant before. stream: random numbers, or None for readings without noise (a first
+    outputs. arm: number of the arm in the batch; its lane is arm % lanes. first: whether the episode begins; the
+    quantity is then assumed to have been constant. stream: random numbers, or None for readings without noise (a first
     reading needs random numbers). Under a dual tag the reading has tangents, which rounding does not change.
     """
     i, o, at = arm % lane_count(lane), c * _LAW.end, channel_of(base, room, c)
@@ -179,8 +179,8 @@ def read(lane, laws, room, c, memory, base, stream, arm, value, first):
 def _remember(lane, laws, room, o, at, memory, stream, arm, value):
     """Draw a channel's gain and bias and fill its memory with `value`, at the start of an episode.
 
-    o: offset of its law in `laws`. at: offsets of its numbers in `memory`. room: past outputs in a channel. value: the
-    true quantity, which counts as constant before the start. Do nothing without a stream.
+    o: offset of the channel's law in `laws`. at: offsets of the channel's numbers in `memory`. room: past outputs in a
+    channel. value: the true quantity, assumed constant before the start. Without a stream nothing is done.
     """
     if stream is not None:
         i = arm % lane_count(lane)
@@ -194,11 +194,11 @@ def _remember(lane, laws, room, o, at, memory, stream, arm, value):
 
 @kernel
 def read_encoder(lane, laws, room, c, memory, base, stream, arm, angle, first):
-    """Return the angle (rad) and rate (rad/s) that an encoder reads on channel c (`flexarm_env.sensors.Encoder`).
+    """Return the angle (rad) and rate (rad/s) read by the encoder with channel c (`flexarm_env.sensors.Encoder`).
 
         rate+ = kept rate + (1 - kept) (reading+ - reading) / period,        kept = exp(-2 pi rate_frequency period)
 
-    angle: true angle, rad. first: True at the start of an episode, where the rate is 0. All other arguments are those
+    angle: true angle, rad. first: whether the episode begins; the rate is then 0. All other arguments are those
     of `read`.
     """
     i, o, at = arm % lane_count(lane), c * _LAW.end, channel_of(base, room, c)
@@ -229,11 +229,11 @@ def tip_acceleration(lane, memory, base, room, c, i, x, y, angle, vx, vy, rate, 
         M0 = mean f e^(i psi) = a_0 f0 + a_1 f1,     M1 = mean s f e^(i psi) = a_1 f0 + a_2 f1,
         a_j = mean s^j e^(i psi),
 
-    where M0 and M1 follow from the changes of velocity and position. The kernel returns f0. The angle psi(s) of the
-    tip's tangent is the cubic polynomial through angles and rates at both ends of the period. Means are evaluated at
-    three Gauss points.
+    where M0 and M1 follow from the changes of velocity and position. The kernel returns f0, the mean of f. The angle
+    psi(s) of the tip's tangent is the cubic polynomial through angles and rates at both ends of the period. Means are
+    evaluated at three Gauss points.
 
-    first: True at the start of an episode, where no period precedes. The velocity in the tip's axes is then taken as
+    first: whether the episode begins, so that no period precedes. The velocity in the tip's axes is then assumed
     constant: f = rate x v - g.
 
     # in        x, y (m), vx, vy (m/s), gravity_x, gravity_y (m/s^2), inertial axes;  angle (rad), rate (rad/s) of the

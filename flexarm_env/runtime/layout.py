@@ -17,8 +17,8 @@ from ..tasks.program import CHANNEL, INFO, LAW, RECORD, SAVED, SCRATCH, Block
 def record_sizes(task: Any, entries: int, extras: Any) -> tuple[int, ...]:
     """Return the sizes of a `RECORD`, in the order of its layout.
 
-    The sizes are the numbers of joints, stored actions, rows of motor torques, rows of motor commands, drawn delays,
-    past observations and numbers of the sensors' channels. task: a `tasks.task.Task`. entries: number of entries of the
+    The sizes count joints, stored actions, rows of motor torques, rows of motor commands, drawn delays, past
+    observations, and numbers in the sensors' channels. task: a `tasks.task.Task`. entries: number of entries of the
     observation. extras: a `tasks.program.Extras`.
     """
     motors, sensors, instruments = extras.actuator, extras.sensors, extras.instruments

@@ -28,25 +28,25 @@ from .derivative import fill_rows
 
 
 class Linearization(NamedTuple):
-    """Data of n arms of N links: z = (q, v, torques) has m numbers, of which s are the state; there are p outputs."""
+    """Data of n arms with N links: z = (q, v, torques) has m numbers, the first s the state; p outputs."""
 
-    lane: tuple[int, ...]  # tag of plain lanes
-    dual: tuple[int, ...]  # tag of the same lanes with tangents
+    lane: tuple[int, ...]  # one zero per lane, for plain numbers
+    dual: tuple[int, ...]  # the same lanes for numbers with tangents
     model: Any
     scheme: Any  # the integrator's coefficients
-    links: tuple[int, ...]  # N zeros
-    h: float  # step, s
-    n_steps: int  # steps of a period; 0: rates (v, a) in place of the state a period later
-    n: int  # arms
-    work: int  # length of a work array over the length of its lane tag
+    links: tuple[int, ...]  # N zeros, one per link
+    h: float  # length of a step, s
+    n_steps: int  # number of steps in a period; 0: compute rates (v, a) instead of the state a period later
+    n: int  # number of arms
+    work: int  # length of the integrator's work array per lane
     given: np.ndarray  # (n (m + PARAMETERS),): z, then the arm's own parameters
-    places: np.ndarray  # (m + PARAMETERS,) int64: their offsets in a plain block
-    twice: np.ndarray  # (m + PARAMETERS,) int64: their offsets in a dual block
-    read: np.ndarray  # (s + p,) int64: offsets in a dual block of rates or state a period later, then of outputs
-    values: np.ndarray  # (n (s + p),): rates or state a period later, then outputs
-    slopes: np.ndarray  # (n (s + p) m,): their derivatives by z
-    block: np.ndarray  # plain block, scratch
-    scratch: np.ndarray  # dual blocks, scratch
+    places: np.ndarray  # (m + PARAMETERS,) int64: offsets of z and the parameters in a plain block
+    twice: np.ndarray  # (m + PARAMETERS,) int64: offsets of z and the parameters in a dual block
+    read: np.ndarray  # (s + p,) int64: offsets in a dual block of the rates, or of the next state, and of the outputs
+    values: np.ndarray  # (n (s + p),): the rates, or the state a period later, then the outputs
+    slopes: np.ndarray  # (n (s + p) m,): derivatives of `values` by z
+    block: np.ndarray  # scratch blocks in plain lanes
+    scratch: np.ndarray  # scratch blocks in dual lanes
 
 
 @kernel
@@ -86,10 +86,10 @@ def _par(lane, d, block):
 
 @kernel
 def _read_off(lane, d, block, w):
-    """Write the outputs behind the poses of a block.
+    """Write the outputs into a block, after the poses.
 
-    Joint angles (rad), joint rates (rad/s), tip deflections of the links (m, normal to the root's tangent) and their
-    rates (m/s), tip x and y of the last link (m, inertial axes).
+    The outputs are joint angles (rad), joint rates (rad/s), the links' tip deflections (m, normal to the root's
+    tangent) and their rates (m/s), and tip x and y of the last link (m, inertial axes).
     """
     links = size(d.links)
     poses = block[(d.work + PARAMETERS) * len(lane) :]
@@ -112,9 +112,9 @@ def _read_off(lane, d, block, w):
 
 @kernel
 def _fill(lane, d, places, g, block, w):
-    """Copy states, torques and parameters of group g into a block, with tangents 0 and flag OK.
+    """Copy states, torques and parameters of group g into a block; set tangents to 0 and status flags to OK.
 
-    places: offsets of z and parameters in the block, whose rows come from d.given, arm by arm.
+    places: offsets in the block of z and of the parameters. Their values are read from d.given, arm by arm.
     """
     fill_rows(lane, d.n, g, places, d.given, block)
     store(w.flag, 0, splat(lane, 0.0))
@@ -122,7 +122,7 @@ def _fill(lane, d, places, g, block, w):
 
 @kernel
 def _seed(lane, d, j, count, block):
-    """Set tangent c to 1 in number j + c of z, for columns j ... j + count - 1."""
+    """Set the tangents of columns j ... j + count - 1: tangent c of the number j + c of z becomes 1."""
     for c in range(count):
         for i in range(lane_count(lane)):
             block[d.twice[j + c] + (1 + c) * lane_count(lane) + i] = 1.0
@@ -132,7 +132,7 @@ def _seed(lane, d, j, count, block):
 def _group(lane, wide, d, g, at_once):
     """Linearize the arms of group g: values in plain lanes, `at_once` columns in each dual block.
 
-    wide: the dual tag. Outputs are those at the start of the period.
+    wide: the dual lanes. The outputs are computed at the start of the period.
     """
     model, n, links = d.model, size(d.model.n), size(d.links)
     block = d.block

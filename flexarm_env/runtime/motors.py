@@ -1,4 +1,4 @@
-"""From actions to joint torques: amplifiers, PD controllers, motors with lag, delay and saturation."""
+"""Convert actions into joint torques: amplifiers, PD controllers, motors with lag, delay and saturation."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ def _joint(lane, task, poses: Lanes, k, rates):
     """Return the angle (rad) or rate (rad/s) of joint k, from poses of the links in inertial axes.
 
     rates: `_ANGLE` or `_RATE`, the offset of the number within a planar pose. In the plane a joint's angle is the root
-    angle of its link less the tip angle of the link before; spatial poses (targets of three numbers) hold it directly.
+    angle of its link minus the tip angle of the preceding link. Spatial poses (targets of three numbers) contain the
+    angle itself.
     """
     if size(task.targets) == 3:
         return poses[SPACE_POSE.end * k + (SPACE_POSE.rate if rates else SPACE_POSE.angle)]
@@ -42,8 +43,9 @@ def _control(lane, task, controller, model, par, poses, record: Lanes, w: Work):
     """Apply the PD joint controllers: w.u <- clip(share w.u + stiffness (goal - angle) - damping rate), N m.
 
     Angles (rad) and rates (rad/s) are those of the joints, from encoders on the link side of the gears. If
-    controller.motors is a tag, they are those of the motors. goal: record.goal, rad. controller: share of the action's
-    torque, stiffness (N m/rad) and damping (N m s/rad) of each joint. Torques are clipped to task.torque_limits.
+    controller.motors is not None, the angles and rates are those of the motors. goal: record.goal, rad. controller:
+    share of the action's torque, stiffness (N m/rad) and damping (N m s/rad) of each joint. Torques are clipped to
+    task.torque_limits.
     # in        w.u, torques of the action;  w.q, w.v;  record.goal
     # scratch   poses, or w.y
     # out       w.u (joints, lanes)
@@ -165,7 +167,7 @@ def command_motors(lane, p, model, par, poses, record, action, w):
 def may_jump_before_step(actuator, s):
     """Return whether torques may jump before step s: if s is 0, or before every step if actuator.within is True.
 
-    s: number of the step in its control period, from 0. actuator: None for ideal motors.
+    s: index of the step in its control period, from 0. actuator: the motors' lag and delay; None for ideal motors.
     """
     if actuator is not None:
         if actuator.within is not None:
@@ -208,8 +210,8 @@ def jump_with_torques(lane, p, model, par, s, record, saved, block, w, kept=None
     The elastica (`NewtonPolicy.resolved`) solves for its accelerations anew. Stiff models solve anew only when an
     episode begins, because accelerations solved from round-off in stiff strains would be large
     (`switching.jump_accelerations`). For models with light joints the matrix of the jump includes the joints' damping
-    and stiffness. s: number of the step in the period, from 0. saved: state at the start of the period. kept: a tag if
-    the accelerations before the jump are to be stored in w.a0, otherwise None.
+    and stiffness. s: number of the step in the period, from 0. saved: state at the start of the period. kept: not None
+    if the accelerations before the jump are stored in w.a0.
     """
     if model.newton.resolved is not None:
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
@@ -279,8 +281,8 @@ def update_motor_torques(lane, task, actuator, s, record: Lanes, w: Work):
 def _lag(lane, task, actuator, record: Lanes):
     """Return (share, mean): the fraction of the way to its command that a motor covers in a step, and its mean.
 
-    share = 1 - exp(-h / lag) after the step of h (s); mean: of that fraction over the step. If a lag is drawn for each
-    episode, both are read from the record; otherwise they are constants of the actuator.
+    share = 1 - exp(-h / lag) at the end of a step of length h (s); mean: mean of this fraction over the step. If a lag
+    is drawn for each episode, both are read from the record; otherwise they are constants of the actuator.
     """
     if actuator.lag is None:
         return actuator.share, actuator.mean
@@ -290,7 +292,7 @@ def _lag(lane, task, actuator, record: Lanes):
 
 @kernel
 def _lag_at(task, actuator):
-    """Return the offset in a record of a drawn lag (two numbers); a drawn delay (one number) is stored before it."""
+    """Return the offset in a record of a drawn lag (two numbers), which follows a drawn delay (one number)."""
     at = motors_at(task, actuator).delays
     return at if actuator.drawn is None else at + 1
 
@@ -309,7 +311,7 @@ def draw_delay(actuator, task, stream, arm, record, lanes):
     """Draw the command delay (whole steps) of an arm's episode into record.delays, unless the delay is fixed.
 
     actuator.drawn: least and largest delay (steps), or None for a fixed delay. arm: number of the arm in the batch.
-    lanes: number of lanes of a group.
+    lanes: number of arms in a group.
     """
     if actuator is not None and actuator.drawn is not None:
         record[motors_at(task, actuator).delays * lanes + arm % lanes] = draw_whole(stream, arm, actuator.drawn)
@@ -320,7 +322,7 @@ def draw_lag(p, arm, record, info, lanes):
     """Draw the motors' lag for an arm's episode into the record and, in s, into `info`, unless the lag is fixed.
 
     The record stores share = 1 - exp(-h / lag), the fraction of the way to the command in a step, and the mean of this
-    fraction over the step. arm: number of the arm in the batch. lanes: number of lanes of a group.
+    fraction over the step. arm: number of the arm in the batch. lanes: number of arms in a group.
     """
     if p.actuator is not None and p.actuator.lag is not None:
         least, most = p.actuator.lag
@@ -332,7 +334,7 @@ def draw_lag(p, arm, record, info, lanes):
 
 @kernel
 def record_delay(lane, p, record, live, info):
-    """Write the delay (s) of this period's commands into `info` where live > 1/2, if the delay is random."""
+    """Write the delay (s) of this period's commands into info of running arms, if the delay is random."""
     actuator = p.actuator
     if actuator is not None and actuator.jitter is not None:
         late = _lateness(lane, p.task, actuator, record) + float(actuator.age * p.n_steps + actuator.late)
@@ -344,7 +346,7 @@ def draw_lateness(actuator, stream, arm, record, lanes):
     """Draw the extra delay (jitter) of the next period's commands into record.late. Without jitter nothing is done.
 
     The extra delay is a whole number of steps from 0 to actuator.jitter[0]. arm: number of the arm in the batch. lanes:
-    number of lanes of a group.
+    number of arms in a group.
     """
     if actuator is not None and actuator.jitter is not None:
         drawn = math.floor(uniform(stream, arm) * (actuator.jitter[0] + 1.0))

@@ -18,7 +18,7 @@ def read_rows(laws, room, memory, stream, period, gravity, encoders, shaken, inp
     each further channel.
 
     # model     laws: one `LAW` per channel, with `room` past outputs;  gravity (3,): m/s^2, inertial axes
-    #           shaken: tag of the accelerometer's 2 or 3 axes, or None without accelerometer
+    #           shaken: one zero per axis of the accelerometer (2 or 3), or None without accelerometer
     # in        inputs (instants, quantities)
     # in, out   memory: a `CHANNEL` for each law;  stream: state of the random numbers, or None for no noise
     # out       out (instants, readings)

@@ -18,12 +18,12 @@ SAMPLE = Layout(
     Field("time", (), "s", "t"),
     Field("poses", ("links", POSES.length), "m, rad", "pose of each link (`physics.layout.POSES`), inertial axes"),
     Field("energies", (3,), "J", "kinetic, strain and gravitational energy"),
-    Field("work", (), "J", "work of inputs and prescribed motions so far"),
-    Field("dissipated", (), "J", "energy dissipated by damping so far"),
-    Field("beyond", (), "J", "work of damping forces by strain rates that steps do not resolve"),
+    Field("work", (), "J", "work of inputs and prescribed motions since the start"),
+    Field("dissipated", (), "J", "energy dissipated by damping since the start"),
+    Field("beyond", (), "J", "work of damping forces by strain rates that the steps do not resolve"),
     Field("torque", ("links",), "N m", "joint torques"),
-    Field("reaction", ("motions",), "N m or N", "force that holds each prescribed coordinate"),
-    Field("q", ("rows",), "", "coordinates, m and rad; rows of multipliers: N, N m"),
+    Field("reaction", ("motions",), "N m or N", "force or torque that holds each prescribed coordinate"),
+    Field("q", ("rows",), "", "coordinates, m and rad; rows of Lagrange multipliers: N, N m"),
     Field("v", ("rows",), "", "velocities, m/s and rad/s"),
     Field("a", ("rows",), "", "accelerations, m/s^2 and rad/s^2"),
 )  # fmt: skip
@@ -32,14 +32,14 @@ SAMPLE = Layout(
 STRETCH = Layout(
     "Stretch", "",
     Field("time", (), "s", "instant reached"),
-    Field("longest", (), "s", "longest step allowed"),
-    Field("gross", (), "J", "gross work of the drives, the sum of absolute values"),
-    Field("start_energy", (), "J", "energy at the start: of the last sample that was reached without a step"),
-    Field("gain", (), "", "the energy may grow to this multiple of what accounts for it"),
-    Field("begun", (), "s", "start of the interrupted interval to the next instant"),
-    Field("done", (), "", "steps completed of that interval; 0: no interval is interrupted"),
-    Field("starts", (), "", "start of the next interval: GOES_ON, AT_KINK or ANEW"),
-    Field("points", (), "", "number of centerline points written"),
+    Field("longest", (), "s", "length of the longest allowed step"),
+    Field("gross", (), "J", "gross work of the drives: sum of the absolute values of their work"),
+    Field("start_energy", (), "J", "energy at the last sample that was reached without a step"),
+    Field("gain", (), "", "largest allowed ratio of the energy to the energy that is accounted for"),
+    Field("begun", (), "s", "start of the interrupted interval between two instants"),
+    Field("done", (), "", "number of completed steps of this interval; 0: no interval is interrupted"),
+    Field("starts", (), "", "how the next interval starts: GOES_ON, AT_KINK or ANEW"),
+    Field("points", (), "", "number of centerline points that were written"),
 )  # fmt: skip
 """State of a run of one arm between two calls of `sample_rows`."""
 
@@ -76,8 +76,9 @@ def observe_arm(lane, model, par, q, v, poses, energies, points):
 def has_gained_energy(kinetic, strain, gravity, start, gross, dissipated, gain):
     """Return whether the energy exceeds `gain` times |start| + gross + |dissipated| + |gravity| (all J).
 
-    kinetic, strain, gravity: present energies; their sum is the energy. start: energy at the start. gross: sum of the
-    absolute values of the drives' work. dissipated: dissipated energy. Energies below 1e-9 J are ignored.
+    kinetic, strain, gravity: present energies; their sum is the energy that is compared. start: energy at the start.
+    gross: sum of the absolute values of the drives' work. dissipated: dissipated energy. All energies are in J;
+    energies below 1e-9 J are ignored.
     """
     total = abs(kinetic + strain + gravity)
     known = abs(start) + gross + abs(dissipated) + abs(gravity)
@@ -93,7 +94,7 @@ def advance_evenly(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, b
     the next call continues with steps of the same length. arm: the model; p: the arm's own parameters; drive: loads and
     motions as functions of time, or None. stretch: a `STRETCH`, in and out. scheme: coefficients and Newton tolerance
     of the integrator. chunk: number of steps after which the absolute value of their work is added to the gross work.
-    books: a tag where energies are kept, or None.
+    books: not None if energies are kept, or None.
     """
     start, done = stretch[_AT.time], int(stretch[_AT.done])
     if done > 0:
@@ -129,7 +130,7 @@ def advance_evenly(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, b
 def _write(lane, model, par, w, t, links, row):
     """Write a `SAMPLE` of the present state into `row`; return (kinetic, strain, gravitational) energy, J.
 
-    t: s, time of the sample. w: the integrator's `Work` of one arm. links: their number.
+    t: time of the sample, s. w: the integrator's `Work` of one arm. links: number of links.
     """
     at = sample_at(0, size(model.n), links, w.reaction.shape[0])
     row[at.time] = t
@@ -163,10 +164,11 @@ def start_consistently(lane, model, drive, par, w, stretch):
 
 @kernel
 def next_stop(kinks, k, time, instant):
-    """Return (stop, k, kinked): the end (s) of the stretch from `time` towards `instant` (s), and whether it is a kink.
+    """Return (stop, k, kinked) of a stretch from `time` towards `instant` (s): end, next kink, whether at a kink.
 
-    kinks (K,): s, ascending. k: number of leading kinks that are known to be over; returned: the next kink's number.
-    Kinks at the present time are over. A kink within round-off of `instant` takes its place.
+    kinks (K,): instants of the kinks, s, ascending. k: number of kinks known to be over; the returned k is the index of
+    the next kink. Kinks at the present time are over. kinked: whether the stretch ends at a kink. A kink within
+    round-off of `instant` takes its place.
     """
     while k < kinks.shape[0] and kinks[k] <= time + NEAR * max(1.0, kinks[k]):
         k += 1

@@ -3,9 +3,9 @@
 The state at the end of a step satisfies r(q, v, a; theta) = 0, where v and a follow from q and from the state at the
 start of the step. dr/dtheta is a finite difference of the residuals of models with slightly larger and smaller theta,
 at the same state. dr/dstate is evaluated in dual lanes. The tangent dq solves S dq = -dr with the matrix S at the end
-of the step. Iterated results and motions are not subtracted from each other. Therefore relative offsets of theta of
-1e-5 cause errors of only 1e-9, however far the arm has moved. Joints with Coulomb friction keep sliding or sticking as
-in the run.
+of the step. Results of iterations and prescribed motions of two runs are never subtracted from each other. Therefore
+relative offsets of theta of 1e-5 cause errors of only 1e-9, however far the arm has moved. Joints with Coulomb friction
+keep sliding or sticking as in the run.
 """
 
 from __future__ import annotations
@@ -25,22 +25,25 @@ from ..physics.protocol import State, Weights, assemble, factor, link_poses, loc
 
 
 class Neighbour(NamedTuple):
-    """A model made with theta + offset. The model's residual enters the derivative with the factor `weight`."""
+    """Model of the arm with the parameter theta + offset.
+
+    The residual of this model enters the derivative with the factor `weight`.
+    """
 
     model: Any
     par: np.ndarray  # the arm's own parameters
-    u: np.ndarray  # (rows inputs,): inputs at the steps' ends, N m and N
-    offset: float  # of theta
+    u: np.ndarray  # (rows inputs,): inputs at the ends of the steps, N m and N
+    offset: float  # offset of theta, in theta's unit
     weight: float  # coefficient in the difference formula, 1 / unit of theta
 
 
 class Steps(NamedTuple):
-    """The steps of a run, one step per row: states and inputs at the ends of the steps, and step lengths."""
+    """The steps of a run, one step per row: states and inputs at the ends of the steps, and lengths of the steps."""
 
     q: np.ndarray  # (rows n,) coordinates, m and rad
-    v: np.ndarray  # (rows n,) velocities
-    a: np.ndarray  # (rows n,) accelerations
-    u: np.ndarray  # (rows inputs,) N m and N
+    v: np.ndarray  # (rows n,) velocities, m/s and rad/s
+    a: np.ndarray  # (rows n,) accelerations, m/s^2 and rad/s^2
+    u: np.ndarray  # (rows inputs,) inputs, N m and N
     h: np.ndarray  # (rows,) step lengths, s
 
 
@@ -77,7 +80,7 @@ def factor_rows(lane, model, drive, par, steps, scheme, r, factors):
 
 @kernel
 def _state(on, k, n):
-    """Return the `State` of row k of `on`, a `Steps` of n coordinates."""
+    """Return the `State` in row k of `on`, a `Steps` record with n coordinates."""
     return State(on.q[k * n : (k + 1) * n], on.v[k * n : (k + 1) * n], on.a[k * n : (k + 1) * n])
 
 
@@ -158,10 +161,10 @@ def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, 
 
 @kernel
 def _follow(wide, model, drive, w, d, slopes, on, k, moved):
-    """Set v and a in dual lanes from the increment d between prediction and q; values are those of step k.
+    """Set v and a in dual lanes from the increment d between the prediction and q in step k.
 
     Tangents follow d, v = v_p + slopes.v d and a = a_p + slopes.a d. d (n,) is written. moved: derivatives of the
-    prescribed motions, which prescribed rows take.
+    prescribed motions by theta, for the prescribed rows.
     """
     n = size(model.n)
     local_difference(wide, model, w.q0, w.q, d)
@@ -178,7 +181,7 @@ def _follow(wide, model, drive, w, d, slopes, on, k, moved):
 def _add_residual(lane, one, on, k, r, free, given):
     """Add one neighbour's residual at the state of row k, times its weight, to given (n,).
 
-    r, free: scratch, residual and matrix.
+    r, free: scratch memory for residual and matrix.
     """
     if one.weight != 0.0:
         n, inputs = size(one.model.n), size(one.model.n_inputs)

@@ -1,7 +1,7 @@
 """From the true state to the observation: sensor readings, strain gauges, noise, delay, selection and history.
 
 A reading is a quantity that a sensor measures by a law (`laws.read`). Each reading has a channel, which stores past
-values of the quantity. Entries of the observation are divided by their scales and clipped to +-CLIP.
+values of the quantity. Entries of the observation are divided by their scales and limited to +-CLIP.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .touch import contact_channels
 
 @kernel
 def read_gauges(lane, sensors, entries, model, q, seen: Lanes):
-    """Write the curvatures at strain gauges, divided by their scales and clipped to +-CLIP, to the end of `seen`.
+    """Write the curvatures at strain gauges, divided by their scales and limited to +-CLIP, to the end of `seen`.
 
     sensors.gauges (G, n): one row per gauge, whose product with q is curvature / scale. entries: length of the
     observation. q (n, lanes): coordinates. Without gauges (sensors is None) the kernel does nothing.
@@ -59,7 +59,7 @@ def write_observation(lane, p, arm, poses, record, seen, first):
     """Replace one arm's true entries by sensor readings and write them to the arm's row of p.observation (float32).
 
     arm: number of the arm in the batch. poses: the links' poses, inertial axes. record: channels (memory of the
-    sensors), in and out. seen: true entries in, measured entries out. first: True at the start of an episode.
+    sensors), in and out. seen: true entries at entry, measured entries at return. first: whether the episode begins.
     """
     measure(lane, p, p.stream, arm, poses, record, seen, first)
     _select(len(lane), p, arm, record, seen, first)
@@ -71,8 +71,8 @@ def measure(lane, p, stream, arm, poses, record, seen, first):
 
     A channel is the memory of a sensor for one number. Channels are in the order encoders, accelerometer, gyroscope,
     camera, force, switch, gauges; each sensor replaces or adds its entries in `seen`. arm: number of the arm in the
-    batch. stream: random numbers, or None for readings without noise and without drawn gains or biases. first: True at
-    the start of an episode. poses: the links' poses, m, rad, inertial axes.
+    batch. stream: random numbers, or None for readings without noise and without drawn gains or biases. first: whether
+    the episode begins. poses: the links' poses, m, rad, inertial axes.
     """
     instruments = p.instruments
     if instruments is not None:
@@ -100,12 +100,12 @@ def measure(lane, p, stream, arm, poses, record, seen, first):
 
 
 class Who(NamedTuple):
-    """The arm whose sensors are read: its number, lane, channels and random numbers."""
+    """The arm whose sensors are read: its index in the batch, lane, channels and random numbers."""
 
-    stream: Any  # random numbers of all arms; None: readings without noise
-    arm: int  # its number, the stream's index
-    i: int  # its lane
-    base: int  # offset of its first channel in the record
+    stream: Any  # states of all arms' random numbers; None: readings without noise
+    arm: int  # index of the arm in the batch and in `stream`
+    i: int  # lane of the arm
+    base: int  # offset of the arm's first sensor channel in the record
     first: bool  # whether this is the first reading of an episode
 
 
@@ -125,7 +125,7 @@ def _true_angle(lane, task, i, k, poses):
     """Return the true angle of joint k, rad, of the arm in lane i, from poses of the links in inertial axes.
 
     In the plane it is the link's root angle less the tip angle of the link before, or less the attitude of a floating
-    base. Poses in space (targets of three numbers) hold it directly.
+    base. Poses in space (targets of three numbers) contain the angle itself.
     """
     if size(task.targets) == 3:
         return load_lane(lane, poses, SPACE_POSE.end * k + SPACE_POSE.angle, i)
@@ -139,7 +139,7 @@ def _true_angle(lane, task, i, k, poses):
 
 @kernel
 def _angle(lane, task, instruments, who, k, poses, record):
-    """Return the angle of joint k, rad, as its encoder reads it, or the true angle where there are no encoders.
+    """Return the angle of joint k (rad) that its encoder reads, or the true angle if there are no encoders.
 
     who: the arm, a `Who`. poses: links' poses, inertial axes. record: channels of the sensors, with the last readings.
     """
@@ -154,7 +154,7 @@ def _encoders(lane, p, instruments, who, poses, record, seen):
 
     who: the arm, a `Who`.
     # in        poses of the links (inertial axes), or motor angles in the channels
-    # out       seen, at the indices instruments.encoders: sine, cosine, rate over its scale, clipped to +-CLIP
+    # out       seen, at the indices instruments.encoders: sine, cosine, rate divided by its scale, limited to +-CLIP
     #           record, channels 0 ... N - 1, one for each joint
     """
     if instruments.encoders is not None:
@@ -182,9 +182,9 @@ def _encoders(lane, p, instruments, who, poses, record, seen):
 def _turned(lane, p, instruments, who, poses, record, seen):
     """Rotate the entries of a moving target from the frame of the true hub angle to that of the measured hub angle.
 
-    Entries are vectors (target rate and displacements ahead, over their scales) in axes that turn with the hub. The
-    entries were written for the true angle; the observer knows only the measured angle. Angular targets of one number
-    do not turn. who: the arm, a `Who`. poses: the links' poses, inertial axes. seen: in and out, clipped to +-CLIP.
+    The entries are vectors in axes that turn with the hub: the target's rate and its future displacements, divided by
+    their scales. The entries were written for the true angle; the observer knows only the measured angle. Angular
+    targets of one number are not rotated. who: the arm, a `Who`. poses: links' poses, inertial axes.
     """
     if instruments.encoders is not None:
         if p.reference is not None:
@@ -212,10 +212,10 @@ def _turned(lane, p, instruments, who, poses, record, seen):
 
 @kernel
 def _goals(lane, p, instruments, who, at, poses, record, seen):
-    """Write goal angles less encoder angles (rad) into `seen`, then the target point over the arm's length.
+    """Write goal angles minus encoder angles (rad) into `seen`, then the target point divided by the arm's length.
 
-    at: first entry. Returns the next entry; `at` itself without instruments.goals. who: the arm, a `Who`. Goal angles
-    are record.goal, rad; the target is record.target, m, inertial axes. All entries are clipped to +-CLIP.
+    at: index of the first entry. Returns the index of the next entry, which is `at` without instruments.goals. who: the
+    arm, a `Who`. Goal angles: record.goal, rad; target: record.target, m, inertial axes. Entries are within +-CLIP.
     """
     if instruments.goals is not None:
         i, n, targets = who.i, size(p.task.links), size(p.task.targets)
@@ -232,9 +232,9 @@ def _goals(lane, p, instruments, who, at, poses, record, seen):
 
 @kernel
 def _show(lane, instruments, who, at, c, record, seen, value):
-    """Write entry `at` of `seen`: the reading of `value` by the law of channel c, clipped to +-CLIP.
+    """Write entry `at` of `seen`: the reading of `value` by the law of channel c, limited to +-CLIP.
 
-    value: true quantity of one arm, over its scale. who: the arm, a `Who`. record: channels of the sensors, in and out.
+    value: true quantity of one arm, divided by its scale. who: the arm, a `Who`. record: the sensors' channels.
     """
     laws, room, arm = instruments.laws, instruments.room, who.arm
     shown = read(lane, laws, room, c, record, who.base, who.stream, arm, value, who.first)
@@ -243,10 +243,10 @@ def _show(lane, instruments, who, at, c, record, seen, value):
 
 @kernel
 def _of_tip(lane, p, who, poses, field):
-    """Return a vector of the last link's pose in space; field: offset of tip, turn, velocity or spin in a pose.
+    """Return a vector of the last link's pose in space; field: offset in a pose of tip, turn, velocity or spin.
 
-    tip: position, m; turn: rotation vector, rad; velocity: m/s; all in inertial axes. spin: rad/s, tip axes. who: the
-    arm, a `Who`.
+    tip: position, m; turn: rotation vector, rad; velocity: m/s; all in inertial axes. spin: angular velocity, rad/s,
+    tip axes. who: the arm, a `Who`.
     """
     o = SPACE_POSE.end * (size(p.task.links) - 1) + field
     x, y = load_lane(lane, poses, o, who.i), load_lane(lane, poses, o + 1, who.i)
@@ -255,12 +255,12 @@ def _of_tip(lane, p, who, poses, field):
 
 @kernel
 def _acceleration(lane, p, instruments, who, c, poses, record):
-    """Return the tip's specific force (acceleration less gravity) in its own axes, mean over a period, over its scale.
+    """Return the tip's mean specific force (acceleration minus gravity) over a period, tip axes, divided by its scale.
 
-    Components in the plane are along the tangent and across it, in space along x, y, z of the tip's axes; () without an
-    accelerometer. instruments.accelerometer: gravity (m/s^2, inertial axes), then the scale (m/s^2). c: first of its
-    channels in the record, one for each axis, whose place, speed and angle of the period before are used and replaced.
-    poses: of the links.
+    Components are along and across the tip's tangent in the plane, and along the tip's axes x, y, z in space. Without
+    an accelerometer the result is (). instruments.accelerometer: gravity (m/s^2, inertial axes), then the scale
+    (m/s^2). c: the accelerometer's first channel in the record, one channel for each axis. Place, speed and angle of
+    the previous period are read from the channels and replaced. poses: poses of the links.
     """
     accelerometer = instruments.accelerometer
     if accelerometer is None:
@@ -298,10 +298,10 @@ def _acceleration(lane, p, instruments, who, c, poses, record):
 
 @kernel
 def _spin(lane, p, instruments, who, poses):
-    """Return the angular velocity of the tip about its own axes, over its scale; () without a gyroscope.
+    """Return the tip's angular velocity in its own axes, divided by its scale; () without a gyroscope.
 
-    Three numbers, about the x, y, z axes of the last link's tip section; the scale instruments.gyroscope is in rad/s.
-    who: the arm, a `Who`. poses: of the links in space.
+    The components are along the x, y, z axes of the last link's tip section; the scale instruments.gyroscope is in
+    rad/s. who: the arm, a `Who`. poses: poses of the links in space.
     """
     if instruments.gyroscope is None:
         return ()
@@ -317,10 +317,10 @@ def rise(x):
 
 @kernel
 def _picture(lane, p, instruments, who, poses):
-    """Return the tip's position in inertial axes over the camera's scale; in space also the rise of its x axis, rad.
+    """Return the tip's position divided by the camera's scale, inertial axes; in space also two angles of its x axis.
 
-    The rise is two angles, by which the axis rises towards the inertial y and z axes. () without a camera. who: the
-    arm, a `Who`. poses: of the links; instruments.camera: scale, m.
+    The angles (rad) are those by which the tip's x axis rises towards the inertial y and z axes. Without a camera the
+    result is (). who: the arm, a `Who`. poses: poses of the links; instruments.camera: scale, m.
     """
     if instruments.camera is None:
         return ()
@@ -337,7 +337,7 @@ def _picture(lane, p, instruments, who, poses):
 def _gauges(lane, p, instruments, who, c, record, seen):
     """Replace the true gauge curvatures, the last entries of `seen`, by the readings of channels c, c + 1, ...
 
-    Values are curvatures over their scales. c: the first channel of a gauge. who: the arm, a `Who`. record: channels.
+    Readings are curvatures divided by their scales. c: channel of the first gauge. who: the arm, a `Who`.
     """
     if instruments.gauges is not None:
         count = size(instruments.gauges)
@@ -386,7 +386,7 @@ def _select(lanes, p, arm, record, seen, first):
 def _past_at(lanes, p, record):
     """Return the offset of past observations in the record; the number before them is the drawn delay, in periods.
 
-    lanes: lanes of a group. The sensors' channels, the last numbers of the record, follow the past observations.
+    lanes: number of arms in a group. The sensors' channels, which end the record, follow the past observations.
     """
     return record.shape[0] // lanes - readings_size(p.instruments) - p.entries * p.sensors.age
 
@@ -395,7 +395,7 @@ def _past_at(lanes, p, record):
 def draw_age(p, arm, record, lanes):
     """Draw the observation delay (whole control periods) of an arm's episode into its record, unless it is fixed.
 
-    arm: number of the arm in the batch. lanes: number of lanes of a group. p.sensors.drawn: least and largest delay.
+    arm: number of the arm in the batch. lanes: number of arms in a group. p.sensors.drawn: least and largest delay.
     """
     if p.sensors is not None and p.sensors.drawn is not None:
         record[(_past_at(lanes, p, record) - 1) * lanes + arm % lanes] = draw_whole(p.stream, arm, p.sensors.drawn)

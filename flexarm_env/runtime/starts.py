@@ -47,7 +47,7 @@ _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
 def start_episodes(address, mode, count):
     """Start new episodes of the arms p.queue[0 ... count - 1], each drawn from the arm's own random stream.
 
-    address: address of a `Program`. mode: mode of the arms from now on: RUNNING (the next step moves the arm), FRESH
+    address: address of a `Program`. mode: new mode of the arms: RUNNING (the next step moves the arm), FRESH
     (the next step skips the arm) or GUIDED (the arm follows prescribed motions). count: number of arms in the queue.
     """
     p = dereference(address)
@@ -191,11 +191,12 @@ def _swing(lane, p, i, live, own, par, angles, w):
     p.ranges.shake (`envs.vibration.swing`) holds modes about joint angles 0. At other angles their rates would swing
     the joints as well. Therefore
 
-        v <- v - (M + c K)^-1 M v,      c long beside the square of every period over 2 pi,
+        v <- v - (M + c K)^-1 M v,      c large compared with (T / (2 pi))^2 for every period T,
 
     which removes the momentum of the joints, because turning a joint does not strain the arm, and almost nothing of a
     vibration. v is then scaled to the kinetic energy sum_m E_m amplitude_m^2. M, K: mass and stiffness matrix. i, live:
-    lane of the arm and its mask. own: a `START` with amplitudes (over L). angles: joint angles, rad.
+    lane of the arm and its mask. own: a `START` with amplitudes (tip deflection / arm's length L). angles: joint
+    angles, rad.
     # in        w.q;  shake: rates (n, 3), energies E (3,) J, c (s^2)
     # scratch   w.a0, w.v0, w.b0, w.r, w.S
     # out       w.v, and w.b = 0, in lane i
@@ -235,9 +236,9 @@ def _swing(lane, p, i, live, own, par, angles, w):
 def _start_info(lanes, p, arm, record, info):
     """Write the info of an arm before its first period (zeros, in_range 1, error estimate), and its goal angles.
 
-    arm: number in the batch; lanes: number of lanes of a group. info: all fields before `further`. error: p.estimate of
-    the formulation's own error, over the arm's length. record.target is in; record.goal (rad), the joint angles that
-    reach it, and hold = 0 (instants within the success bands) are out.
+    arm: number in the batch; lanes: number of arms in a group. info: all fields before `further`. error: p.estimate of
+    the formulation's own error, divided by the arm's length. record.target is read. Written are record.goal, the joint
+    angles (rad) that reach the target, and record.hold = 0, the number of instants within the success bands.
     """
     task, i, at = p.task, arm % lanes, info_of(p.task)
     for k in range(i, at.further * lanes, lanes):
@@ -257,8 +258,9 @@ def _start_info(lanes, p, arm, record, info):
 def _first_observation(lane, p, arm, live, record, action, poses, seen, info):
     """Write the first observation of an arm's episode; reward 0, neither terminated nor truncated.
 
-    Also draws the delay of the first commands and writes the drawn sensor delay and gains into info. live: lanes, 1 for
-    this arm. The reward is computed for the info of this lane; reward terms and the last action are then set to 0.
+    This kernel also draws the delay of the first commands, and writes the drawn sensor delay and gains into info. live:
+    1 in the lane of this arm, otherwise 0. The reward is computed for the info of this lane; reward terms and the last
+    action are then set to 0.
     """
     lanes, i, at = len(lane), arm % len(lane), info_of(p.task)
     observe_state(lane, p, True, poses, record, seen)
@@ -275,9 +277,9 @@ def _first_observation(lane, p, arm, live, record, action, poses, seen, info):
 
 @kernel
 def guided_period(address, begins):
-    """Start the episode of an arm that follows prescribed motions (begins is 1), or advance it by a control period (0).
+    """Start the episode of an arm under prescribed motions (begins is 1), or advance it by a period (0).
 
-    address: address of the arm's own `Program`. Both are one program, because both need a consistent start.
+    address: address of the arm's own `Program`. One program does both, because both need a consistent start.
     """
     p = dereference(address)
     block = p.block[: p.layout.row]

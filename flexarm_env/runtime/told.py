@@ -30,8 +30,8 @@ NO_TOUCHES = np.zeros((0, 7))
 def touches_of(model: Any, row: Array, poses: Array) -> Array:
     """Return position (m), force on the arm (N) and normal force (N) of each contact point, (points, 7), inertial axes.
 
-    model: the arm's model. row: the integrator's memory of one arm, without lanes. poses: the links' poses, one row for
-    each link.
+    model: the arm's model. row: the integrator's work array of one arm, without lanes. poses: the links' poses, one row
+    for each link.
     """
     contact = model.newton.contact
     if contact is None:
@@ -50,13 +50,13 @@ def touches_of(model: Any, row: Array, poses: Array) -> Array:
 
 @dataclass(frozen=True)
 class View:
-    """One arm of N links at an instant, for rendering and recording."""
+    """State and task of one arm of N links at an instant, for rendering and recording."""
 
     points: Array  # (n, 2), in space (n, 3): centerline from root to tip, m, inertial axes
     poses: Array  # (N, 12) as `physics.protocol.link_poses`, in space (N, 23) as `task_poses`
-    time: float  # s
-    target: Array  # m or rad
+    time: float  # time since the start, s
+    target: Array  # target point, m, or target angle, rad
     torques: Array  # (N,) joint torques, N m
-    deflection: Array  # (N,) tip deflection over L; in space (2 N,): along y, then along z
+    deflection: Array  # (N,) tip deflection / link length; in space (2 N,): along y, then along z
     q: Array  # coordinates of the state, m and rad
-    touches: Array = field(default_factory=lambda: NO_TOUCHES)  # see `touches_of`
+    touches: Array = field(default_factory=lambda: NO_TOUCHES)  # contact points and forces, see `touches_of`

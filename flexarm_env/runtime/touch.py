@@ -15,7 +15,7 @@ from .laws import LAW_SIZE, channel_of
 
 @kernel
 def open_contacts(lane, model, w: Work):
-    """Set the impulses of all contact points to 0 at the start of a control period. Without contact nothing is done."""
+    """Set the impulses of all contact points to 0 at the start of a period; no-op without possible contacts."""
     reset_impulses(lane, model, w.S)
 
 
@@ -34,7 +34,7 @@ def is_free(lane, p, par, w, i):
 
 @kernel
 def start_contacts(lane, p, par, w: Work):
-    """Store the forces of all contact points at the start of an episode in w.S. Without contact nothing is done.
+    """Store the forces of all contact points in w.S at the start of an episode; no-op without possible contacts.
 
     # in        w.q, w.v;  par, the arms' own parameters
     """
@@ -45,7 +45,7 @@ def start_contacts(lane, p, par, w: Work):
 
 @kernel
 def put_contacts(lane, p, w: Work, live, info):
-    """Write force, friction (N), penetration (m), sliding speed (m/s) and impulse (N s) into info where live > 1/2.
+    """Write contact force, friction (N), penetration (m), sliding speed (m/s), impulse (N s) into info of running arms.
 
     # in        w.S, forces of the contact points at the end of the last step
     # out       info.further, the last numbers (`CONTACT`), if the arm may touch obstacles

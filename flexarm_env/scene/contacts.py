@@ -60,7 +60,7 @@ class Contact:
     radius: float = 0.0
 
     def __post_init__(self) -> None:
-        """Validate the fields; an `InvalidValue` names the field."""
+        """Validate the fields; an `InvalidValue` names the invalid field."""
         check.instance("obstacle", self.obstacle, Shape)
         exponent = check.number("exponent", self.exponent)
         if exponent not in EXPONENTS:
@@ -97,7 +97,7 @@ class Contact:
 
     @property
     def displacements(self) -> tuple[tuple[int, TimeFunction], ...]:
-        """Axes (0, 1, 2) along which the obstacle moves, with its displacement (m) over time."""
+        """Axes (0, 1, 2) along which the obstacle moves, each with the displacement (m) as a function of time."""
         found = [(axis, getattr(self, name)) for axis, name in enumerate(DISPLACEMENTS)]
         return tuple((axis, function) for axis, function in found if function is not None)
 
@@ -131,7 +131,7 @@ class Contact:
         return tuple(found)
 
     def to_table(self) -> dict[str, Any]:
-        """Return a TOML table, without defaults, from which `contact_of` makes an equal contact."""
+        """Return a TOML table, without default values, from which `contact_of` makes an equal contact."""
         table: dict[str, Any] = {"obstacle": self.obstacle.to_dict(), "stiffness": self.stiffness}
         return table | {name: value for name, value in check.changed(self).items() if name not in table}
 

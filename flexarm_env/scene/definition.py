@@ -63,7 +63,7 @@ class Scene:
         space: True: compute the scene in space even if it could be computed in the plane. A scene is always in space if
             an arm, gravity, position, velocity, force, moment or motion of the root leaves the x-y plane. If the scene
             stays in another plane, `simulate` finds that plane (`scene.plane.in_plane`).
-        solver: formulation and flat options that suit the scene, as pairs (name, value) or a dict.
+        solver: formulation and solver options that suit the scene, as pairs (name, value) or a dict.
         description, source, note: content, origin and assumptions.
     """
 
@@ -96,7 +96,7 @@ class Scene:
     contacts: tuple[Contact, ...] = ()
 
     def __post_init__(self) -> None:
-        """Validate each field, then combinations of fields; an `InvalidValue` names the field."""
+        """Validate each field, then combinations of fields; an `InvalidValue` names the invalid field."""
         n = check.instance("arm", self.arm, Arm).n_links
         validate(self)
         # each field by itself
@@ -132,7 +132,7 @@ class Scene:
         self._join_instants()
 
     def _one_a_link(self, name: str, unit: str, n: int) -> tuple[float, ...]:
-        """Validate a field with one number per link, or () for zeros."""
+        """Validate a field with one number per link; () stands for zeros."""
         what = f"{n} numbers ({unit})"
         given = check.sequence(name, getattr(self, name), what)
         return check.numbers(name, given, what, n, unit) if given else (0.0,) * n
@@ -224,7 +224,7 @@ class Scene:
                 raise check.InvalidValue(f"loads[{i}]", load, "must be a JointTorque or a PointLoad")
 
     def _check_contacts(self) -> None:
-        """Check that obstacles have two dimensions in the plane and three in space, and move in these."""
+        """Check that obstacles have two dimensions in the plane and three in space, and move along these axes."""
         contacts_of("contacts", self.contacts, self.arm, len(self.axes))
         for i, contact in enumerate(self.contacts):
             if any(axis >= len(self.axes) for axis, _ in contact.displacements):
@@ -232,7 +232,7 @@ class Scene:
                 raise check.InvalidValue(f"contacts[{i}].displacement_z", contact.displacement_z, what)
 
     def _join_instants(self) -> None:
-        """Set instants of different functions that differ by round-off to one value; this avoids tiny steps."""
+        """Give instants of different functions that differ by round-off one value; this avoids tiny steps."""
         # starts of all pieces but each function's first
         starts = [function.pieces[1:, 0] for function in self._functions()]
         # sorted without np.unique, whose first call imports numpy.ma
@@ -255,7 +255,7 @@ class Scene:
         check.store(self, **items)
 
     def _can_join(self, joined: dict[float, float]) -> bool:
-        """Return False if joining gives two pieces of a function one start (a table finer than round-off)."""
+        """Return False if this replacement would give two pieces of a function the same start (a very fine table)."""
         starts = [[joined.get(t, t) for t in f.pieces[:, 0].tolist()] for f in self._functions()]
         return all(len(set(own)) == len(own) for own in starts)
 

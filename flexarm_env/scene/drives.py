@@ -44,7 +44,7 @@ class Motion:
 
     @property
     def on_motor(self) -> bool:
-        """Whether the motion prescribes the motor's side of an elastic gear and not the link's side."""
+        """Whether the motion prescribes the motor's angle, before an elastic gear, instead of the joint's angle."""
         return self.coordinate.startswith("motor")
 
 
@@ -67,7 +67,7 @@ class JointTorque:
 
 @dataclass(frozen=True)
 class PointLoad:
-    """Force (N) and torque (N m) on the "root" or "tip" of a link, in inertial axes; one component or more is given.
+    """Force (N) and torque (N m) on the "root" or "tip" of a link, in inertial axes; at least one component is given.
 
     In space a load may also have force_z, and torque_x and torque_y beside the torque about z.
     """
@@ -82,7 +82,7 @@ class PointLoad:
     torque_y: TimeFunction | None = None
 
     def __post_init__(self) -> None:
-        """Validate link, end and functions; a load needs at least one."""
+        """Validate link, end and functions; at least one component of the load must be given."""
         object.__setattr__(self, "link", check.integer("link", self.link, minimum=0))
         check.choice("end", self.end, ("root", "tip"))
         for name in FORCES:
@@ -98,7 +98,7 @@ class PointLoad:
 
     @property
     def functions(self) -> tuple[TimeFunction, ...]:
-        """Functions of time of the given components."""
+        """Functions of time of the components that are given."""
         return tuple(f for f in (getattr(self, name) for name in FORCES) if f is not None)
 
     @property

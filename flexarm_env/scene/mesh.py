@@ -36,7 +36,7 @@ def default_mesh(arm: Arm, formulation: str, given: Collection[str] = (), space:
     of the link with the fewest smooth pieces.
 
     Args:
-        given: names of the user's options; if they include a mesh or modes, these take precedence. space: whether the
+        given: names of the user's options; a mesh or modes given by the user take precedence. space: whether the
             scene is in space, where the elastica has polynomials along whole links.
     """
     chosen = {"segments", "elements", "modes", "nodes"}.intersection(given)
@@ -54,9 +54,9 @@ def default_mesh(arm: Arm, formulation: str, given: Collection[str] = (), space:
 def halved_mesh(arm: Arm, settings: Settings) -> tuple[Arm, Settings] | None:
     """Return an arm and settings with at least two cells for each cell of the given mesh, or None.
 
-    The arm is mechanically the same: its sections get points in the middle of each cell, at which the mesh is divided.
-    The result is None if there are too many cells, if the cells are modes, or if a tapered link needs more than 6
-    nodes.
+    The mechanics of the arm does not change: its sections get additional points in the middle of each cell, at which
+    the mesh is divided. The result is None if there are too many cells, if the cells are modes, or if a tapered link
+    needs more than 6 nodes.
     """
     # cells: nodes - 1 intervals of an elastica, or elements, or segments
     option, further = _CELLS[settings.formulation]
@@ -103,7 +103,7 @@ def _halved(link: Link, n: int, nodes: bool) -> Link:
 
 
 def _joined(points: tuple[tuple[float, Any], ...], more: list[tuple[float, Any]]) -> tuple[tuple[float, Any], ...]:
-    """Merge points along a link with additional points, each of which appears twice and so makes a jump."""
+    """Merge the points along a link with additional points; each additional point appears twice and so marks a jump."""
     known = [s for s, _ in points]
     return tuple(sorted((*points, *(at for at in more for _ in range(2 - known.count(at[0])))), key=itemgetter(0)))
 

@@ -21,7 +21,7 @@ EXACT = 1e-12
 
 
 class InPlane(NamedTuple):
-    """A scene that stays in a plane, expressed in that plane.
+    """A scene in space whose arm stays in a plane, expressed in that plane.
 
     scene: the equivalent scene in the x-y plane. axes (3, 3): columns are the plane's x axis, y axis and normal, in
     inertial axes. height: position of the plane along its normal, m. frames (N, 3, 3): rows are each link's x axis, y
@@ -45,9 +45,9 @@ class _Leaves(Exception):
 def in_plane(scene: Scene) -> InPlane | None:
     """Return the scene in its plane; None if it leaves the plane, has a rigid link, is planar or demands `space`.
 
-    The conditions hold to the accuracy `EXACT`. All joint axes have one direction. The direction of the joint axes is a
-    principal axis of every section and every inertia tensor. Gravity, forces, the root's motion and velocity, and the
-    payload's offset are perpendicular to the joint axes. Moments act about the direction of the joint axes.
+    The conditions hold to the accuracy `EXACT`. All joint axes have one direction. This common direction is a principal
+    axis of every section and every inertia tensor. Gravity, forces, the root's motion and velocity, and the payload's
+    offset are perpendicular to the joint axes. Moments act about the direction of the joint axes.
     """
     # rigid links are computed in space only
     rigid = any(link.rigid for link in scene.arm.links)
@@ -120,7 +120,7 @@ def _require(off: Any, size: float) -> None:
 
 
 def _clean(v: Any) -> Array:
-    """Return a vector in which components at the round-off of the largest component are 0."""
+    """Return a vector in which components at the round-off level of the largest component are 0."""
     v = np.asarray(v, np.float64)
     return np.where(np.abs(v) <= EXACT * np.abs(v).max(), 0.0, v)
 
@@ -134,7 +134,7 @@ def _vector(v: Sequence[float], axes: Array) -> tuple[float, float]:
 
 
 def _matrix(mount: Any) -> Array:
-    """Return a mount as a rotation matrix; None is the identity."""
+    """Return a mount as a rotation matrix; None gives the identity matrix."""
     return np.eye(3) if mount is None else np.array(mount)
 
 
@@ -144,7 +144,7 @@ def _angle(along: Array) -> float:
 
 
 def _frame(normal: Array) -> Array:
-    """Return the rows x, y and normal (3, 3) of a link in the plane; rows and argument are in the link's own axes.
+    """Return the rows x, y and normal (3, 3) of a link in the plane; rows and `normal` are in the link's axes.
 
     The link's x axis lies in the plane: the normal is (0, a, b) and the y axis (0, b, -a).
     """
@@ -176,7 +176,7 @@ def _across(link: Link) -> bool:
 
 
 def _link(link: Link, frame: Array) -> Link:
-    """Return a link in the plane: section about the normal (0, a, b), curvature with the normal's sign."""
+    """Return a link in the plane: its section about the normal (0, a, b), its curvature with the normal's sign."""
     a, b = frame[2, 1:].tolist()
     curve = link.curvature
     # a curved link bends in its own x-y plane: the normal is plus or minus z
@@ -231,7 +231,7 @@ def _elbow(elbow: Elbow, before: Array, after: Array) -> Elbow:
 
 
 def _payload(payload: Payload, frame: Array) -> Payload:
-    """Return the payload in the plane: inertia about the normal, offset (m) along the tip's tangent and across it."""
+    """Return the payload in the plane: inertia about the normal; offset (m) along and across the tip's tangent."""
     offset = _vector((*payload.offset, 0.0)[:3], frame.T)
     return Payload(payload.mass, _inertia(payload.inertia, frame), offset, payload.radius)
 

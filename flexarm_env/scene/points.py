@@ -17,8 +17,8 @@ from flexarm_env.sections import ENDS, Link, Section
 def at_points(scene: Scene) -> Scene:
     """Return the scene with links divided at the contact points along them; without such points the scene itself.
 
-    The pieces of a link are links with a rigid joint between them. Each formulation computes forces and motion of link
-    ends, so that these points touch in every formulation. Joints, links and bodies keep their order and get new
+    The pieces of a link are links with a rigid joint between them. Each formulation computes forces and motions of link
+    ends, so that such points can touch in every formulation. Joints, links and bodies keep their order and get new
     numbers.
 
     Raises:

@@ -73,7 +73,7 @@ def functions(scene: Scene) -> Iterator[tuple[str, TimeFunction]]:
 
 
 def _of_sines(function: TimeFunction, end: float) -> float:
-    """Return the shortest sine period over `IN_A_PERIOD`, s; inf if no sine lasts a quarter of its period."""
+    """Return the shortest sine period divided by `IN_A_PERIOD`, s; inf if no sine lasts a quarter of its period."""
     rows = function.pieces
     starts = rows[:, T0]
     # lasting: duration of each piece within [0, end]; size: of the whole function

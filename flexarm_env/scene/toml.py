@@ -23,7 +23,8 @@ _OPTIONAL_TEXT = ("description", "source", "note")
 def read(kind: Callable[..., T], source: str | os.PathLike[str], parameter_set: str | None = None) -> T:
     """Read a scene from a TOML file or text; a parameter set ``S`` replaces keys and names the scene ``NAME@S``.
 
-    kind: class whose fields are the file's keys: ``Scene``. For arguments and errors see :meth:`Scene.from_toml`.
+    kind: class whose fields are the keys of the file, that is ``Scene``. For arguments and errors see
+    :meth:`Scene.from_toml`.
     """
     table, path = read_toml(source)
     with check.in_file(path):
@@ -85,7 +86,7 @@ def _scene(kind: Callable[..., T], table: Mapping[str, Any], directory: Path) ->
 
 
 def _arm(value: object, name: str, directory: Path) -> Arm:
-    """Return an arm that a name, a file or a table gives."""
+    """Return an arm that is given by a name, a file or a table."""
     if isinstance(value, Mapping):
         with check.under("arm"):
             return arms.from_table(value, default_name=name)
@@ -185,8 +186,8 @@ _CSV = ("interpolation", "column", "time", "rate", "acceleration", "scale")
 def schema(kind: Any) -> dict[str, Any]:
     """Return the JSON schema (draft 2020-12) of scene files, with which editors complete and check them.
 
-    kind: class whose fields are the file's keys: `Scene`. Rules that relate several keys, and the parameters of
-    functions of time, are checked when the file is read.
+    kind: class whose fields are the keys of the file, that is `Scene`. Rules that relate several keys, and the
+    parameters of functions of time, are checked when the file is read.
     """
     function = {
         "type": "object", "required": ["kind"],

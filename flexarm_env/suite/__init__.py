@@ -37,7 +37,7 @@ def digest(one: Task) -> str:
     """Hash a resolved task: 16 hexadecimal digits.
 
     The hash covers environment and keywords, and the values that follow from them: the arm, solver, times, reward
-    weights, starts and observation layout. Numbers count to ten digits.
+    weights, starts and observation layout. Numbers are compared to ten digits.
     """
     from .frozen import digest_of
 

@@ -1,4 +1,4 @@
-"""Records: the best known actions of each of a task's hundred public episodes, with values and date, for replay.
+"""Records: for each of a task's hundred public episodes, the best known actions, with values and date, for replay.
 
 The reference values of scores (`flexarm_env.suite.score`) do not change with the records. A score above 1 is therefore
 possible, and the page of results lists runs that beat the record in an episode. `agents.record` in a checkout computes
@@ -57,14 +57,14 @@ def _path(task: Task) -> Any:
 
 
 def packed(actions: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Pack actions (T, n, N) into byte planes (4, n, N, T), whose compressed files are a quarter smaller."""
+    """Pack actions (T, n, N) into four planes of bytes (4, n, N, T), whose compressed files are a quarter smaller."""
     # first bytes of all numbers, then second bytes, and so on
     rows = np.ascontiguousarray(actions.transpose(1, 2, 0), "<f4")
     return np.moveaxis(rows[..., None].view(np.uint8), -1, 0)
 
 
 def unpacked(planes: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Invert `packed`: actions (T, n, N) float32."""
+    """Invert `packed`: return actions (T, n, N), float32, from planes of bytes."""
     rows = np.ascontiguousarray(np.moveaxis(planes, 0, -1)).view("<f4")[..., 0]
     return np.ascontiguousarray(rows.transpose(2, 0, 1), np.float32)
 
@@ -80,7 +80,7 @@ def record(task: Task) -> Record:
 
 
 def rounding(task_id: str) -> float:
-    """Return the largest difference of a record's values when replayed on any processor; see ROUNDING."""
+    """Return the largest difference between a record's values on two processors; see ROUNDING."""
     return UPRIGHT.get(task_id, ROUNDING)
 
 

@@ -23,7 +23,8 @@ class Task:
     Attributes:
         id: name and version, "slew-measured-v2". number: position in the suite. title: short title.
         environment: id of the underlying environment. keywords: keywords of that environment.
-        budget: control periods allowed for training. hard: difficulty that the task isolates.
+        budget: number of control periods allowed for training. hard: the difficulty of real arms that the task
+            isolates.
         price: price per unit of an episode's cost (info["episode_cost"] at its end); scores use return minus price
             times cost.
         rules: version of the rules of rewards and drawn targets (keyword `rules` of the environment).
@@ -68,7 +69,7 @@ class Task:
 
 
 def read(text: str, task_id: str) -> Task:
-    """Parse a task from the text of its file. ValueError names the task, the key and the rule."""
+    """Parse a task from the text of its file. A ValueError names the task, the key and the rule."""
     with check.in_file(f"{task_id}.toml"):
         table = tomllib.loads(text)
         check.known_keys("", table, (*_KEYS, *_MAY))
@@ -103,7 +104,10 @@ def tasks(*, earlier: bool = False) -> tuple[Task, ...]:
 
 
 def task(task_id: str) -> Task:
-    """Return a task by its id, with or without "flexarm_env:" and "flexarm/" before it. ValueError if unknown."""
+    """Return a task by its id, with or without "flexarm_env:" and "flexarm/" before it.
+
+    Raises ValueError if the id is unknown.
+    """
     name = task_id.removeprefix("flexarm_env:").removeprefix(f"{NAMESPACE}/") if isinstance(task_id, str) else task_id
     known = {one.id: one for one in tasks(earlier=True)}
     return known[check.choice("task", name, tuple(known))]

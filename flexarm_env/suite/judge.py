@@ -71,7 +71,7 @@ def judge(env: Any, policy: Policy, first: int = FIRST) -> Judged:
 
 
 def checked(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Validate actions and clip them to [-1, 1]. ValueError for a wrong type or shape, or non-finite numbers."""
+    """Validate actions and clip them to [-1, 1]. Raises ValueError for a wrong type or shape, or non-finite numbers."""
     try:
         values = np.asarray(action)
     except (TypeError, ValueError, RuntimeError) as error:  # the last: PyTorch's, of what it still differentiates

@@ -175,7 +175,7 @@ def less_pd(task: Task, numbers: Mapping[str, Any]) -> NDArray[np.float64]:
 
 
 def _second(task: Task, line: Line, learnt: set[int]) -> tuple[str, str, str]:
-    """Format success, settling, and value minus PD's on the second hundred, the last one with the public hundred's."""
+    """Format success, settling, and value minus PD's on the second hundred; the last also for the public hundred."""
     others = [entry["second"] for entry in line.entries if entry.get("second")]
     if len(others) < len(line.entries):
         return "public alone" if any("second" in entry for entry in line.entries) else "", "", ""

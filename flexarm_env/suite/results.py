@@ -55,11 +55,11 @@ class Results:
 
     @property
     def file(self) -> str:
-        """File name in a folder."""
+        """Name of the results file in a folder."""
         return f"{self.name}-{self.run}.json"
 
     def write(self, folder: Path) -> Path:
-        """Write the file atomically; returns its path."""
+        """Write the file atomically; return its path."""
         path = folder / self.file
         text = json.dumps({"format": FORMAT, **asdict(self)}, indent=1) + "\n"
         # one line per list of numbers
@@ -70,8 +70,8 @@ class Results:
     def known(self, task: Task, chosen: Chosen, episodes: int) -> int:
         """Return the number of episodes on which this policy has been evaluated on this task.
 
-        The number is 0 if these episodes differ from the requested ones, and for functions, since the source of a
-        function does not determine its behavior.
+        The number is 0 if the stored episodes differ from the requested episodes. It is also 0 for functions, because
+        the source of a function does not determine its behavior.
         """
         entry = self.tasks.get(task.id)
         if entry is None or chosen.kind == "function" or entry["policy"]["fingerprint"] != chosen.fingerprint:
@@ -112,7 +112,8 @@ def judged(
             policy. episodes: number of episodes from the protocol's first one on, at least as many as before. Only the
             values of episodes beyond the protocol's hundred are kept.
     Returns:
-        the results on these tasks; messages on the tasks that failed; by task, a note on results not evaluated now.
+        the results on these tasks; messages about the tasks that failed; for tasks whose stored results were kept, a
+        note by task.
     """
     known: Results | None = None
     found = Results(name or default_name(word))
@@ -242,9 +243,10 @@ def all_values(task: Task, entry: Mapping[str, Any]) -> NDArray[np.float64]:
 
 
 def settling(task: Task, entry: Mapping[str, Any]) -> float | None:
-    """Return the mean time, s, after which the bounds of success hold to the end (`episodes.measures.success_period`).
+    """Return the mean time, s, from which on success lasts (`episodes.measures.success_period`).
 
-    A failed episode counts with a full episode's length. The result is None if the entry does not record the time.
+    At this time the success bounds are met and stay met to the end of the episode. A failed episode counts with a full
+    episode's length. The result is None if the entry does not record the time.
     """
     if "settled" not in entry:
         return None
@@ -276,7 +278,7 @@ def frozen(task: Task) -> Task:
 
 # ------------------------------------------------------------------ reading
 def read(path: Path, *, earlier: bool = False) -> Results:
-    """Read a results file. ValueError names the file, the key, its value and the rule.
+    """Read a results file. A ValueError names the file, the key, its value and the rule.
 
     Args:
         earlier: accept entries of earlier versions of a task. If False, an entry whose digest differs from the task's
@@ -301,7 +303,7 @@ def read(path: Path, *, earlier: bool = False) -> Results:
 
 
 def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> None:
-    """Reject an entry that cannot result from the task; task: None for a task that this version does not know."""
+    """Reject an entry that cannot result from the task. task: None if the suite does not have the task."""
     table = check.table_of(path, entry)
     for key in ("digest", "first_seed", "episodes", *_NUMBERS, "wall_s", "cpu_s", "decision_us", "policy", "training"):
         check.needed(path, table, key, "every task's entry says it")
@@ -340,7 +342,7 @@ def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> Non
 
 
 def _check_numbers(path: str, table: Mapping[str, Any], count: int, can: Possible) -> None:
-    """Check that each episode has one plausible number of each kind, within the bounds `can`."""
+    """Check that each episode has one plausible number of each kind, within the bounds `can` of an episode."""
     numbers = {key: check.sequence(f"{path}.{key}", table[key], "numbers", count) for key in _NUMBERS}
     for k in range(count):
         if numbers["successes"][k] not in (0, 1):

@@ -1,9 +1,9 @@
 """The suite's protocol: evaluation episodes, a policy's score, and means over tasks with intervals.
 
-The score of a policy on a task is (J - J_PD) / (J_best - J_PD). J is its mean return minus the task's price times cost.
-The score is 0 for PD control and 1 for the best known policy. A method is summarized over tasks and runs by the
-interquartile mean (the mean of the middle half of all scores). The interval of a method's mean is a percentile interval
-by a bootstrap that resamples runs within each task (Agarwal et al. 2021).
+The score of a policy on a task is (J - J_PD) / (J_best - J_PD). J is the policy's mean return minus the task's price
+times cost. The score is 0 for PD control and 1 for the best known policy. A method is summarized over tasks and runs by
+the interquartile mean (the mean of the middle half of all scores). The interval of a method's mean is a percentile
+interval by a bootstrap that resamples runs within each task (Agarwal et al. 2021).
 """
 
 import json
@@ -52,7 +52,7 @@ def references() -> dict[str, Reference]:
 
 
 def read_references(text: str, path: str) -> dict[str, Reference]:
-    """Parse references from JSON. ValueError names the file, the key and the rule."""
+    """Parse references from JSON. A ValueError names the file, the key and the rule."""
     found: dict[str, Reference] = {}
     with check.in_file(path):
         for name, entry in check.table_of("", json.loads(text)).items():

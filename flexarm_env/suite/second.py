@@ -2,13 +2,14 @@
 
 The seeds begin at 2^32 plus the first eight hexadecimal digits of SHA-256(digest of the task, numbers of the policy).
 The numbers are a network's arrays and its normalizer, or a controller's name and gains, without metadata or file bytes.
-The second score is no defense against changing a policy until its seeds suit it (each attempt is another policy).
+The second score does not protect against a policy that is changed until its seeds suit it, because each changed policy
+has other seeds.
 Policies without numbers in these forms (Python functions, ONNX models, actions optimized beforehand) have only the
 public hundred of episodes.
 
 A permutation test detects a significant difference between both hundreds. The differences from PD control's values on
-the same seeds are redistributed at random over two hundreds. p is the share of redistributions in which the two means
-differ at least as much as the real two means. Holm's method (1979) adjusts p for multiple tests.
+the same seeds are redistributed at random over two hundreds. The value p is the share of redistributions in which the
+two means differ at least as much as the measured means. Holm's method (1979) adjusts p for multiple tests.
 """
 
 import dataclasses
@@ -73,7 +74,7 @@ def chance(one: NDArray[np.float64], other: NDArray[np.float64], seed: int = 0) 
 
 
 def _as_large(values: NDArray[np.float64], count: int, seen: float, deals: int, rng: np.random.Generator) -> int:
-    """Count the random permutations whose two means differ by at least `seen`; count: size of the first group."""
+    """Count random permutations in which the two means differ by at least `seen`. count: size of the first group."""
     dealt = rng.permuted(np.broadcast_to(values, (deals, len(values))), axis=1)
     return int((np.abs(dealt[:, :count].mean(axis=1) - dealt[:, count:].mean(axis=1)) >= seen).sum())
 

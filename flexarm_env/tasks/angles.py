@@ -1,6 +1,6 @@
-"""Inverse kinematics: joint angles of an arm of straight links that bring its tip to a point (x, y), m.
+"""Inverse kinematics in the plane: compute joint angles of straight links that bring the tip to a point (x, y), m.
 
-The first N numbers of `angles` are joint angles, rad: the present angles at entry, the resulting angles at return.
+The array `angles` holds N joint angles, rad: at entry the present angles, at return the computed angles.
 limits (2 N,): lower and upper limit of each joint, rad. If a target is out of reach, the tip is brought near it, on the
 line from the root to the target.
 
@@ -10,9 +10,9 @@ line from the root to the target.
 
 The least sum of squared joint angles with the tip at p has a mechanical meaning. The angles are the moments about the
 joints of one force f at the tip, whose components are the Lagrange multipliers: theta_k = (p - r_k) x f. An angle
-beyond a joint limit is set to the limit. The chain is thus an elastica of N springs. Given f, joints and tip follow
-from the root outward. For any N, two equations tip(f) = p in two unknowns remain. Newton's method solves them; a step
-that does not reduce the error is halved.
+beyond a joint limit is set to the limit. The chain is thus a discrete elastica: N rigid links with springs at the
+joints. Given f, joints and tip follow from the root outward. For any N, the two components of f remain as unknowns,
+with the two equations tip(f) = p. Newton's method solves them; a step that does not reduce the error is halved.
 """
 
 import math
@@ -32,7 +32,7 @@ steps from that distance."""
 
 @kernel
 def nearest_turn(angle, now):
-    """Return angle plus the whole turns that bring it within half a turn of `now`, rad."""
+    """Return the sum of an angle (rad) and as many whole turns as bring the sum within half a turn of `now` (rad)."""
     return angle - 2.0 * math.pi * math.floor((angle - now) / (2.0 * math.pi) + 0.5)
 
 
@@ -56,10 +56,11 @@ def _within(hub, limits):
 def sooner_angles(lengths, rates, limits, x, y, angles):
     """Write the angles of two links that reach (x, y), m, on the elbow side that the joints reach first.
 
-    A joint's time for an angle a is assumed proportional to sqrt(|a|) / rate (rates (2,): joint rates, rad/s); the
-    slower joint counts. A posture beyond the limits is chosen only if both postures are beyond the limits. lengths
-    (2,): link lengths, m. limits (4,): lower and upper limit of each joint, rad. angles (2,): joint angles, rad: the
-    present angles at entry, the angles at the target at return.
+    The elbow side with the shorter motion is chosen. A joint's time for an angle a is assumed proportional to sqrt(|a|)
+    / rate (rates (2,): joint rates, rad/s); the slower joint determines the time of the motion. A posture beyond the
+    limits is chosen only if both postures are beyond the limits. lengths (2,): link lengths, m. limits (4,): lower and
+    upper limit of each joint, rad. angles (2,): joint angles, rad: the present angles at entry, the angles at the
+    target at return.
     """
     a, b = lengths[0], lengths[1]
     # cos(bend) = (r^2 - a^2 - b^2) / 2ab, clamped where the target is out of reach; bearing of the target
@@ -83,11 +84,12 @@ def sooner_angles(lengths, rates, limits, x, y, angles):
 def _bent(lengths, limits, x, y, fx, fy):
     """Return the tip of a chain of springs bent by a force at (x, y), its derivatives, and the angles' sum of squares.
 
-        theta_k = (x - px_k) fy - (y - py_k) fx, clamped to its limits; (px_k, py_k): joint k
+        theta_k = (x - px_k) fy - (y - py_k) fx, clamped to the joint's limits; (px_k, py_k): position of joint k
 
     The angle of each joint is the moment of the force (fx, fy) about it, so that the force's unit is rad/m. lengths
-    (N,): m; limits (2 N,): low, high of each joint, rad. Returns (px, py, dpx/dfx, dpx/dfy, dpy/dfx, dpy/dfy, sum
-    theta_k^2); m, m/force, rad^2.
+    (N,): m; limits (2 N,): lower and upper limit of each joint, rad. Returns (px, py, dpx/dfx, dpx/dfy, dpy/dfx,
+    dpy/dfy, sum theta_k^2): tip position p, m, its derivatives by the force, and the sum of the squared joint angles,
+    rad^2.
     """
     alpha, alpha_x, alpha_y, total = 0.0, 0.0, 0.0, 0.0
     px, py, px_x, px_y, py_x, py_y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -110,8 +112,9 @@ def _bent(lengths, limits, x, y, fx, fy):
 def _force(lengths, limits, x, y, fx, fy):
     """Return (fx, fy, sum of squared angles) of the force that bends a chain of springs to (x, y), from a guess.
 
-    Damped Newton on tip(f) = (x, y); each joint's angle is the force's moment about it. lengths (N,), x, y: m; limits
-    (2 N,): rad; fx, fy: the guess, rad/m. The sum is inf if no solution is found.
+    Damped Newton on tip(f) = (x, y); each joint's angle is the force's moment about it. lengths (N,): lengths of the
+    links, m; x, y: target, m; limits (2 N,): lower and upper limit of each joint, rad; fx, fy: the guess, rad/m. The
+    returned sum is inf if no solution is found.
     """
     length = 0.0
     for k in range(lengths.shape[0]):
@@ -146,7 +149,8 @@ def _force(lengths, limits, x, y, fx, fy):
 def _guess(lengths, x, y, angles):
     """Return the force (rad/m) at (x, y) whose moments about the joints best fit `angles`, by least squares.
 
-    lengths (N,), x, y: m; angles (N,): joint angles, rad. Returns (0, 0) if the joints and the point lie on a line.
+    lengths (N,): lengths of the links, m; x, y: point, m; angles (N,): joint angles, rad. Returns (0, 0) if the joints
+    and the point lie on a line.
     """
     alpha, px, py = 0.0, 0.0, 0.0
     xx, xy, yy, gx, gy = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -165,9 +169,10 @@ def _guess(lengths, x, y, angles):
 
 @kernel
 def _take(lengths, limits, x, y, fx, fy, now, angles):
-    """Write the joint angles under a force (rad/m) at (x, y), m, clamped to the limits: its moments about the joints.
+    """Write the joint angles of the chain bent by a force (rad/m) at (x, y), m: the force's moments about the joints.
 
-    Whole turns bring the hub's angle near `now` (rad) if its limits allow. limits (2 N,): rad. angles (N,): out.
+    Whole turns bring the hub's angle near `now` (rad) if its limits allow. limits (2 N,): lower and upper limit of each
+    joint, rad. angles (N,): out.
     """
     alpha, px, py = 0.0, 0.0, 0.0
     for k in range(lengths.shape[0]):
@@ -180,9 +185,9 @@ def _take(lengths, limits, x, y, fx, fy, now, angles):
 
 @kernel
 def _turn_hub(limits, now, angles):
-    """Add whole turns to angles[0] to bring it near `now` (rad); no change if its limits do not allow this.
+    """Add whole turns to the hub angle angles[0] so that it is near `now` (rad), unless its limits forbid this.
 
-    limits[0], limits[1]: low and high of that angle, rad.
+    limits[0], limits[1]: lower and upper limit of the hub angle, rad.
     """
     hub = _within(nearest_turn(angles[0], now), limits)
     if limits[0] <= hub <= limits[1]:
@@ -193,7 +198,7 @@ def _turn_hub(limits, now, angles):
 def _arc(lengths, bend):
     """Return the tip (px, py), m, of the chain with the hub at angle 0 and all elbows at `bend`, rad.
 
-    lengths (N,): of its straight links, m.
+    lengths (N,): lengths of the straight links, m.
     """
     px, py = 0.0, 0.0
     for k in range(lengths.shape[0]):
@@ -203,10 +208,9 @@ def _arc(lengths, bend):
 
 @kernel
 def _arc_bend(lengths, distance):
-    """Return the smallest common elbow angle (rad) at which the tip is `distance` (m) from the root, or nearest to
-    that.
+    """Return the common angle (rad) of all elbows at which the tip is `distance` (m) from the root, or nearest to that.
 
-    lengths (N,): of the chain's straight links, m.
+    lengths (N,): lengths of the straight links, m. Of several angles the smallest is returned.
     """
     low, high, nearest, kept = 0.0, -1.0, math.inf, 0.0
     # coarse scan: |arc tip| - distance may have several zeros, and the first one bends least
@@ -235,12 +239,12 @@ def _arc_bend(lengths, distance):
 
 @kernel
 def _from_arc(lengths, limits, x, y, side, angles):
-    """Return (fx, fy, sum of squared angles) of the solution reached from the arc to one side; the sum is inf if none.
+    """Compute the force that bends the chain to (x, y), m, from an arc: (fx, fy, sum of squared angles).
 
-    An arc has the same angle at all elbows; side: the sign of this angle, 1 or -1. fx, fy: force (rad/m) at (x, y) (m)
-    whose moments about the joints are the joint angles. Newton's method starts from the arc to (x, y). If this fails,
-    it starts from the arc to an easy point on the same bearing, and the point then moves to (x, y) in steps. `angles`
-    receives the last arc that was a start.
+    An arc has the same angle at all elbows; side: the sign of this angle, 1 or -1. fx, fy: force (rad/m) at (x, y)
+    whose moments about the joints are the joint angles. The sum is inf without a solution. Newton's method starts from
+    the arc to (x, y). If this fails, it starts from the arc to an easy point on the same bearing, and the point then
+    moves to (x, y) in steps. `angles` receives the last arc that was a start.
     """
     bearing, length, last = math.atan2(y, x), 0.0, _arc_bend(lengths, math.hypot(x, y))
     for k in range(lengths.shape[0]):
@@ -289,9 +293,9 @@ def least_angles(lengths, limits, x, y, angles):
 
 @kernel
 def _set_arc(lengths, limits, bearing, bend, angles):
-    """Write the angles of an arc whose tip lies at `bearing` (rad): all elbows at `bend`, clamped to their limits.
+    """Write the joint angles of an arc with its tip at `bearing` (rad): elbows at `bend`, within their limits.
 
-    bend: rad. lengths (N,): m; limits (2 N,): low, high of each joint, rad. angles (N,): out, rad.
+    bend: rad. lengths (N,): m; limits (2 N,): lower and upper limit of each joint, rad. angles (N,): out, rad.
     """
     # the hub turns the unclamped arc's tip to the bearing
     px, py = _arc(lengths, bend)

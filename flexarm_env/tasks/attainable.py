@@ -39,10 +39,10 @@ MOST_DRAWS = 10_000
 class Attainable(NamedTuple):
     """Conditions on a drawn target. N links, D = 2 or 3 dimensions."""
 
-    bodies: np.ndarray  # plane (2 N,): moments of mass along and across each link, kg m; space (4 N,): mass, centre
-    gravity: np.ndarray  # (D,) m/s^2
-    torques: np.ndarray  # (N,) N m, largest of each joint
-    chain: np.ndarray | None  # in space a `space_angles.JOINT` per joint
+    bodies: np.ndarray  # (2 N,) moments of mass of each link, kg m; in space (4 N,) mass, kg, and center of mass, m
+    gravity: np.ndarray  # (D,) acceleration of gravity, m/s^2
+    torques: np.ndarray  # (N,) largest torque of each joint, N m
+    chain: np.ndarray | None  # in space, the arm's kinematics: one `space_angles.JOINT` record per joint
 
 
 @kernel
@@ -51,8 +51,8 @@ def attainable(task, needs, angles, x, y):
 
     The checked posture is the task's goal posture from joint angles `angles` (rad). The posture's joint angles must be
     within the joint limits, and its tip must be at (x, y), m; for a target angle, rad, the tip is not checked. No joint
-    torque against gravity may exceed the largest torque. needs: an `Attainable`, with masses, gravity and largest
-    torques.
+    torque against gravity may exceed the joint's largest torque. needs: an `Attainable`, with masses, gravity and
+    largest torques.
     """
     mine = stack(_ONE, task.links + _RECORD)
     mine[TARGET], mine[TARGET + 1] = x, y
@@ -71,7 +71,7 @@ def first_unattainable(task, needs, angles, points):
     points: two numbers per point: x and y, m, or an angle, rad, and an unused number. angles: joint angles before the
     first point, rad; `pursue` then moves the posture from point to point. At a returned point the posture does not
     reach the target, passes joint limits, or needs more than the largest torques against gravity (`_allowed`). needs:
-    an `Attainable`.
+    an `Attainable`, which contains masses, gravity and largest torques.
     """
     mine = stack(_ONE, task.links + _RECORD)
     for k in range(size(task.links)):
@@ -92,10 +92,10 @@ def first_unattainable(task, needs, angles, points):
 def _allowed(task, needs, mine):
     """Return 1.0 if a posture reaches its target within the joint limits and the motors can hold it, otherwise 0.0.
 
-    mine: record of one arm with goal (joint angles, rad) and target (m, or an angle that needs no check). With
-    task.turns the hub's angle is first moved by whole turns to the middle of its limits. needs.bodies: moment of mass
-    along and across each link, kg m, with all later masses at the link's far joint; needs.gravity: m/s^2;
-    needs.torques: N m, the largest.
+    mine: record of one arm. Its field `goal` holds the posture's joint angles, rad; its field `target` holds the target
+    point, m, or an angle that needs no check. If task.turns is not None, the hub's angle is first moved by whole turns
+    to the middle of its limits. needs.bodies: mass moment along and across each link, kg m, with all masses beyond the
+    link at its far joint; needs.gravity: m/s^2; needs.torques: largest joint torques, N m.
     """
     n, limits, x, y = size(task.links), task.joint_limits, mine[TARGET], mine[TARGET + 1]
     if task.turns is not None and limits[0] > -math.inf and limits[1] < math.inf:
@@ -154,10 +154,11 @@ def draw_attainable(reference, task, stream, arm, angles, path, most):
 
 @kernel
 def _can_follow(reference, task, angles, drawn, path):
-    """Return whether an arm with its joints at `angles` (rad) can follow a drawn path for the length of an episode.
+    """Return whether an arm with joint angles `angles` (rad) can follow a drawn path for the whole episode.
 
-    A straight line leaves the arm's reach. Only its point nearest to the root must be reached, at t = drawn[1] (s).
-    path: a `PATH`; drawn: the numbers from which it was made. reference.lasting: s, length of an episode.
+    A target on a straight line finally leaves the arm's reach. Only the line's point nearest to the root must be
+    reached, at the time t = drawn[1] (s). path: parameters of the target's path, a `PATH` record; drawn: the numbers
+    from which it was made. reference.lasting: duration of an episode, s.
     """
     points, out = stack(_ONE, _POINTS), stack(_ONE, _PLACE)
     for j in range(_INSTANTS):
@@ -172,9 +173,9 @@ def _can_follow(reference, task, angles, drawn, path):
 
 @kernel
 def held_in_space(needs, links, angles):
-    """Return 1.0 if the rigid arm in space can rest at `angles` with at most the largest torques, otherwise 0.0.
+    """Return 1.0 if the rigid arm in space can rest at `angles` without exceeding a joint's largest torque, else 0.0.
 
-    links: a tag of N zeros. angles (N,): joint angles, rad. Gravity is the only load. needs: an `Attainable` with
+    links: tuple of N zeros. angles (N,): joint angles, rad. Gravity is the only load. needs: an `Attainable` with
     gravity (m/s^2, inertial axes), torques (N m, the largest), chain (a `JOINT` per joint) and bodies: mass (kg) and
     center of mass (m, link axes) of each link.
     """

@@ -30,13 +30,13 @@ HARDEST = FARTHEST
 
 
 class Land(Reach):
-    """Record of task "land" for two links; the options page of the environments describes observation and reward."""
+    """Constants of the task "land" for two links; the environments' options page describes the task."""
 
     __slots__ = ()
 
 
 class LandChain(Chain):
-    """Record of task "land" for any number of links."""
+    """Constants of the task "land" for any number of links."""
 
     __slots__ = ()
 
@@ -54,8 +54,8 @@ def land_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lane
         vibration -min(sum of squares of deflection rates, 1), impulse -min(I / c, 1)
 
     Success: F > 0, e < a and v < b in the last periods (`record_success`), and I < c in all periods up to now. poses:
-    poses of the links, inertial axes; info is written in lanes with live > 1/2. Returns (reward, 1.0 where a joint
-    is beyond its limits).
+    positions, angles and rates of the links, inertial axes; info is written for running arms (live > 1/2). Returns the
+    reward, and 1.0 if a joint is beyond its limits, otherwise 0.0.
     """
     shaking = record_deflections(lane, task, poses, live, info)
     e, d = target_distances(lane, task, poses, record)
@@ -89,7 +89,7 @@ def land_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lane
 
 @kernel
 def land_draw_line(task, stream, arm, start, drawn, path):
-    """Write a target at rest on the wall, a `PATH`, on a random side of the wall's point nearest to the root.
+    """Write the `PATH` of a target at rest on the wall, on a random side of the wall's point nearest to the root.
 
     drawn (4,): distance of the nearest point from the root, m; distance of the target from the nearest point, m; an
     unused number; bearing of the nearest point, rad. stream[arm]: random numbers of the arm. start: not used.

@@ -1,7 +1,8 @@
 """User-defined reward terms, which are added to a task's reward terms.
 
 A term is a kernel `term(lane, task, poses, action, record)` that returns the term's value for a lane of arms. Terms are
-constants of the record's class, which the compiler knows. Each choice of terms therefore has a class of its own.
+constants of the task record's class, so that the compiler can compile them into the task. Each choice of terms
+therefore has its own class.
 """
 
 from collections.abc import Sequence
@@ -17,12 +18,12 @@ TERM_ARGUMENTS = ("lane", "task", "poses", "action", "record")
 
 @kernel
 def judge_with_terms(lane, task, poses, action, record, live, info):
-    """Evaluate an instant of a task, with user-defined reward terms; return (reward, joint limit passed: 1.0 or 0.0).
+    """Evaluate a task with user-defined reward terms; return (reward, 1.0 if a joint is beyond its limits).
 
-    `judge` writes success and the task's terms into info in lanes with live > 1/2. task.own_terms: kernels
+    `judge` writes success and the task's terms into info for running arms (live > 1/2). task.own_terms: kernels
     term(lane, task, poses, action, record), whose weighted values are added to the reward and written into info.terms
-    before the terms of cost, change of actions and failure. poses: poses of the links, inertial axes; action (joints,
-    lanes), in [-1, 1].
+    before the terms of cost, change of actions and failure. poses: positions, angles and rates of the links, inertial
+    axes; action (joints, lanes), in [-1, 1].
     """
     total, past = judge(lane, task, poses, action, record, live, info)
     # k: first of the user's own terms; cost (if task.charged), change of actions (if task.acted), failure follow it
@@ -51,7 +52,7 @@ def _with_terms(record: Any, terms: tuple[Any, ...]) -> Any:
 
 
 def _reduced(record: Any) -> Any:
-    """Return how to pickle a record of such a class, which cannot be imported by name."""
+    """Tell pickle how to rebuild a record of such a class, which cannot be imported by name."""
     return _remade, (type(record).__mro__[1], type(record).own_terms, tuple(record))
 
 

@@ -35,19 +35,19 @@ WIDE_PATH, WIDE_FORCE = 0.01, 0.25
 
 
 class Press(Reach):
-    """Record of task "press" for two links; the options page of the environments describes observation and reward."""
+    """Constants of the task "press" for two links; the environments' options page describes the task."""
 
     __slots__ = ()
 
 
 class PressChain(Chain):
-    """Record of task "press" for any number of links."""
+    """Constants of the task "press" for any number of links."""
 
     __slots__ = ()
 
 
 class SpacePress(SpaceReach):
-    """Record of task "press" in space."""
+    """Constants of the task "press" in space."""
 
     __slots__ = ()
 
@@ -70,7 +70,8 @@ def space_press_observe(lane, task, poses: Lanes, record: Lanes, out):
 def press_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lanes):
     """Write success, info and the reward terms of `reward_press` for an arm in the plane.
 
-    poses: poses of the links, inertial axes. Returns (reward, 1.0 where a joint is beyond its limits).
+    poses: positions, angles and rates of the links, inertial axes. Returns the reward, and 1.0 if a joint is beyond its
+    limits, otherwise 0.0.
     """
     shaking = record_deflections(lane, task, poses, live, info)
     e, d = target_distances(lane, task, poses, record)
@@ -106,7 +107,7 @@ def reward_press(lane, task, e, d, shaking, action, record: Lanes, live, info: L
         effort -sum action^2, vibration -min(shaking, 1), force exp(-(f / 0.25)^2)
 
     Success: in all periods of the last two thirds of the episode up to now, the root mean square of f is at most a and
-    e is at most b. No period of the first third counts as a success. info is written in lanes with live > 1/2.
+    e is at most b. No period of the first third counts as a success. info is written for running arms (live > 1/2).
     """
     # relative error of the normal force
     commanded, force = maximum(record[FORCE], 1e-300), record[FORCE] * 0.0
@@ -141,7 +142,7 @@ def target_distances(lane, task, poses: Lanes, record: Lanes):
 
 @kernel
 def _record_press(lane, task, e, f, record: Lanes, live, info):
-    """Add the errors e (m) and f of a period to the record, and write success (1 or 0) into info, where live > 1/2."""
+    """Add the errors e (m) and f of a period to the record; write success (1 or 0) into info of running arms."""
     # periods done at the end of this one, and those of the first third, which do not count
     done, idle = record[PERIODS] + 1.0, record[PERIODS_ALLOWED] / 3.0
     counts = select_lt(idle, done, 1.0, 0.0)
@@ -157,7 +158,7 @@ def _record_press(lane, task, e, f, record: Lanes, live, info):
 
 @kernel
 def press_draw_line(task, stream, arm, start, drawn, path):
-    """Write a straight path along the wall, a `PATH`, with the commanded normal force and the wall's bearing.
+    """Write the `PATH` of a straight path along the wall, with commanded normal force and the wall's bearing.
 
     drawn (5,): distance of the wall from the root, m; time at which the target reaches the wall's nearest point, s;
     speed, m/s; bearing of the nearest point, rad; normal force, N.
@@ -168,7 +169,7 @@ def press_draw_line(task, stream, arm, start, drawn, path):
 
 @kernel
 def space_press_draw_line(task, stream, arm, start, drawn, path):
-    """Write a straight path in a random direction along a wall in space, a `PATH`, with the commanded normal force.
+    """Write the `PATH` record of a straight path in a random direction along a wall in space, and the commanded force.
 
     drawn (7,): distance of the wall from the root, m; time at which the target reaches the path's middle, s; speed,
     m/s; bearing and elevation of the wall's nearest point, rad; distance of the middle from that point, upwards along
@@ -185,7 +186,7 @@ def space_press_draw_line(task, stream, arm, start, drawn, path):
 def press_path_at(task, path, t, out):
     """Write the target's position (m) and velocity (m/s), inertial axes, at time t (s), on a line along the wall.
 
-    path: a `PATH`, of which x, y, z and their velocities are read. out: a `MOVING`.
+    path: a `PATH`, of which x, y, z and their velocities are read. out: the `MOVING` record that is written.
     """
     out[_MOVING.x], out[_MOVING.y] = path[_PATH.x] + path[_PATH.vx] * t, path[_PATH.y] + path[_PATH.vy] * t
     out[_MOVING.z] = path[_PATH.z] + path[_PATH.vz] * t

@@ -16,162 +16,157 @@ from .starts import FACTORS, Ranges
 PARAMETERS = len(OWN)
 """Number of an arm's own parameters `par` in the plane, see `physics.model.PAYLOAD_MASS`."""
 
-PATH = Layout(
-    "Path", "",
-    Field("x", (), "m or rad", "center of a circle, x, or first end of a swing, at t = 0"),
-    Field("y", (), "m", "center of a circle, y"),
-    Field("size", (), "m or rad", "radius of the circle, or width of the swing; 0 on a line"),
-    Field("rate", (), "rad/s", "rate of the angle on the circle, or of the swing's phase"),
-    Field("phase", (), "rad", "that angle at t = 0"),
-    Field("vx", (), "m/s or rad/s", "constant velocity of the center, x, or of the swing"), Field("vy", (), "m/s", "y"),
-    Field("z", (), "m", "in space, center of a circle, z"), Field("vz", (), "m/s", "in space, its velocity, z"),
-    Field("bearing", (), "rad", "in space, bearing of the circle's axis"), Field("tilt", (), "rad", "its angle from z"),
+PATH = Layout("Path", "",
+    Field("x", (), "m or rad", "circle: x of its center at t = 0; swing of a target angle: its first end"),
+    Field("y", (), "m", "circle: y of its center at t = 0"),
+    Field("size", (), "m or rad", "radius of the circle, or angular width of the swing; 0 on a straight line"),
+    Field("rate", (), "rad/s", "angular velocity on the circle, or frequency of the swing"),
+    Field("phase", (), "rad", "angle on the circle, or phase of the swing, at t = 0"),
+    Field("vx", (), "m/s or rad/s", "constant velocity of the center along x, or constant rate of the target angle"),
+    Field("vy", (), "m/s", "its velocity along y"),
+    Field("z", (), "m", "in space: z of the circle's center"),
+    Field("vz", (), "m/s", "in space: velocity of the center along z"),
+    Field("bearing", (), "rad", "in space: bearing of the circle's axis"),
+    Field("tilt", (), "rad", "in space: angle between the circle's axis and z"),
 )  # fmt: skip
 """Parameters of a moving target's drawn path, inertial axes. Some have another meaning at a wall (`tasks.press`)."""
 
-LAW = Layout(
-    "Law", "",
-    Field("gain", (2,), "", "low and high of the drawn gain"),
-    Field("bias", (2,), "", "low and high of the drawn bias, in scales of the entry, as noise and quantum"),
-    Field("noise", (), "", "standard deviation of a reading's noise"),
-    Field("quantum", (), "", "resolution: readings are multiples of it; 0: not rounded"),
-    Field("own", (4,), "", "filter over a period: (output, slope) after it by (output, slope) before it, 2 x 2"),
-    Field("before", (2,), "", "filter: (output, slope) after a period by the input before it"),
-    Field("after", (2,), "", "filter: (output, slope) after a period by the input after it"),
-    Field("late", (), "", "whole periods of delay"),
-    Field("share", (), "", "rest of the delay, as a fraction of a period"),
+LAW = Layout("Law", "",
+    Field("gain", (2,), "", "lower and upper bound of the sensor's drawn gain"),
+    Field("bias", (2,), "", "bounds of the drawn bias, divided by the entry's scale, as noise and quantum are"),
+    Field("noise", (), "", "standard deviation of the noise on a reading"),
+    Field("quantum", (), "", "resolution: readings are rounded to its multiples; 0: no rounding"),
+    Field("own", (4,), "", "filter over a period: 2 x 2 matrix from (output, slope) at its start to those at its end"),
+    Field("before", (2,), "", "filter: (output, slope) at a period's end per unit of input at its start"),
+    Field("after", (2,), "", "filter: (output, slope) at a period's end per unit of input at its end"),
+    Field("late", (), "", "delay of a reading in whole control periods"),
+    Field("share", (), "", "remaining delay as a fraction of a control period"),
     Field("bow", (4,), "", "filter: output `share` of a period ago less the straight line between outputs at instants;"
           " by output, slope and input before, and input after"),
-    Field("every", (), "", "periods from one reading to the next"),
-    Field("rate", (), "1/s", "encoder: weight of the difference of two readings in the filtered rate"),
-    Field("kept", (), "", "encoder: weight of the rate of the period before"),
+    Field("every", (), "", "control periods from one reading to the next"),
+    Field("rate", (), "1/s", "encoder: weight of the difference quotient of two readings in the filtered rate"),
+    Field("kept", (), "", "encoder: weight of the previous rate in the filtered rate"),
 )  # fmt: skip
 """How a sensor reads a quantity: coefficients of `sensors.Law` for one period between instants."""
 
-CHANNEL = Layout(
-    "Channel", "room",
-    Field("gain", (), "", "drawn gain of the episode"),
-    Field("bias", (), "", "drawn bias, in scales of the entry"),
-    Field("input", (), "", "filter's input at the last instant"), Field("output", (), "", "filter's output"),
-    Field("slope", (), "", "rate of the output over w, its frequency"),
+CHANNEL = Layout("Channel", "room",
+    Field("gain", (), "", "sensor gain drawn for this episode"),
+    Field("bias", (), "", "sensor bias drawn for this episode, divided by the entry's scale"),
+    Field("input", (), "", "input of the sensor's filter at the last instant"),
+    Field("output", (), "", "filter's output"),
+    Field("slope", (), "", "rate of the filter's output divided by the filter's frequency w"),
     Field("reading", (), "", "last reading"),
-    Field("since", (), "", "periods since the last reading"),
+    Field("since", (), "", "control periods since the last reading"),
     Field("rate", (), "1/s", "rate by an encoder; in space angular velocity for an accelerometer, an axis per channel"),
     Field("motor", (), "rad", "angle of the joint's motor, over the ratio; what a force sensor or switch reads"),
     Field("place", (), "m", "tip at the instant before, for an accelerometer's channels x, y, z"),
     Field("speed", (), "m/s", "its rate"), Field("turn", (), "rad, rad/s", "tip angle, rate; in space rotation vector"),
-    Field("past", ("room",), "", "outputs `share` of a period before each earlier instant, the newest first"),
+    Field("past", ("room",), "", "filter outputs `share` of a period before each earlier instant, the newest first"),
 )  # fmt: skip
 """Memory of a sensor for one quantity that it reads."""
 
-PUSH = Layout(
-    "Push", "",
-    Field("first", (), "", "first control period with the push"), Field("over", (), "", "first period after it"),
-    Field("force", (3,), "N", "force on the tip, inertial axes; in the plane the last is 0"),
+PUSH = Layout("Push", "",
+    Field("first", (), "", "first control period with this push"),
+    Field("over", (), "", "first control period after this push"),
+    Field("force", (3,), "N", "force on the tip, inertial axes; in the plane the third component is 0"),
 )  # fmt: skip
 """Memory of a push: a force on the tip."""
 
-RECORD = Layout(
-    "Record", "joints, acted, motors, commands, delays, memory, readings",
-    Field("periods", (), "", "control periods done"),
-    Field("periods_allowed", (), "", "control periods until the episode is cut off"),
-    Field("mode", (), "", "RUNNING, OVER, FRESH or GUIDED"),
-    Field("hold", (), "", "consecutive instants within the success bands"),
-    Field("target", (3,), "m or rad", "target: a point (inertial axes) or an angle; entries beyond its numbers unused"),
+RECORD = Layout("Record", "joints, acted, motors, commands, delays, memory, readings",
+    Field("periods", (), "", "control periods completed in the episode"),
+    Field("periods_allowed", (), "", "control periods after which the episode is truncated"),
+    Field("mode", (), "", "state of the episode: RUNNING, OVER, FRESH or GUIDED"),
+    Field("hold", (), "", "number of consecutive instants within all success bands"),
+    Field("target", (3,), "m or rad", "target point (inertial axes) or target angle; superfluous entries are unused"),
     Field("target_rate", (3,), "m/s or rad/s", "time derivative of the target"),
-    Field("torque_factor", (), "", "drawn factor on the torque constant"),
-    Field("level", (), "", "halvings of the step that the last period took, where steps are fitted"),
-    Field("late", (), "", "additional delay of this period's commands in steps, where that is drawn"),
+    Field("torque_factor", (), "", "drawn factor on the motors' torque constant"),
+    Field("level", (), "", "fitted steps: the last period took steps of h / 2^level"),
+    Field("late", (), "", "drawn additional delay of this period's commands, in steps"),
     Field("cost", (), "", "cost of the episode so far"),
-    Field("accounted", (), "J", "energy at the start of the episode plus the work since then"),
-    Field("exchanged", (), "J", "absolute value of that energy plus that of the work of each period"),
-    Field("change", (2,), "", "period at whose start the payload changes, and its new factor on the nominal payload"),
-    Field("push", (PUSH.length,), "", "a `PUSH`: the present one, or the next"),
+    Field("accounted", (), "J", "arm's energy at the start of the episode plus all work since then"),
+    Field("exchanged", (), "J", "magnitude of the starting energy plus magnitude of each period's work"),
+    Field("change", (2,), "", "control period in which the payload changes; its new factor on the nominal payload"),
+    Field("push", (PUSH.length,), "", "a `PUSH` record: the present push, or the next"),
     Field("path", (PATH.length,), "", "a `PATH`"),
     Field("goal", ("joints",), "rad", "joint angles that reach the target"),
-    Field("acted", ("acted",), "", "the last action, where its change is priced"),
-    Field("torque", ("motors", "joints"), "N m", "torques of motors that are not ideal (1 row, or none)"),
+    Field("acted", ("acted",), "", "last action, if the reward prices changes of actions"),
+    Field("torque", ("motors", "joints"), "N m", "torques of motors with lag, delay or saturation (1 row, or none)"),
     Field("commands", ("commands", "joints"), "N m", "torque commands to these motors, the newest first"),
-    Field("delays", ("delays",), "", "drawn: steps of commands; share and mean of a lag; periods of observations"),
-    Field("seen", ("memory",), "", "past observations, the newest first, where observations are delayed"),
-    Field("readings", ("readings",), "", "a `CHANNEL` for each quantity that sensors read by a law"),
+    Field("delays", ("delays",), "", "drawn delay of commands (steps), motor lag (share, mean), observation delay"),
+    Field("seen", ("memory",), "", "past observations, the newest first, if observations are delayed"),
+    Field("readings", ("readings",), "", "a `CHANNEL` record for each quantity that sensors read"),
 )  # fmt: skip
 """An arm's record: the episode's memory besides the state of the arm."""
 
-ENERGIES = Layout(
-    "Energies", "",
+ENERGIES = Layout("Energies", "",
     Field("kinetic", (), "J", "kinetic energy"), Field("strain", (), "J", "strain energy"),
     Field("gravity", (), "J", "gravitational energy"),
-    Field("dissipated", (), "J", "energy dissipated by damping and friction so far"),
-    Field("work", (), "J", "work of the motors so far"),
+    Field("dissipated", (), "J", "energy dissipated by damping and friction since the start"),
+    Field("work", (), "J", "work of the motors since the start"),
 )  # fmt: skip
 """Energies of an arm, if they are recorded."""
 
-BASIS = Layout(
-    "Basis", "joints",
+BASIS = Layout("Basis", "joints",
     Field("one", (), "", "1"),
-    Field("angles", ("joints",), "rad", "inertial angles of the links"),
-    Field("cosines", ("joints",), "", "cosines of these angles"), Field("sines", ("joints",), "", "their sines"),
+    Field("angles", ("joints",), "rad", "angles of the links from the inertial x axis"),
+    Field("cosines", ("joints",), "", "cosines of the links' angles"), Field("sines", ("joints",), "", "their sines"),
 )  # fmt: skip
 """Coordinates and rates of straight links are linear in these functions, the columns of `Ranges.pose` and `shake`."""
 
-MOVING = Layout(
-    "Moving", "",
-    Field("x", (), "m or rad", "target point, x, inertial axes, or target angle"),
-    Field("y", (), "m", "target point, y"), Field("z", (), "m", "target point, z, in space"),
-    Field("vx", (), "m/s or rad/s", "rate of x"), Field("vy", (), "m/s", "of y"), Field("vz", (), "m/s", "of z"),
+MOVING = Layout("Moving", "",
+    Field("x", (), "m or rad", "x of the target point, inertial axes, or the target angle"),
+    Field("y", (), "m", "y of the target point, inertial axes"), Field("z", (), "m", "in space: z of the target point"),
+    Field("vx", (), "m/s or rad/s", "time derivative of x"), Field("vy", (), "m/s", "time derivative of y"),
+    Field("vz", (), "m/s", "time derivative of z"),
 )  # fmt: skip
 """Position and velocity of a moving target at an instant."""
 
-START = Layout(
-    "Start", "joints",
-    Field("vibration", (3,), "", "initial tip deflection over L; in space of each mode, in the plane the first alone"),
-    Field("target", (2,), "m or rad", "as in the record"),
+START = Layout("Start", "joints",
+    Field("vibration", (3,), "", "initial tip deflection / L; in space one per mode, in the plane only the first"),
+    Field("target", (2,), "m or rad", "two drawn numbers from which the task computes the target"),
     Field("factors", (FACTORS.length,), "", "a `FACTORS`"),
-    Field("parameters", (PARAMETERS,), "", "payload mass, payload inertia, EI factor, tau_d"),
+    Field("parameters", (PARAMETERS,), "", "payload mass, payload inertia, factor on EI, damping time constant tau_d"),
     Field("angles", ("joints",), "rad", "joint angles"),
 )  # fmt: skip
 """Numbers drawn or requested for a fresh start."""
 
-REQUEST = Layout(
-    "Request", "joints, goals",
+REQUEST = Layout("Request", "joints, goals",
     Field("angles", ("joints",), "rad", "joint angles at the start"),
-    Field("target", (2,), "m or rad", "as in the record"),
-    Field("vibration", (3,), "", "as in a `START`"),
-    Field("goals", ("goals",), "rad", "in space: joint angles at the target, which determine it"),
+    Field("target", (2,), "m or rad", "target, two numbers as in a `START` record"),
+    Field("vibration", (3,), "", "initial vibration, as in a `START` record"),
+    Field("goals", ("goals",), "rad", "in space: joint angles at the target, which determine the target"),
 )  # fmt: skip
 """Values that a reset requests; NaN: the value is drawn."""
 
-INFO = Layout(
-    "Info", "links, targets, terms, further",
-    Field("success", (), "", "1 or 0"),
-    Field("tip", ("2 + targets // 3",), "m", "tip position, inertial axes; three numbers in space"),
-    Field("deflection", ("1 + targets // 3", "links"), "", "tip deflection of each link / length; in space y, then z"),
-    Field("twist", ("targets // 3", "links"), "rad", "in space: twist of each link"),
-    Field("target", ("targets",), "m or rad", "target point or angle"),
-    Field("torque", ("links",), "N m", "applied torque of each joint; with a motor lag, at the period's end"),
-    Field("terms", ("terms",), "", "weighted terms of the reward; the last: of failure"),
-    Field("in_range", (), "", "1 where the formulation holds, or 0"),
-    Field("error", (), "", "estimate of the formulation's own error, over L"),
-    Field("reason", (), "", "code of the reason for the episode's end; 0: it goes on"),
+INFO = Layout("Info", "links, targets, terms, further",
+    Field("success", (), "", "1 if the task is accomplished, otherwise 0"),
+    Field("tip", ("2 + targets // 3",), "m", "tip position, inertial axes; x and y, in space x, y and z"),
+    Field("deflection", ("1 + targets // 3", "links"), "", "tip deflection / length of each link; in space y, then z"),
+    Field("twist", ("targets // 3", "links"), "rad", "in space: twist of each link's tip"),
+    Field("target", ("targets",), "m or rad", "target point, inertial axes, or target angle"),
+    Field("torque", ("links",), "N m", "applied torque of each joint; with a motor lag, its value at the period's end"),
+    Field("terms", ("terms",), "", "weighted reward terms; the last is the failure term"),
+    Field("in_range", (), "", "1 if the beam formulation is valid for the present deflection, otherwise 0"),
+    Field("error", (), "", "estimated tip error of the beam formulation, divided by the arm's length"),
+    Field("reason", (), "", "code of the reason for the episode's end; 0 while the episode continues"),
     Field("energies", (ENERGIES.length,), "J", "an `ENERGIES`"),
-    Field("reward", (), "", "sum of the terms"), Field("truncated", (), "", "1 or 0"),
+    Field("reward", (), "", "sum of the weighted reward terms"),
+    Field("truncated", (), "", "1 if the episode is truncated, otherwise 0"),
     Field("motors", (2, "links"), "rad, rad/s", "motor angles and rates, over the gear ratio, where energies are kept"),
-    Field("further", ("further",), "", "a `FURTHER`, or nothing"),
+    Field("further", ("further",), "", "a `FURTHER` record, or nothing"),
 )  # fmt: skip
 """Entries of info, which the caller reads after a control period."""
 
-_FURTHER = Layout(
-    "Further", "told",
-    Field("cost", (), "", "cost of the period"), Field("episode_cost", (), "", "cost of the episode so far"),
+_FURTHER = Layout("Further", "told",
+    Field("cost", (), "", "cost of this control period"), Field("episode_cost", (), "", "cost of the episode so far"),
     Field("payload", (), "kg", "mass of the payload"),
-    Field("push", (3,), "N", "force on the tip in the period, inertial axes"),
-    Field("step_error", (), "", "estimated error of the period's fitted steps, over L"),
+    Field("push", (3,), "N", "pushing force on the tip in this control period, inertial axes"),
+    Field("step_error", (), "", "estimated tip error of the period's fitted steps, divided by the arm's length"),
     Field("drawn", (FACTORS.length,), "", "a `FACTORS`"),
-    Field("clearance", (), "m", "distance from the forbidden shapes; negative inside one"),
-    Field("penetration", (), "m", "depth in a forbidden shape, or 0"),
-    Field("base", (3,), "rad, m", "attitude of a floating base, then x, y of its hub"),
-    Field("told", ("told",), "s, s, s, 1", "drawn: delays of commands and observations, lag, gains of channels"),
+    Field("clearance", (), "m", "distance from the forbidden shapes; negative inside a shape"),
+    Field("penetration", (), "m", "depth inside a forbidden shape, or 0"),
+    Field("base", (3,), "rad, m", "attitude of a floating base, then x and y of its hub"),
+    Field("told", ("told",), "s, s, s, 1", "drawn delays of commands and observations, motor lag, sensor gains"),
 )  # fmt: skip
 """Further entries of info: costs, a changing payload, pushes, fitted steps, drawn factors, a floating base."""
 
@@ -187,25 +182,25 @@ FURTHER = _FURTHER.offsets(0, 0)
 SUCCESS, TIP, DEFLECTION, *_ = INFO.offsets(0, 0, 0, 0, 0)
 """Index in info of the fields whose places do not depend on sizes; the last index holds in the plane only."""
 
-SAVED = Layout(
-    "Saved", "rows, inputs, motions, record",
-    Field("q", ("rows",), "", "coordinates at the period's or stretch's start"), Field("v", ("rows",), "", "rates"),
-    Field("a", ("rows",), "", "accelerations"), Field("b", ("rows",), "", "auxiliary accelerations of the integrator"),
+SAVED = Layout("Saved", "rows, inputs, motions, record",
+    Field("q", ("rows",), "", "coordinates at the start of the period or stretch"), Field("v", ("rows",), "", "rates"),
+    Field("a", ("rows",), "", "accelerations"),
+    Field("b", ("rows",), "", "auxiliary accelerations of the generalized-alpha integrator"),
     Field("books", (BOOKS.length,), "J", "a `BOOKS`"),
-    Field("inputs", ("inputs",), "N m", "torques and loads"),
-    Field("psi", ("motions", 3), "", "prescribed coordinates, their rates and accelerations"),
-    Field("reaction", ("motions",), "N m or N", "forces that enforce the prescribed motions"),
-    Field("record", ("record",), "", "a `RECORD`, where a period may change it; otherwise none of it"),
+    Field("inputs", ("inputs",), "N m", "joint torques and loads"),
+    Field("psi", ("motions", 3), "", "prescribed coordinates, their rates and their accelerations"),
+    Field("reaction", ("motions",), "N m or N", "forces that enforce prescribed motions"),
+    Field("record", ("record",), "", "a `RECORD`, if a period may change it; otherwise empty"),
 )  # fmt: skip
 """Saved state of an arm, from which a period, or a part of it, is repeated."""
 
-SCRATCH = Layout(
-    "Scratch", "links, saved",
-    Field("flag", (), "", "status code of the period"),
-    Field("fine", (), "", "requested step size, as halvings of h; -1: done"),
-    Field("taken", (), "", "halvings of the run that was kept"), Field("apart", (), "m", "its estimated error"),
-    Field("tips", ("links", 4), "m, m/s", "x and y of each link's tip in the coarser run, and their rates"),
-    Field("result", ("saved",), "", "a `SAVED`, of the end of the period"),
+SCRATCH = Layout("Scratch", "links, saved",
+    Field("flag", (), "", "solver's status code of the period"),
+    Field("fine", (), "", "requested step is h / 2^fine; -1: period completed"),
+    Field("taken", (), "", "number of halvings of h in the run that was kept"),
+    Field("apart", (), "m", "estimated tip error of the kept run"),
+    Field("tips", ("links", 4), "m, m/s", "x, y, and their rates, of each link's tip in the run with longer steps"),
+    Field("result", ("saved",), "", "a `SAVED` record of the end of the period"),
 )  # fmt: skip
 """Memory of an arm for steps fitted to a tolerance."""
 
@@ -240,22 +235,22 @@ CLIP = 10.0
 
 
 class Block(NamedTuple):
-    """Start (in float64 numbers) of each section of a block, the memory of a group of arms, one arm per lane."""
+    """Offsets (in float64 numbers) of the sections of a block, the memory of a group of arms with one arm per lane."""
 
-    par: int  # see `physics.model.OWN`
-    poses: int  # a `POSES` a link, in space a `SPACE_POSES`
-    record: int  # a `RECORD`
-    action: int  # one entry per joint, clipped
-    seen: int  # the scaled observation
-    info: int  # an `INFO`
-    saved: int  # a `SAVED`
-    end: int  # end of an arm's memory; then a `SCRATCH`, where steps are fitted
-    row: int  # length of a block, in whole cache lines
+    par: int  # parameters of each arm, see `physics.model.OWN`
+    poses: int  # a `POSES` record per link, in space a `SPACE_POSES`
+    record: int  # the episode's memory, a `RECORD`
+    action: int  # one clipped action per joint
+    seen: int  # the scaled observation of each arm
+    info: int  # the entries of info, an `INFO` record
+    saved: int  # saved state of each arm, a `SAVED` record
+    end: int  # end of an arm's memory, followed by a `SCRATCH` record if steps are fitted to a tolerance
+    row: int  # length of a block, rounded up to whole cache lines
 
 
 @inlined
 def sections(layout, block):
-    """Return views of a block's sections: par, poses, record, action, seen, info, saved, and the scratch after them."""
+    """Return views of a block's sections: par, poses, record, action, seen, info, saved, scratch."""
     return (
         block[layout.par : layout.poses], block[layout.poses : layout.record], block[layout.record : layout.action],
         block[layout.action : layout.seen], block[layout.seen : layout.info], block[layout.info : layout.saved],
@@ -266,113 +261,116 @@ def sections(layout, block):
 class Controller(NamedTuple):
     """Joint controllers: torque = stiffness (goal - angle) - damping * rate + share * torque limit * action."""
 
-    stiffness: np.ndarray  # (N,) N m/rad
-    damping: np.ndarray  # (N,) N m s/rad
+    stiffness: np.ndarray  # (N,) stiffness of each joint's controller, N m/rad
+    damping: np.ndarray  # (N,) damping of each joint's controller, N m s/rad
     share: float  # fraction of the torque limit (N m) for a full action
-    motors: tuple[int, ...] | None  # a tag where they read motors that have angles of their own
+    motors: tuple[int, ...] | None  # not None if the controllers read motor angles, which differ from joint angles
 
 
 class Amplifier(NamedTuple):
     """Conversion of an action into torques: by currents, or by voltages minus the motors' back EMF."""
 
-    gain: np.ndarray  # (N,) N m: torque of the largest current, or of the largest voltage at rest
-    emf: np.ndarray | None  # (N,) N m s/rad: torque lost per joint rate (back EMF); None with currents
-    limits: np.ndarray  # (N,) N m, largest torques
+    gain: np.ndarray  # (N,) torque of each motor's largest current, or of its largest voltage at rest, N m
+    emf: np.ndarray | None  # (N,) torque lost per joint rate by back EMF, N m s/rad; None with currents
+    limits: np.ndarray  # (N,) largest torque of each motor, N m
 
 
 class Actuator(NamedTuple):
-    """Motors that are not ideal: first-order lag, delays, saturation."""
+    """Model of motors with first-order lag, delays and saturation."""
 
-    share: float  # 1 - exp(-h / lag): fraction of the way to the command that a motor covers in a step; 1: no lag
-    mean: float  # mean of that fraction over the step
-    age: int  # delay of commands in whole control periods
-    late: int  # rest of the delay in whole steps
-    limits: np.ndarray  # (N,) N m, saturation
-    rows: int  # remembered commands per joint, this period's among them
-    jitter: tuple[float, float, int] | None = None  # most additional steps; steps a period; largest age, in periods
-    drawn: tuple[float, float] | None = None  # least and most steps of a drawn delay; age and late are then 0
-    within: tuple[int] | None = None  # a tag where torques change within a period, not only at its start
-    lag: tuple[float, float] | None = None  # range of a drawn lag over h; share and mean are then those of the largest
+    share: float  # 1 - exp(-h / lag): fraction of the way to its command that a torque covers in a step h; 1: no lag
+    mean: float  # mean of this fraction over the step
+    age: int  # delay of torque commands in whole control periods
+    late: int  # remaining delay in whole steps
+    limits: np.ndarray  # (N,) torque at which each motor saturates, N m
+    rows: int  # number of remembered commands per joint, with the present period's command
+    jitter: tuple[float, float, int] | None = None  # largest additional delay, steps; steps per period; largest age
+    drawn: tuple[float, float] | None = None  # least and largest drawn delay, steps; age and late are then 0
+    within: tuple[int] | None = None  # not None if torques can change within a control period, not only at its start
+    lag: tuple[float, float] | None = None  # bounds of a drawn motor lag / h; share and mean belong to the largest
 
 
 class Sensors(NamedTuple):
-    """Noise and delay of the observation, and strain gauges."""
+    """Noise and delay of the observation, and ideal strain gauges."""
 
-    noise: np.ndarray  # (S,) standard deviation of each entry, in its scale
-    age: int  # control periods by which observations come late
-    gauges: np.ndarray  # (G, n): rows of `physics.gauges.curvature_rows`, over the scale
-    drawn: tuple[float, float] | None = None  # least and most age, where it is drawn for each episode
+    noise: np.ndarray  # (S,) standard deviation of the noise on each entry, divided by the entry's scale
+    age: int  # delay of the observation in control periods
+    gauges: np.ndarray  # (G, n): rows of `physics.gauges.curvature_rows`, divided by the entries' scale
+    drawn: tuple[float, float] | None = None  # least and largest delay, if a delay is drawn for each episode
 
 
 class Instruments(NamedTuple):
-    """Sensors that read by a law (`sensors.Law`); None: no sensor of this kind. Channels follow the fields' order.
+    """Sensors with noise, filter and delay (`sensors.Law`); None: no sensor of this kind.
 
-    Sensor entries follow those of task and target: goals, accelerometer, gyroscope, camera, force, switch, gauges.
+    The channels of the sensors are in the order of the fields.
+
+    The sensors' entries of the observation follow the entries of task and target. Their order is: goals, accelerometer,
+    gyroscope, camera, force, switch, gauges.
     """
 
-    period: float  # s
-    laws: np.ndarray  # a `LAW` per channel
-    entries: int  # number of entries that these add, without gauges
-    room: int  # length of `past` in a `CHANNEL`
-    goals: tuple[int, ...] | None  # a tag: joint angles at the goal less encoder angles, and a target that is a point
-    encoders: np.ndarray | None  # (3 N,) int64: entries of each joint's sine, cosine and rate
-    motors: np.ndarray | None  # (N,) int64: 1 where the encoder sits on a motor that has an angle of its own
-    accelerometer: np.ndarray | None  # (3,), in space (4,): gravity, m/s^2; scale, m/s^2
-    camera: float | None  # scale, m
-    gauges: tuple[int, ...] | None  # a zero per gauge
-    gyroscope: float | None = None  # scale, rad/s; in space
-    force: float | None = None  # scale, N
-    switch: float | None = None  # threshold, N
-    tip: int = -1  # the tip's number among the points that may touch; -1: it may not
+    period: float  # control period, s
+    laws: np.ndarray  # one `LAW` record per channel
+    entries: int  # number of observation entries from these sensors, without gauges
+    room: int  # length of the field `past` of a `CHANNEL` record
+    goals: tuple[int, ...] | None  # not None: observe goal angles minus encoder angles, and a target point
+    encoders: np.ndarray | None  # (3 N,) int64: positions in the observation of each joint's sine, cosine and rate
+    motors: np.ndarray | None  # (N,) int64: 1 if the encoder reads the motor's angle and the gear is elastic
+    accelerometer: np.ndarray | None  # (3,), in space (4,): gravity components, m/s^2, then the entries' scale, m/s^2
+    camera: float | None  # scale of the camera's entries, m
+    gauges: tuple[int, ...] | None  # one zero per strain gauge
+    gyroscope: float | None = None  # in space: scale of the gyroscope's entries, rad/s
+    force: float | None = None  # scale of the contact force's entry, N
+    switch: float | None = None  # contact force above which the switch closes, N
+    tip: int = -1  # index of the tip among the possible contact points; -1: the tip cannot touch
 
 
 class Selection(NamedTuple):
-    """Observed entries, and the number of observations stacked into one, the oldest first."""
+    """Choice of observed entries, and number of successive observations stacked into one, the oldest first."""
 
     chosen: np.ndarray  # (C,) int64: indices of the observed entries
-    frames: int  # observations in one
+    frames: int  # number of observations stacked into one
 
 
 class Reference(NamedTuple):
-    """A moving target: given by a table, or drawn anew for each episode."""
+    """A moving target, given by a table or drawn anew for each episode."""
 
-    line: tuple[int, ...] | None  # a tag where straight lines are drawn
-    table: np.ndarray  # (m, 2 D) target and rate at each control instant, D numbers each; empty: drawn
-    ranges: np.ndarray  # (n, 2): low and high of each drawn number of a path
-    ahead: np.ndarray  # (2,) int64: control periods by which the observation looks ahead
-    scales: np.ndarray  # (3 D,): scales of the rate and of the two displacements ahead
-    axis: np.ndarray | None = None  # (3,) in space: axis of joint 0, in the axes of its link's root
+    line: tuple[int, ...] | None  # not None if straight lines are drawn; None: circles or swings
+    table: np.ndarray  # (m, 2 D): target (D numbers) and its rate at each control instant; empty if paths are drawn
+    ranges: np.ndarray  # (n, 2): lower and upper bound of each drawn number of a path
+    ahead: np.ndarray  # (2,) int64: times ahead of the two observed future targets, in control periods
+    scales: np.ndarray  # (3 D,): scales of the observed target rate and of the two displacements ahead
+    axis: np.ndarray | None = None  # (3,) in space: axis of joint 0, in the root axes of its link
     needs: Any = None  # an `attainable.Attainable` that drawn paths must satisfy, or None
-    lasting: float = 0.0  # s: duration of an episode
+    lasting: float = 0.0  # duration of an episode, s
 
 
 class Cost(NamedTuple):
     """Limits of deflection and strain whose violation gives a period a cost; None: no limit."""
 
-    deflection: np.ndarray | None  # (N,): largest tip deflection of each link, over its length
-    strain: np.ndarray | None  # (G, n): rows for `protocol.strain_gauge`, strain at a station / limit; in space 2 each
+    deflection: np.ndarray | None  # (N,): largest tip deflection of each link divided by the link's length
+    strain: np.ndarray | None  # (G, n): rows for `protocol.strain_gauge`: strain / limit; in space 2 rows per station
 
 
 class Pushes(NamedTuple):
-    """Forces on the tip in random directions; times in control periods."""
+    """Forces on the tip in random directions at random times; times in control periods."""
 
-    wait: np.ndarray  # (2,): low and high of the drawn time from one push to the next
-    force: np.ndarray  # (2,) N: low and high of the drawn force
-    lasting: float  # duration of a push
-    until: float  # latest start of a push
+    wait: np.ndarray  # (2,): bounds of the drawn time from one push to the next, in control periods
+    force: np.ndarray  # (2,): bounds of the drawn force, N
+    lasting: float  # duration of a push, in control periods
+    until: float  # latest start of a push, in control periods
 
 
 class PayloadChange(NamedTuple):
     """A payload that changes once in an episode, such as by gripping or dropping."""
 
-    time: np.ndarray  # (2,) control periods: low and high of the drawn time
-    factor: np.ndarray  # (2,): low and high of the drawn factor on the nominal payload
-    resting: tuple[int, ...] | None  # a tag where a gripped body rests before; otherwise it moves with the tip
+    time: np.ndarray  # (2,): bounds of the drawn time of the change, in control periods
+    factor: np.ndarray  # (2,): bounds of the drawn factor on the nominal payload
+    resting: tuple[int, ...] | None  # not None if a gripped body rests before the change; None: it moves with the tip
 
 
 @dataclass(frozen=True)
 class Extras:
-    """Optional parts of an environment; None: absent, and not compiled."""
+    """Optional parts of an environment. A part that is None is absent, and its code is not compiled."""
 
     controller: Controller | None = None
     amplifier: Amplifier | None = None
@@ -388,7 +386,7 @@ class Extras:
 
 
 class Models(NamedTuple):
-    """The models for steps of h, h/2, ... h/32."""
+    """The arm's models for solver steps of h, h/2, ... h/32."""
 
     whole: Any
     half: Any
@@ -406,8 +404,8 @@ class Program(NamedTuple):
 
     lane: tuple[int, ...]
     model: Any
-    models: Any  # `Models` where steps are fitted to a tolerance (`model`: that of the least step); None: steps of h
-    allowed: float  # that tolerance, m
+    models: Any  # `Models` if steps are fitted to a tolerance (`model` is then for the least step); None: steps of h
+    allowed: float  # tolerance of fitted steps: largest tip error of a period, m
     scheme: Any
     task: Any
     ranges: Ranges
@@ -424,27 +422,27 @@ class Program(NamedTuple):
     keep_out: KeepOut | None
     guide: Any  # `runtime.guided.Guided` of a single arm that follows prescribed motions, or None
     layout: Block
-    entries: int  # S
-    books: tuple[int, ...] | None  # a tag where energies are recorded
+    entries: int  # S, number of entries that can be observed
+    books: tuple[int, ...] | None  # not None if energies are recorded
     watched: float | None  # `energy_balance.inertia_per_rate`, for the check of energies; None with derivatives
-    estimate: float  # of the formulation's own error, as a fraction of L
-    period: float  # s
-    h: float  # s, time step
-    n_steps: int  # steps of h in a period
-    n: int  # arms
-    block: np.ndarray  # (groups row,)
-    action: np.ndarray  # (n A,) float32
-    observation: np.ndarray  # (n O,) float32
-    table: np.ndarray  # (I groups L,): info once more, entry by entry, for the caller to read
-    reward: np.ndarray  # (n,)
-    terminated: np.ndarray  # (n,) uint8
-    truncated: np.ndarray  # (n,) uint8
+    estimate: float  # the beam formulation's own error, as a fraction of the arm's length L
+    period: float  # control period, s
+    h: float  # solver's time step, s
+    n_steps: int  # number of time steps h in a control period
+    n: int  # number of arms
+    block: np.ndarray  # (groups row,) memory of all groups of arms
+    action: np.ndarray  # (n A,) float32: actions of all arms
+    observation: np.ndarray  # (n O,) float32: observations of all arms
+    table: np.ndarray  # (I groups L,): copy of info for the caller, with all arms' values of an entry together
+    reward: np.ndarray  # (n,) reward of each arm in the last period
+    terminated: np.ndarray  # (n,) uint8: 1 if the arm's episode has terminated
+    truncated: np.ndarray  # (n,) uint8: 1 if the arm's episode was truncated
     stream: np.ndarray  # (n,) uint64: state of each arm's random numbers
-    queue: np.ndarray  # (n,) int64: arms to be started
-    request: np.ndarray  # a `REQUEST`
+    queue: np.ndarray  # (n,) int64: indices of the arms to be started
+    request: np.ndarray  # values that a reset requests, a `REQUEST` record
 
 
 def complete(program: Program) -> Program:
-    """Return the program with models that contain the terms of all parameters of an arm (`physics.model.complete`)."""
+    """Return the program with models that contain all terms, as arms with parameters of their own need them."""
     models = program.models and Models(*map(model.complete, program.models))
     return program._replace(model=model.complete(program.model), models=models)

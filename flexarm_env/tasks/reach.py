@@ -34,26 +34,26 @@ _PATH, _MOVING = PATH.places, MOVING.places
 
 
 class Reach(Task):
-    """Record of task "reach" for two links; for observation and reward see `envs.two_link`."""
+    """Constants of the task "reach" for two links; `envs.two_link` describes observation and reward."""
 
     __slots__ = ()
 
 
 class Chain(Task):
-    """Record of task "reach" for any number of links: `Reach` with the joint angles of `angles.least_angles`."""
+    """Constants of the task "reach" for any number of links; goal joint angles by `angles.least_angles`."""
 
     __slots__ = ()
 
 
 @kernel
 def reach_observe(lane, task, poses: Lanes, record: Lanes, out):
-    """Write the scaled observation: joints, deflections, tip velocity, vector from tip to target (`envs.two_link`).
+    """Write the scaled observation: joints, deflections, tip velocity, and vector from tip to target (`envs.two_link`).
 
     Entries: sine, cosine of each joint angle; N joint rates (rad/s); N tip deflections divided by link length, and
     their N rates (1/s); tip velocity (m/s) and target minus tip (m), in the axes of link 0's root; seven entries of a
     floating base.
-    poses: poses of the links, inertial axes; record: records of the arms, of which the target is read. Each entry is
-    divided by its scale and clipped to +-10.
+    poses: positions, angles and rates of the links, inertial axes; record: records of the arms, of which the target is
+    read. Each entry is divided by its scale and clipped to +-10.
     """
     n = size(task.links)
     before, spin = 0.0, of_base(lane, task, poses, BASE_POSE.rate)
@@ -91,8 +91,8 @@ def reach_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
 
     error: distance of the tip to the target divided by the arm's length; speed: speed of the tip relative to the target
     divided by that length, 1/s; shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2.
-    poses: poses of the links, inertial axes; action (joints, lanes), in [-1, 1]; info is written for running arms (live
-    > 1/2). Returns (reward, 1.0 where a joint is beyond its limits).
+    poses: positions, angles and rates of the links, inertial axes; action (joints, lanes), in [-1, 1]; info is written
+    for running arms (live > 1/2). Returns the reward, and 1.0 if a joint is beyond its limits, otherwise 0.0.
     """
     n = size(task.links)
     shaking = record_deflections(lane, task, poses, live, info)
@@ -116,10 +116,10 @@ def reward_point(lane, task, error, speed, shaking, poses, action, record, live,
         accuracy exp(-(10 error)^2), settle exp(-(50 error)^2 - (10 speed)^2), distance by min(error, 1) (`left_of`),
         effort -sum action^2, vibration -min(shaking, 1), attitude of a floating base, change of actions
 
-    Each term is multiplied by its weight. If task.paid is a tag, settle is 1 / (1 + s^2) (`settled`). s is the sum of
-    squares of error and speed (and of a floating base's attitude), each divided by its success band. error: divided by
-    the arm's length. speed: divided by the arm's length, 1/s. shaking: sum of squares of the deflection rates divided
-    by the links' lengths, 1/s^2. Terms are written into info in lanes with live > 1/2.
+    Each term is multiplied by its weight. If task.paid is not None, settle is 1 / (1 + s^2) (`settled`). s is the sum
+    of squares of error and speed (and of a floating base's attitude), each divided by its success band. error: divided
+    by the arm's length. speed: divided by the arm's length, 1/s. shaking: sum of squares of the deflection rates
+    divided by the links' lengths, 1/s^2. Terms are written into info for running arms (live > 1/2).
     """
     # success: |r - target| / L and speed / L (1/s) within their bands
     good = select_lt(error, task.bands[0], 1.0, 0.0)
@@ -160,7 +160,7 @@ def reach_aim(task, record):
 
 @kernel
 def chain_aim(task, record):
-    """Write the goal angles (rad) of N links into record[GOAL:]: least sum of squares with the tip at the target.
+    """Write the goal angles (rad) of N links into record[GOAL:]: the angles of least sum of squares at the target.
 
     record: record of one arm. The record's target (m, inertial axes) is read. The first entry of the record's goal is
     the hub's present angle at entry. At return the goal holds the goal angles (`angles.least_angles`).
@@ -172,7 +172,8 @@ def chain_aim(task, record):
 def chain_pursue(task, record):
     """Write the goal angles (rad) of N links near the present goal angles into record[GOAL:]; see `chain_aim`.
 
-    record: record of one arm. The target (m, inertial axes) is read, the goal is read and written.
+    record: record of one arm. Its field `target` (m, inertial axes) is read. Its field `goal` (rad) is read and
+    written.
     """
     next_angles(task.lengths, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 
@@ -212,8 +213,8 @@ def reach_draw_line(task, stream, arm, start, drawn, path):
 def reach_path_at(task, path, t, out):
     """Write the target's position (m) and velocity (m/s), inertial axes, at time t (s), on a circle or a line.
 
-    path: a `PATH`. The formula describes a circle whose center moves. The center of a circular path rests; on a
-    straight path the radius is 0. out: a `MOVING`.
+    path: parameters of the target's path, a `PATH` record. The formula describes a circle whose center moves. The
+    center of a circular path rests; on a straight path the radius is 0. out: the `MOVING` record that is written.
     """
     radius, rate = path[_PATH.size], path[_PATH.rate]
     # angle on the circle at t: rate t + phase, from the x axis (inertial)
@@ -226,7 +227,7 @@ def reach_path_at(task, path, t, out):
 
 @kernel
 def reach_turn_in(lane, task, poses: Lanes, seen: Lanes, first, end):
-    """Rotate the points or velocities (x, y) at seen[first:end] from inertial axes to the axes of link 0's root."""
+    """Rotate the points or velocities (x, y) at seen[first:end] from inertial axes to link 0's root axes."""
     sine, cosine = sincos(poses[POSE.angle])
     for k in range(first, end, 2):
         x, y = seen[k], seen[k + 1]

@@ -33,7 +33,7 @@ _PATH, _MOVING = PATH.places, MOVING.places
 
 
 class Slew(Task):
-    """Record of task "slew"; for observation and reward see `envs.flexible_arm`."""
+    """Constants of the task "slew"; `envs.flexible_arm` describes observation and reward."""
 
     __slots__ = ()
 
@@ -42,7 +42,7 @@ class Slew(Task):
 def _error(lane, task, poses: Lanes, record: Lanes, normal, along):
     """Return the target angle less the tip's polar angle about the root, rad; with task.turns reduced to +-pi.
 
-    normal, along: tip relative to the root, m, in the axes of link 0's root section.
+    normal, along: components of the vector from root to tip, m, across and along link 0's root section.
     """
     error = record[TARGET] - (poses[POSE.angle] + arctangent(normal, along))
     if task.turns is not None:
@@ -57,9 +57,9 @@ def slew_observe(lane, task, poses: Lanes, record, out):
 
     Entries: sine and cosine of the hub angle, relative to a floating base; hub rate (rad/s); tip deflection across the
     root's tangent, divided by L; deflection rate divided by L (1/s); target minus tip angle (rad), within +-pi if
-    task.turns is a tag, otherwise with all turns; seven entries of a floating base. Each entry is divided by its scale
-    and clipped to +-10. poses: pose of the link, inertial axes; record: records of the arms, of which the target is
-    read.
+    task.turns is not None, otherwise with all turns; seven entries of a floating base. Each entry is divided by its
+    scale and clipped to +-10. poses: pose of the link, inertial axes; record: records of the arms, of which the target
+    is read.
     """
     normal, along, rate, _, _, _, _, sine, cosine = deflection(lane, poses, 0)
     # hub angle as (sin, cos), against a floating base where there is one
@@ -80,14 +80,14 @@ def slew_judge(lane, task, poses, action, record: Lanes, live, info):
     e: magnitude of tip angle minus target (rad). slip: tip rate minus target rate (rad/s). rate: deflection rate
     divided by L (1/s).
 
-        accuracy exp(-(10 e)^2), settle exp(-(50 e)^2 - (5 slip)^2), distance by min(e, 1) (`left_of`; with task.turns e
-        in half turns), effort -sum action^2, vibration -min(rate^2, 1)
+        accuracy exp(-(10 e)^2), settle exp(-(50 e)^2 - (5 slip)^2), distance by min(e, 1) (`left_of`; if task.turns is
+        not None, e in half turns), effort -sum action^2, vibration -min(rate^2, 1)
 
-    Each term is multiplied by its weight. A floating base adds a term for its attitude. If changes of actions have a
-    price, the price adds another term. If task.paid is a tag, settle is 1 / (1 + s^2) (`settled`). s is the sum of
-    squares of e, slip and rate (and of a base's attitude), each divided by its success band. poses: pose of the link,
-    inertial axes; info is written in lanes with live > 1/2. Joint limit passed: 1.0 where the joint is beyond its
-    limits, otherwise 0.0.
+    Each term is multiplied by its weight. A floating base adds a term for its attitude. If the environment prices
+    changes of actions, the price adds another term. If task.paid is not None, settle is 1 / (1 + s^2) (`settled`). s is
+    the sum of squares of e, slip and rate (and of a base's attitude), each divided by its success band. poses: pose of
+    the link, inertial axes; info is written for running arms (live > 1/2). Joint limit passed: 1.0 where the joint is
+    beyond its limits, otherwise 0.0.
     """
     # tip less root: polar angle and its rate (inertial axes), deflection (root axes)
     normal, along, rate, dx, dy, dvx, dvy, _, _ = deflection(lane, poses, 0)
@@ -125,7 +125,7 @@ def slew_judge(lane, task, poses, action, record: Lanes, live, info):
 
 @kernel
 def slew_target(task, angles, first, second):
-    """Return (target angle, 0.0), rad: drawn angle `first`, plus joint angle angles[0] where task.relative is 1."""
+    """Return (target angle, 0.0), rad: the drawn angle `first`, plus joint 0's angle if task.relative is 1."""
     return task.relative * angles[0] + first, 0.0
 
 
@@ -137,7 +137,7 @@ def slew_aim(task, record):
 
 @kernel
 def slew_draw_path(task, stream, arm, start, drawn, path):
-    """Write a swing to a random side from joint 0's angle `start` (rad) into `path`, a `PATH`.
+    """Write the `PATH` record of a swing from joint 0's angle `start` (rad) to a random side.
 
     drawn: width (rad) and period (s) of the swing. stream[arm]: random numbers of the arm.
     """
@@ -149,10 +149,10 @@ def slew_draw_path(task, stream, arm, start, drawn, path):
 
 @kernel
 def slew_draw_line(task, stream, arm, start, drawn, path):
-    """Write a path of constant rate that passes joint 0's angle `start` towards a random side into `path`.
+    """Write the `PATH` record of a path of constant rate that passes joint 0's angle `start` towards a random side.
 
-    path: a `PATH`. start: angle of joint 0, rad. drawn (2,): angle by which the path is behind `start` at t = 0, rad;
-    rate of the path, rad/s. stream[arm]: random numbers of the arm.
+    path: parameters of the target's path, a `PATH` record. start: angle of joint 0, rad. drawn (2,): angle by which the
+    path is behind `start` at t = 0, rad; rate of the path, rad/s. stream[arm]: random numbers of the arm.
     """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     path[_PATH.x], path[_PATH.vx] = start - drawn[0] * side, drawn[1] * side
@@ -164,7 +164,7 @@ def slew_path_at(task, path, t, out):
 
         angle = x + vx t + width (1 - cos(rate t + phase)) / 2
 
-    path: a `PATH`, with these parameters (width is its field `size`). out: a `MOVING`.
+    path: a `PATH`, with these parameters (width is its field `size`). out: the `MOVING` record that is written.
     """
     width, rate = path[_PATH.size], path[_PATH.rate]
     angle = rate * t + path[_PATH.phase]

@@ -14,7 +14,10 @@ _PATH, _MOVING = PATH.places, MOVING.places
 
 
 class SpaceReach(Task):
-    """Record of task "reach" in space; for observation and reward see `envs.spatial`. Links of length 0 are rigid."""
+    """Constants of the task "reach" in space; `envs.spatial` describes observation and reward.
+
+    Links of length 0 are rigid.
+    """
 
     __slots__ = ()
 
@@ -35,7 +38,7 @@ def _in_root(lane, poses: Lanes, x, y, z, d):
 def to_target(lane, task, poses: Lanes, record: Lanes):
     """Return the vector from the tip to the target, m, inertial axes.
 
-    poses: poses of the links, with the last link's tip. record.target: m, inertial axes.
+    poses: poses of the links; the last link's tip is read. record.target: target point, m, inertial axes.
     """
     o = SPACE_POSE.end * (size(task.links) - 1) + SPACE_POSE.tip
     return (
@@ -56,14 +59,14 @@ def _velocity(lane, task, poses: Lanes):
 def space_observe(lane, task, poses: Lanes, record, out):
     """Write the scaled observation: joint angles and rates, deflections and twists, tip velocity, tip to target.
 
-    Sine and cosine of N joint angles; N joint rates (rad/s); for each flexible link deflections along y and z and their
-    rates, divided by the link's length, twist (rad) and twist rate; tip velocity (m/s) and target minus tip (m), in the
-    axes of link 0's root. Each entry is divided by its scale and clipped to +-10. poses: poses of the links; record:
-    the target.
+    Entries: sine and cosine of N joint angles; N joint rates (rad/s); for each flexible link its tip's deflections
+    along y and z and their rates, divided by the link's length, its twist (rad) and twist rate (rad/s); tip velocity
+    (m/s) and vector from tip to target (m), in the axes of link 0's root. Each entry is divided by its scale and
+    clipped to +-10. poses: poses of the links; record: the target.
     """
     n, to = size(task.links), 3 * size(task.links)
     for k in range(n):
-        # theta_k as (sin, cos), continuous over whole turns, then theta_k' over its scale
+        # theta_k as (sin, cos), continuous over whole turns, then theta_k' divided by its scale
         sine, cosine = sincos(poses[SPACE_POSE.end * k + SPACE_POSE.angle])
         show_scaled(lane, task, out, 2 * k, sine)
         show_scaled(lane, task, out, 2 * k + 1, cosine)
@@ -90,8 +93,8 @@ def space_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
 
     error: distance of the tip to the target divided by the arm's length; speed: speed of the tip relative to the target
     divided by that length, 1/s; shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2.
-    poses: poses of the links; action (joints, lanes), in [-1, 1]; info is written in lanes with live > 1/2.
-    Returns (reward, 1.0 where a joint is beyond its limits).
+    poses: poses of the links; action (joints, lanes), in [-1, 1]; info is written for running arms (live > 1/2).
+    Returns the reward, and 1.0 if a joint is beyond its limits, otherwise 0.0.
     """
     shaking, past = record_pose(lane, task, poses, record, live, info)
     # way to the target and velocity relative to it, inertial axes
@@ -106,7 +109,7 @@ def space_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
 
 @kernel
 def record_pose(lane, task, poses: Lanes, record: Lanes, live, info):
-    """Write deflections, twists, tip and target into info, where live > 1/2; return (shaking, past).
+    """Write deflections, twists, tip and target into info for running arms (live > 1/2); return (shaking, past).
 
     shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2. past: 1.0 where a joint is beyond
     its limits.
@@ -142,8 +145,8 @@ def space_aim(task, record):
     """Write the goal angles (rad) that reach a target on a path into record[GOAL:]; no-op if targets rest.
 
     Goal angles of a resting target have been drawn before the target itself. record: record of one arm. The record's
-    target (m, inertial axes) is read. The record's goal holds the start of the search at entry and the goal angles at
-    return. task.chain: kinematics of the arm, a `JOINT` per joint; None if targets rest.
+    field `target` (m, inertial axes) is read. The record's field `goal` contains the start of the search at entry and
+    the goal angles at return.
     """
     if task.chain is not None:
         point = (record[TARGET], record[TARGET + 1], record[TARGET + 2])
@@ -154,8 +157,8 @@ def space_aim(task, record):
 def space_pursue(task, record):
     """Move the goal angles (rad), record[GOAL:], so that they reach the moved target; do nothing if targets rest.
 
-    record: record of one arm. The target (m, inertial axes) is read, the goal is read and written. task.chain: a
-    `JOINT` per joint, None where targets rest.
+    record: record of one arm. Its field `target` (m, inertial axes) is read. Its field `goal` (rad) is read and
+    written. task.chain: a `JOINT` per joint, None where targets rest.
     """
     if task.chain is not None:
         point = (record[TARGET], record[TARGET + 1], record[TARGET + 2])
@@ -164,7 +167,7 @@ def space_pursue(task, record):
 
 @kernel
 def directions(bearing, elevation):
-    """Return unit vectors (x, y, z) at a bearing and elevation (rad): away from the root, to greater bearing, upwards.
+    """Return unit vectors: away from the root at a bearing and elevation (rad), to greater bearing, upwards.
 
     Bearing: from x towards y about the z axis; elevation: above the plane of x and y.
     """
@@ -212,8 +215,8 @@ def space_draw_line(task, stream, arm, start, drawn, path):
 def space_path_at(task, path, t, out):
     """Write the target's position (m) and velocity (m/s) at time t (s), inertial axes: on a circle or a line.
 
-    path: a `PATH`. The circle's axis has the path's bearing and tilt from z. The center of a circle rests; on a line
-    the radius is 0. out: a `MOVING`.
+    path: parameters of the target's path, a `PATH` record. The circle's axis has the path's bearing and tilt from z.
+    The center of a circle rests; on a line the radius is 0. out: the `MOVING` record that is written.
     """
     radius, rate = path[_PATH.size], path[_PATH.rate]
     angle = rate * t + path[_PATH.phase]
@@ -231,7 +234,7 @@ def space_path_at(task, path, t, out):
 
 @kernel
 def space_turn_in(lane, task, poses, seen: Lanes, first, end):
-    """Rotate the points or velocities at seen[first:end] from inertial axes to the axes of link 0's root."""
+    """Rotate the points or velocities (x, y, z) at seen[first:end] from inertial axes to link 0's root axes."""
     for k in range(first, end, 3):
         x, y, z = seen[k], seen[k + 1], seen[k + 2]
         for d in range(3):

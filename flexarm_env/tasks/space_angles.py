@@ -1,7 +1,7 @@
 """Inverse kinematics in space: joint angles of the rigid arm that bring its tip to a point, by damped least squares.
 
-`chain` holds a `JOINT` per joint. The resulting joint angles (rad) replace the present ones; limits (2 N,): see
-`angles`. If a point is out of reach, the tip approaches it.
+`chain` is the arm's kinematics: one `JOINT` record per joint. The resulting joint angles (rad) replace the present
+ones; limits (2 N,) are the lower and upper limit of each joint. If a point is out of reach, the tip approaches it.
 """
 
 import math
@@ -21,9 +21,9 @@ from ..physics.space.rotations import (
 
 JOINT = Layout(
     "ChainJoint", "",
-    Field("mount", (9,), "", "rotation from the link's root axes at joint angle 0 to the section before, by rows"),
+    Field("mount", (9,), "", "rotation from the link's root axes at joint angle 0 to the preceding tip, by rows"),
     Field("axis", (3,), "", "unit vector of the joint's axis, in the axes of the link's root"),
-    Field("span", (), "m", "length of the link, along x of its root"),
+    Field("span", (), "m", "length of the link, along x of its root axes"),
 )  # fmt: skip
 """Kinematics of a joint and the link beyond it."""
 
@@ -47,9 +47,10 @@ def rows_of(table, k):
 
 @kernel
 def _stretched(chain, links, angles, lines):
-    """Return the tip of the rigid arm (m, inertial axes); write place (m) and axis of each joint into lines (6 N,).
+    """Return the tip of the rigid arm (m, inertial axes); write position (m) and axis of each joint into lines (6 N,).
 
-    chain: a `JOINT` per joint. links: a tag of N zeros. angles (N,): joint angles, rad.
+    chain: kinematics of the arm, one `JOINT` record per joint. links: a tuple of N zeros. angles (N,): joint angles,
+    rad.
     """
     A, r = Matrix(Vector(1.0, 0.0, 0.0), Vector(0.0, 1.0, 0.0), Vector(0.0, 0.0, 1.0)), Vector(0.0, 0.0, 0.0)
     for k in range(size(links)):
@@ -69,7 +70,7 @@ def _stretched(chain, links, angles, lines):
 
 @kernel
 def _solved(S, b):
-    """Return x of S x = b for a 3 x 3 `Matrix` S and a vector b by Cramer's rule."""
+    """Solve S x = b for a 3 x 3 `Matrix` S and a vector b by Cramer's rule; return x."""
     share = 1.0 / dot(S[0], cross(S[1], S[2]))
     x, y, z = cross(S[1], S[2]), cross(S[2], S[0]), cross(S[0], S[1])
     return share * (b[0] * x + b[1] * y + b[2] * z)
@@ -77,13 +78,14 @@ def _solved(S, b):
 
 @kernel
 def _approach(chain, links, length, limits, point, steps, angles):
-    """Move the angles by damped least squares towards the point; return the remaining distance over the arm's length.
+    """Move joint angles by damped least squares towards a target point; return the tip's distance / the arm's length.
 
         d theta = J' (J J' + damping)^-1 (point - tip)
 
-    J (3, N): derivative of the tip (m) by the joint angles. chain: a `JOINT` per joint; links: N zeros; length: length
-    of the arm, m; limits (2 N,): low, high of each joint, rad; point: m, inertial axes; steps: largest number of
-    iterations; angles (N,): rad, in and out. No joint moves by more than _FARTHEST rad a step.
+    J (3, N): derivative of the tip position (m) by the joint angles. chain: kinematics of the arm, one `JOINT` record
+    per joint; links: tuple of N zeros; length: length of the arm, m; limits (2 N,): lower and upper limit of each
+    joint, rad; point: target point, m, inertial axes; steps: largest number of iterations; angles (N,): joint angles,
+    rad, in and out. In an iteration no joint moves by more than _FARTHEST rad.
     """
     lines = stack(_ONE, links + links + links + links + links + links)
     off = point - _stretched(chain, links, angles, lines)
@@ -113,9 +115,9 @@ def _approach(chain, links, length, limits, point, steps, angles):
 
 @kernel
 def _column(lines, k, tip):
-    """Return the derivative of the tip (m, inertial axes) by joint k's angle: axis x (tip - joint).
+    """Return the derivative of the tip (m, inertial axes) by joint k's angle: the joint's axis x (tip - joint).
 
-    lines (6 N,): place (m) and axis of each joint, inertial axes. tip: m, inertial axes.
+    lines (6 N,): position (m) and axis of each joint, inertial axes. tip: tip position, m, inertial axes.
     """
     o = 6 * k
     lever = tip - Vector(lines[o], lines[o + 1], lines[o + 2])
@@ -126,8 +128,9 @@ def _column(lines, k, tip):
 def follow_point(chain, links, length, limits, point, angles):
     """Move the joint angles so that the tip follows a point that has moved a little, with few iterations.
 
-    chain: a `JOINT` per joint; links: N zeros; length: length of the arm, m; limits (2 N,): lower and upper
-    limit of each joint, rad; point (3,): target point, m, inertial axes; angles (N,): joint angles, rad, in and out.
+    chain: kinematics of the arm, one `JOINT` record per joint; links: tuple of N zeros; length: length of the arm, m;
+    limits (2 N,): lower and upper limit of each joint, rad; point (3,): target point, m, inertial axes; angles (N,):
+    joint angles, rad, in and out.
     """
     _approach(chain, links, length, limits, point, _FOLLOWED, angles)
 
@@ -137,8 +140,9 @@ def seek_point(chain, links, length, limits, point, angles):
     """Move the joint angles so that the tip reaches a point anywhere within reach.
 
     The search starts from the present angles. If the search fails, it is repeated from two bent postures, and the best
-    result is kept. chain: a `JOINT` per joint; links: N zeros; length: length of the arm, m; limits (2 N,): lower and
-    upper limit of each joint, rad; point (3,): target point, m, inertial axes; angles (N,): joint angles, rad, in, out.
+    result is kept. chain: kinematics of the arm, one `JOINT` record per joint; links: tuple of N zeros; length: length
+    of the arm, m; limits (2 N,): lower and upper limit of each joint, rad; point (3,): target point, m, inertial axes;
+    angles (N,): joint angles, rad, in, out.
     """
     least, mine, best = math.inf, stack(_ONE, links), stack(_ONE, links)
     for trial in range(3):

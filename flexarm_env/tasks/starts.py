@@ -15,13 +15,15 @@ Array = NDArray[np.float64]
 
 FACTORS = Layout(
     "Factors", "",
-    Field("payload", (), "", "on the payload's mass and inertia"),
-    Field("EI", (), "", "on EI; in space on EI_y too"), Field("damping", (), "", "on tau_d"),
-    Field("torque_constant", (), "", "on the motors' torque constants"),
-    Field("payload_inertia", (), "", "on the payload's inertia, besides `payload`"),
-    Field("friction", (), "", "on the joints' friction"), Field("backlash", (), "", "on the gears' backlash"),
-    Field("motor_inertia", (), "", "on the rotors' inertia"), Field("hub_inertia", (), "", "on the hub's inertia"),
-    Field("EI_y", (), "", "on EI_y, in space, besides `EI`"), Field("GJ", (), "", "on GJ, in space"),
+    Field("payload", (), "", "factor on the payload's mass and inertia"),
+    Field("EI", (), "", "factor on EI; in space on EI_y too"), Field("damping", (), "", "on tau_d"),
+    Field("torque_constant", (), "", "factor on the motors' torque constants"),
+    Field("payload_inertia", (), "", "further factor on the payload's inertia"),
+    Field("friction", (), "", "factor on the joints' friction"),
+    Field("backlash", (), "", "factor on the gears' backlash"),
+    Field("motor_inertia", (), "", "factor on the rotors' inertia"),
+    Field("hub_inertia", (), "", "factor on the hub's inertia"),
+    Field("EI_y", (), "", "in space: further factor on EI_y"), Field("GJ", (), "", "in space: factor on GJ"),
 )  # fmt: skip
 """Factors on an arm's nominal values, which are drawn in each episode. Those from `payload_inertia` on are drawn only
 if requested."""
@@ -33,30 +35,31 @@ NOT_DRAWN = dict.fromkeys(FACTOR_NAMES[:ALWAYS], (1.0, 1.0))
 
 
 class Ranges(NamedTuple):
-    """Ranges (low, high) from which a fresh start is drawn uniformly; tables by rows; N links, n rows of the state."""
+    """Bounds (low, high) of numbers that are drawn uniformly for a fresh start; N links, n coordinates."""
 
-    pose: np.ndarray | None  # (n, 1 + 3 N): q = pose times a `BASIS`; None: `set_joint_configuration`, in space
-    shake: np.ndarray | None  # (n, 1 + 3 N): v likewise, for a vibration of 1; in space `envs.vibration.swing`, or None
-    nominal: np.ndarray  # nominal values of par
-    start: np.ndarray  # (N, 2) rad, joint angles
-    target: np.ndarray  # (2, 2): rad (slew, from the start), or m and rad (reach, polar); in space (N, 2): joint angles
-    straight: np.ndarray  # (1,) fraction of starts with all joints at 0
-    vibration: float  # largest initial vibration, as a tip deflection over L
-    factors: np.ndarray  # (`ALWAYS`, 2): the first of `FACTORS`
-    more: np.ndarray | None = None  # (n, 2): the next n of `FACTORS`; None: not drawn
-    laws: tuple[int, ...] | None = None  # a tag where the joints' laws are each arm's own, for factors on them
-    hub: float = 0.0  # kg m^2, nominal hub inertia; a drawn deviation is added to the first joint's rotor
-    attainable: Any = None  # an `attainable.Attainable`, conditions on drawn targets; None: no conditions
-    free: tuple[int, ...] | None = None  # a tag: starts that touch an obstacle of `contacts` are drawn again
-    free_targets: tuple[int, ...] | None = None  # a tag: the same of targets, by the posture that reaches them
+    pose: np.ndarray | None  # (n, 1 + 3 N): coordinates q = pose times a `BASIS`; None in space
+    shake: np.ndarray | None  # (n, 1 + 3 N): rates of a vibration of size 1; in space see `envs.vibration.swing`
+    nominal: np.ndarray  # nominal values of the parameters that each arm has of its own
+    start: np.ndarray  # (N, 2): bounds of each joint's initial angle, rad
+    target: np.ndarray  # (2, 2): bounds, rad ("slew") or polar, m and rad ("reach"); in space (N, 2): joint angles
+    straight: np.ndarray  # (1,): fraction of starts at which all joint angles are 0
+    vibration: float  # largest initial vibration: tip deflection divided by the arm's length
+    factors: np.ndarray  # (`ALWAYS`, 2): bounds of the first `ALWAYS` fields of `FACTORS`
+    more: np.ndarray | None = None  # (n, 2): bounds of the next n fields of `FACTORS`; None: not drawn
+    laws: tuple[int, ...] | None = None  # not None if factors on the joints' friction and gears are drawn for each arm
+    hub: float = 0.0  # nominal hub inertia, kg m^2; the drawn deviation is added to the first joint's rotor inertia
+    attainable: Any = None  # conditions on drawn targets, an `attainable.Attainable`; None: no conditions
+    free: tuple[int, ...] | None = None  # not None: a start that touches an obstacle is drawn again
+    free_targets: tuple[int, ...] | None = None  # not None: a target whose posture touches an obstacle is drawn again
 
 
 @dataclass(frozen=True)
 class Starts:
-    """Ranges from which fresh starts are drawn, uniformly; `Ranges` describes the fields that are not described here.
+    """Bounds of numbers that are drawn uniformly for a fresh start; for fields without description see `Ranges`.
 
-    target: two ranges (the second is unused with one link); in space one range for each joint. drawn: range of each
-    drawn factor by name, in the order of `FACTOR_NAMES`. laws: whether factors on joint laws are drawn.
+    target: bounds of two target numbers (for one link the second is unused); in space bounds of each joint's angle.
+    drawn: bounds of each drawn factor by name, in the order of `FACTOR_NAMES`. laws: whether factors on joint laws are
+    drawn.
     """
 
     start: Sequence[tuple[float, float]]
@@ -72,10 +75,10 @@ class Starts:
     free_targets: tuple[int, ...] | None = None
 
     def ranges(self, pose: Array | None, nominal: Array) -> Ranges:
-        """Return the `Ranges` for compiled code.
+        """Return the bounds as arrays, a `Ranges` for compiled code.
 
-        pose: rows of the state of straight links in terms of `program.BASIS`; None in space. nominal: an arm's own
-        parameters.
+        pose: rows of the state of straight links in terms of `program.BASIS`; None in space. nominal: nominal values of
+        the parameters that each arm has of its own.
         """
         # no table of vibrations: links start at rest, q' = 0
         still = None if pose is None else np.zeros(pose.size)

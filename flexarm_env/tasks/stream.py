@@ -31,5 +31,5 @@ def draw(stream, arm, ranges, k):
 
 @kernel
 def draw_whole(stream, arm, limits):
-    """Return the next number of an arm's stream, a whole number from limits[0] to limits[1]."""
+    """Return the next number of an arm's stream, a whole number between limits[0] and limits[1], both included."""
     return limits[0] + math.floor(uniform(stream, arm) * (limits[1] - limits[0] + 1.0))

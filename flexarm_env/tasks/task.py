@@ -1,17 +1,18 @@
 """Common parts of all tasks: the record `Task`, the functions that a task registers, kernels for reward and success.
 
-A task is a record (a subclass of `Task`) and kernels that are registered for it, such as `Slew` and `Reach`. `poses`
-holds a `physics.layout.POSES` per link, then a `BASE_POSE` where the base floats. Observed entries are divided by their
-scales and clipped to +-10. All arithmetic is on lanes: a batch and a single arm give the same bits. `live` is 1.0 in
-the lanes of arms that were advanced without a failure and have finite observations, otherwise 0.0.
+A task consists of a record (a subclass of `Task`, such as `Slew` or `Reach`) and the kernels registered for the record.
+`poses` holds a `physics.layout.POSES` per link, then a `BASE_POSE` where the base floats. Observed entries are divided
+by their scales and clipped to +-10. All arithmetic runs on lanes, one arm per lane, so that a batch and a single arm
+give the same bits. `live` is 1.0 in the lanes of running arms, that is, of arms that were advanced without a failure
+and have finite observations, otherwise 0.0.
 
     observe(lane, task, poses, record, out)                write the scaled observation into the first entries of `out`
-    judge(lane, task, poses, action, record, live, info)   write success and reward terms into `info`, where live > 1/2;
+    judge(lane, task, poses, action, record, live, info)   write success and reward terms into `info` where live > 1/2;
                                                            return (reward, 1.0 where a joint is beyond its limits)
     turn_in(lane, task, poses, seen, first, end)           rotate entries first to end - 1 of `seen`, targets or rates
                                                            in inertial axes, into the frame that turns with the hub
 
-The following kernels are for one arm; `record` is that arm's own (`program.RECORD`):
+Each of the following kernels works on one arm; `record` is this arm's `program.RECORD`:
 
     target_from(task, angles, first, second)   return the target (two numbers) from two drawn numbers, with the arm at
                                                these joint angles
@@ -35,38 +36,38 @@ from .program import CLIP, DEFLECTION, FURTHER, GOAL, HOLD, SUCCESS, TARGET, TIP
 
 
 class Task(NamedTuple):
-    """Constants of a task with N links, D numbers in a target, T reward terms, and O entries of the observation.
+    """Constants of a task for N links, with D numbers in a target, T reward terms, and O entries of the observation.
 
-    Sizes and tags are tuples of zeros, which the compiler knows.
+    The compiler knows the lengths of tuples of zeros, and which fields are None.
     """
 
-    links: tuple[int, ...]  # N
-    targets: tuple[int, ...]  # D
-    terms: tuple[int, ...]  # T
-    entries: tuple[int, ...]  # O
-    length: float  # m, of the arm
-    lengths: np.ndarray  # (N,) m, of the links; in space 0 for a rigid link
-    scales: np.ndarray  # (O,) by which entries of the observation are divided, in their units
-    rates: np.ndarray  # (N,) rad/s: top rate of each joint
-    weights: np.ndarray  # (T,) of the reward's terms; the last: of failure
-    torque_limits: np.ndarray  # (N,) N m
-    joint_limits: np.ndarray  # (2 N,): low, high of each joint, rad
-    hold: float  # consecutive instants within all bands that make a success
-    bands: np.ndarray  # bounds of errors in a success: position, speed, ...; last: a floating base's attitude, rad
-    further: tuple[int, ...] = ()  # as many zeros as `FURTHER` has numbers, or none
-    once: tuple[int, ...] | None = None  # a tag where a success lasts to the end of the episode
-    turns: tuple[int, ...] | None = None  # a tag where a target angle plus any whole turns is the same target
-    acted: tuple[int, ...] = ()  # as many zeros as there are joints where the change of actions is priced
-    charged: tuple[int, ...] | None = None  # a tag where the reward has a term for `cost`
-    paid: tuple[int, ...] | None = None  # a tag where the term `settle` is measured in bands (`settled`)
-    base: tuple[int, ...] = ()  # as many zeros as `BASE_POSE` has numbers where the arm's base floats, or none
-    relative: float = 1.0  # 1: drawn target angles are relative to joint 0's at the start; 0: absolute
-    nearness: tuple[int, ...] | None = None  # a tag where terms `distance` and `attitude` pay 1 - loss (`left_of`)
-    chain: np.ndarray | None = None  # in space, a `space_angles.JOINT` per joint where targets move
+    links: tuple[int, ...]  # N zeros, one per link
+    targets: tuple[int, ...]  # D zeros, one per number of a target
+    terms: tuple[int, ...]  # T zeros, one per reward term
+    entries: tuple[int, ...]  # O zeros, one per entry of the observation
+    length: float  # length of the arm, m
+    lengths: np.ndarray  # (N,) lengths of the links, m; in space 0 for a rigid link
+    scales: np.ndarray  # (O,) divisors of the observation's entries, in the entries' units
+    rates: np.ndarray  # (N,) largest rate of each joint, rad/s
+    weights: np.ndarray  # (T,) weights of the reward terms; the last is the weight of failure
+    torque_limits: np.ndarray  # (N,) torque limit of each joint, N m
+    joint_limits: np.ndarray  # (2 N,): lower and upper limit of each joint, rad
+    hold: float  # number of consecutive instants within all success bands that count as a success
+    bands: np.ndarray  # success bands of position, speed, ...; the last is that of a floating base's attitude, rad
+    further: tuple[int, ...] = ()  # one zero per number of a `FURTHER` record, or empty
+    once: tuple[int, ...] | None = None  # not None if a success lasts to the end of the episode
+    turns: tuple[int, ...] | None = None  # not None if a target angle plus whole turns is the same target
+    acted: tuple[int, ...] = ()  # one zero per joint if changes of actions have a price, else empty
+    charged: tuple[int, ...] | None = None  # not None if the reward has a term for `cost`
+    paid: tuple[int, ...] | None = None  # not None if the term `settle` is measured in bands (`settled`)
+    base: tuple[int, ...] = ()  # one zero per number of a `BASE_POSE` if the arm's base floats, else empty
+    relative: float = 1.0  # 1: drawn target angles count from joint 0's initial angle; 0: absolute
+    nearness: tuple[int, ...] | None = None  # not None: terms `distance`, `attitude` are 1 - loss; None: -loss
+    chain: np.ndarray | None = None  # in space, with moving targets: one `space_angles.JOINT` record per joint
 
     @property
     def given(self) -> str:
-        """Field of a `REQUEST` by which a start's target is given: "target", or "goals" for joint angles at it."""
+        """Field of `REQUEST` that determines a start's target: "target", or "goals" for joint angles there."""
         return "target"
 
 Task.own_terms = ()  # type: ignore[attr-defined]  # no field, known to the compiler: see `tasks.own_terms`
@@ -94,7 +95,7 @@ def info_of(task):
 
 @kernel
 def put_info(lane, live, info: Lanes, k, value):
-    """Write value into number k of info in lanes with live > 1/2."""
+    """Write value into number k of info for running arms (live > 1/2)."""
     store_where(lane, live, info, k, value, info[k])
 
 
@@ -121,7 +122,7 @@ def deflection(lane, poses: Lanes, k):
 
 @kernel
 def of_base(lane, task, poses: Lanes, number):
-    """Return entry `number` of a floating base's `BASE_POSE`: attitude (rad) or rate (rad/s); 0 if the root is held."""
+    """Return entry `number` of a floating base's `BASE_POSE`: attitude (rad) or rate (rad/s); 0 if fixed."""
     if size(task.base) > 0:
         return poses[POSE.end * size(task.links) + number]
     return 0.0
@@ -131,7 +132,7 @@ def of_base(lane, task, poses: Lanes, number):
 def hub_angle(lane, task, poses: Lanes, sine, cosine):
     """Return sine and cosine of joint 0's angle, given `sine` and `cosine` of the inertial angle of link 0's root.
 
-    If the root is held, joint 0's angle is the inertial angle. On a floating base, the base's attitude is subtracted.
+    If the root is fixed, joint 0's angle is the inertial angle. On a floating base, the base's attitude is subtracted.
     """
     if size(task.base) > 0:
         return sincos(poses[POSE.angle] - of_base(lane, task, poses, BASE_POSE.angle))
@@ -142,13 +143,13 @@ def hub_angle(lane, task, poses: Lanes, sine, cosine):
 def show_base(lane, task, poses: Lanes, sine, cosine, out):
     """Write the last seven entries of the observation of an arm on a floating base, divided by their scales.
 
-    Do nothing where the root is held. Sine and cosine of the base's attitude, its rate (rad/s), then velocity (m/s) and
-    position (m) of the hub, each along and across the root of link 0; sine, cosine: sine and cosine of the inertial
-    angle of that root. poses: poses of the links, then of the base, inertial axes.
+    Do nothing if the root is fixed. Entries: sine and cosine of the base's attitude, its rate (rad/s), then velocity
+    (m/s) and position (m) of the hub, each along and across the root section of link 0. sine, cosine: sine and cosine
+    of this section's inertial angle. poses: poses of the links, then of the base, inertial axes.
     """
     if size(task.base) > 0:
         k = size(task.entries) - 7
-        # attitude psi_b as (sin, cos), which is continuous over whole turns, and psi_b' over its scale
+        # attitude psi_b as (sin, cos), which is continuous over whole turns, and psi_b' divided by its scale
         s, c = sincos(of_base(lane, task, poses, BASE_POSE.angle))
         show_scaled(lane, task, out, k, s)
         show_scaled(lane, task, out, k + 1, c)
@@ -162,10 +163,10 @@ def show_base(lane, task, poses: Lanes, sine, cosine, out):
 
 @kernel
 def level(lane, task, poses, good):
-    """Return `good` (1 or 0) if a floating base's attitude is within its success band, else 0.
+    """Return `good` (1 or 0) if a floating base's attitude is within its success band, otherwise 0.
 
-    The success band of the attitude, rad, is the last entry of task.bands. If the root is held, `good` is returned.
-    poses: poses of the links, then of the base.
+    The success band of the attitude, rad, is the last entry of task.bands. If the root is fixed, `good` is returned.
+    good: 1 if all other errors are within their bands. poses: poses of the links, then of the base.
     """
     if size(task.base) > 0:
         turned = absolute(of_base(lane, task, poses, BASE_POSE.angle))
@@ -182,10 +183,10 @@ def squared_turn(lane, task, poses):
 
 @kernel
 def reward_attitude(lane, task, poses: Lanes, live, info, total):
-    """Return total plus reward term 5, which rewards a small attitude of a floating base; total if the root is held.
+    """Return total plus reward term 5, which rewards a small attitude of a floating base; total if the root is fixed.
 
     The loss is min(attitude^2, 1), rad^2; the term is 1 - loss or -loss (`left_of`) times its weight. Attitude (rad)
-    and hub position (m, inertial axes) are written into info in lanes with live > 1/2.
+    and hub position (m, inertial axes) are written into info for running arms (live > 1/2).
     """
     if size(task.base) > 0:
         turned, at = of_base(lane, task, poses, BASE_POSE.angle), info_of(task).further + FURTHER.base
@@ -199,15 +200,15 @@ def reward_attitude(lane, task, poses: Lanes, live, info, total):
 
 @kernel
 def show_scaled(lane, task, out: Lanes, k, value):
-    """Write value divided by the scale of entry k, clipped to +-CLIP, into entry k of the observation `out`."""
+    """Write value divided by the scale of entry k, limited to +-CLIP, into entry k of the observation `out`."""
     out[k] = clip(value / task.scales[k], CLIP)
 
 
 @kernel
 def past_limit(task, k, angle, past):
-    """Return 1.0 in lanes where joint k's angle (rad) is beyond its limits, in other lanes `past`.
+    """Return 1.0 for arms whose joint k is beyond its limits (rad), and the value `past` for all other arms.
 
-    task.joint_limits (2 N,): low and high of each joint, rad.
+    task.joint_limits (2 N,): lower and upper limit of each joint, rad.
     """
     past = select_lt(angle, task.joint_limits[2 * k], 1.0, past)
     return select_lt(task.joint_limits[2 * k + 1], angle, 1.0, past)
@@ -215,7 +216,7 @@ def past_limit(task, k, angle, past):
 
 @kernel
 def past_limits(lane, task, poses: Lanes):
-    """Return 1.0 in lanes where any joint's angle is beyond its limits, in other lanes 0.0.
+    """Return 1.0 for arms with any joint beyond its limits, 0.0 for all other arms.
 
     A joint's angle is the angle of its link's root section minus that of the preceding link's tip section or the base.
     """
@@ -231,10 +232,10 @@ def past_limits(lane, task, poses: Lanes):
 
 @kernel
 def record_success(lane, task, good, record: Lanes, live, info):
-    """Count the consecutive instants within the success bands, and write success (1 or 0) into info, where live > 1/2.
+    """Count the consecutive instants within the success bands; write success (1 or 0) into info of running arms.
 
     good: 1 where all errors are within their bands. Success means a count (record.hold) of at least task.hold. If
-    task.once is a tag, success lasts to the end of the episode.
+    task.once is not None, success lasts to the end of the episode.
     """
     # hold counts periods in a row: an instant outside a band starts the count again
     before = record[HOLD]
@@ -268,7 +269,7 @@ def settled(lane, square):
 
 @kernel
 def left_of(task, loss):
-    """Return the reward for a loss between 0 and 1: 1 - loss if task.nearness is a tag, otherwise -loss.
+    """Return the reward for a loss between 0 and 1: 1 - loss if task.nearness is not None, otherwise -loss.
 
     With 1 - loss an episode that continues never gets a lower reward than an episode that has ended.
     """
@@ -279,10 +280,10 @@ def left_of(task, loss):
 
 @kernel
 def reward_change(lane, task, action: Lanes, record: Lanes, live, info, total):
-    """Return total plus the weighted term -sum (action - last action)^2; without a price (task.acted), return total.
+    """Return total plus the weighted term -sum (action - last action)^2; total if it has no price (task.acted).
 
-    The term is written into info, before the failure term. The action (joints, lanes) is stored in the record as the
-    last action in lanes with live > 1/2.
+    The term's value is also written into info, before the failure term. For running arms (live > 1/2) the action
+    (joints, lanes) is stored in the record as the last action.
     """
     change = 0.0
     for j in range(size(task.acted)):
@@ -298,7 +299,7 @@ def reward_change(lane, task, action: Lanes, record: Lanes, live, info, total):
 
 @kernel
 def reward_term(lane, task, live, info, k, value):
-    """Write value times the weight of reward term k (task.weights) into info if live > 1/2; return the product."""
+    """Return value times the weight of reward term k (task.weights); write this product into info for running arms."""
     # info holds weighted terms, so that they add up to the reward
     weighted = value * task.weights[k]
     put_info(lane, live, info, info_of(task).terms + k, weighted)
@@ -307,9 +308,10 @@ def reward_term(lane, task, live, info, k, value):
 
 @kernel
 def record_deflections(lane, task, poses: Lanes, live, info: Lanes):
-    """Write tip deflections divided by link lengths into info, where live > 1/2; return the shaking, 1/s^2.
+    """Write tip deflections / link lengths into info for running arms (live > 1/2); return the shaking, 1/s^2.
 
-    The shaking is the sum of squares of the deflections' rates divided by the links' lengths (links' root axes).
+    The shaking is the sum of the squared rates of the deflections divided by the links' lengths, in the axes of the
+    links' roots.
     """
     shaking = 0.0
     for k in range(size(task.links)):
@@ -322,9 +324,10 @@ def record_deflections(lane, task, poses: Lanes, live, info: Lanes):
 
 @kernel
 def record_tip(lane, task, poses: Lanes, record: Lanes, live, info):
-    """Write the tip's position (m, inertial axes) and the target (m, or rad) into info in lanes with live > 1/2.
+    """Write the tip's position (m, inertial axes) and the target (m or rad) into info for running arms (live > 1/2).
 
-    poses: poses of the links, inertial axes. record: records of the arms, of which the target is read.
+    poses: positions, angles and rates of the links, inertial axes. record: records of the arms, of which the target is
+    read.
     """
     o, at = POSE.end * (size(task.links) - 1), info_of(task).target
     put_info(lane, live, info, TIP, poses[o + POSE.tip_x])

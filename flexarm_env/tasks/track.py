@@ -1,4 +1,4 @@
-"""Moving targets: position, velocity, and the look-ahead that the observation contains."""
+"""Kernels for moving targets: position, velocity, and the future targets that the observation contains."""
 
 from ..compiler import Lanes, kernel, lane_count, size, stack
 from ..physics.arithmetic import clip
@@ -13,10 +13,10 @@ _RECORD = (0,) * GOAL
 
 @kernel
 def _on_path(reference, task, record, lanes, i, t, k, out):
-    """Write the `MOVING` (position, velocity) of arm i's target at t (s), control instant k, into out.
+    """Write position and velocity of arm i's target at time t (s), the end of period k, into the `MOVING` out.
 
-    The target comes from reference.table (position and rate of each instant; the last row is held) or from the path in
-    the arm's record. lanes: number of lanes of the group that contains arm i. record: in lanes.
+    A target comes from reference.table (position and rate at each control instant; after the last row it rests) or from
+    the path in the arm's record. lanes: number of arms in the group that contains arm i. record: in lanes.
     """
     targets = size(task.targets)
     if reference.table.shape[0] > 0:
@@ -35,10 +35,10 @@ def _on_path(reference, task, record, lanes, i, t, k, out):
 
 @kernel
 def _set_target(reference, task, record, lanes, i, t, k, out):
-    """Write arm i's target (position, velocity) at t (s), control instant k, into out, a `MOVING`, and its record.
+    """Write position and velocity of arm i's target at t (s), the end of period k, into out and the record.
 
-    lanes: number of lanes of the group that contains arm i. record.target, record.target_rate: m or rad, and rates,
-    inertial axes.
+    lanes: number of arms in the group that contains arm i. out: a `MOVING` record. record.target, record.target_rate:
+    target (m or rad) and its rate, inertial axes, written.
     """
     _on_path(reference, task, record, lanes, i, t, k, out)
     for d in range(size(task.targets)):
@@ -48,10 +48,10 @@ def _set_target(reference, task, record, lanes, i, t, k, out):
 
 @kernel
 def move_targets(lane, reference, task, period, record):
-    """Move the targets of running arms to the end of the control period, and update the joint angles that reach them.
+    """Move the targets of running arms to the end of the period, and update the joint angles that reach them.
 
-    reference: a `Reference`; None if targets rest (no-op). period: control period, s. record, in lanes: mode and number
-    of completed periods are read; target, target_rate and goal are written.
+    reference: a `Reference`; None if targets rest (no-op). period: control period, s. record (fields by lanes): mode
+    and number of completed periods are read; target, target_rate and goal are written.
     """
     if reference is not None:
         for i in range(lane_count(lane)):
@@ -63,8 +63,8 @@ def move_targets(lane, reference, task, period, record):
 def _move_target(lanes, reference, task, period, record, i):
     """Move arm i's target to the end of its control period (s) and update its goal angles (rad) by `pursue`.
 
-    lanes: number of lanes of the group that contains arm i. record, in lanes: periods done in; target, target_rate and
-    goal in and out.
+    lanes: number of arms in the group that contains arm i. record (fields by lanes): number of completed periods is
+    read; target, target_rate and goal are read and written.
     """
     out, mine = stack(_ONE, _PLACE), stack(_ONE, task.links + _RECORD)
     k = record[PERIODS * lanes + i] + 1.0
@@ -81,11 +81,11 @@ def _move_target(lanes, reference, task, period, record, i):
 
 @kernel
 def look_ahead(lane, reference, task, period, first, poses, record, seen):
-    """Write the observation's entries for a moving target: its rate, then its displacement at each time ahead.
+    """Write the observation's entries for a moving target: the target's rate, then its displacement at each time ahead.
 
-    Points and rates are in the axes of link 0's root, divided by their scales, and clipped to +-10. first: True for the
-    observation of a reset, before any period is completed. period: control period, s. poses: poses of the links,
-    inertial axes. Do nothing where targets rest (reference None).
+    Points and rates are in the axes of link 0's root, divided by their scales, and clipped to +-10. first: whether this
+    is the observation of a reset, before any completed period. period: control period, s. poses: positions, angles and
+    rates of the links, inertial axes. Do nothing if targets rest (reference is None).
     # in        record: periods done, target, path
     # out       seen (entries, lanes), entries that follow the task's
     """
@@ -95,7 +95,7 @@ def look_ahead(lane, reference, task, period, first, poses, record, seen):
 
 @kernel
 def list_ahead(lane, reference, task, period, first, record, seen: Lanes):
-    """Write the entries of `look_ahead` in inertial axes and without scale (m or rad, and rates)."""
+    """Write the entries of `look_ahead` (m or rad, and their rates) in inertial axes, without division by scales."""
     if reference is not None:
         for k in range(reference.scales.shape[0]):
             seen[size(task.entries) + k] = 0.0
@@ -115,10 +115,10 @@ def turn_ahead(lane, reference, task, poses, seen: Lanes):
 
 @kernel
 def _look_ahead(lanes, reference, task, period, first, record, seen, i):
-    """Write arm i's target rate and its displacements ahead (m or rad) into seen, in inertial axes and not scaled.
+    """Write arm i's target rate and future displacements (m or rad) into seen, in inertial axes and not scaled.
 
-    reference.ahead: times ahead, in control periods (period: s). Instant k is the end of the current period, or 0 at a
-    reset (first). lanes: number of lanes of the group that contains arm i.
+    reference.ahead: times ahead, in control periods (period: s). Displacements count from the target at the end of the
+    current period, or at time 0 for a reset (first). lanes: number of arms in the group that contains arm i.
     """
     targets, at = size(task.targets), size(task.entries)
     out, rows = stack(_ONE, _PLACE), reference.ahead.shape[0]
@@ -137,7 +137,7 @@ def start_path(reference, task, stream, arm, record, lanes):
     """Draw a path for an arm at the start of its episode and put its target at the path's start.
 
     The number of draws from `stream` depends on the kind of path, and paths that the arm cannot follow are drawn again.
-    reference.line: straight lines are drawn. arm: number in the batch; lanes: number of lanes of a group.
+    reference.line: straight lines are drawn. arm: number in the batch; lanes: number of arms in a group.
     # in        record.goal, joint angles (rad) from which the arm's posture follows the path
     # in, out   stream[arm]
     # out       record: path, target and its rate

@@ -1,6 +1,7 @@
 """Command lines from documented dataclasses: each field becomes a flag.
 
-The help is the field's sentence with unit and bounds (`flexarm_env.records`), or the entry in the class's docstring.
+The help text of a flag is the field's sentence with unit and bounds (`flexarm_env.records`), or the entry in the
+class's docstring.
 """
 
 import argparse

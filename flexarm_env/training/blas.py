@@ -11,7 +11,7 @@ VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"
 
 
 def set_threads(count: int) -> None:
-    """Set the number of threads of matrix products.
+    """Set the number of threads for matrix products.
 
     The number applies to every loaded OpenBLAS and, by environment variables, to libraries loaded later. One thread
     multiplies the matrices of small networks faster than several.
@@ -27,7 +27,7 @@ def threads() -> list[int]:
 
 
 def _libraries() -> list[tuple[ctypes.CDLL, str]]:
-    """Return this process's OpenBLAS libraries with the naming scheme of their functions; none except on Linux."""
+    """Return the OpenBLAS libraries of this process, each with its naming scheme of functions; on Linux only."""
     try:
         lines = Path("/proc/self/maps").read_text().splitlines()
     except OSError:

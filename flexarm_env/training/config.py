@@ -69,7 +69,10 @@ class Config:
         return self if n_timesteps is None else replace(self, text={**self.text, "n_timesteps": n_timesteps})
 
     def changed(self, settings: Sequence[str], env_id: str) -> Config:
-        """Return the config with the values in `settings`, texts KEY=VALUE. ValueError for invalid keys or values."""
+        """Return the config with the values in `settings`, texts KEY=VALUE.
+
+        Raises ValueError for invalid keys or values.
+        """
         if not settings:
             return self
         text = dict(self.text)
@@ -133,7 +136,7 @@ def default_path(algorithm: str, env_id: str = "") -> Path:
 
 
 def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str] | None = None) -> Config:
-    """Read the entry of an environment. ValueError names the file, the key and the rule.
+    """Read the entry of an environment. A ValueError names the file, the key and the rule.
 
     path: a file, or the name of a file of the package: its path in a checkout (configs/ppo/robust.yml), or only its
     stem (robust) for files of the algorithm. None: `default_path`.
@@ -236,7 +239,10 @@ def _yaml() -> Any:
 
 
 def algorithm_class(name: str) -> Any:
-    """Import the algorithm's class from Stable-Baselines3 or its contrib package. ValueError if it is not available."""
+    """Import the algorithm's class from Stable-Baselines3 or its contrib package.
+
+    Raises ValueError if the class is not available.
+    """
     module, _, kind = CLASSES[check.choice("algo", name, tuple(CLASSES))].partition(":")
     try:
         return getattr(importlib.import_module(module), kind)
@@ -266,7 +272,7 @@ def schedule(key: str, text: str) -> Linear:
 
 
 def _value(key: str, text: str) -> Any:
-    """Evaluate an expression of dict(...), literals and nn.NAME. Nothing else is executed."""
+    """Evaluate an expression of dict(...), literals and nn.NAME. Nothing else in the text is executed."""
     # no names but dict and nn.NAME are evaluated
     try:
         return _node(ast.parse(text.strip(), mode="eval").body)
@@ -275,7 +281,7 @@ def _value(key: str, text: str) -> Any:
 
 
 def _node(node: ast.expr) -> Any:
-    """Evaluate a node of such an expression."""
+    """Evaluate a node of the syntax tree of such an expression."""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "dict" and not node.args:
         return {k.arg: _node(k.value) for k in node.keywords if k.arg}
     if isinstance(node, ast.Dict):

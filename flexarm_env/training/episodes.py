@@ -38,7 +38,7 @@ or those of the user."""
 def judged_in(kwargs: Mapping[str, Any], asked: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return the environment keywords for evaluation or display, from the keywords of training.
 
-    kwargs: keywords of training. asked: the user's own keywords, see `user_keywords`; None: no such keywords.
+    kwargs: keywords of training. asked: the keywords that the user gave, see `user_keywords`; None: no such keywords.
     """
     return {k: v for k, v in kwargs.items() if k not in (*TRAINING_ONLY, "randomization", LENGTHS)} | dict(asked or {})
 
@@ -78,8 +78,8 @@ class Episodes:
         task, dt: task and control period, s, of the environment. success (n,), settled (n,), terminated (n,): whether
             an episode succeeded, settled, and ended early. settling (n,): settling time, s; the full duration if the
             tip never settled. vibration (n,): residual vibration, m. overshoot (n,): share of the initial error. effort
-            (n,): time integral of the joints' (torque / limit)^2, s. returns (n,): returns. errors (steps + 1, n): tip
-            errors at each instant. way (n,): initial tip error.
+            (n,): time integral of the joints' (torque / limit)^2, s. returns (n,): sum of the rewards of each episode.
+            errors (steps + 1, n): tip errors at each instant. way (n,): initial tip error.
     """
 
     task: str

@@ -42,10 +42,10 @@ class Arguments:
         policy: the policy (see above); several separated by commas.
         env: id of the environment.
         episodes: number of episodes.
-        first: seed of the first episode; the others follow.
-        formulation: formulation of the arm; default the environment's.
+        first: seed of the first episode; all further episodes have the following seeds.
+        formulation: beam formulation of the arm; default: that of the environment.
         env_kwargs: further keywords of the environment, as JSON; they override those of a policy's training.
-        randomized: payload x 0.5 to 2 and stiffness x 0.7 to 1.3, drawn for each episode.
+        randomized: draw factors for each episode, on the payload from 0.5 to 2 and on the stiffness from 0.7 to 1.3.
         json: print JSON instead of a table.
         out: folder for table, JSON and figure.
         video: write a film of episode 0 for each policy as well (needs --out).
@@ -66,7 +66,7 @@ class Arguments:
 def evaluate(arguments: Arguments) -> tuple[dict[str, dict[str, Any]], dict[str, fixed.Episodes], dict[str, float]]:
     """Evaluate all policies: summaries and episodes by policy, and medians of the time bounds, s.
 
-    ValueError with a sentence for invalid arguments.
+    Raises ValueError with a sentence for invalid arguments.
     """
     if arguments.episodes < 1:
         raise ValueError(f"--episodes {arguments.episodes}: must be at least 1")
@@ -97,7 +97,7 @@ def keywords(arguments: Arguments, chosen: NamedPolicy) -> dict[str, Any]:
 
 
 def bounds(env: Any, result: fixed.Episodes) -> dict[str, float]:
-    """Return median times, s, of two plans of one link: rigid time-optimal slew, and flexible plan to rest."""
+    """Return median times, s, of two plans of one link: the rigid time-optimal slew, and the flexible plan to rest."""
     setup = Setup.of(env)
     if setup.task != "slew":
         return {}
@@ -152,5 +152,5 @@ def judge(arguments: Arguments) -> None:
 
 
 def main(program: str = "flexarm evaluate", words: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
+    """Run the command; return its exit code."""
     return command(Arguments, program, __doc__, judge, words)

@@ -28,7 +28,7 @@ class Arguments:
     """Arguments of `python -m flexarm_env.training.export_policy`.
 
     Args:
-        run: a run folder.
+        run: folder of a training run.
     """
 
     run: Path
@@ -85,7 +85,7 @@ def save(policy: NumpyPolicy, path: Path) -> None:
 
 
 def difference(policy: NumpyPolicy, model: Any, normaliser: Any = None, n: int = 4096, seed: int = 0) -> float:
-    """Return the largest difference between both networks' actions on n random observations of the space."""
+    """Return the largest difference between the actions of model and exported policy on n random observations."""
     rng = np.random.default_rng(seed)
     # random observations, normalized as in training
     bounds = np.minimum(model.observation_space.high, 3.0)

@@ -37,7 +37,7 @@ NOT_OF_ARMS = ("autoreset_mode", "num_envs", "vectorization_mode", "render_mode"
 class Window:
     """Record of T control periods of n arms: lists of T entries.
 
-    states (n, S), seen (n, O): states and observations before each period. inputs: inputs of the policy's layers.
+    states (n, S), seen (n, O): states and observations before each period. inputs: inputs of each layer of the policy.
     wanted, noise (n, A): actions before clipping, and their random part. total (n, A): actions plus the actions of a
     controller inside, before saturation. rewards (T, n): rewards including the costs of limits and the price of
     failure. slopes (n, O): derivatives of the limits' costs by the observation after the period. ended, failed (T, n):
@@ -62,8 +62,8 @@ class Gradient(BaseAlgorithm):
 
     Args:
         policy: "MlpPolicy". env: a vector environment of this package.
-        learning_rate: learning rate of actor and critic. n_steps: control periods of a window. gamma: discount.
-        batch_size, n_epochs: batch size and epochs of the critic's fit in each window.
+        learning_rate: learning rate of actor and critic. n_steps: control periods of a window. gamma: discount factor.
+        batch_size, n_epochs: batch size and number of epochs for fitting the critic in each window.
         gae_lambda: weight of longer returns in the critic's targets. max_grad_norm: largest norm of the actor's
             gradient.
         limit_margin: distance, rad, from a joint's limit below which a cost acts, up to `limit_cost` per period at the
@@ -252,7 +252,8 @@ class Gradient(BaseAlgorithm):
     def _improve(self, window: Window, rate: float) -> None:
         """Take one optimizer step of the actor along the gradient of the window's return.
 
-        The return is the sum of discounted rewards plus the critic's value after the window. rate: learning rate.
+        The return of a window is the sum of discounted rewards plus the critic's value after the window. rate: learning
+        rate.
         """
         n, steps = self.n_envs, self.n_steps
         # discount factors since the window's, or an episode's, beginning
@@ -304,7 +305,7 @@ class Gradient(BaseAlgorithm):
                 self.critic.parameters.descend(rate)
 
     def _paid(self, window: Window) -> Array:
-        """Return TD(lambda) returns (T, n), each from its period on."""
+        """Return TD(lambda) returns (T, n), each counted from its own period on."""
         entries = window.after.shape[-1]
         expected = self.critic.forward(window.after.reshape(-1, entries))[0].reshape(window.rewards.shape)
         paid, beyond = np.zeros(window.rewards.shape), expected[-1].astype(np.float64)

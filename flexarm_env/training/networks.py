@@ -90,7 +90,7 @@ class Network:
         return x @ self.weights[-1].T + self.biases[-1], inputs
 
     def backward(self, slope: Array32, inputs: list[Array32]) -> tuple[Array32, list[Array32]]:
-        """Return derivatives by the input (n, in) and by layer outputs; slope (n, out): derivatives by the output."""
+        """Return derivatives by the input (n, in) and the layers' outputs. slope (n, out): by the final output."""
         slopes = [slope]
         for k in range(len(self.weights) - 1, 0, -1):
             slope = slope @ self.weights[k]

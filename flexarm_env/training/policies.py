@@ -41,7 +41,10 @@ def acting(model: Any, meta: Mapping[str, Any], normaliser: Any) -> NumpyPolicy 
 
 
 def choose(word: str, env_id: str) -> NamedPolicy:
-    """Find the policy that a name denotes, for an environment. ValueError if it was trained on another environment."""
+    """Find the policy that a name denotes, for an environment.
+
+    Raises ValueError if the policy was trained on another environment.
+    """
     if not word.strip():
         raise ValueError("--policy: must name at least one, or several with commas between them")
     found = find_policy(word)

@@ -25,8 +25,8 @@ class Progress:
     """Progress of a run; part of every checkpoint.
 
     curve: learning curve, one row of COLUMNS per evaluation. best: smallest cost so far (see `cost`). best_return: mean
-    return of the evaluation with the smallest cost. The return breaks ties, since all costs are equal before the first
-    success. solved: row at which the task was solved, or None. wall_s, cpu_s: time spent so far, without evaluation and
+    return of the evaluation with the smallest cost. Between equal costs, as before the first success, the higher return
+    wins. solved: row at which the task was solved, or None. wall_s, cpu_s: time spent so far, without evaluation and
     checkpoints.
     """
 
@@ -43,8 +43,8 @@ class Progress:
     ) -> bool:
         """Add an evaluation after `steps` steps; return whether the evaluation is the best so far.
 
-        solved_at: success rate at which the task counts as solved. best_by: see `cost`. others: values of train_return,
-        std and learning_rate.
+        solved_at: success rate at which the task counts as solved. best_by: see `cost`. others: values of the columns
+        train_return, std and learning_rate.
         """
         # row of the learning curve
         row = {
@@ -107,7 +107,7 @@ def write_curve(path: Path, rows: list[dict[str, float]]) -> None:
 
 
 def describe(progress: Progress) -> str:
-    """Describe the progress of a run in a few words."""
+    """Describe the progress of a run in a few words, for the progress bar."""
     if not progress.curve:
         return "nothing evaluated"
     rows = {row["steps"]: row for row in progress.curve}

@@ -44,7 +44,7 @@ def write_rows(path: Path, heads: Sequence[str], rows: Iterable[Mapping[str, Any
 
 
 def report(folder: Path, title: str, began: float, lines: list[str]) -> None:
-    """Write report.md with title, date, duration since `began` (time.perf_counter) and versions; print its lines."""
+    """Write report.md: title, date, time since `began` (of time.perf_counter) and versions; print its lines."""
     made = " · ".join(f"{name} {version}" for name, version in versions().items())
     spent = f"{time.strftime('%Y-%m-%d')}, {time.perf_counter() - began:.0f} s in all"
     write_text(folder / "report.md", "\n".join([f"# {title}", "", f"{spent} · {made}", "", *lines]) + "\n")
@@ -127,9 +127,9 @@ class Training:
     def begun(self, *kept: str, algorithm: str | None = None) -> Self:
         """Return the validated arguments of a new run, or of the run to be resumed.
 
-        A resumed run keeps its original arguments except the arguments named in `kept`. ValueError in four cases: a new
-        run exists already; the run has finished and --n-timesteps does not extend it; the run belongs to another
-        algorithm; or the seed is reserved for evaluation.
+        A resumed run keeps its original arguments except the arguments named in `kept`. Raises ValueError in four
+        cases: a new run exists already; the run has finished and --n-timesteps does not extend it; the run belongs to
+        another algorithm; or the seed is reserved for evaluation.
         """
         own = self._resumed(kept, algorithm) if self.resume else self
         if not isinstance(own.seed, int) or not 0 <= own.seed <= MOST_SEED:
@@ -204,7 +204,7 @@ def new_record(arguments: Any, algorithm: str, env_kwargs: dict[str, Any], setup
 
 
 def read_run(run: Path) -> dict[str, Any]:
-    """Read the record (run.json) of a run folder. ValueError with a sentence if the folder has no run.json."""
+    """Read the record (run.json) of a run folder. Raises ValueError with a sentence if the folder has no run.json."""
     if not run.is_dir():
         raise ValueError(f"{run}: no such run folder")
     if not (run / "run.json").is_file():
@@ -292,7 +292,7 @@ def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
 
 
 def load_normaliser(path: Path, model: Any) -> Any:
-    """Load a model's VecNormalize statistics. ValueError for other files, or statistics of another model."""
+    """Load a model's VecNormalize statistics. Raises ValueError for other files, or for statistics of another model."""
     try:
         with path.open("rb") as file:
             found = pickle.load(file)

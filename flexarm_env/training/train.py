@@ -1,8 +1,7 @@
 """Train a policy by PPO (Stable-Baselines3) or by another algorithm (--algo).
 
-    flexarm train --env FlexibleArm-v0
-    flexarm train --env TwoLinkFlexArm-v0 --config configs/ppo/residual.yml
-    flexarm train --env FlexibleArm-v0 --out runs/mine --resume
+    flexarm train --env FlexibleArm-v0 flexarm train --env TwoLinkFlexArm-v0 --config configs/ppo/residual.yml flexarm
+    train --env FlexibleArm-v0 --out runs/mine --resume
 
 The run folder contains model.zip (the best on the validation episodes), vecnormalize.pkl if observations are
 normalized, policy.npz (the same policy for NumPy alone), config.yml (resolved), run.json (arguments, versions, layout
@@ -60,7 +59,7 @@ class Arguments(Training):
 
 
 def train(arguments: Arguments) -> Any:
-    """Train a policy; returns its `Progress`. ValueError with a sentence for invalid arguments."""
+    """Train a policy; returns its `Progress`. Raises ValueError with a sentence for invalid arguments."""
     _check_installed()
     folder, arguments = arguments.folder, arguments.begun("progress")
     config = configs.load(arguments.config, arguments.algo, arguments.env)
@@ -162,7 +161,7 @@ def fitted(config: configs.Config, arguments: Arguments) -> tuple[configs.Config
     """Adapt discount factor, episode duration and control period to the user's own arm (`rigid.timescales`).
 
     Returns the config, and the chosen environment keywords. Values from the user, or from the user's own file, are
-    kept; the chosen values are printed.
+    kept; the function prints the chosen values.
     """
     given, text = arguments.env_kwargs, dict(config.text)
     named = given.get("arm")
@@ -190,7 +189,10 @@ def _check_installed() -> None:
 
 
 def _keep_last(folder: Path, model: Any, progress: Progress) -> None:
-    """Keep one checkpoint, from which the run can be extended. Keep none with a replay buffer, because it is large."""
+    """Delete all checkpoints but one, from which the run can be extended.
+
+    A checkpoint with a replay buffer is deleted as well, because it is large.
+    """
     from flexarm_env.training import watch
 
     if hasattr(model, "replay_buffer"):
@@ -210,5 +212,5 @@ def _log(model: Any, folder: Path, arguments: Arguments) -> None:
 
 
 def main(program: str = "flexarm train", words: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
+    """Run the command; return its exit code."""
     return training_program(program, train, parse(Arguments, program, __doc__, words))

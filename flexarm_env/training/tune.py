@@ -78,10 +78,10 @@ class Arguments:
         refinements: number of Nelder-Mead evaluations.
         episodes: number of episodes per evaluation.
         seed: seed of the search.
-        margin: factor on all PD gains up to which the linear loop has to be stable; 0: no such rule.
-        out: file of the gains.
-        home: folder of TASK.toml, without --out.
-        dry: print the result, write nothing.
+        margin: gain margin, the factor on all PD gains up to which the linear loop must be stable; 0: no condition.
+        out: file to which the gains are written.
+        home: folder in which TASK.toml is written if --out is not given.
+        dry: print the result and write nothing.
         randomized: tune on arms with random payload and stiffness, as in `flexarm evaluate --randomized`.
     """
 
@@ -188,7 +188,7 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
         return episodes.run(env, controller, episodes.TUNING)
 
     def cost(values: Array) -> float:
-        """Return mean settling time plus the duration times the failure rate, s; NONE for unusable gains."""
+        """Return the mean settling time plus duration times failure rate, s; NONE for gains that cannot be used."""
         gains = gains_from(name, table(values))
         # PD loops need the gain margin
         if arguments.margin > 0.0 and isinstance(gains, control.PDGains) and not gains.stable(setup, arguments.margin):
@@ -223,7 +223,10 @@ def place(task: str, arguments: Arguments) -> Path:
 
 
 def current(path: Path) -> dict[str, Any]:
-    """Read the existing file of gains. ValueError if the file is invalid, because rewriting it would lose the gains."""
+    """Read the existing file of gains.
+
+    Raises ValueError if the file is invalid, because rewriting it would lose the gains.
+    """
     tables = read_toml(path)[0] if path.is_file() else {}
     with check.in_file(path):
         check.known_keys("", tables, control.NAMES, "controller")
@@ -284,5 +287,5 @@ def search_all(arguments: Arguments) -> None:
 
 
 def main(program: str = "flexarm tune", words: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
+    """Run the command; return its exit code."""
     return command(Arguments, program, __doc__, search_all, words)

@@ -40,7 +40,7 @@ class Watch(BaseCallback):
 
     # --- clocks: what evaluation and checkpoints take is not training -------------------------------
     def _tick(self) -> None:
-        """Add the time since the last call to the training time, wall and CPU, s."""
+        """Add the time since the last call to the training time (wall-clock and CPU time, s)."""
         wall, cpu = time.perf_counter(), time.process_time()
         self.state.wall_s += wall - self._wall
         self.state.cpu_s += cpu - self._cpu
