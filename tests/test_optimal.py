@@ -399,7 +399,7 @@ def test_plans_in_space_are_made_again_in_shorter_steps(monkeypatch):
     start, goal = (plant.rest(np.array([angles])) for angles in ([0.0, 0.0, 0.0], [-0.063, -0.408, 0.375]))
     motion = optimal.least_time(plant, start, goal)
     assert motion.found.all() and motion.step < plant.step
-    monkeypatch.setattr(optimal, "HALVINGS", 0)
+    monkeypatch.setattr(type(plant), "halvings", 0)
     coarse = optimal.least_time(plant, start, goal)
     assert not coarse.found.any() and coarse.replay.missed[0] > 2.0 * motion.replay.missed[0]
 
@@ -407,7 +407,7 @@ def test_plans_in_space_are_made_again_in_shorter_steps(monkeypatch):
 class Stepped:
     """A plant in space with a step alone."""
 
-    step = 0.005
+    step, halvings = 0.005, 3
 
     def __init__(self, step=None):
         self.step = self.step if step is None else step

@@ -262,7 +262,7 @@ def plan(
     if COST in kind.rewards and extras.cost is None and extras.keep_out is None:
         what = "must be given with `cost` or `keep_out`, which say what costs"
         raise check.InvalidValue("reward.cost", dict(reward or {})[COST], what)
-    begun, absolute = events.starts(kind, own, starts, version)
+    begun, absolute = events.starts(kind, own, starts, RULES[0] if touched else version)
     laws, modes = any(factors.get(name, (1.0, 1.0)) != (1.0, 1.0) for name in OF_JOINTS), None
     vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
     if vibration > 0.0:
@@ -295,7 +295,7 @@ def plan(
 
 def with_starts(plan: Plan, ranges: Mapping[str, Any] | None) -> Plan:
     """Return the plan with other ranges for fresh starts (keyword `starts`)."""
-    rules = RULES[0] if plan.record.nearness is None else RULES[-1]
+    rules = RULES[0] if plan.record.nearness is None or plan.contacts else RULES[-1]
     begun, absolute = events.starts(plan.kind, plan.arm, ranges, rules)
     if plan.kind.target.numbers == 1 and absolute != (plan.record.relative == 0.0):
         raise check.InvalidValue("starts.absolute", absolute, "must stay as the environment was made with")

@@ -140,7 +140,7 @@ def _follow_motions(lane, p, guide, models, model, par, poses, record: Lanes, ac
 
 
 @noinline
-def _fit_stretches(lane, p, guide, models, model, par, poses, record, saved, scratch, end, w):
+def _fit_stretches(lane, p, guide, models, model, par, poses, record: Lanes, saved, scratch, end, w):
     """Advance an arm under prescribed motions to the instant `end` (s) in fitted steps, each stretch between kinks.
 
     The length of the steps is fitted for each stretch as for a control period (`fitted.fit_period`).
