@@ -23,7 +23,7 @@ def gravity_along(gravity, k):
 
 @kernel
 def minimum(x, y):
-    """Return the smaller of x and y; y where x is NaN."""
+    """Return the smaller of x and y. The result is y if x is NaN."""
     return select_lt(x, y, x, y)
 
 
@@ -35,9 +35,9 @@ def clip(x, bound):
 
 @kernel
 def decay(x):
-    """Return exp(-x) for x >= 0 with an error of 1e-11; x above 60 is replaced by 60.
+    """Return exp(-x) for x >= 0, with an error of 1e-11. If x is above 60, return exp(-60).
 
-    exp(-x) = exp(-x / 1024)^1024: a Taylor polynomial of order 7, then ten squarings.
+    The function computes exp(-x) = exp(-x / 1024)^1024 by a Taylor polynomial of order 7 and ten squarings.
     """
     y = minimum(x, 60.0) * (-1.0 / 1024.0)
     # Horner's rule for exp(y) at y = -x / 1024
@@ -61,7 +61,7 @@ _EIGHTH = math.sqrt(2.0) - 1.0  # tan(pi/8)
 
 @kernel
 def arctangent(y, x):
-    """Return the angle (rad, in (-pi, pi]) of the vector (x, y) from the x axis, to 1e-15; 0 for the zero vector."""
+    """Return the angle (rad, in (-pi, pi]) from the x axis to the vector (x, y), to 1e-15; 0 for the zero vector."""
     a, b = absolute(y), absolute(x)
     # first octant: t = tan(angle) in [0, 1]; 1e-300 avoids 0/0
     low, high = select_lt(a, b, a, b), select_lt(a, b, b, a)
@@ -128,5 +128,5 @@ def rotate_back_2d(c, s, x, y):
 
 @kernel
 def store_where(lane, live, array: Lanes, k, value, old):
-    """Store in array[k]: value in lanes with live > 1/2, old in the other lanes."""
+    """Store `value` in array[k] in the lanes with live > 1/2, and `old` in the other lanes."""
     array[k] = select_lt(0.5, live, value, old)

@@ -1,4 +1,5 @@
-"""Assemble a scene's System, with its formulation's `build`, and its Drive (loads and motions over time)."""
+"""Assemble a scene: its System, with the `build` module of its formulation, and its Drive (loads, motions over
+time)."""
 
 import dataclasses
 from typing import Any
@@ -25,8 +26,7 @@ def assemble(scene: Scene, settings: Settings) -> System:
     """Return the scene's System in the formulation that the settings name.
 
     Raises:
-        ValueError: the arm has a property that the formulation, or the chosen variant of the formulation, does not take
-            into account.
+        ValueError: the formulation, or the chosen variant of the formulation, does not model a property of the arm.
     """
     if scene.spatial:
         return _in_space(scene, settings)
@@ -78,7 +78,7 @@ def assemble(scene: Scene, settings: Settings) -> System:
 def _in_space(scene: Scene, settings: Settings) -> System:
     """Return the System of a scene in space, with its joints, in the formulation that the settings name.
 
-    Raises ValueError for a property of the arm that this formulation in space does not take into account.
+    Raises ValueError for a property of the arm that this formulation does not model in space.
     """
     from .space import build, elastica_build
 
@@ -109,15 +109,15 @@ _NOT_MECHANICS: dict[type, tuple[str, ...]] = {
     Payload: ("radius",),
     Elbow: ("radius",),
 }
-"""Fields of an arm that enter no equation of motion; for a section in the plane, its properties for motion out of the
-plane."""
+"""Fields of an arm that enter no equation of motion. In the plane, they include the properties of a section for motion
+out of the plane."""
 
 
 def _check_honoured(part: Any, path: str, formulation: str, honours: Honours) -> None:
-    """Raise ValueError for a field of `part`, or of its parts, that is set but is not in `honours`.
+    """Raise ValueError if a field of `part`, or of an object within it, is set although `honours` does not contain it.
 
-    A field is set if it differs from its default. part: an Arm or a description within it, at key path `path`; honours:
-    fields that the formulation uses, by class. A subclass that `honours` does not name is rejected as well.
+    A field is set if it differs from its default. part: an Arm or an object within it, at key path `path`. honours: for
+    each class, the fields that the formulation models. A subclass that `honours` does not name is rejected as well.
     """
     if isinstance(part, tuple | list):
         for i, entry in enumerate(part):
@@ -142,7 +142,8 @@ def _check_honoured(part: Any, path: str, formulation: str, honours: Honours) ->
 def _built(scene: Scene, settings: Settings) -> System:
     """Return the System of a scene in the plane with its joints, and with the floating base if it has one.
 
-    The System's v0 is not set from the scene's rates and velocity: `_rates` computes it. The scene is not checked.
+    v0 of the System is not computed from the scene's rates and velocity here; `_rates` computes it. The scene is not
+    checked.
     """
     build = _builder(settings.formulation).build
     if not scene.floats:
@@ -160,10 +161,10 @@ _WEIGHTS = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
 
 
 def _rates(scene: Scene, settings: Settings) -> Array:
-    """Return the rates v0 (n,) of all coordinates for straight links that move and turn at the scene's initial rates.
+    """Return the rates v0 (n,) of all coordinates if straight links move and turn at the scene's initial rates.
 
     Coordinates are linear in the scene's position and in the sines and cosines of its angles. Central differences of
-    sixth order are therefore exact to round-off.
+    sixth order are therefore exact up to round-off.
     """
     # t (s): in it the fastest link turns by 0.01 rad or the root moves by 0.01 L, where the differences are exact to
     # 1e-12
@@ -173,7 +174,7 @@ def _rates(scene: Scene, settings: Settings) -> Array:
     def moved(s: float) -> Array:
         """Return q0 (n,) of the scene at time s (s).
 
-        Position and angles have moved at their rates; prescribed motions are constant.
+        Position and angles have moved at their initial rates; prescribed motions are constant.
         """
         place = [x + s * rate for x, rate in zip(scene.position, scene.velocity, strict=True)]
         angles = tuple(angle + s * rate for angle, rate in zip(scene.angles, scene.rates, strict=True))
@@ -195,10 +196,10 @@ def _rates(scene: Scene, settings: Settings) -> Array:
 
 
 def physical(model: Any) -> Any:
-    """Return the model with the arm's physical inertia and without Coulomb friction, which has no derivative.
+    """Return the model with the arm's physical inertia and without Coulomb friction.
 
     The elastica's inertia contains a correction of the integrator's period error (5.3). Equations in continuous time
-    need the inertia without this correction.
+    need the inertia without this correction. Coulomb friction has no derivative.
     """
     if isinstance(model, Jointed):
         return smooth(model)._replace(arm=physical(model.arm))
@@ -210,7 +211,7 @@ def physical(model: Any) -> Any:
 
 
 def uncorrected(model: Any) -> Any:
-    """Return the model without the inertia correction that an elastica in space makes for its steps (5.3)."""
+    """Return the model without the inertia correction (5.3) that an elastica in space contains for its time steps."""
     if isinstance(model, Jointed):
         return model._replace(arm=uncorrected(model.arm))
     if isinstance(model, SpatialElastica):
@@ -226,7 +227,7 @@ def smooth(model: Any) -> Any:
 
 
 def scheme_of(settings: Settings, tolerance: float) -> Scheme:
-    """Return the integrator's `Scheme` for the settings and a Newton tolerance from `precision`."""
+    """Return the integrator's `Scheme` for the settings. tolerance: Newton tolerance, computed by `precision`."""
     return scheme(
         settings.rho_inf, settings.newmark, tolerance, settings.max_iterations, settings.max_halvings,
         settings.newton == "modified",
@@ -234,7 +235,7 @@ def scheme_of(settings: Settings, tolerance: float) -> Scheme:
 
 
 def room_for_points(settings: Settings, n_links: int) -> int:
-    """Return an upper bound of the number of points at which an arm of n_links links is drawn, in any formulation."""
+    """Return an upper bound, for any formulation, of the number of drawn points along an arm with n_links links."""
     a_segment = 32 if settings.modes is not None else 8 * (settings.elements or 1)
     return n_links * (2 + max(512, (settings.segments or 1) * a_segment))
 
@@ -242,8 +243,9 @@ def room_for_points(settings: Settings, n_links: int) -> int:
 def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Array:
     """Return the table (n, 1 + 3 N) with q = table @ (1, alpha_k, cos alpha_k, sin alpha_k) for straight links.
 
-    n: coordinates of the planar arm in the formulation of the settings; N links. alpha_k (rad): angle of link k from
-    the inertial x axis, k < N. gravity: m/s^2 or None. Entries within 1e-12 of an integer are rounded to the integer.
+    n: number of coordinates of the planar arm in the formulation of the settings. N: number of links. alpha_k (rad), k
+    < N: angle of link k from the inertial x axis. gravity: m/s^2 or None. Entries within 1e-12 of an integer are
+    rounded to the integer.
     """
     assert settings.dt is not None
     count = arm.n_links
@@ -265,15 +267,15 @@ def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) 
 def drive(scene: Scene, system: System) -> Drive:
     """Return the scene's loads and motions as a `Drive`.
 
-    A scene without loads and motions has an empty `Drive`, so that the same compiled kernel serves it.
+    A scene without loads and motions has an empty `Drive`, so that the same compiled kernel serves all scenes.
 
-    system: the assembled scene, for the rows of prescribed coordinates.
+    system: the assembled scene. It contains the rows of the prescribed coordinates.
     """
     functions: list[TimeFunction] = []
     terms: list[tuple[int, int]] = []
 
     def add(entry: int, function: TimeFunction | None) -> None:
-        """Add a function of time to the sum that entry `entry` of the inputs u receives; None adds nothing."""
+        """Add a function of time to the sum for entry `entry` of the inputs u. None adds nothing."""
         if function is not None:
             terms.append((entry, len(functions)))
             functions.append(function)

@@ -1,17 +1,18 @@
-"""The contract of a contribution: terms in addition to the links' terms, in every formulation without multipliers.
+"""The contract of a contribution: terms that are added to those of the links, in formulations without multipliers.
 
-A contribution is a NamedTuple class with kernels registered for it (`register`). Each kernel adds the contribution's
-terms to the result of the arm's formulation. `joints.equations` composes arm and contributions to one Model,
-`model.Jointed`: each function of `physics.protocol` calls the arm's function, then the same function of each
-contribution in order. A contribution registers only the functions that it needs; the defaults do nothing.
+A contribution is a NamedTuple class with registered kernels (`register`). Each kernel adds the contribution's terms to
+the result of the arm's formulation. `joints.equations` composes arm and contributions into one Model, `model.Jointed`.
+Each function of `physics.protocol` calls the arm's function first, then the same function of each contribution in
+order. A contribution registers only the functions that it needs; the default functions do nothing.
 
-Arguments that recur (others as in `protocol`)
-    part        the record of the contribution
+Recurring arguments (for other arguments see `protocol`)
+        part        record of the contribution
     model       the `Jointed` Model; `model.arm` is the Model of the arm alone, whose rows come first
-    S           the arm's matrix array, then entries that the assembly gave to contributions (`joints.build`)
+        S           the arm's matrix array, then the entries of contributions, whose offsets `joints.build` assigns
 
 Residual
-    prepare(lane, part, model, par, state, weights, S)      Before the arm's residual: store in S values that it uses.
+        prepare(lane, part, model, par, state, weights, S)      Before the arm's residual: store values for later use in
+    S.
     point_forces(lane, part, model, par, state, S, inputs)
         Add forces on points of the arm (N, N m) to its inputs. The forces depend on q and v, not on accelerations.
     assemble(lane, part, model, par, state, u, weights, r, S)
@@ -124,4 +125,4 @@ CONTRIBUTIONS.defaults.update(
     dict.fromkeys(CONTRIBUTIONS.names, returns_none), energy=_no_energy, damping_power=_no_power, acts=_always_acts,
     nearest=_no_obstacle,
 )
-"""Kernels of a contribution that adds no terms: the defaults for functions that a contribution does not register."""
+"""Kernels of a contribution that adds no terms: defaults for the functions that a contribution does not register."""

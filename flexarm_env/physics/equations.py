@@ -1,7 +1,7 @@
-"""Kernels that Python calls for one arm: equations of motion and poses with their derivatives (`linear`), gauges.
+"""Kernels that Python calls for one arm: residual and poses with their derivatives (`linear`), and strain gauges.
 
-All lanes of `WITH_SLOPES` hold the same arm. Each lane has the tangent of one direction of change. One pass therefore
-computes as many columns of a derivative as there are lanes.
+All lanes of `WITH_SLOPES` contain the same arm. Each lane has the tangent of one direction of change. One pass
+therefore computes as many columns of a derivative as there are lanes.
 """
 
 from __future__ import annotations
@@ -33,16 +33,17 @@ from .protocol import (
 )
 
 WITH_SLOPES = SINGLE if WIDEST is SINGLE else dual(WIDEST)
-"""Lane tag of one arm with one direction of change in each lane; without compiler it has values but no directions."""
+"""Lane tag of one arm with one direction of change in each lane. Without compiler, lanes have values but no
+directions."""
 
 
 class Directions(NamedTuple):
     """Changes of an arm along m directions, one row per direction. Changes of rotations are increments in body axes."""
 
-    q: Array  # (m, n): of coordinates
-    v: Array  # (m, n): of their rates
-    a: Array  # (m, n): of accelerations
-    u: Array  # (m, n_inputs): of inputs
+    q: Array  # (m, n): changes of coordinates
+    v: Array  # (m, n): changes of velocities
+    a: Array  # (m, n): changes of accelerations
+    u: Array  # (m, n_inputs): changes of inputs
 
 
 @kernel
@@ -61,7 +62,7 @@ def residual_slopes(lane, model, par, state, u, psi, directions, level, room, r,
     # scratch   room: array of the length `slopes_room`
     # out       r (n,): M(q) a + h(q, v) + Phi_q^T lambda - B u (N, N m); slopes (m, n): dr along each direction
 
-    lane: `WITH_SLOPES`. The status is 0 where the model is valid (`model.STATUS`).
+    lane: lane tag `WITH_SLOPES`. The returned status code (`model.STATUS`) is 0 if the model is valid at this state.
     """
     many, ways = lane_count(lane), directions.q.shape[0]
     w, own = _placed(lane, model, par, psi, room)
@@ -90,7 +91,7 @@ def pose_slopes(lane, model, par, state, u, psi, directions, rows, room, poses, 
     # scratch   room: `slopes_room` numbers; poses: (p len(lane),)
     # out       values (p + G,): `protocol.task_poses`, then readings (1/m); slopes (m, p + G)
 
-    lane: `WITH_SLOPES`.
+    lane: lane tag `WITH_SLOPES`.
     """
     many, ways = lane_count(lane), directions.q.shape[0]
     w, own = _placed(lane, model, par, psi, room)
@@ -115,14 +116,14 @@ def pose_slopes(lane, model, par, state, u, psi, directions, rows, room, poses, 
 
 @kernel
 def _placed(lane, model, par, psi, room):
-    """Return two parts of `room`: the work record and, behind it, the section for the arm's own parameters."""
+    """Return two parts of the scratch array `room`: the work record, and memory for the arm's own parameters."""
     end = work_size(len(lane), model, psi.shape[0] // OF_MOTION.end)
     return unpack(lane, model, room, psi.shape[0] // OF_MOTION.end), room[end : end + par.shape[0] * len(lane)]
 
 
 @kernel
 def _set(lane, model, par, state, u, psi, w, own):
-    """Set all lanes to one arm, without tangents, and w.b, the increment of q, to 0."""
+    """Set all lanes to one arm without tangents; set w.b, the increment of q, to 0."""
     for k in range(size(model.n)):
         store(w.q, k, splat(lane, state.q[k]))
         store(w.v, k, splat(lane, state.v[k]))
@@ -138,7 +139,7 @@ def _set(lane, model, par, state, u, psi, w, own):
 
 @kernel
 def _add_direction(lane, model, directions, j, i, w):
-    """Set the tangents of lane i to direction j."""
+    """Set the tangents of lane i to direction j of `directions`."""
     many = lane_count(lane)
     for k in range(size(model.n)):
         w.b[k * len(lane) + many + i] = directions.q[j, k]
@@ -152,7 +153,7 @@ def _add_direction(lane, model, directions, j, i, w):
 def read_gauges(model, q, rows, out):
     """Compute the strain gauge readings out (m, G), 1/m, of m configurations q (m, n), in one lane.
 
-    rows (G, ...): one row per gauge, from `gauges.curvature_rows`.
+    rows (G, ...): one row per gauge, from `gauges.curvature_rows`. q: coordinates.
     """
     for i in range(q.shape[0]):
         for g in range(rows.shape[0]):
@@ -161,8 +162,9 @@ def read_gauges(model, q, rows, out):
 
 @kernel
 def read_poses(model, par, q, v, out):
-    """Write the poses that tasks read, `protocol.task_poses`, of one arm at coordinates q and velocities v (n,) to out.
+    """Write the poses of one arm at coordinates q and velocities v (n,) to out, as tasks read them.
 
-    out, flat: one `layout.POSES` per link, in space one `layout.SPACE_POSES`, then the poses of contributions.
+    out is flat: one `layout.POSES` per link (in space `layout.SPACE_POSES`), then the poses of contributions. See
+    `protocol.task_poses`.
     """
     task_poses(SINGLE, model, par, q, v, out)

@@ -1,4 +1,4 @@
-"""Strain gauges: curvature of a link at a point, in the plane a linear function of the coordinates.
+"""Strain gauges: curvature of a link at a point. In the plane the reading is a linear function of the coordinates.
 
 For bodies with floating frames the reading is the mean curvature between two drawing stations. For the other
 formulations the reading is the curvature at the point.
@@ -25,8 +25,8 @@ from .space.layout import GAUGE
 
 Array = NDArray[np.float64]
 Spot = tuple[int, float] | tuple[int, float, str]
-"""Place of a strain gauge: link index, position from 0 (link's root) to 1 (link's tip), and in space the measured
-quantity, one of `sensors.MEASURES`; the quantity in the plane is "xy"."""
+"""Place of a strain gauge: link index, position from 0 (link's root) to 1 (link's tip), and the measured quantity. In
+space the quantity is one of `sensors.MEASURES`; in the plane it is "xy"."""
 
 
 def curvatures(scene: Scene, settings: Settings, names: Sequence[str], places: Sequence[Spot], q: Array) -> Array:
@@ -45,9 +45,9 @@ def curvatures(scene: Scene, settings: Settings, names: Sequence[str], places: S
 
 
 def over(rows: Array, sizes: Array, space: bool) -> Array:
-    """Divide gauge rows (from `curvature_rows`) by `sizes` (G,), 1/m, so that readings are relative to these sizes.
+    """Return gauge rows (from `curvature_rows`) divided by `sizes` (G,), 1/m; readings are then relative to them.
 
-    space: True if rows are `GAUGE` records, in which only the entries from `near` on are divided.
+    space: whether the rows are `GAUGE` records. In such records only the entries from `near` on are divided.
     """
     if not space:
         return np.asarray(rows / sizes[:, None])
@@ -57,9 +57,9 @@ def over(rows: Array, sizes: Array, space: bool) -> Array:
 
 
 def curvature_rows(scene: Scene, settings: Settings, system: System, places: Sequence[Spot]) -> Array:
-    """Return (G, n) rows for `protocol.strain_gauge`, one per spot: in the plane, curvature (1/m) = row . q.
+    """Return (G, n), one row for each gauge, for `protocol.strain_gauge`. In the plane the curvature (1/m) is row . q.
 
-    In space the first entries of a row are a `GAUGE` record. The elastica in space is an exception: reading = row . q.
+    In space a row begins with a `GAUGE` record, except for the elastica, whose reading is row . q.
     """
     if scene.spatial and settings.formulation == "elastica":
         return strained_rows(scene, settings, system, places)
@@ -77,7 +77,7 @@ def curvature_rows(scene: Scene, settings: Settings, system: System, places: Seq
 
 
 def _elastica(scene: Scene, settings: Settings, system: System, link: int, s: float) -> Array:
-    """Return the row of d phi / ds (1/m) at arc length s (m) of a link of the elastica: slopes of node angles."""
+    """Return the row of d phi / ds (1/m) at arc length s (m) of a link of the elastica, from slopes of node angles."""
     assert settings.nodes is not None
     n, row = settings.nodes, np.zeros(len(system.q0))
     line = chain(scene.arm, n).lines[link]
@@ -90,9 +90,10 @@ def _elastica(scene: Scene, settings: Settings, system: System, link: int, s: fl
 
 
 def _exact(scene: Scene, settings: Settings, system: System, link: int, s: float) -> Array:
-    """Return the row of d psi / ds (1/m) at arc length s (m) of a link for the exact beam.
+    """Return the row of d psi / ds (1/m) at arc length s (m) of a link of exact beams.
 
-    Coordinates: angles of the element's vertices and amplitudes of its interior functions (`physics.exact.tables`).
+    The coordinates are the angles of the element's vertices and the amplitudes of its interior functions
+    (`physics.exact.tables`).
     """
     assert settings.elements is not None and settings.order is not None
     elements, order, own = settings.elements, settings.order, scene.arm.links[link]
@@ -119,9 +120,9 @@ def _exact(scene: Scene, settings: Settings, system: System, link: int, s: float
 
 
 def _floating(scene: Scene, settings: Settings, system: System, link: int, s: float) -> Array:
-    """Return the row of the mean curvature (1/m) between the drawing stations around s (m), for floating frames.
+    """Return the row of the mean curvature (1/m) between the drawing stations before and after s (m); floating frames.
 
-    The bodies' shape functions give the section's angle. The last body covers every s beyond its start.
+    The bodies' shape functions give the section's angle. The last body is used for every s beyond its start.
     """
     segments, row, start = settings.segments or 1, np.zeros(len(system.q0)), 0.0
     own = bodies_of(scene.arm, settings)[link * segments : (link + 1) * segments]

@@ -5,16 +5,16 @@ from ..layout import Field, Layout
 POSES = Layout(
     "Pose", "",
     Field("x", (), "m", "x of the link's root, inertial axes"),
-    Field("y", (), "m", "y of the link's root"),
+    Field("y", (), "m", "y of the link's root, inertial axes"),
     Field("angle", (), "rad", "angle of the tangent at the root, from the inertial x axis"),
-    Field("vx", (), "m/s", "velocity of the root along x"),
-    Field("vy", (), "m/s", "velocity of the root along y"),
+    Field("vx", (), "m/s", "velocity of the root along inertial x"),
+    Field("vy", (), "m/s", "velocity of the root along inertial y"),
     Field("rate", (), "rad/s", "rate of the angle at the root"),
     Field("tip_x", (), "m", "x of the link's tip, inertial axes"),
-    Field("tip_y", (), "m", "y of the link's tip"),
+    Field("tip_y", (), "m", "y of the link's tip, inertial axes"),
     Field("tip_angle", (), "rad", "angle of the tangent at the tip, from the inertial x axis"),
-    Field("tip_vx", (), "m/s", "velocity of the tip along x"),
-    Field("tip_vy", (), "m/s", "velocity of the tip along y"),
+    Field("tip_vx", (), "m/s", "velocity of the tip along inertial x"),
+    Field("tip_vy", (), "m/s", "velocity of the tip along inertial y"),
     Field("tip_rate", (), "rad/s", "rate of the angle at the tip"),
 )  # fmt: skip
 """`POSES`: pose and velocity of a link in the plane, as `protocol.link_poses` writes them."""
@@ -38,14 +38,14 @@ SPACE_POSES = Layout(
     Field("angle", (), "rad", "angle of the joint at the link's root"),
     Field("rate", (), "rad/s", "rate of the joint angle"),
     Field("deflection", (2,), "m", "deflection of the tip along y and z of the root's section axes"),
-    Field("deflection_rate", (2,), "m/s", "rate of the deflection, root axes"),
+    Field("deflection_rate", (2,), "m/s", "time derivative of the deflection, root axes"),
     Field("twist", (), "rad", "twist of the tip against the root: x part of the rotation vector between them"),
-    Field("twist_rate", (), "rad/s", "rate of the twist"),
+    Field("twist_rate", (), "rad/s", "time derivative of the twist"),
     Field("tip", (3,), "m", "position of the tip, inertial axes"),
     Field("velocity", (3,), "m/s", "velocity of the tip, inertial axes"),
     Field("axes", (3, 3), "", "rotation matrix, by rows, from the root's section axes to inertial axes"),
     Field("turn", (3,), "rad", "rotation vector of the tip's section axes"),
-    Field("spin", (3,), "rad/s", "angular velocity of the tip's section, its own axes"),
+    Field("spin", (3,), "rad/s", "angular velocity of the tip's section, section axes"),
 )  # fmt: skip
 """`SPACE_POSES`: pose and velocity of a link in space, as `protocol.task_poses` writes them."""
 
@@ -57,14 +57,14 @@ LOAD = Layout(
     Field("y", (), "N", "force along inertial y; as input displacement: position y, m"),
     Field("torque", (), "N m", "torque; as input displacement: angle of the section, rad"),
 )  # fmt: skip
-"""`LOAD`: entries of a point load in the inputs u and in the input displacements y, after those of the joints."""
+"""`LOAD`: entries of a point load in the inputs u and in the input displacements y. They follow the joints' entries."""
 OF_LOAD = LOAD.places
 
 MOTION = Layout(
     "Motion", "",
     Field("value", (), "m or rad", "prescribed value of the coordinate"),
-    Field("rate", (), "1/s", "its first time derivative"),
-    Field("second", (), "1/s^2", "its second time derivative"),
+    Field("rate", (), "1/s", "first time derivative of the value"),
+    Field("second", (), "1/s^2", "second time derivative of the value"),
 )  # fmt: skip
 """`MOTION`: entries of a prescribed motion in psi: value, rate and second rate."""
 OF_MOTION = MOTION.places
@@ -72,17 +72,18 @@ OF_MOTION = MOTION.places
 LEVER = Layout(
     "Lever", "",
     Field("length", (), "m", "length of the rigid end"),
-    Field("mass", (), "kg", "mass of the rigid end, at its middle"),
-    Field("inertia", (), "kg m^2", "inertia about the middle"),
-    Field("far", (), "kg", "mass at the far point, that of an elbow"),
+    Field("mass", (), "kg", "mass of the rigid end, located at its middle"),
+    Field("inertia", (), "kg m^2", "moment of inertia about the middle of the rigid end"),
+    Field("far", (), "kg", "mass of an elbow at the far point of the rigid end"),
 )  # fmt: skip
 """`LEVER`: a rigid end of a link. If links have rigid ends, each link has two such records, for root and tip."""
 
 ROTOR = Layout(
     "Rotor", "",
     Field("momentum", (), "N m s", "h: angular momentum along the joint's axis e, set before a residual"),
-    Field("column", (3,), "rad/s", "w x e in the axes of the section before the joint, which turns at w: set with a "
-          "matrix; 0 where the three rows before the joint's own do not belong to that section"),
+    Field("column", (3,), "rad/s",
+          "w x e, where w is the angular velocity of the section before the joint, in its axes; set with a matrix; 0 "
+          "if the three rows before the joint's row are not of that section"),
     Field("factor", (), "N m s", "set before `factor`, which adds factor (w x e) to the joint's column"),
 ).places  # fmt: skip
 """`ROTOR`: entries of a joint with a rotor in the matrix array S of an arm in space."""
@@ -91,7 +92,7 @@ BOOKS = Layout(
     "Books", "",
     Field("work", (), "J", "work of inputs and prescribed motions since the start"),
     Field("dissipated", (), "J", "energy dissipated by damping and friction"),
-    Field("beyond", (), "J", "work of damping forces beyond that, of strain rates that steps do not resolve"),
+    Field("beyond", (), "J", "work of damping forces from strain rates that steps do not resolve, not in `dissipated`"),
 )  # fmt: skip
 # books: W (J), D (J), and the work of damping forces beyond D (J)
 WORK_DONE, DISSIPATED, BEYOND, *_ = BOOKS.places

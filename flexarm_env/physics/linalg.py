@@ -1,10 +1,10 @@
-"""Linear algebra: small dense systems at assembly and, for kernels, band LU with partial pivoting.
+"""Linear algebra: small dense systems for the assembly, and band LU with partial pivoting for kernels.
 
-Assembly uses `product` and `solve`, which sum in a fixed order. NumPy's own functions call a library (BLAS) whose order
-of sums depends on the processor. A difference in the last bit lets an upright arm fall to the other side.
+The assembly uses `product` and `solve`, which sum in a fixed order. NumPy's functions call a library (BLAS) whose order
+of sums depends on the processor. A difference in the last bit can decide to which side an upright arm falls.
 
-Band storage of an n x n matrix with half widths `below` and `above`, rows contiguous: entry (i, j) lies at `A[i*width +
-j - i + below]`, `width = 2*below + above + 1`. The extra `below` columns take the fill-in of row exchanges.
+Band storage of an n x n matrix with half widths `below` and `above`: rows are contiguous. Entry (i, j) is A[i*width + j
+- i + below] with `width = 2*below + above + 1`. The extra `below` columns receive the fill-in of row exchanges.
 """
 
 from functools import reduce
@@ -25,7 +25,7 @@ def product(a: ArrayLike, b: ArrayLike) -> NDArray[Any]:
 def solve(a: ArrayLike, b: ArrayLike) -> NDArray[Any]:
     """Return the solution x of a x = b by Gauss-Jordan elimination with row exchanges; a (n, n), b (n,) or (n, p).
 
-    The result has the same bits on every processor. Raises LinAlgError if a column has no pivot.
+    The result has the same bits on every processor. The function raises LinAlgError if a column has no pivot.
     """
     a, x = np.array(a, np.float64), np.array(b, np.float64)
     for k in range(len(a)):
@@ -54,12 +54,13 @@ def _exchange(lane, A: Lanes, i, j):
 
 @kernel
 def band_lu(lane, A: Lanes, pivot, n, below, above):
-    """Factor a band matrix in place, A = P^-1 L U with partial pivoting; n rows, half widths `below` and `above`.
+    """Factor a band matrix A = P^-1 L U in place, with partial pivoting; n rows, half widths `below` and `above`.
 
-    Entry (i, j) lies at A[i * width + j - i + below], width = 2 below + above + 1; the extra `below` columns take the
+    Entry (i, j) is A[i * width + j - i + below], width = 2 below + above + 1. The extra `below` columns receive the
     fill-in of row exchanges. U replaces the upper part of A; the factors of L replace the eliminated entries. pivot[i]
-    (a float64): the row exchanged with row i. A zero pivot causes inf or NaN entries. lane: tag of one arm, with or
-    without tangents (derivatives along directions). Only values, not tangents, select the rows.
+    is the index (as float64) of the row that is exchanged with row i. A zero pivot causes inf or NaN entries. lane:
+    lane tag of one arm, with or without tangents (derivatives along directions). Only values, not tangents, select the
+    rows.
     """
     width = 2 * below + above + 1
     for k in range(n):
@@ -92,10 +93,10 @@ def band_lu(lane, A: Lanes, pivot, n, below, above):
 
 @kernel
 def band_lu_solve(lane, A: Lanes, pivot, x: Lanes, n, below, above):
-    """Solve A x = b in place: x (n,) holds b, then the solution; A, pivot: factors and row exchanges from `band_lu`.
+    """Solve A x = b in place: on entry x (n,) contains b, on return the solution.
 
-    below, above: half widths of the band; row i of A begins at A[i * width], width = 2 below + above + 1, with its
-    diagonal entry at + below.
+    A, pivot: factors and row exchanges from `band_lu`. below, above: half widths of the band. Row i of A begins at A[i
+    * width], width = 2 below + above + 1; its diagonal entry is A[i * width + below].
     """
     width = 2 * below + above + 1
     # x <- L^-1 P x

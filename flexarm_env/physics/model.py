@@ -58,7 +58,7 @@ def damped(arm: Arm) -> tuple[int, ...] | NDArray[np.float64] | None:
 
 
 def complete(model: Any) -> Any:
-    """Return the model in the form that compiles the terms of all parameters in `par`, even of parameters that are 0.
+    """Return the model in the form whose kernels contain the terms of all parameters in `par`, even if they are 0.
 
     A batch or a derivative may then set payload mass, payload inertia and tau_d, although the arm itself has none.
     """
@@ -72,7 +72,7 @@ def complete(model: Any) -> Any:
 
 
 def levers(arm: Arm) -> NDArray[np.float64]:
-    """Return the rigid ends of an arm's links, flat: a `layout.LEVER` (m, kg, kg m^2) for each link's root and tip."""
+    """Return the rigid ends of an arm's links as a flat array: one `layout.LEVER` for each link's root and tip."""
     found = []
     for k, link in enumerate(arm.links):
         far = arm.elbow(k + 1).mass if k + 1 < arm.n_links else 0.0
@@ -82,16 +82,16 @@ def levers(arm: Arm) -> NDArray[np.float64]:
 
 
 class Scheme(NamedTuple):
-    """Generalized-alpha or Newmark: coefficients of eq. (6.1) and limits of the Newton iteration; theory, section 6."""
+    """Coefficients of the generalized-alpha or Newmark method, eq. (6.1), and limits of the Newton iteration."""
 
     alpha_m: float
     alpha_f: float
     beta: float
     gamma: float
-    tolerance: float  # of the error after a Newton increment, weighted by the Model's `weight` (rad, lengths over L)
+    tolerance: float  # largest error after a Newton increment, weighted by the Model's `weight` (rad, lengths over L)
     max_iterations: int
-    max_halvings: int  # a failed step of h is tried down to h / 2^max_halvings
-    modified: int | None  # 1: modified Newton, one matrix per step; None: as the Model reuses matrices
+    max_halvings: int  # limit of repeated halvings: a failed step h is repeated down to h / 2^max_halvings
+    modified: int | None  # 1: modified Newton, one matrix per step; None: the Model's `newton` decides
 
 
 def scheme(
@@ -102,9 +102,9 @@ def scheme(
     max_halvings: int = 8,
     modified: bool = False,
 ) -> Scheme:
-    """Return the `Scheme` for a spectral radius rho_inf at infinite frequency, or of Newmark's method.
+    """Return the `Scheme` for a spectral radius rho_inf at infinite frequency, or for Newmark's method.
 
-    The coefficients are those of Arnold & Bruels 2007. newmark: (beta, gamma) of eq. [66], which replaces rho_inf.
+    The coefficients are those of Arnold & Bruels 2007. newmark: (beta, gamma) of eq. [66], used instead of rho_inf.
     modified: True for a modified Newton iteration, with one matrix per step.
     """
     if newmark is not None:
@@ -123,13 +123,14 @@ def scheme(
 class Drive(NamedTuple):
     """Loads and prescribed motions of a scene as functions of time, for kernels.
 
-    pieces      float64 (n_pieces * 8,): t0, c0..c3, A, w, p; value = sum c_k s^k + A sin(w s + p), s = t - t0 (s)
-    first       int64 (n_functions + 1,): piece at which function f begins
-    entries     int64 (n_terms,): entry of u to which a term is added; terms of one entry are adjacent; the caller sets
-                entries without a term (actions)
-    terms       int64 (n_terms,): function of each term
-    known       int64 (n_motions,): row of the prescribed coordinate, or -1 - j where multiplier j prescribes it
-    motions     int64 (n_motions,): function of each prescribed coordinate
+    pieces: float64 (n_pieces * 8,), t0, c0..c3, A, w, p of each piece; value = sum c_k s^k + A sin(w s + p), s = t - t0
+    (s)
+    first: int64 (n_functions + 1,), index of the piece at which function f begins
+    entries: int64 (n_terms,), entry of u to which a term is added. Terms of the same entry are adjacent. The caller
+    sets entries without a term (actions).
+    terms: int64 (n_terms,), index of the function of each term
+    known: int64 (n_motions,), row of the prescribed coordinate, or -1 - j if multiplier j prescribes it
+    motions: int64 (n_motions,), index of the function of each prescribed coordinate
     """
 
     pieces: np.ndarray
@@ -141,28 +142,28 @@ class Drive(NamedTuple):
 
 
 class Mesh(NamedTuple):
-    """Sizes that are common to all bodies of a chain of floating frames, and tags of the terms in their kernels.
+    """Sizes that all bodies of a chain of floating frames share, and tags that select terms of their kernels.
 
-    A field that is the tag (0,) includes a term, a field that is None omits the term.
+    If a field is the tag (0,), the kernels contain the term. If the field is None, they omit the term.
     """
 
-    n: int | tuple[int, ...]  # elastic coordinates of a body; a tuple of n zeros: kernels are unrolled for n
-    scratch: tuple[int, ...]  # zeros: size of a stack array for `VECTORS` (floating/layout.py)
-    window: tuple[int, ...]  # one zero per coordinate of an element, at most
-    elements: tuple[int, ...]  # one zero per finite element of a body
-    strains: tuple[int, ...]  # zeros: size of a stack array for one `STRAIN` per element
-    modal: tuple[int, ...] | None  # reduced to modes, with foreshortening (theory, section 4)
-    chord: tuple[int, ...] | None  # frame="chord": through both ends, rho (root rotation) is not zero
-    full: tuple[int, ...] | None  # coupling="von_karman", eq. (1.2)
-    damped: tuple[int, ...] | None  # (0,): tau_d > 0, eq. (1.3); (0, 0): each body has its own share of it
-    drag: tuple[int, ...] | None  # mass_damping, proportional to mass
-    curved: tuple[int, ...] | None  # links with curvature in their stress-free state
+    n: int | tuple[int, ...]  # number of elastic coordinates of a body; if a tuple of zeros, kernels are unrolled
+    scratch: tuple[int, ...]  # zeros: length of a stack array for `VECTORS` (floating/layout.py)
+    window: tuple[int, ...]  # one zero per coordinate of an element: largest window
+    elements: tuple[int, ...]  # one zero per finite element of a body: their number
+    strains: tuple[int, ...]  # zeros: length of a stack array for one `STRAIN` per element
+    modal: tuple[int, ...] | None  # tag: bodies are reduced to modes, with foreshortening (theory, section 4)
+    chord: tuple[int, ...] | None  # tag: frame="chord", through both ends; the root rotation rho is not zero
+    full: tuple[int, ...] | None  # tag: coupling="von_karman", eq. (1.2)
+    damped: tuple[int, ...] | None  # (0,): tau_d > 0, eq. (1.3); (0, 0): each body has its own share of tau_d
+    drag: tuple[int, ...] | None  # tag: mass_damping, damping proportional to mass
+    curved: tuple[int, ...] | None  # tag: links are curved in their stress-free state
 
 
 class FloatingFrame(NamedTuple):
-    """Bodies of a `FloatingChain`, each with its own frame and joined by multipliers (3.4); one arm at a time.
+    """Bodies of a `FloatingChain`, each with its own frame, joined by multipliers (3.4). Kernels compute a single arm.
 
-    The fields from n to newton are explained in `protocol`; data, gravity and loads are those of `FloatingChain`.
+    `protocol` explains the fields from n to newton; `data`, `gravity` and `loads` are those of `FloatingChain`.
     table  int64 (bodies, 5), one row per body: `physics.floating.layout.ROW`
     """
 
@@ -173,12 +174,12 @@ class FloatingFrame(NamedTuple):
     algebraic: np.ndarray
     weight: np.ndarray
     newton: NewtonPolicy
-    half: int  # half width of the matrix's band
+    half: int  # half width of the band of the Newton matrix
     mesh: Mesh
     links: int
-    segments: int  # bodies of a link
-    block: int  # numbers of a body in `data`
-    bound: float  # largest tip deflection of a reduced body over its length
+    segments: int  # number of bodies of a link
+    block: int  # number of entries of a body in `data`
+    bound: float  # largest tip deflection of a body reduced to modes, divided by its length
     rigid: None
     eccentric: None
     table: np.ndarray
@@ -188,16 +189,17 @@ class FloatingFrame(NamedTuple):
 
 
 class FloatingChain(NamedTuple):
-    """N links with the same number of bodies each, with floating frames, without multipliers (theory, section 3).
+    """N links of floating frames without multipliers; each link has the same number of bodies (theory, section 3).
 
-    Rows: x, y of the root and the angle of the root section, the elastic coordinates of each body from root to tip, and
-    the angle of each elbow relative to the tip section before. The fields from n to newton are explained in `protocol`.
+    Rows: x, y of the root; angle of the root section; elastic coordinates of each body from root to tip; angle of each
+    elbow relative to the preceding tip section. `protocol` explains the fields from n to newton.
 
-    data      float64: one `physics.floating.layout.BODY` per body
-    gravity   float64 (2,) m/s^2 along inertial x, y, or None
-    loads     int64: for each point load `physics.floating.layout.LOADED`, or None
-    jointed   (0,) in a `Jointed` arm, otherwise None
-    eccentric float64 (2,): from the tip to the payload's center, m, along the tip's tangent and across it, or None
+    data: float64, one `physics.floating.layout.BODY` per body
+    gravity: float64 (2,), m/s^2 along inertial x and y, or None
+    loads: int64, one `physics.floating.layout.LOADED` per point load, or None
+    jointed: (0,) in a `Jointed` arm, otherwise None
+    eccentric: float64 (2,), distance (m) from the tip to the payload's center along and across the tip's tangent, or
+    None
     """
 
     n: int
@@ -209,10 +211,10 @@ class FloatingChain(NamedTuple):
     newton: NewtonPolicy
     mesh: Mesh
     links: int
-    segments: int  # bodies of a link
-    block: int  # numbers of a body in `data`
-    bound: float  # largest tip deflection of a reduced body over its length
-    rigid: np.ndarray | None  # `LEVER` of each link's root and tip, where links have rigid ends
+    segments: int  # number of bodies of a link
+    block: int  # number of entries of a body in `data`
+    bound: float  # largest tip deflection of a body reduced to modes, divided by its length
+    rigid: np.ndarray | None  # `LEVER` of each link's root and tip if links have rigid ends, otherwise None
     table: None
     data: np.ndarray
     gravity: np.ndarray | None
@@ -222,22 +224,23 @@ class FloatingChain(NamedTuple):
 
 
 class ExactBeam(NamedTuple):
-    """N links with the same number of geometrically exact elements each (5.1). Neighboring elements share a vertex.
+    """N links, each with the same number of geometrically exact elements (5.1). Neighboring elements share a vertex.
 
-    The fields from n to newton are explained in `protocol`. A field that is None omits its terms from the kernels.
+    `protocol` explains the fields from n to newton. If a field is None, the kernels omit its terms.
 
-    order     tuple of p zeros: polynomial order, a compile-time constant
-    varying   (0,) where sections vary along links, otherwise None
-    sections  float64: for each link `physics.exact.layout.SECTION`, or for each element `VARYING`
-    rest      float64 (order,) for each element: stress-free (right - left, interior ...) of psi, rad, or None
-    rigid     float64: `physics.exact.layout.LEVERS` where links have rigid ends, otherwise None
-    elbows    float64: a `physics.exact.layout.ELBOW` for each link but the first
-    hub_inertia  kg m^2, of the hub, which rotates with the root section
-    damped    None without damping, (0,) if all links have the same tau_d, or each link's share (`damped`)
-    gravity   float64 (2,) m/s^2, or None
-    loads     int64: for each point load `physics.exact.layout.ROWS_OF_LOAD`, or None
-    jointed   (0,) in a `Jointed` arm, otherwise None
-    eccentric float64 (2,): from the tip to the payload's center, m, along the tip's tangent and across it, or None
+    order: tuple of p zeros for the polynomial order p, a compile-time constant
+    varying: (0,) if sections vary along links, otherwise None
+    sections: float64, `physics.exact.layout.SECTION` for each link, or `VARYING` for each element
+    rest: float64 (order,) for each element, stress-free (right - left, interior ...) of psi in rad, or None
+    rigid: float64, `physics.exact.layout.LEVERS` if links have rigid ends, otherwise None
+    elbows: float64, one `physics.exact.layout.ELBOW` for each link but the first
+    hub_inertia: moment of inertia (kg m^2) of the hub, which rotates with the root section
+    damped: None without damping, (0,) if all links have the same tau_d, otherwise each link's share (see `damped`)
+    gravity: float64 (2,), m/s^2, or None
+    loads: int64, one `physics.exact.layout.ROWS_OF_LOAD` per point load, or None
+    jointed: (0,) in a `Jointed` arm, otherwise None
+    eccentric: float64 (2,), distance (m) from the tip to the payload's center along and across the tip's tangent, or
+    None
     """
 
     n: int
@@ -264,19 +267,19 @@ class ExactBeam(NamedTuple):
 
 
 class Elastica(NamedTuple):
-    """Chain of N links without stretch and shear (5.2), k nodes each: m = N k tangent angles from root to tip. SI.
+    """Chain of N links without stretch and shear (5.2). A link has k nodes, the chain m = N k tangent angles. SI units.
 
-    Rows: angles of the nodes (the first row of each link is the joint's angle, relative to the link before). If the
-    root can move, x, y follow: of the root if it is prescribed, of the center of mass in free flight. The fields from n
-    to newton are explained in `protocol`. Sizes are numbers, or tuples of as many zeros where the kernel is compiled
-    for that size. One array holds all constants, because each array passed to a kernel costs time to compile and to
-    call:
+    Rows: angles of the nodes from root to tip. The first row of each link is the joint's angle, relative to the
+    preceding link. If the root can move, x and y follow: of the root if its motion is prescribed, of the center of mass
+    in free flight. `protocol` explains the fields from n to newton. Sizes are numbers, or tuples of as many zeros if
+    the kernel is compiled for that size. One array contains all constants, because each array argument of a kernel
+    costs time at compilation and at each call.
 
-    data       float64: `physics.elastica.layout.DATA`
-    loads      float64: for each point load `physics.elastica.layout.LOAD`, or None
-    eccentric  float64: `physics.elastica.layout.ECCENTRIC` where the payload's center is not at the tip, else None
-    rest       float64 (N k,): stress-free angles (rad) of nodes relative to their link's root; None for straight links
-    bends      float64: `physics.elastica.layout.BENDS` where the law of M is not EI kappa, otherwise None
+    data: float64, `physics.elastica.layout.DATA`
+    loads: float64, one `physics.elastica.layout.LOAD` per point load, or None
+    eccentric: float64, `physics.elastica.layout.ECCENTRIC` if the payload's center is not at the tip, otherwise None
+    rest: float64 (N k,), stress-free angles (rad) of nodes relative to their link's root; None for straight links
+    bends: float64, `physics.elastica.layout.BENDS` if the law of M is not EI kappa, otherwise None
     """
 
     n: int | tuple[int, ...]
@@ -286,32 +289,32 @@ class Elastica(NamedTuple):
     algebraic: None
     weight: np.ndarray
     newton: NewtonPolicy
-    links: int | tuple[int, ...]  # N
-    nodes: int | tuple[int, ...]  # k
-    scratch: tuple[int, ...]  # at least N k zeros: size of a stack array
-    root: tuple[int, ...] | None  # a tag where the root's position is among the rows
-    gravity: tuple[int, ...] | None  # a tag where there is gravity
-    payload: tuple[int, ...] | None  # a tag where there is a payload; without it its mass in `par` is not read
-    payload_turns: tuple[int, ...] | None  # a tag where the payload has rotary inertia
-    damping: tuple[int, ...] | np.ndarray | None  # None: no tau_d; (0,): all links alike; or each link's share
+    links: int | tuple[int, ...]  # number of links N
+    nodes: int | tuple[int, ...]  # number of nodes k of a link
+    scratch: tuple[int, ...]  # at least N k zeros: length of a stack array
+    root: tuple[int, ...] | None  # tag: the root's position is among the rows
+    gravity: tuple[int, ...] | None  # tag: there is gravity
+    payload: tuple[int, ...] | None  # tag: there is a payload; if None, the payload mass in `par` is not read
+    payload_turns: tuple[int, ...] | None  # tag: the payload has rotary inertia
+    damping: tuple[int, ...] | np.ndarray | None  # None: no tau_d; (0,): equal tau_d in all links; else shares
     data: np.ndarray
     loads: np.ndarray | None
     eccentric: np.ndarray | None
     rest: np.ndarray | None
-    points: int | tuple[int, ...] | None  # rows of `bends`
+    points: int | tuple[int, ...] | None  # number of rows of `bends`
     bends: np.ndarray | None
 
 
 class Floating(NamedTuple):
-    """A base that carries an arm and floats freely in the plane; its mass acts at the arm's root. SI.
+    """A base that carries an arm and floats freely in the plane. Its mass acts at the arm's root. SI units.
 
-    row      row of the base's attitude (rad), from the inertial x axis, 0 at the start
-    inertia  kg m^2: the base's moment of inertia about its center of mass
-    mass     kg: base and arm together, without the payload
-    angles   int64: rows of angles from the inertial x axis, the attitude among them
-    vectors  int64: pairs of rows of x and y in inertial axes, which turn with the arm
-    places   int64: pairs of rows of x and y of positions (m)
-    room     one zero per row of the system: size of a stack array
+    row: row of the base's attitude (rad) from the inertial x axis, 0 at the start
+    inertia: moment of inertia (kg m^2) of the base about its center of mass
+    mass: mass (kg) of base and arm together, without the payload
+    angles: int64, rows of angles from the inertial x axis, including the attitude
+    vectors: int64, pairs of rows of x and y (inertial axes) of vectors that rotate with the arm
+    places: int64, pairs of rows of x and y (m) of positions
+    room: one zero per row of the system, the length of a stack array
     """
 
     row: int
@@ -324,11 +327,11 @@ class Floating(NamedTuple):
 
 
 class Gears(NamedTuple):
-    """Rotors, elastic gears and viscous friction of an arm's joints; the `Jointed` Model holds their laws. SI units.
+    """Rotors, elastic gears and viscous friction of an arm's joints. The `Jointed` Model contains their laws. SI units.
 
-    play   (0,) where a gear has backlash, otherwise None
-    spin   1 / gear ratio of each joint of an arm in space with rotors; otherwise None
-    rotors int64: with `spin`, offset in S of each joint's `physics.layout.ROTOR`
+    play: (0,) if a gear has backlash, otherwise None
+    spin: 1 / gear ratio of each joint of an arm in space with rotors, otherwise None
+    rotors: int64, offset in S of each joint's `physics.layout.ROTOR`; used with `spin`
     """
 
     play: tuple[int, ...] | None
@@ -337,18 +340,20 @@ class Gears(NamedTuple):
 
 
 class Jointed(NamedTuple):
-    """An arm of any formulation without multipliers (`arm`) with contributions, such as gears in its joints. SI.
+    """An arm of any formulation without multipliers, with contributions such as gears in its joints. SI units.
 
-    Rows: those of the arm, then the angle of each motor with an elastic gear (divided by the gear ratio, relative to
-    the link before), then the attitude of a floating base. The fields from n to newton are explained in `protocol`.
+    Rows: rows of the arm; angle of each motor with an elastic gear (divided by the gear ratio, relative to the
+    preceding link); attitude of a floating base. `protocol` explains the fields from n to newton.
 
-    arm    the Model of the arm with ideal joints; bound: largest tip deflection of a link, divided by its length
-    table  int64: `physics.joints.layout.PLACE` of each joint that is not ideal; data  float64: `LAW` of each
-    own    if each arm has its own laws, in `par` and not in `data`: one zero per entry of `par` before the laws
-    hub    (0,) if the laws add an inertia at the first joint, otherwise None
-    contributions  records of the contributions (`physics.contributions`), such as `Gears` and `Floating`
-    points     one zero per input of the arm, if a contribution acts on a point of the arm; otherwise None
-    derived    (0,) where the compiler derives `vjp_residual` of the whole, otherwise None
+    arm: Model of the arm with ideal joints. bound: largest tip deflection of a link, divided by its length
+    table: int64, `physics.joints.layout.PLACE` of each joint that is not ideal. data: float64, `LAW` of each of these
+    joints
+    own: if each arm has its own laws in `par` (not in `data`), one zero per entry of `par` before the laws; otherwise
+    None
+    hub: (0,) if the laws add an inertia at the first joint, otherwise None
+    contributions: records of the contributions (`physics.contributions`), such as `Gears` and `Floating`
+    points: one zero per input of the arm if a contribution acts on a point of the arm, otherwise None
+    derived: (0,) if the compiler derives `vjp_residual` of the whole Model, otherwise None
     """
 
     n: int | tuple[int, ...]
@@ -370,12 +375,12 @@ class Jointed(NamedTuple):
 
 
 def has_play(model: Any) -> bool:
-    """Return whether a gear of the model has backlash (`Gears.play`); False for an arm with ideal joints."""
+    """Return whether a gear of the model has backlash (`Gears.play`). The result is False if all joints are ideal."""
     return any(isinstance(part, Gears) and part.play is not None for part in getattr(model, "contributions", ()))
 
 
 Honours = dict[type, tuple[str, ...]]
-"""Type of a formulation's `HONOURS`: for each class of an arm's description, the fields that the formulation models."""
+"""Type of a formulation's `HONOURS`: for each class that describes an arm, the fields that the formulation models."""
 
 BEAM: Honours = {
     Arm: ("links", "hub_inertia", "elbows", "payload", "tau_d", "joints", "base"),
@@ -391,8 +396,8 @@ BEAM: Honours = {
     Payload: ("mass", "inertia", "offset"),
     Base: ("mass", "inertia"),
 }  # fmt: skip
-"""Fields that every formulation takes into account, those of joints through `physics.joints`. (The elastica uses EA and
-C to estimate the error of neglecting stretch and shear.)"""
+"""Fields that every formulation models, those of joints through `physics.joints`. The elastica uses EA and C only to
+estimate the error of neglecting stretch and shear."""
 
 
 def fixed_rows(scene: Scene, coordinates: Mapping[str, int]) -> NDArray[np.int64]:
@@ -407,11 +412,11 @@ def fixed_rows(scene: Scene, coordinates: Mapping[str, int]) -> NDArray[np.int64
 class System:
     """An assembled scene: its Model, the arm's parameters, the start state, and the rows of named coordinates.
 
-    par (4,), in space (6,): see PAYLOAD_MASS. q0, v0 (n,): state at t = 0 (m, rad; m/s, rad/s). coordinates: row of
-    "joint0" ..., "root_x", "root_y"; a negative entry -1 - j: prescribed by multiplier j. names (n,): names of the
-    coordinates. vectors (k, 2): rows of x and y of vectors in inertial axes that turn with the arm; absolute (k,): rows
-    of angles from the inertial x axis; all other rows stay the same if the whole arm rotates. notes: error estimates
-    that a formulation reports about itself, as fractions of the arm's length.
+    par (4,), in space (6,): parameters of the arm (see PAYLOAD_MASS). q0, v0 (n,): state at t = 0 (m, rad; m/s, rad/s).
+    coordinates: rows of "joint0" ..., "root_x", "root_y"; a negative entry -1 - j means that multiplier j prescribes
+    the coordinate. names (n,): names of the coordinates. vectors (k, 2): rows of x and y of vectors in inertial axes
+    that rotate with the arm. absolute (k,): rows of angles from the inertial x axis. All other rows stay the same if
+    the whole arm rotates. notes: error estimates of the formulation by name, as fractions of the arm's length.
     """
 
     model: Any

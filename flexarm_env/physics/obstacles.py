@@ -14,33 +14,33 @@ Array = NDArray[np.float64]
 
 OBSTACLE = Layout(
     "Obstacle", "",
-    Field("kind", (), "", "index in `shapes.SHAPES`"),
+    Field("kind", (), "", "index of the shape's class in `shapes.SHAPES`"),
     Field("place", (3,), "m", "reference point of the shape, inertial axes"),
-    Field("axes", (3, 3), "", "axes of the shape as columns; of a half-space the first: outward normal"),
+    Field("axes", (3, 3), "", "axes of the shape as columns; half-space: the first is the outward normal"),
     Field("sizes", (3,), "m", "sphere: radius; cylinder: radius and half length; box: half sides"),
 )  # fmt: skip
 O = OBSTACLE.places
 HALF_SPACE, SPHERE, BOX, CYLINDER = range(4)
 
 ENDLESS = 1e300
-"""Half size (m) along z that a planar shape gets, so that the shape is unlimited in z."""
+"""Half size (m) of a planar shape along z, so large that the shape is unlimited in z."""
 _TINY = 1e-150
-"""Smallest length (m) by which a vector is divided. A shorter vector gets the direction of the first axis."""
+"""Smallest length (m) by which a vector is divided. For a shorter vector the direction is that of the first axis."""
 
 
 class KeepOut(NamedTuple):
     """Shapes that an arm must not enter, and scratch memory for points along the arm."""
 
-    shapes: np.ndarray  # one `OBSTACLE` per shape
-    margin: float  # m: a smaller distance is penalized
-    tip: tuple[int, ...] | None  # a tag: only the tip is checked; None: the whole arm
+    shapes: np.ndarray  # table with one `OBSTACLE` per shape
+    margin: float  # m: distances below the margin are penalized
+    tip: tuple[int, ...] | None  # a tag: only the tip is checked; None: the whole arm is checked
     rows: tuple[int, ...] = ()  # one zero per row of q: size of a stack array
     points: np.ndarray = np.zeros((0, 0, 2))  # (groups, P, 2 or 3) m: scratch, points along an arm
-    parts: np.ndarray = np.zeros(0, np.int64)  # (P,): points checked between point j - 1 and j
+    parts: np.ndarray = np.zeros(0, np.int64)  # (P,): number of points that are checked between points j - 1 and j
 
 
 def packed(shapes: Sequence[Shape]) -> Array:
-    """Return the flat table of one `OBSTACLE` per shape; plane shapes lie at z = 0 and extend by ENDLESS along z."""
+    """Return the flat table of one `OBSTACLE` per shape. Planar shapes are at z = 0 and extend by ENDLESS along z."""
     rows = []
     for shape in shapes:
         d, kind = shape.dimension, SHAPES.index(type(shape))
@@ -56,7 +56,7 @@ def packed(shapes: Sequence[Shape]) -> Array:
 
 @kernel
 def _unit(a, b, c):
-    """Return the length of the vector (a, b, c) and its direction; (1, 0, 0) where the length is 0."""
+    """Return the length of the vector (a, b, c) and its direction; the direction is (1, 0, 0) if the length is 0."""
     length = square_root((a * a + b * b) + c * c)
     share = 1.0 / maximum(length, _TINY)
     return length, select_lt(_TINY, length, a * share, 1.0), b * share, c * share
@@ -70,9 +70,10 @@ def _sign(x):
 
 @kernel
 def _of_corner(a, b, c):
-    """Return signed distance (m) from a corner and its gradient; a, b, c: distances beyond its three faces, m.
+    """Return the signed distance (m) from a corner and its gradient; a, b, c: distances (m) beyond the three faces.
 
-    Outside: from the nearest face, edge or corner. Inside (all negative): from the nearest face.
+    Outside, the distance is measured from the nearest face, edge or corner; inside (all negative), from the nearest
+    face.
     """
     zero = a * 0.0
     length, x, y, z = _unit(maximum(a, zero), maximum(b, zero), maximum(c, zero))
@@ -89,8 +90,8 @@ def _of_corner(a, b, c):
 def distance_and_normal(table, s, x, y, z):
     """Return the signed distance (m), negative inside, of (x, y, z) from shape s, and the unit vector of its gradient.
 
-    x, y, z: the point's coordinates (m, inertial axes); table: one `OBSTACLE` per shape. The unit vector is in inertial
-    axes.
+    x, y, z: coordinates of the point (m, inertial axes). table: one `OBSTACLE` per shape. The unit vector is in
+    inertial axes.
     """
     o = O.end * s
     kind, p, A, h = table[o + O.kind], o + O.place, o + O.axes, o + O.sizes
@@ -122,6 +123,6 @@ def distance_and_normal(table, s, x, y, z):
 def distance(table, s, x, y, z):
     """Return the signed distance (m), negative inside, of the point (x, y, z) from shape s of a table.
 
-    x, y, z: the point's coordinates (m, inertial axes), which may be lanes; table: one `OBSTACLE` per shape.
+    x, y, z: coordinates of the point (m, inertial axes), which may be lanes. table: one `OBSTACLE` per shape.
     """
     return distance_and_normal(table, s, x, y, z)[0]

@@ -1,9 +1,10 @@
-"""The block B K B^T that forces on a point add to the matrix, applied to solutions (theory, (6.7)).
+"""Solutions of a linear system whose matrix contains a block B K B^T from forces on a point (theory, (6.7)).
 
     (S + B K B^T)^-1 b = x - W C B^T x,   x = S^-1 b,   W = S^-1 B,   C = (1 + K B^T W)^-1 K
 
-B has one column for each component of the force. All arrays are in the matrix array S; arguments B, W, C, A are offsets
-in S. axes: one zero for each component of the force. room: one zero for each row of the Model, and so of B and W.
+B has one column for each component of the force. All arrays are in the matrix array S; the arguments B, W, C, A are
+offsets in S. axes: one zero for each component of the force. room: one zero for each row of the Model, which is also a
+row of B and W.
 """
 
 from __future__ import annotations
@@ -14,14 +15,14 @@ from . import protocol
 
 @kernel
 def column(lane, at, room, S: Lanes, i):
-    """Return column i of B or W, a view of n entries of S; at: offset of the matrix's first column."""
+    """Return column i of B or W as a view of n entries of S; at: offset of the matrix's first column in S."""
     n = size(room)
     return S[at + i * n : at + (i + 1) * n]
 
 
 @kernel
 def product(lane, n, x: Lanes, y: Lanes):
-    """Return the scalar product of the vectors x and y, which have n rows."""
+    """Return the scalar product of the vectors x and y, each of n rows."""
     total = 0.0
     for k in range(n):
         total = total + x[k] * y[k]
@@ -30,10 +31,10 @@ def product(lane, n, x: Lanes, y: Lanes):
 
 @kernel
 def store_columns(lane, model, par, state, u: Lanes, first, axes, room, S: Lanes, B):
-    """Store B: column i is the amount by which a unit of force component i lowers the arm's residual.
+    """Store B in S: column i is the amount by which a unit of force component i lowers the arm's residual.
 
-    u: inputs; first: the point's first entry in the inputs. The residual is linear in the inputs, so its difference for
-    u and u + e_i is exact.
+    u: inputs. first: index of the point's first entry in u. The residual is linear in the inputs, so that its
+    difference between u and u + e_i is exact.
     """
     n, rows = size(model.arm.n), size(room)
     inputs, still, moved = stack(lane, model.points), stack(lane, room), stack(lane, room)
@@ -54,7 +55,7 @@ def store_columns(lane, model, par, state, u: Lanes, first, axes, room, S: Lanes
 
 @kernel
 def store_solutions(lane, model, axes, room, S: Lanes, B, W):
-    """Store W = S^-1 B, with the factors in S and the blocks that `protocol.solve` includes now."""
+    """Store W = S^-1 B, with the factors in S and the blocks that `protocol.solve` currently includes."""
     for i in range(len(axes)):
         x, source, target = stack(lane, room), column(lane, B, room, S, i), column(lane, W, room, S, i)
         for k in range(size(room)):
@@ -68,8 +69,7 @@ def store_solutions(lane, model, axes, room, S: Lanes, B, W):
 def divide(lane, axes, S: Lanes, A, C):
     """Compute C <- A^-1 C by Gauss-Jordan elimination; both matrices are stored row by row, and A is overwritten.
 
-    Rows are not exchanged, because A = 1 + K B^T W has eigenvalues of at least 1 where S is positive definite and K is
-    symmetric.
+    Rows are not exchanged: A = 1 + K B^T W has eigenvalues of at least 1 if S is positive definite and K is symmetric.
     """
     n = len(axes)
     for i in range(n):

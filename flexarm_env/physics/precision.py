@@ -1,15 +1,15 @@
 """Largest stiffness of an arm for double precision, relative to the torque that moves the arm (theory, section 6).
 
-An arm's forces are differences of coordinates of size 1 (rad, lengths over L), which have 16 digits, times a stiffness
-S (N m). With the torque T (N m) that moves the arm and the ratio sigma = S / T,
+The forces in an arm are differences of coordinates of size 1 (rad, lengths over L), which have 16 digits, times a
+stiffness S (N m). With the torque T (N m) that moves the arm and the ratio sigma = S / T,
 
     rounding leaves forces of            eps sigma T          eps = 1.1e-16
     Newton's iteration leaves forces of  tolerance sigma T    where strains depend nonlinearly on coordinates
 
 The rounding forces must stay small, which limits sigma. A smaller tolerance keeps Newton's forces small if necessary.
-Damping adds the stiffness 2 tau_d S / h for increments of a step of h. The condition number of the matrix M + gamma h C
-+ beta h^2 K is sigma (1 + 2 tau_d / h) times the angle that a step turns. The condition number is at most sigma if a
-step resolves the motion.
+Damping adds the stiffness 2 tau_d S / h for increments in a step h. The condition number of the matrix M + gamma h C +
+beta h^2 K is sigma (1 + 2 tau_d / h) times the rotation (rad) in a step. If steps resolve the motion, the condition
+number is at most sigma.
 """
 
 import math
@@ -28,33 +28,33 @@ from ..settings import Settings
 from .elastica.chain import chain
 
 MOST = 1e14
-"""Largest stiffness ratio sigma, at which rounding leaves forces of a hundredth of the torques. Measurements:
+"""Largest stiffness ratio sigma: rounding then leaves forces of a hundredth of the torques. Measurements:
 docs/results/stability.md."""
 
 SHARE = 100.0
-"""Largest forces, divided by the torques, that Newton's iteration may leave if its error equals the tolerance, which is
-rare. If the forces would be larger (not in metal arms), the tolerance is `LEFT` divided by sigma."""
+"""Largest forces, divided by the torques, that Newton's iteration may leave if its error equals the tolerance (a rare
+case). If the forces would be larger, which does not occur for metal arms, the tolerance is `LEFT` divided by sigma."""
 
 TURNED = 10.0
-"""Largest angle (rad) by which an elastica may turn. The angles of an elastica are absolute and lose digits as they
-grow."""
+"""Largest angle (rad) by which an elastica may rotate. The angles of an elastica are absolute and lose digits as they
+increase."""
 
 LEFT, FINEST = 1e-2, 1e-13
-"""LEFT: forces that remain under the smaller tolerance, divided by the torques. FINEST: the smallest tolerance.
-Increments still reach the smallest tolerance after a dozen turns of a joint."""
+"""LEFT is the remaining force under the smaller tolerance, divided by the torques. FINEST is the smallest tolerance;
+Newton increments still reach it after a dozen turns of a joint."""
 
 STILL = 1e-12
-"""Smallest rotation (rad) in a scene's time; an arm that turns by a smaller angle counts as standing still."""
+"""Smallest rotation (rad) within a scene's time. An arm that rotates by a smaller angle counts as standing still."""
 
 ALIKE: Mapping[str, float] = {}
-"""Factors of 1 on all stiffnesses: the unmodified arm."""
+"""Factors on the stiffnesses of an unmodified arm, all equal to 1."""
 
 FASTEST = 2000
 """Number of instants at which a scene's motions and loads are sampled for their maxima."""
 
 
 class Stiffness(NamedTuple):
-    """One stiffness of an arm: key path, value, unit, and `torque`, the stiffness as a torque S (N m) with damping."""
+    """A stiffness of an arm: key path, value, unit, and `torque`, the stiffness as a torque S (N m) with damping."""
 
     path: str
     value: float
@@ -63,7 +63,7 @@ class Stiffness(NamedTuple):
 
 
 def _sections(link: Link, space: bool) -> dict[str, float]:
-    """Return the largest EI (N m^2), EA and C (N) along a link; in space also GJ, EI_y (N m^2) and C_y (N)."""
+    """Return the largest EI (N m^2), EA and C (N) along a link. In space, add GJ, EI_y (N m^2) and C_y (N)."""
     s = np.linspace(0.0, link.length, 65) if link.uniform is None else np.zeros(1)
     properties = link.along(s)
     found = {name: float(getattr(properties, name).max()) for name in ("EI", "EA", "C")}
@@ -75,9 +75,9 @@ def _sections(link: Link, space: bool) -> dict[str, float]:
 def stiffnesses(
     arm: Arm, settings: Settings, factors: Mapping[str, float] = ALIKE, damping: float = 1.0, space: bool = False
 ) -> list[Stiffness]:
-    """Return a `Stiffness` for every stiffness that enters the forces of the settings' formulation.
+    """Return one `Stiffness` for every stiffness in the forces of the formulation that the settings name.
 
-    factors: factors on EI, in space also on EI_y and GJ; damping: factor on tau_d; space: whether the scene is in
+    factors: factors on EI, in space also on EI_y and GJ. damping: factor on tau_d. space: whether the scene is in
     space.
     """
     found, bending = [], factors.get("EI", 1.0)
@@ -112,9 +112,9 @@ def stiffnesses(
 
 
 def largest(drawn: Mapping[str, tuple[float, float]]) -> dict[str, float]:
-    """Return the largest factors on EI, EI_y and GJ; drawn: ranges (low, high) of factors by name (`batch.Starts`).
+    """Return the largest factors on EI, EI_y and GJ within their ranges. The factor on EI also multiplies EI_y.
 
-    The factor on EI also multiplies EI_y.
+    drawn: range (low, high) of each factor by name (`batch.Starts`).
     """
     EI, EI_y, GJ = (drawn.get(name, (1.0, 1.0))[1] for name in ("EI", "EI_y", "GJ"))
     return {"EI": EI, "EI_y": EI * EI_y, "GJ": GJ}
@@ -128,12 +128,13 @@ def ratio(
     damping: float = 1.0,
     space: bool = False,
 ) -> float:
-    """Return sigma = S / T of an arm moved by a torque T (N m), S its largest stiffness; 0 if it has none.
+    """Return sigma = S / T of an arm that a torque T (N m) moves, with its largest stiffness S; 0 if it has none.
 
     factors, damping, space: as in `stiffnesses`.
 
     Raises:
-        ValueError: sigma is above `MOST`; names the stiffness, or the randomization factor that makes it too large.
+        ValueError: sigma is above `MOST`. The message names the stiffness, or the randomized factor that makes it too
+        large.
     """
     found = stiffnesses(arm, settings, factors, damping, space)
     if not found:
@@ -165,16 +166,16 @@ def refusal(most: float, unit: str, settings: Settings, torque: float) -> str:
 
 
 def tolerance(given: float, sigma: float, turn: float = math.inf) -> float:
-    """Return the Newton tolerance (weighted increment) for an arm of stiffness ratio sigma, at most `given`.
+    """Return the Newton tolerance (largest weighted increment) for an arm of stiffness ratio sigma, at most `given`.
 
-    turn: angle (rad) by which the torques turn a joint in one step. The error after the first Newton increment is ten
+    turn: angle (rad) by which the torques rotate a joint in one step. The error after the first Newton increment is ten
     times turn^2.
     """
     return given if min(given, 10.0 * turn**2) * sigma <= SHARE else min(given, max(FINEST, LEFT / sigma))
 
 
 def farthest(arm: Arm, settings: Settings, factors: Mapping[str, float] = ALIKE) -> float:
-    """Return the largest joint angle (rad) of a start from which full torques move the arm accurately enough."""
+    """Return the largest joint angle (rad) of a start from which motion under full torques is accurate enough."""
     if settings.formulation != "elastica" or arm.torque_limits is None:
         return math.inf
     return TURNED * MOST / ratio(arm, settings, min(arm.torque_limits), factors)
@@ -183,10 +184,12 @@ def farthest(arm: Arm, settings: Settings, factors: Mapping[str, float] = ALIKE)
 def check_parameters(
     arm: Arm, settings: Settings, factors: Mapping[str, float], damping: float, spring: float, path: str
 ) -> None:
-    """Check an arm with factors (see `stiffnesses`), its own tau_d = damping (s) and gear stiffness = spring (N m/rad).
+    """Check the stiffness ratio of an arm with other parameters; `factors` as in `stiffnesses`.
+
+    damping: tau_d of the arm, s. spring: stiffness of its gears, N m/rad.
 
     Raises:
-        ValueError: the arm's stiffness ratio is above `MOST`; the message names `path` and the parameter to change.
+        ValueError: the arm's stiffness ratio is above `MOST`. The message names `path` and the parameter to change.
     """
     torque, h = min(arm.torque_limits or (math.inf,)), settings.dt
     assert h is not None
@@ -207,7 +210,7 @@ def check_parameters(
 
 
 def of_torques(arm: Arm, settings: Settings, factors: Mapping[str, float] = ALIKE, damping: float = 1.0) -> float:
-    """Return the Newton tolerance of an arm under its full torques, with stiffness `factors`; raises as `ratio`."""
+    """Return the Newton tolerance of an arm under full torques, with stiffness `factors`; raises as `ratio`."""
     torques, h = arm.torque_limits or (math.inf,), settings.dt
     assert h is not None
     # angle that the torque turns each joint in a step, tau h^2 / I of the straight arm beyond it
@@ -216,14 +219,14 @@ def of_torques(arm: Arm, settings: Settings, factors: Mapping[str, float] = ALIK
 
 
 def of_scene(scene: Scene, settings: Settings) -> float:
-    """Return the Newton tolerance of a scene, with the torque T of `moving(scene)`; raises ValueError as `ratio`."""
+    """Return the Newton tolerance of a scene, with the torque T = `moving(scene)`; raise ValueError as `ratio`."""
     return tolerance(settings.tolerance, ratio(scene.arm, settings, moving(scene), space=scene.spatial))
 
 
 def moving(scene: Scene) -> float:
     """Return the torque (N m) that moves a scene's arm: the largest of loads, weight and inertia torques of motions.
 
-    The torque is infinite if no torque turns the arm by `STILL` in the scene's time.
+    The result is infinite if no torque rotates the arm by `STILL` within the scene's time.
     """
     arm, reach = scene.arm, scene.arm.total_length
     inertia = inertia_beyond(arm, 0)

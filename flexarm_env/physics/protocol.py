@@ -1,18 +1,19 @@
-"""The contract of a formulation: the functions that integrator, runtime and derivatives call on a Model.
+"""The contract of a formulation: the functions of a Model that integrator, runtime and derivatives call.
 
-A formulation is a NamedTuple class, its Model, and a set of kernels registered for it (`register`). The compiler
-selects the kernels by the type of the Model. A Model holds arrays and numbers and is never written after assembly.
+A formulation consists of a NamedTuple class, the Model, and of kernels registered for this class (`register`). The
+compiler selects the kernels by the type of the Model. A Model contains arrays and numbers. It does not change after
+assembly.
 
 Fields of every Model
     n           rows of the system: an int, or a tuple of n zeros where n is a compile-time constant
     n_factor    float64 entries per arm that the Newton matrix and its factors need (int or tuple of zeros)
     n_inputs    entries of u: joint torques, then one `layout.LOAD` per point load (int or tuple of zeros)
-    fixed       int64 (n_fixed,): coordinates that never move, such as those of a pinned root; may be empty
+        fixed       int64 (n_fixed,): coordinates that never move, such as those of a pinned root; may be empty
     algebraic   int64 (n_multipliers,) or None: rows of q that hold Lagrange multipliers
     weight      float64 (n,): reciprocal of each coordinate's characteristic size (1/L for lengths, 1 for angles)
     newton      `NewtonPolicy`: the rules by which the integrator solves a step, and the data that they need
 
-Arguments that recur
+Recurring arguments
     lane        lane tag (see `compiler.lanes`); every array below holds lanes unless it says otherwise
     model       the Model; par: the arm's own parameters
     state       `State`: q, v, a; u: inputs
@@ -96,7 +97,7 @@ from ..compiler import Family, Lanes, inlined, kernel, returns_none, size, vjp_o
 
 
 class State(NamedTuple):
-    """Coordinates q, rates v and accelerations a of an arm, (n,) lanes each."""
+    """State of an arm: coordinates q, rates v and accelerations a, each an array of n lanes."""
 
     q: Lanes  # coordinates (m, rad); rows of multipliers: constraint forces (N, N m)
     v: Lanes  # velocities (m/s, rad/s)
@@ -106,7 +107,7 @@ class State(NamedTuple):
 class NewtonPolicy(NamedTuple):
     """Rules by which the integrator solves the time steps of a Model. The defaults suit any Model.
 
-    A tag is (0,) or None. With None the code that the field controls is not compiled.
+    A tag is (0,) or None. If a field is None, the code that the field controls is not compiled.
     """
 
     # s of the predicted acceleration a+ = s a. 1: motion is smooth over a step; 0: also where coordinates vibrate
@@ -144,8 +145,8 @@ class NewtonPolicy(NamedTuple):
 def reuses_matrix(policy, iteration):
     """Return whether Newton iteration number `iteration` (from 0) uses the factors of the iteration before.
 
-    policy: `NewtonPolicy`. If the policy's `reuse` is None, each iteration has its own matrix. Otherwise `reuse` is a
-    pair of tuples; their lengths are the numbers of the first and of the last iteration that reuse factors.
+    policy: `NewtonPolicy`. If its field `reuse` is None, each iteration has its own matrix. Otherwise `reuse` is a pair
+    of tuples, whose lengths are the numbers of the first and of the last iteration that reuse factors.
     """
     if policy.reuse is None:
         return False
@@ -155,23 +156,23 @@ def reuses_matrix(policy, iteration):
 class Weights(NamedTuple):
     """Factors of the residual's derivatives in a matrix: mass dr/da + damping dr/dv + stiffness dr/dq.
 
-    A Newton matrix may leave out terms or add approximate ones, because the iteration corrects the errors of its
-    matrix. The matrix of a jump of accelerations or velocities must be exact, because a single solution defines the
+    A Newton matrix may omit terms or contain approximate terms, because the iteration corrects the errors of its
+    matrix. The matrix for a jump of accelerations or velocities must be exact, because a single solution defines the
     jump.
     """
 
     mass: float
     damping: float
     stiffness: float
-    with_matrix: bool = True  # False: only the residual is computed, S is not changed
-    newton_share: float = 0.0  # factor of terms that only a Newton matrix has: 1 in a step's iteration, 0 in a jump
-    friction_apart: bool = False  # True: friction of contacts is solved for beside the matrix (`contact.friction`)
-    instant: tuple[int, ...] | None = None  # of the state, for `contributions.acts`: None, ITERATE or STEP_END
+    with_matrix: bool = True  # False: only the residual is computed; S does not change
+    newton_share: float = 0.0  # factor of terms that only a Newton matrix has: 1 in an iteration, 0 in a jump
+    friction_apart: bool = False  # True: friction of contacts is solved separately from the matrix (`contact.friction`)
+    instant: tuple[int, ...] | None = None  # kind of the state, for `contributions.acts`: None, ITERATE or STEP_END
 
 
 ITERATE, STEP_START, STEP_END, STEPS_START = (0,), (0, 0), (0, 0, 0), (0, 0, 0, 0)
-"""Tags of a state by their lengths: iterate, start or end of the step whose Newton iteration S belongs to; start of the
-first of several steps."""
+"""Tags of a state, which differ in their lengths: iterate, start of the step or end of the step whose Newton iteration
+S belongs to, and start of the first of several steps."""
 
 RESIDUAL_ALONE = Weights(0.0, 0.0, 0.0, with_matrix=False)
 ITERATE_ALONE = Weights(0.0, 0.0, 0.0, with_matrix=False, instant=ITERATE)
@@ -181,9 +182,9 @@ MASS_ALONE = Weights(1.0, 0.0, 0.0)
 
 @kernel
 def added(lane, q: Lanes, share, d: Lanes, more: Lanes | None, k):
-    """Return row k of q + share d + more, coordinate k (m or rad) after an increment; row k is not part of a rotation.
+    """Return row k of q + share d + more, a coordinate (m or rad) after an increment; row k is not part of a rotation.
 
-    q, d, more: arrays of n rows; share: factor on d; more is None for zero.
+    q, d, more: arrays of n rows; more = None means zero. share: factor on d.
     """
     x = q[k] + d[k] * share
     if more is None:
@@ -195,7 +196,7 @@ def added(lane, q: Lanes, share, d: Lanes, more: Lanes | None, k):
 def _add(lane, model, q: Lanes, share, d, more):
     """Move coordinates without rotations by an increment: q <- q + share d + more (m, rad). Default of `retract`.
 
-    q, d, more: n rows; share: number; more None: left out.
+    q, d, more: arrays of n rows; more = None means zero. share: factor on d.
     """
     for k in range(size(model.n)):
         q[k] = added(lane, q, share, d, more, k)
@@ -213,12 +214,13 @@ def _subtract(lane, model, start: Lanes, q: Lanes, d: Lanes):
 
 @inlined
 def mean_damping_power(lane, model, par, start, v0, end, v, x, h, S):
-    """Return (dissipated mean power, excess of the damping forces' mean power over it or None), W, of a step of h (s).
+    """Return (mean dissipated power, excess or None), W, of a step of h (s); excess: see the last sentence.
 
-    The step leads from coordinates `start` with rates v0 to `end` with v; x: mean rates. With rotations in q the
-    formulation's `damping_power` integrates over the step. Without rotations in q strains are nearly linear in q: the
-    dissipated power is the mean of x^T C v at both ends, and there is no excess (None). S: the step's matrix array, in
-    which contacts store whether points touch, or None.
+    The step leads from coordinates `start` with rates v0 to `end` with rates v. x: mean rates. If q contains rotations,
+    the formulation's `damping_power` integrates over the step. Otherwise strains are nearly linear in q. The dissipated
+    power is then the mean of x^T C v at both ends, and the excess is None. S: matrix array of the step, in which
+    contacts store whether points touch, or None. The excess is the mean power of the damping forces minus the
+    dissipated power.
     """
     if model.newton.rotations is not None or model.newton.contact is not None:
         return damping_power(lane, model, par, end, v, x, (start, v0, h, S))
@@ -230,7 +232,7 @@ def mean_damping_power(lane, model, par, start, v0, end, v, x, h, S):
 def _linear_gauge(lane, model, q: Lanes, row):
     """Return the reading of a strain gauge in the plane, the curvature row . q (1/m). Default of `strain_gauge`.
 
-    row: weight of each coordinate in the curvature (numbers, from `gauges.curvature_rows`); q: coordinates (m, rad).
+    row: weight of each coordinate in the curvature (from `gauges.curvature_rows`). q: coordinates (m, rad).
     """
     total = 0.0
     for k in range(row.shape[0]):
@@ -240,7 +242,7 @@ def _linear_gauge(lane, model, q: Lanes, row):
 
 @kernel
 def _everywhere(lane, model, par, q):
-    """Return 0.0, the status of a valid state: default of `out_of_range`, for formulations valid at any deflection."""
+    """Return 0.0, the status of a valid state. Default of `out_of_range` for formulations that any deflection suits."""
     return 0.0
 
 
@@ -248,7 +250,7 @@ def _everywhere(lane, model, par, q):
 def _by_assembling(lane, model, par, state, u, r, S):
     """Compute the residual r, eq. [64], by `assemble` without a matrix. Default of `residual`.
 
-    r <- M a + h(q, v) + Phi_q^T lambda - B u, n rows (N, N m); state: q, v, a; u: inputs. S is scratch.
+    r <- M a + h(q, v) + Phi_q^T lambda - B u, n rows (N, N m). state: q, v, a. u: inputs. S: scratch memory.
     """
     assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
 
@@ -257,36 +259,36 @@ def _by_assembling(lane, model, par, state, u, r, S):
 def _transposed(lane, model, S, x):
     """Solve S^T y = x in place, x <- y (n rows), with the factors in S. Default of `solve_transposed`.
 
-    The compiler derives it from `solve`: the reverse derivative of a linear map is its transpose.
+    The compiler derives this function from `solve`: the reverse derivative of a linear map is its transpose.
     """
     _solve_backwards(lane, model, S, x, x)
 
 
 @kernel
 def vjp_source(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
-    """Add the cotangents that r_bar causes to par_bar, bar and u_bar, by the compiler's derivative of `residual`.
+    """Add the cotangents from r_bar to par_bar, bar and u_bar, by the compiler's derivative of `residual`; r_bar <- 0.
 
-    A cotangent is the derivative of a scalar by a quantity: r_bar (n rows) by the residual, par_bar by the arm's
-    parameters par, bar (a `State`) by q, v, a, u_bar by the inputs u. r_bar <- 0. S: scratch.
+    A cotangent is the derivative of a scalar by a quantity. r_bar (n rows) is the derivative by the residual, par_bar
+    by the arm's parameters par, bar (a `State`) by q, v and a, u_bar by the inputs u. S: scratch memory.
     """
     _residual_backwards(lane, model, par, state, u, r_bar, S, par_bar, bar, u_bar, r_bar)
 
 
 @kernel
 def _vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
-    """Add the cotangents that poses_bar causes to par_bar, q_bar, v_bar by the compiler's derivative of `task_poses`.
+    """Add the cotangents from poses_bar to par_bar, q_bar, v_bar by the compiler's derivative of `task_poses`.
 
     A cotangent is the derivative of a scalar by a quantity: poses_bar by the poses, par_bar by the arm's parameters
-    par, q_bar and v_bar by coordinates and rates. poses: array of the poses' size. poses_bar <- 0.
+    par, q_bar and v_bar by coordinates and rates. poses: array of the poses' size. On return poses_bar is 0.
     """
     _poses_backwards(lane, model, par, q, v, poses, par_bar, q_bar, v_bar, poses_bar)
 
 
 @kernel
 def _vjp_product(lane, model, par, par_bar, state, u, weights, x, S, bar, u_bar, y_bar):
-    """Add the cotangents that y_bar causes to par_bar, bar and u_bar, y = S x with a constant x; y_bar <- 0.
+    """Add the cotangents from y_bar to par_bar, bar and u_bar, where y = S x with a constant x; y_bar <- 0.
 
-    The compiler derives it from `_product`. A cotangent is the derivative of a scalar by a quantity.
+    The compiler derives this function from `_product`. A cotangent is the derivative of a scalar by a quantity.
 
     # in        par, state, u: where S is assembled, with `weights` (`Weights`);  x (n,)
     # in, out   y_bar (n,): by y;  par_bar: by par;  bar (a `State`): by q, v, a;  u_bar: by u
@@ -299,7 +301,8 @@ def _vjp_product(lane, model, par, par_bar, state, u, weights, x, S, bar, u_bar,
 def _product(lane, model, par, state, u, weights, x, y: Lanes, S):
     """Assemble the matrix S at `state` and compute y <- S x (n rows).
 
-    S <- weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq, r: the residual of eq. [64]; u: inputs.
+    S <- weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq, with the residual r of eq. [64]. u:
+    inputs.
     """
     assemble(lane, model, par, state, u, weights, y, S)
     for k in range(size(model.n)):
@@ -349,15 +352,15 @@ FORMULATIONS.defaults.update(
     strain_gauge=_linear_gauge, out_of_range=_everywhere, solve_transposed=_transposed,
     vjp_residual=vjp_source, vjp_poses=_vjp_poses, vjp_product=_vjp_product,
 )  # fmt: skip
-"""Defaults for a formulation without rotations in q and without optional parts."""
+"""Default functions, for a formulation without rotations in q and without optional parts."""
 
 
 @kernel
 def task_poses(lane, model, par, q, v, out):
-    """Write the poses that tasks read to out: one `layout.POSES` per link, in space one `layout.SPACE_POSES`.
+    """Write the poses that tasks read to out: one `layout.POSES` per link (in space `layout.SPACE_POSES`).
 
-    The poses of contributions follow, such as the `layout.BASE_POSE` of a floating base. q: coordinates (m, rad); v:
-    their rates.
+    Poses of contributions follow, such as the `layout.BASE_POSE` of a floating base. q: coordinates (m, rad). v: rates
+    of the coordinates.
     """
     link_poses(lane, model, par, q, v, out, (0,))
 

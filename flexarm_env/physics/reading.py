@@ -1,4 +1,4 @@
-"""Read poses, points and joint angles off an arm's state, by one interface for arms in the plane and in space."""
+"""Compute poses, points and joint angles from an arm's state; the same interface for arms in the plane and in space."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def link_deflection(poses: Array) -> Array:
 
 
 def joint_angles(poses: Array) -> tuple[Array, Array]:
-    """Return joint angles (rad) and rates (rad/s): of joint 0 from the x axis, of joint k from the tip of link k - 1.
+    """Return joint angles (rad) and rates (rad/s): joint 0 from the x axis, joint k from the tip of link k - 1.
 
     poses (..., n_links, 12): poses of links with the fields of `layout.POSES`. Both results have shape (..., n_links).
     """
@@ -42,7 +42,7 @@ def joint_angles(poses: Array) -> tuple[Array, Array]:
 
 
 def placed(coordinates: Mapping[str, int], poses: Array, q: Array, v: Array) -> dict[str, Any]:
-    """Return a `Trajectory`'s fields for tip, joints and motors from poses (n, N, 12) and states (n, rows)."""
+    """Return the fields of a `Trajectory` for tip, joints and motors, from poses (n, N, 12) and states (n, rows)."""
     angles, rates = joint_angles(poses)
     base = coordinates.get("base")
     if base is not None:
@@ -58,11 +58,11 @@ def placed(coordinates: Mapping[str, int], poses: Array, q: Array, v: Array) -> 
 
 
 class Reading:
-    """Read an arm in the plane.
+    """Quantities of an arm in the plane.
 
     Attributes:
-        poses: layout of a link's pose, as tasks read it. own: names of an arm's own parameters (`model.OWN`).
-            stiffnesses: names of the stiffnesses with factors of their own.
+        poses: layout of a link's pose, as tasks read it. own: names of the parameters in which arms may differ
+        (`model.OWN`). stiffnesses: names of the stiffnesses that have factors of their own.
     """
 
     poses: Layout = POSES
@@ -70,24 +70,24 @@ class Reading:
     stiffnesses: tuple[str, ...] = ("EI",)
 
     def scale_rows(self, rows: Array, sizes: Array) -> Array:
-        """Divide gauge rows (`gauges.curvature_rows`) by sizes (G,), 1/m, so that readings are relative to them."""
+        """Return gauge rows (`gauges.curvature_rows`) divided by sizes (G,), 1/m; readings are relative to these."""
         return over(rows, sizes, False)
 
     def pose_table(self, arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Array | None:
-        """Return the table of starts of straight links (`assembly.pose_table`); None if starts need no table."""
+        """Return the table for starts with straight links (`assembly.pose_table`); None if starts need no table."""
         return assembly.pose_table(arm, settings, gravity)
 
     def joints(self, poses: Array) -> tuple[Array, Array]:
-        """Return joint angles (..., N), rad, and rates, rad/s, from poses (..., N, size)."""
+        """Return joint angles (..., N), rad, and their rates, rad/s, from poses (..., N, size)."""
         return joint_angles(poses)
 
     def points(self, arm: Arm, settings: Settings, model: Any, q: Array) -> Array:
-        """Return positions (P, 2) of points along the chain from root to tip, m; in space (P, 3)."""
+        """Return positions (P, 2), in space (P, 3), of points along the chain from root to tip, m."""
         points = np.full((assembly.room_for_points(settings, arm.n_links), 2), np.nan)
         return points[: int(centerline(model, q, points))].copy()
 
     def start_angles(self, scene: Scene, poses: Array) -> Array:
-        """Return the joint angles (N,), rad, at a scene's start; poses: `Simulation.observe` at the start."""
+        """Return the joint angles (N,), rad, at the start of a scene; poses: `Simulation.observe` at the start."""
         return joint_angles(poses)[0]
 
     def bends(self, arm: Arm, settings: Settings, poses: Array, q: Array) -> Array:
@@ -97,12 +97,12 @@ class Reading:
     def motion(
         self, arm: Arm, settings: Settings, system: System, q: Array, v: Array, poses: Callable[[], Array]
     ) -> dict[str, Any]:
-        """Return fields of a `Trajectory` from states q, v (n, rows). poses: function that returns the links' poses."""
+        """Return fields of a `Trajectory` from states q, v (n, rows); poses: function that returns the links' poses."""
         return placed(system.coordinates, poses(), q, v)
 
 
 class SpaceReading(Reading):
-    """Read an arm in space."""
+    """Quantities of an arm in space."""
 
     poses, own, stiffnesses = SPACE_POSES, OWN_IN_SPACE, tuple(STIFFNESSES)
 
@@ -132,9 +132,9 @@ class SpaceReading(Reading):
 
 
 READINGS: dict[str, Reading] = {"xy": Reading(), "xyz": SpaceReading()}
-"""The reading by the axes along which an arm moves."""
+"""`Reading` objects by the axes along which an arm moves."""
 
 
 def reading_of(item: Arm | Scene) -> Reading:
-    """Return the reading of an arm or of a scene's arm."""
+    """Return the `Reading` for an arm or for a scene's arm."""
     return READINGS[item.axes]

@@ -30,12 +30,12 @@ UNROLLED = 12
 """Largest number of nodes of a chain whose kernels are compiled for its sizes."""
 
 HEAVIER = 1.0 / 60.0
-"""Coefficient 1/60 of the added inertia: a mode's inertia grows by the fraction (omega h)^4 / 60 (theory, 5.3;
+"""Coefficient 1/60 of the added inertia. It increases a mode's inertia by the fraction (omega h)^4 / 60 (theory, 5.3;
 `phase_correction`)."""
 
 NO_PART = 1e-9
-"""Largest error of the correction C in a rigid rotation, as a fraction of the link's inertia; beyond it C is computed
-from differences of angles."""
+"""Largest error of the correction C in a rigid rotation, as a fraction of the link's inertia. If the error is larger, C
+is computed from differences of angles."""
 
 
 def bends(parts: Chain) -> Array:
@@ -56,22 +56,23 @@ def bends(parts: Chain) -> Array:
 def phase_correction(
     parts: Chain, payload: float, arm: NDArray[Any], rest: Array | None, h: float, settings: Settings
 ) -> Array:
-    """Compute C = M - M* of theory (5.3), to subtract from the rotary inertia for steps of h (s), (N, n, n) kg m^2.
+    """Compute C = M - M* of theory (5.3), (N, n, n) kg m^2: a correction of the rotary inertia for steps of h (s).
 
-    The integrator lengthens a period by the fraction kappa (omega h)^2. In modes that the step resolves, the inertia M
-    - 2 kappa h^2 K compensates this error. The correction makes the other modes heavier, because kinks and centrifugal
-    forces of a swinging arm would excite noise of growing energy in them. No mode keeps an omega h much above sqrt(120
-    kappa), 3.2 for trapezoidal steps. With the mass matrix M of one link, including the masses at its tip,
+    C is subtracted from the rotary inertia. The integrator lengthens a period by the fraction kappa (omega h)^2. In
+    modes that the step resolves, the inertia M - 2 kappa h^2 K compensates this error. The correction makes all other
+    modes heavier. Otherwise kinks and centrifugal forces of a swinging arm would excite noise of growing energy in
+    them. No mode keeps an omega h much above sqrt(120 kappa), which is 3.2 for trapezoidal steps. With the mass matrix
+    M of one link, including the masses at its tip,
 
         C = M - (M + h^4 / 60 K M^-1 K) (M + 2 kappa h^2 K)^-1 M
 
-    does not affect rigid motion, momentum or statics. In very stiff links rounding would spoil this property. C is then
-    computed from differences of angles, K = D^T k D, with F = D M^-1 D^T:
+    does not affect rigid motion, momentum or statics. In very stiff links rounding would violate this property. C is
+    then computed from differences of angles, K = D^T k D, with F = D M^-1 D^T:
 
         C = D^T ((a + b / a) (k^-1 + a F)^-1 - b / a k) D,   a = 2 kappa h^2, b = h^4 / 60
 
-    payload: the payload's mass, kg. arm (Nn,): weights from `payload_arm`, m. rest: stress-free node angles (Nn,), rad,
-    or None if links are straight.
+    payload: mass of the payload, kg. arm (Nn,): weights from `payload_arm`, m. rest: stress-free node angles (Nn,),
+    rad, or None if links are straight.
     """
     n, C = parts.n, np.zeros_like(parts.R)
     lengthening, share = 2.0 * settings.period_error * h * h, HEAVIER * h**4
@@ -118,9 +119,9 @@ def tag(n: int, compiled_in: bool) -> int | tuple[int, ...]:
 def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     """Assemble model, parameters and initial state of a scene with ``settings.nodes`` tangent angles a link.
 
-    A small chain driven by its inputs alone (an environment's arm) gets a kernel compiled for its sizes and features,
-    such as payload and damping. All other chains share one kernel with every feature, where fixed coordinates represent
-    a pinned root. The notes of the System contain "stretch_and_shear", the estimated error of neglecting stretch and
+    A small chain that only inputs drive, as in an environment, gets a kernel compiled for its sizes and features, such
+    as payload and damping. All other chains share one kernel with every feature, in which fixed coordinates represent a
+    pinned root. The notes of the System contain "stretch_and_shear", the estimated error of neglecting stretch and
     shear (`slenderness.py`). ``points``: number of intervals into which the drawn centerline of a link is divided.
     """
     assert settings.nodes is not None
@@ -194,7 +195,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
 
 
 def payload_arm(parts: Chain, payload: Payload) -> NDArray[Any]:
-    """Return weights w (Nn,), m, of the vector root to payload = sum_j w_j e_j; complex for a center off the tip."""
+    """Return weights w (Nn,), m: sum_j w_j e_j leads from root to payload. Complex for a center off the tip."""
     if not payload.eccentric:
         return parts.w
     to = parts.w.astype(np.complex128)
@@ -210,12 +211,12 @@ def _eccentric(payload: Payload, arm: NDArray[Any], beta: NDArray[Any]) -> Array
 
 
 def _ends(line: Line) -> tuple[float, float]:
-    """Return s (m from the beam's root) of a link's two joints, which lie outside the beam by its rigid ends."""
+    """Return the positions s (m from the beam's root) of a link's two joints; rigid ends lie between joint and beam."""
     return 0.0 - line.link.root_offset, line.length + line.link.tip_offset
 
 
 def _stations(line: Line, points: int, link: int) -> Array:
-    """Return places s (m) on a link for drawing: ends of its even intervals.
+    """Return positions s (m) for drawing a link: the ends of equal intervals.
 
     The joint between two links is a station of the first link.
     """
@@ -224,7 +225,7 @@ def _stations(line: Line, points: int, link: int) -> Array:
 
 
 def _names(count: int, n: int, has_root: bool, point: str) -> tuple[tuple[str, ...], dict[str, int]]:
-    """Return the names of all rows, and the rows of joint angles and of the point ("root" or "centre") by name."""
+    """Return the names of all rows, and a dict with the rows of joint angles and of the point ("root" or "centre")."""
     names = [f"phi{k}_{i}" for k in range(count) for i in range(n)]
     coordinates = {f"joint{k}": k * n for k in range(count)}
     for k in range(count):

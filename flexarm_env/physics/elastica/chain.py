@@ -1,8 +1,8 @@
 """The elastica: constant matrices of a slender chain without stretch and shear, with exact geometry; theory (5.2).
 
-The unknowns of a link are the tangent angles phi_l at n nodes; the unit tangent is interpolated, so that
-r(s) = r_root + sum_l S_l(s) (cos phi_l, sin phi_l) with S_l the integral of the Lagrange polynomial l_l. The chain of
-all links then has the equations of a pendulum of nodes,
+The unknowns of a link are the tangent angles phi_l at n nodes. The unit tangent is interpolated, so that r(s) = r_root
++ sum_l S_l(s) (cos phi_l, sin phi_l), where S_l is the integral of the Lagrange polynomial l_l. The chain of all links
+then has the equations of a pendulum of nodes,
 
     sum_j [P_ij cos(phi_i - phi_j) + R_ij] phi_j'' + P_ij sin(phi_i - phi_j) phi_j'^2 + K_ij (phi_j + tau_d phi_j')
         + b_i (a_root - g) . (-sin phi_i, cos phi_i) = generalized loads
@@ -32,11 +32,11 @@ from ..linalg import product, solve
 Array = NDArray[np.float64]
 
 MOST_IN_PIECE = 12
-"""Largest number of nodes on a smooth piece of a link; runs with 24 nodes on one piece gained energy and diverged."""
+"""Largest number of nodes on a smooth piece of a link. Runs with 24 nodes on one piece gained energy and diverged."""
 
 
 def nodes(n: int, tip: bool) -> Array:
-    """Return n nodes on [-1, 1] with one at -1: Lobatto nodes (one also at +1) if ``tip`` is True, else Radau nodes."""
+    """Return n nodes on [-1, 1], one at -1: Lobatto nodes (with one at +1) if ``tip`` is True, else Radau nodes."""
     # Lobatto: roots of P'_{n-1} between the ends; Radau: roots of P_{n-1} + P_n
     basis = np.zeros(n + 1)
     if tip:
@@ -47,7 +47,7 @@ def nodes(n: int, tip: bool) -> Array:
 
 
 def _roots(series: Array) -> Array:
-    """Return the real roots of a Legendre series in rising order, the same bits on all processors."""
+    """Return the real roots of a Legendre series in increasing order, with the same bits on all processors."""
     # three Newton steps from roots rounded to 1e-7, so that every LAPACK yields the same bits
     roots = np.sort(legendre.legroots(series).real).round(7)
     for _ in range(3):
@@ -58,14 +58,14 @@ def _roots(series: Array) -> Array:
 class Basis(NamedTuple):
     """Legendre coefficients of the Lagrange polynomials of n nodes on [-1, 1], a column for each polynomial."""
 
-    own: Array  # (n, n), of the polynomials: 1 at their node, 0 at the others
-    rate: Array  # (n - 1, n), of their derivatives
-    primitive: Array  # (n + 1, n), of their integrals from -1
+    own: Array  # (n, n), coefficients of the polynomials, which are 1 at their node and 0 at the others
+    rate: Array  # (n - 1, n), coefficients of the polynomials' derivatives
+    primitive: Array  # (n + 1, n), coefficients of the polynomials' integrals from -1
 
 
 @lru_cache(64)
 def basis(n: int, tip: bool) -> Basis:
-    """Compute the `Basis` of the nodes `nodes(n, tip)`; cached."""
+    """Compute the `Basis` for the nodes `nodes(n, tip)`; the result is cached."""
     own = solve(legendre.legvander(nodes(n, tip), n - 1), np.eye(n))
     rate, primitive = legendre.legder(own, axis=0), legendre.legint(own, lbnd=-1.0, axis=0)
     return Basis(own, np.asarray(rate, np.float64), np.asarray(primitive, np.float64))
@@ -76,9 +76,9 @@ gauss = lru_cache(64)(legendre.leggauss)
 
 @dataclass(frozen=True)
 class Line:
-    """Interpolation of a link's angle by n nodes: continuous, and a polynomial between two jumps or kinks; SI units.
+    """Interpolation of a link's angle by n nodes: a continuous function, a polynomial between jumps or kinks. SI units.
 
-    `pieces` holds for each smooth piece its two ends s on the link (m), the number of its first node and the basis of
+    For each smooth piece `pieces` contains its two ends s on the link (m), the index of its first node and the basis of
     its functions. Neighboring pieces share a node.
     """
 
@@ -110,9 +110,10 @@ class Line:
         return self.link.length
 
     def _table(self, s: Array, of_piece: Callable[[Array, Basis, float], Array]) -> Array:
-        """Return a table (len(s), n): at each place s (m) the value of `of_piece` for each node's function.
+        """Return a table (len(s), n): for each position s (m) and each node, the value of the node's function at s.
 
-        of_piece(x, basis, length): values (len(x), k) at points x on [-1, 1] of a piece's k functions; zero elsewhere.
+        of_piece(x, basis, length) returns the values (len(x), k) of a piece's k functions at points x on [-1, 1].
+        Functions of other pieces are 0.
         """
         s = np.asarray(s, np.float64)
         table = np.zeros((s.size, self.n))
@@ -125,11 +126,11 @@ class Line:
         return table
 
     def lagrange(self, s: Array) -> Array:
-        """Return Lagrange polynomials l_l(s), (len(s), n): weights of the nodes' angles in the angle phi(s); s: m."""
+        """Return Lagrange polynomials l_l(s), (len(s), n): weights of the node angles in the angle phi at s (m)."""
         return self._table(s, lambda x, of, length: product(legendre.legvander(x, len(of.own) - 1), of.own))
 
     def slope(self, s: Array) -> Array:
-        """Return l_l'(s), 1/m, (len(s), n): weights of the nodes' angles in the curvature at s (m)."""
+        """Return l_l'(s), 1/m, (len(s), n): weights of the node angles in the curvature at position s (m)."""
 
         def of_piece(x: Array, of: Basis, length: float) -> Array:
             return product(legendre.legvander(x, max(len(of.own) - 2, 0)), of.rate) * (2.0 / length)
@@ -137,9 +138,9 @@ class Line:
         return self._table(s, of_piece)
 
     def position(self, s: Array) -> Array:
-        """Return weights (len(s), n), m, of the unit tangents: r(s) - r_joint = sum_l weight_l e_l from the root joint.
+        """Return weights (len(s), n), m: r(s) - r_root = sum_l weight_l e_l, with the unit tangents e_l and root joint.
 
-        On rigid ends s is below 0 or beyond the length, m.
+        On rigid ends s is below 0 or above the length, m.
         """
         s = np.asarray(s, np.float64)
         table = self.integral(np.clip(s, 0.0, self.length))
@@ -171,7 +172,7 @@ class Line:
     def matrix(self, table: Array, what: str) -> Array:
         """Return the matrix int X table^T table ds (n, n); X: section property named by `what` ("m", "J", "EI" ...).
 
-        table: (points, n), functions at the points of `quadrature`.
+        table: (points, n), values of functions at the points of `quadrature`.
         """
         s, weights = self.quadrature()
         if self.link.uniform is not None:
@@ -179,7 +180,7 @@ class Line:
         return product(table.T * (weights * getattr(self.link.along(s), what)), table)
 
     def total(self, table: Array, what: str) -> Array:
-        """Return int X table ds (n,); X: section property `what`; table: functions at the quadrature points."""
+        """Return int X table ds (n,), where X is the section property named by `what`; table: as in `matrix`."""
         s, weights = self.quadrature()
         if self.link.uniform is not None:
             return np.asarray(getattr(self.link.uniform, what) * product(weights, table))
@@ -198,26 +199,26 @@ class Line:
 
     @property
     def tip_weights(self) -> Array:
-        """Weights (n,), m, of the unit tangents in the vector root joint to tip joint; S_l(L) without rigid ends."""
+        """Weights (n,), m, of the unit tangents in the vector from root to tip joint; S_l(L) without rigid ends."""
         return np.asarray(self.position(np.array([self.length + self.link.tip_offset]))[0])
 
     @property
     def tip_angle(self) -> Array:
-        """Weights l_l(L), (n,), of the nodes' angles in the section angle at the link's tip."""
+        """Weights l_l(L), (n,), of the node angles in the section angle at the link's tip."""
         return np.asarray(self.lagrange(np.array([self.length]))[0])
 
 
 @dataclass(frozen=True)
 class Chain:
-    """Constant matrices of a chain of N links with n nodes each, without payload; SI units; nodes from root to tip."""
+    """Constant matrices of a chain of N links with n nodes each, from root to tip, without payload. SI units."""
 
     lines: tuple[Line, ...]
-    P: Array  # (Nn, Nn) kg m^2: masses, kinetic energy 1/2 sum P_ij e_i'.e_j'
+    P: Array  # (Nn, Nn) kg m^2: masses; the kinetic energy is 1/2 sum P_ij e_i'.e_j'
     R: Array  # (N, n, n) kg m^2: rotary inertia of sections, hub and elbows, lumped at the nodes
     K: Array  # (N, n, n) N m: bending stiffness
-    b: Array  # (Nn,) kg m: first moments, the center of mass is r_root + sum b_j e_j / mass
-    w: Array  # (Nn,) m: the tip of the last link is r_root + sum w_j e_j
-    mass: float  # kg, of links, rigid ends and elbows
+    b: Array  # (Nn,) kg m: first moments; the center of mass is r_root + sum b_j e_j / mass
+    w: Array  # (Nn,) m: weights of the tip; the tip of the last link is r_root + sum w_j e_j
+    mass: float  # kg: total mass of links, rigid ends and elbows
 
     @property
     def n(self) -> int:
@@ -232,14 +233,14 @@ class Chain:
         return np.concatenate([line.rest for line in self.lines])
 
     def arms_to(self, link: int, s: Array) -> Array:
-        """Return weights (len(s), Nn), m, with which a link's point at s (m) is r_root + sum_j weight_j e_j."""
+        """Return weights (len(s), Nn), m: a link's point at s (m) is r_root + sum_j weight_j e_j."""
         n, weights = self.n, np.zeros((len(s), self.w.size))
         weights[:, : link * n] = self.w[: link * n]
         weights[:, link * n : (link + 1) * n] = self.lines[link].position(s)
         return weights
 
     def angle_at(self, link: int, s: float) -> Array:
-        """Return weights (Nn,) of the nodes' angles in a link's section angle at s (m); s may lie on a rigid end."""
+        """Return weights (Nn,) of the node angles in a link's section angle at s (m), which may lie on a rigid end."""
         n, weights = self.n, np.zeros(self.w.size)
         line = self.lines[link]
         weights[link * n : (link + 1) * n] = line.lagrange(np.clip(np.array([s]), 0.0, line.length))[0]
@@ -248,15 +249,15 @@ class Chain:
 
 @lru_cache(64)
 def chain(arm: Arm, n: int) -> Chain:
-    """Compute the matrices of an arm with n nodes per link, theory (5.2).
+    """Compute the matrices (theory, 5.2) of an arm whose links have n nodes each.
 
-    The result is cached, because arms are used repeatedly, and is therefore read-only.
+    The result is cached, because arms are used repeatedly. It is therefore read-only.
     """
     return chain_of(arm, [Line.of(link, n, k < arm.n_links - 1) for k, link in enumerate(arm.links)])
 
 
 def chain_of(arm: Arm, lines: Sequence[Line]) -> Chain:
-    """Compute the matrices of an arm whose links are interpolated by `lines`, all with the same number of nodes."""
+    """Compute the matrices of an arm whose links are interpolated by `lines`, all with equal numbers of nodes."""
     count, n = arm.n_links, lines[0].n
     total = count * n
     P, R, K = np.zeros((total, total)), np.zeros((count, n, n)), np.zeros((count, n, n))
@@ -294,8 +295,8 @@ def chain_of(arm: Arm, lines: Sequence[Line]) -> Chain:
 def _rotary(arm: Arm, k: int, line: Line) -> Array:
     """Return the rotary inertia matrix R_k (n, n), kg m^2, of link k: sections, hub or elbow halves, rigid ends.
 
-    The quadrature of the nodes lumps the sections' inertia. The lumping is exact for Radau nodes. For Lobatto nodes the
-    lumping is the usual one, whose only error is in the highest polynomial.
+    The quadrature of the nodes lumps the sections' inertia. For Radau nodes the lumping is exact. For Lobatto nodes
+    only the highest polynomial has an error, as usual.
     """
     if line.link.uniform is not None:
         R = line.link.uniform.J * line.integral(np.array([line.length]))[0]

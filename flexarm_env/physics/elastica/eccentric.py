@@ -1,9 +1,9 @@
-"""Optional terms of the elastica: curved links, a nonlinear law of M, a payload whose center of mass is off the tip.
+"""Optional terms of the elastica: curved links, a nonlinear law of M, a payload with an eccentric center of mass.
 
-Theory, section 5. The vector from the root to an eccentric payload is sum_j w_j E_j. The unit tangents are complex
+See theory, section 5. The vector from the root to an eccentric payload is sum_j w_j E_j. The unit tangents are complex
 numbers, E_j = exp(i phi_j), with real part x and imaginary part y in inertial axes. The weights w_j = along_j + i
-across_j (m) are complex; a payload at the tip has real weights. The payload's force A acts on node i as conj(w_i) A,
-and the matrix P_ij of the chain's masses gets m_p conj(w_i) w_j. If the root moves with the center of mass, beta is
+across_j (m) are complex. For a payload at the tip they are real. The payload's force A acts on node i as conj(w_i) A,
+and the matrix P_ij of the chain's masses receives m_p conj(w_i) w_j. If the root moves with the center of mass, beta is
 complex as well.
 """
 
@@ -27,17 +27,17 @@ def subtract_rest_angles(lane, model, x: Lanes):
 
 @kernel
 def _nodes(model):
-    """Return the number of nodes of all links."""
+    """Return the total number of nodes of all links."""
     return size(model.links) * size(model.nodes)
 
 
 @kernel
 def payload_position(lane, model, x, y):
-    """Return the vector from the root to the payload's center of mass, m, inertial axes: sum_j w_j (x_j + i y_j).
+    """Return the vector from the root to the payload's center of mass (m, inertial axes): sum_j w_j (x_j + i y_j).
 
-    (x_j, y_j): unit tangent of node j; w_j = along_j + i across_j, m: complex weights of `ECCENTRIC`, real ones
-    (DATA.w) where the payload is at the tip. Given first or second rates of the tangents, the function returns the same
-    rates of the vector.
+    (x_j, y_j): unit tangent of node j. w_j = along_j + i across_j, m: complex weights from `ECCENTRIC`, or the real
+    weights DATA.w if the payload is at the tip. Given first or second rates of the tangents, the function returns the
+    same rates of the vector.
     """
     m, D = _nodes(model), model.data
     if model.eccentric is None:
@@ -55,10 +55,10 @@ def payload_position(lane, model, x, y):
 
 @kernel
 def add_payload_lever(lane, model, i, force_x, force_y, x, y):
-    """Return (x, y) + conj(w_i) F: the sum A_i (N m) of node i with the force F (N, inertial axes) on the payload.
+    """Return (x, y) + conj(w_i) F: the sum A_i (N m) of node i, plus the force F (N, inertial axes) on the payload.
 
-    (x, y): A_i without F; the moment on node i is (-sin phi_i, cos phi_i) . A_i. w_i (m): complex weight of the node's
-    unit tangent in the vector from the root to the payload, real for a payload at the tip; vectors are written as
+    (x, y): A_i without F. The moment on node i is (-sin phi_i, cos phi_i) . A_i. w_i (m): complex weight of the node's
+    unit tangent in the vector from the root to the payload; real for a payload at the tip. Vectors are written as
     complex numbers x + i y.
     """
     if model.eccentric is None:
@@ -71,11 +71,11 @@ def add_payload_lever(lane, model, i, force_x, force_y, x, y):
 
 @kernel
 def root_position(lane, model, q: Lanes, x, y):
-    """Return the root's position (m, inertial axes): the last two rows of q minus sum_j beta_j (x_j + i y_j).
+    """Return the root's position (m, inertial axes): the last two rows of q, minus sum_j beta_j (x_j + i y_j).
 
-    (x_j, y_j): unit tangent of node j; beta_j (m): real weight of DATA, for an eccentric payload with the imaginary
-    part ECCENTRIC.beta. With rates v and the tangents' rates the function returns the root's velocity, with second
-    rates the root's acceleration.
+    (x_j, y_j): unit tangent of node j. beta_j (m): real weight from DATA; for an eccentric payload it also has the
+    imaginary part ECCENTRIC.beta. With rates of q and of the tangents the function returns the root's velocity, with
+    second rates the root's acceleration.
     """
     D, m, at = model.data, _nodes(model), constants(model)
     root_x = q[m + X] - weighted_sum(lane, D, at.beta, x, m)
@@ -91,11 +91,11 @@ def root_position(lane, model, q: Lanes, x, y):
 
 @kernel
 def subtract_root_lever(lane, model, r: Lanes, fx: Lanes, fy: Lanes):
-    """Subtract from the sums A_i (fx, fy; N m) the part of conj(beta_i) F due to the imaginary part of beta.
+    """Subtract from the sums A_i (fx, fy; N m) the part of conj(beta_i) F that stems from the imaginary part of beta.
 
-    F: force on the root, the last two rows of r (N, inertial axes). beta_i (m): weight of node i's unit tangent in the
-    root's position, x - sum_i beta_i e_i (complex); the caller subtracts its real part. Do nothing without an eccentric
-    payload.
+    F: force on the root, the last two rows of r (N, inertial axes). beta_i (m): complex weight of node i's unit tangent
+    in the root's position x - sum_i beta_i e_i. The caller subtracts the real part. Without an eccentric payload, do
+    nothing.
     """
     if model.eccentric is not None:
         m = _nodes(model)
@@ -110,7 +110,7 @@ def subtract_root_lever(lane, model, r: Lanes, fx: Lanes, fy: Lanes):
 def _bending_law(lane, model, g, x):
     """Return kappa - kappa_0 (1/m) at quadrature point g, and its law of M as an `Answer`: f, f', 2 int f, over EI.
 
-    x: the nodes' angles less their stress-free values, rad; kappa: curvature, kappa_0: without stress.
+    x: node angles minus their stress-free values, rad. kappa: curvature. kappa_0: curvature without stress.
     """
     m = _nodes(model)
     at = bends_at(0, size(model.points), m)
@@ -120,10 +120,10 @@ def _bending_law(lane, model, g, x):
 
 @kernel
 def add_nonlinear_moments(lane, model, factor, q, r: Lanes):
-    """Add to r (N m), in the rows of nodes' angles, the moments of a nonlinear law M(kappa) in excess of EI kappa.
+    """Add to r (N m), in the rows of node angles, the moments of a nonlinear law M(kappa) in excess of EI kappa.
 
-    factor: the arm's own factor on EI; q: coordinates. The moments of EI kappa are in r already. Do nothing for a
-    linear law.
+    factor: the arm's own factor on EI. q: coordinates. r already contains the moments of EI kappa. For a linear law, do
+    nothing.
     """
     if model.bends is not None:
         x, m = stack(lane, model.scratch), _nodes(model)
@@ -140,10 +140,10 @@ def add_nonlinear_moments(lane, model, factor, q, r: Lanes):
 
 @kernel
 def add_nonlinear_stiffness(lane, model, factor, q, S: Lanes):
-    """Add to S (row-major, nodes' angles) the stiffness of a nonlinear law M(kappa) in excess of EI (none if linear).
+    """Add to S (row-major, node angles) the stiffness of a nonlinear law M(kappa) in excess of EI; 0 for a linear law.
 
-    factor: product of the arm's own factor on EI and the weight of the stiffness in the matrix; q: coordinates. Theory,
-    section 5, "Eccentric payload".
+    factor: product of the arm's own factor on EI and the weight of the stiffness in the matrix. q: coordinates. See
+    theory, section 5, "Eccentric payload".
     """
     if model.bends is not None:
         x, m, rows = stack(lane, model.scratch), _nodes(model), size(model.n)
@@ -164,7 +164,7 @@ def add_nonlinear_stiffness(lane, model, factor, q, S: Lanes):
 def nonlinear_strain_energy(lane, model, x):
     """Return the strain energy (J) of a nonlinear law M(kappa) in excess of 1/2 int EI kappa^2 ds, with EI factor 1.
 
-    x: the nodes' angles less their stress-free values, rad. The result is 0 for a linear law.
+    x: node angles minus their stress-free values, rad. The result is 0 for a linear law.
     """
     total = 0.0
     if model.bends is not None:
@@ -177,13 +177,13 @@ def nonlinear_strain_energy(lane, model, x):
 
 @kernel
 def _product(a, b, c, d):
-    """Return real and imaginary part of conj(a + i b) (c + i d)."""
+    """Return the real and the imaginary part of conj(a + i b) (c + i d)."""
     return a * c + b * d, a * d - b * c
 
 
 @kernel
 def add_offset_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
-    """Add to S (row-major, nodes' angles and root) the terms that an eccentric payload adds to a payload at the tip.
+    """Add to S (row-major, node angles, root) the terms of an eccentric payload beyond those of a payload at the tip.
 
     # model     payload: the payload's mass, kg; cm: weight of the mass matrix M
     # state     on: `Nodes` with the unit tangents e_j in (c, s) and the weighted derivative of e_j'' in (ex, ey)

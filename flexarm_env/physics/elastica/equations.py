@@ -7,10 +7,10 @@ inertial axes and e_j'' its second time derivative. The inertia moment on node i
 
 in which no sine of a difference of angles occurs. The derivative of the moment by phi_j is (-sin phi_i, cos phi_i) .
 P_ij d e_j''. For j = i the term -e_i . A_i is added. The payload adds m_p w w^T to P, m_p w to b and J_p l(L) l(L)^T to
-the last link's R; `eccentric` adds the terms of a payload with its center off the tip. A root that can move is at x -
+the last link's R. `eccentric` adds the terms of a payload whose center is off the tip. A root that can move is at x -
 sum_j beta_j e_j, where x is the last two rows of q. For a prescribed root beta = 0. In free flight x is the center of
-mass, so that steps conserve momentum to round-off. Coordinates are the angles of the nodes, with one exception: the
-first coordinate of a link k > 0 is the joint's angle, phi of the link's first node less phi of the previous link's tip.
+mass, so that steps conserve momentum to round-off. The coordinates are the angles of the nodes, with one exception. The
+first coordinate of a link k > 0 is the joint's angle: phi of the link's first node minus phi of the previous tip.
 """
 
 from ...compiler import Lanes, kernel, sincos, size, stack, unrolled, vjp_of
@@ -36,9 +36,9 @@ from .output import centerline, damping_power, energy, input_displacements, link
 def assemble(lane, model, par, state, u, weights, r, S):
     """Write the residual r [64] and, with weights.with_matrix, the Newton matrix S (dense, row-major, model.n rows).
 
-    r = M a + h(q, v) - B u: moments (N m) in rows of angles, forces (N, inertial axes) in the root's two rows, if it
+    r = M a + h(q, v) - B u: moments (N m) in rows of angles, forces (N, inertial axes) in the two rows of a root that
     moves. S = weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq. par: payload mass (kg) and inertia
-    (kg m^2), EI factor, tau_d (s); state: q, v, a; u: joint torques (N m), then force and torque of each point load.
+    (kg m^2), EI factor, tau_d (s). state: q, v, a. u: joint torques (N m), then force and torque of each point load.
     """
     on = Nodes(
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
@@ -53,9 +53,9 @@ def assemble(lane, model, par, state, u, weights, r, S):
 def residual(lane, model, par, state, u, r, S):
     """Write the residual r = M a + h(q, v) - B u, eq. [64], without a matrix.
 
-    r: moments (N m) in rows of angles, forces (N, inertial axes) in the root's two rows, if it moves. par: payload mass
-    (kg) and inertia (kg m^2), EI factor, tau_d (s); state: q, v, a; u: joint torques (N m), then force and torque of
-    each point load. S is not used.
+    r: moments (N m) in rows of angles, forces (N, inertial axes) in the two rows of a root that moves. par: payload
+    mass (kg) and inertia (kg m^2), EI factor, tau_d (s). state: q, v, a. u: joint torques (N m), then force and torque
+    of each point load. S is not used.
     """
     on = Nodes(
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
@@ -75,7 +75,7 @@ def _forces(lane, model, par: Lanes, state, u: Lanes, on: Nodes, r: Lanes):
     #           on: rates phi', unit tangents e, their second rates e'' and sums A_i (N m; all inertial axes) of all
     #           nodes; the inertia and load moment on node i is (-sin phi_i, cos phi_i) . A_i
 
-    With the constants DATA: P, R masses and rotary inertia (kg m^2), K bending stiffness (N m), b first moments (kg m).
+    Constants from DATA: P, R masses and rotary inertia (kg m^2), K bending stiffness (N m), b first moments (kg m).
     """
     q, v, a = state.q, state.v, state.a
     y, c, s, ex, ey, fx, fy = on.rate, on.c, on.s, on.ex, on.ey, on.fx, on.fy
@@ -238,8 +238,8 @@ def _tangent(lane, model, par: Lanes, q, on: Nodes, weights, S: Lanes):
 def _subtract_load_forces(lane, model, u: Lanes, fx: Lanes, fy: Lanes):
     """Subtract the point loads' forces (N, inertial axes; in u) times their arms (m) from the sums A_i (fx, fy; N m).
 
-    The moment on node i is (-sin phi_i, cos phi_i) . A_i. The arm of load f on node i is its weight in the position of
-    the load: r_load = r_root + sum_i arm_i e_i, e_i the unit tangent of node i.
+    The moment on node i is (-sin phi_i, cos phi_i) . A_i. arm_i of a load is the weight of node i's unit tangent e_i in
+    the position of the load: r_load = r_root + sum_i arm_i e_i.
     """
     links, loads = size(model.links), model.loads
     m = links * size(model.nodes)
@@ -253,7 +253,7 @@ def _subtract_load_forces(lane, model, u: Lanes, fx: Lanes, fy: Lanes):
 
 @kernel
 def _subtract_load_torques(lane, model, u: Lanes, r: Lanes):
-    """Subtract from r_i (N m) the torques of the point loads in u, by the weight of node i in the angle at the load."""
+    """Subtract from r_i (N m) the point loads' torques in u, times the weight of node i in the angle at the load."""
     links, loads = size(model.links), model.loads
     for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
         at, torque = load_at(model, f), u[links + OF_LOAD.end * f + OF_LOAD.torque]
@@ -263,9 +263,10 @@ def _subtract_load_torques(lane, model, u: Lanes, r: Lanes):
 
 @kernel
 def _payload_turns(lane, model, inertia, z: Lanes, r: Lanes):
-    """Add the inertia moment of the payload's rotation, J_p l(L) (l(L) . phi''), to the last link's rows of r (N m).
+    """Add the moment of the payload's rotary inertia, J_p l(L) (l(L) . phi''), to the last link's rows of r (N m).
 
-    inertia: J_p, kg m^2; z: second rates of all nodes' angles; l(L) = DATA.tips, weights of the tip's angle.
+    inertia: J_p, kg m^2. z: second rates of all node angles. l(L) = DATA.tips: weights of node angles in the tip's
+    angle.
     """
     D = model.data
     at = constants(model)
@@ -282,10 +283,10 @@ def _payload_turns(lane, model, inertia, z: Lanes, r: Lanes):
 
 @kernel
 def _payload_turns_tangent(lane, model, inertia, cm, S: Lanes):
-    """Add the payload's rotary inertia, cm J_p l(L) l(L)^T, to the last link's block of S (row-major, nodes' angles).
+    """Add the payload's rotary inertia, cm J_p l(L) l(L)^T, to the last link's block of S (row-major, node angles).
 
-    inertia: J_p, kg m^2; cm: weight of the mass matrix in S; l(L) = DATA.tips: weights of the nodes' angles in the
-    tip's.
+    inertia: J_p, kg m^2. cm: weight of the mass matrix in S. l(L) = DATA.tips: weights of the node angles in the tip's
+    angle.
     """
     D = model.data
     at = constants(model)
@@ -329,10 +330,10 @@ def _root_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
 
 @kernel
 def _to_relative(lane, model, S: Lanes):
-    """Transform S from the nodes' angles to the coordinates, T^T S T, in place.
+    """Transform S in place from the node angles to the coordinates, T^T S T.
 
-    The angle of link k's first node (k > 0) is the joint's angle plus phi of the previous link's tip node, whose row is
-    the one above. Therefore each such column, then each such row, is added to the one before it.
+    The angle of the first node of link k > 0 is the joint's angle plus phi of the previous link's tip node, whose row
+    precedes. Therefore each such column, then each such row, is added to the preceding one.
     """
     n, rows = size(model.nodes), size(model.n)
     for k in range(size(model.links) - 1, 0, -1):
@@ -347,9 +348,9 @@ def _to_relative(lane, model, S: Lanes):
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Add the stiffness x (N m/rad) to diagonal entry k of the dense matrix S; if x is None, fix coordinate k.
+    """Add the stiffness x (N m/rad) to diagonal entry k of the dense matrix S. If x is None, fix coordinate k.
 
-    With x None, row and column k become those of the identity matrix.
+    If x is None, row and column k become those of the identity matrix.
     """
     rows = size(model.n)
     if x is None:
@@ -384,7 +385,7 @@ def factor(lane, model, S: Lanes):
 @unrolled
 @kernel
 def solve(lane, model, S: Lanes, x: Lanes):
-    """Solve S y = x in place: the model.n entries of x are replaced by y; S holds the factors L U of `factor`."""
+    """Solve S y = x in place: y replaces the model.n entries of x. S contains the factors L U from `factor`."""
     rows = size(model.n)
     # L y = x, then U x = y with inverse diagonal
     for i in range(1, rows):
@@ -400,12 +401,12 @@ def solve(lane, model, S: Lanes, x: Lanes):
 
 
 def _residual(lane, model, par, q, v, a, u, r):
-    """Write the residual r with the fields of State as arguments, for `vjp_of`; r is also the unused argument S."""
+    """Write the residual r, with the fields of State as arguments, for `vjp_of`; r is passed as the unused S."""
     residual(lane, model, par, State(q, v, a), u, r, r)
 
 
 def _solve(lane, model, S, x):
-    """Solve S y = x in place: `solve` as a plain function, for `vjp_of`."""
+    """Solve S y = x in place: `solve` as a plain function, which `vjp_of` can differentiate."""
     solve(lane, model, S, x)
 
 
@@ -415,16 +416,16 @@ _vjp_residual = vjp_of(_residual, ("par", "q", "v", "a", "u", "r"))
 
 @kernel
 def solve_transposed(lane, model, S, x):
-    """Solve S^T y = x in place, with the factors of `factor`: the reverse derivative of `solve`, linear in x."""
+    """Solve S^T y = x in place, with the factors from `factor`; it is the reverse derivative of the linear `solve`."""
     _vjp_solve(lane, model, S, x, x)
 
 
 @kernel
 def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
-    """Add the cotangents that r_bar causes to par_bar, bar (a `State`) and u_bar; r_bar <- 0.
+    """Add the cotangents from r_bar to par_bar, bar (a `State`) and u_bar; then set r_bar to 0.
 
-    The cotangents come from the reverse derivative of `residual`. A cotangent is the derivative of a scalar: r_bar by
-    the residual, par_bar by the arm's parameters par, bar by q, v, a, u_bar by the inputs u. S is not used.
+    The function is the reverse derivative of `residual`. A cotangent is the derivative of a scalar: r_bar by the
+    residual, par_bar by the arm's parameters par, bar by q, v, a, u_bar by the inputs u. S is not used.
     """
     q, v, a = state
     _vjp_residual(lane, model, par, q, v, a, u, S, par_bar, bar.q, bar.v, bar.a, u_bar, r_bar)

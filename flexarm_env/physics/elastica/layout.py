@@ -1,4 +1,4 @@
-"""Layouts of an elastica: constants of the chain, point loads, eccentric payload, nonlinear bending; and coordinates.
+"""Layouts of an elastica: constants of the chain, point loads, eccentric payload, nonlinear bending, coordinates.
 
 e_j = (cos phi_j, sin phi_j): unit tangent at node j, inertial axes; n_j = (-sin phi_j, cos phi_j). Nodes are numbered
 over all links from root to tip.
@@ -11,42 +11,47 @@ from ...layout import Field, Layout
 from ..materials import BENDING
 
 POINT = Layout("Point", "", Field("x", (), "m", "inertial axes"), Field("y", (), "m", "inertial axes"))
-"""Last two rows, behind the angles: position of the root, or in free flight of the center of mass."""
+"""Last two rows, after the angles: position of the root, or of the center of mass in free flight."""
 X, Y, _ = POINT.places
 
 DATA = Layout(
     "Data", "links, nodes, points",
-    Field("P", ("links * nodes", "links * nodes"), "kg m^2", "masses but the payload's: 1/2 sum P_ij e_i' . e_j'"),
-    Field("R", ("links", "nodes", "nodes"), "kg m^2", "rotary inertia of sections, hub and elbows, less C"),
+    Field("P", ("links * nodes", "links * nodes"), "kg m^2",
+          "masses without the payload: kinetic energy 1/2 sum P_ij e_i' . e_j'"),
+    Field("R", ("links", "nodes", "nodes"), "kg m^2",
+          "rotary inertia of sections, hub and elbows, minus the correction C"),
     Field("K", ("links", "nodes", "nodes"), "N m", "bending stiffness int EI l_i' l_j' ds"),
     Field("b", ("links * nodes",), "kg m", "first moments: sum b_j e_j = mass (center of mass - root)"),
-    Field("w", ("links * nodes",), "m", "sum w_j e_j = tip of the last link - root; link by link, its tip - its root"),
-    Field("tips", ("links * nodes",), "", "weights l_j(L) of a link's angles in its tip's angle"),
-    Field("beta", ("links * nodes",), "m", "root = (x, y of the last rows) - sum beta_j e_j"),
+    Field("w", ("links * nodes",), "m", "sum w_j e_j = tip of the last link - root; per link, its tip - its root"),
+    Field("tips", ("links * nodes",), "", "weights l_j(L) of a link's node angles in the angle at its tip"),
+    Field("beta", ("links * nodes",), "m", "weights of the root: root = (x, y of the last rows) - sum beta_j e_j"),
     Field("mass", (), "kg", "mass of the chain without its payload"),
     Field("root", (POINT.length,), "m", "position of a root that cannot move, inertial axes"),
     Field("gravity", (POINT.length,), "m/s^2", "gravity, inertial axes"),
-    Field("C", ("links", "nodes", "nodes"), "kg m^2", "M - M* of theory (5.3), the correction of the period"),
-    Field("points", ("points", "links * nodes"), "m", "weights of each drawn point: sum weight_j e_j = point - root"),
+    Field("C", ("links", "nodes", "nodes"), "kg m^2",
+          "M - M* of theory (5.3), the correction of the integrator's period error"),
+    Field("points", ("points", "links * nodes"), "m", "weights of each drawn point: point - root = sum weight_j e_j"),
 )  # fmt: skip
 """`DATA`: constants of the chain, in `Elastica.data`. The matrices of a link refer to the nodes of that link."""
 LOAD = Layout(
     "Load", "links, nodes",
-    Field("arm", ("links * nodes",), "m", "sum arm_j e_j = point of the load - root"),
-    Field("angle", ("links * nodes",), "", "weights of the nodes' angles in the angle at the load"),
+    Field("arm", ("links * nodes",), "m", "weights of the load's position: position - root = sum arm_j e_j"),
+    Field("angle", ("links * nodes",), "", "weights of the node angles in the angle of the section at the load"),
 )  # fmt: skip
 ECCENTRIC = Layout(
     "Eccentric", "nodes",
-    Field("along", ("nodes",), "m", "sum along_j e_j + across_j n_j = payload's center of mass - root"),
-    Field("across", ("nodes",), "m", "weights of n_j in that vector"),
-    Field("beta", ("nodes",), "m", "imaginary part of beta: root = last rows - sum (beta_j of DATA) e_j + beta_j n_j"),
+    Field("along", ("nodes",), "m", "payload's center of mass - root = sum along_j e_j + across_j n_j"),
+    Field("across", ("nodes",), "m", "weights of n_j in the vector from root to payload"),
+    Field("beta", ("nodes",), "m",
+          "root = last rows - sum (beta_j of DATA) e_j + beta_j n_j; imaginary part of complex beta"),
 )  # fmt: skip
-"""`ECCENTRIC`: constants of a payload whose center of mass is off the tip; nodes are those of all links."""
+"""`ECCENTRIC`: constants of a payload whose center of mass is not at the tip; nodes are those of all links."""
 OWN = len(BENDING)
 BENDS = Layout(
     "Bends", "points, nodes",
     Field("stiffness", ("points",), "N m^3", "EI times the point's quadrature weight"),
-    Field("slope", ("points", "nodes"), "1/m", "sum slope_j phi_j = kappa"),
+    Field("slope", ("points", "nodes"), "1/m",
+          "weights of the node angles in the curvature: kappa = sum slope_j phi_j"),
     Field("own", ("points", OWN), "", "further constants of the law of M (`materials.BENDING`)"),
 )  # fmt: skip
 """`BENDS`: constants of a nonlinear law M(kappa) at all quadrature points; nodes are those of all links."""
@@ -59,18 +64,18 @@ _load_at = kernel(LOAD.offsets)
 class Nodes(NamedTuple):
     """Scratch arrays on the stack with an entry for each node; vectors are in inertial axes."""
 
-    rate: Lanes  # phi', rad/s
-    c: Lanes  # cos phi: e = (c, s)
-    s: Lanes  # sin phi
-    ex: Lanes  # x of e'', 1/s^2; in `_tangent` its weighted derivative by phi
-    ey: Lanes  # y of e''
-    fx: Lanes  # x of A, N m
-    fy: Lanes  # y of A
+    rate: Lanes  # rad/s: phi', rate of the tangent angle
+    c: Lanes  # cos phi, x of the unit tangent e
+    s: Lanes  # sin phi, y of the unit tangent e
+    ex: Lanes  # 1/s^2: x of e''; in `_tangent` its weighted derivative by phi
+    ey: Lanes  # 1/s^2: y of e''; in `_tangent` its weighted derivative by phi
+    fx: Lanes  # N m: x of the sum A
+    fy: Lanes  # N m: y of the sum A
 
 
 @kernel
 def constants(model):
-    """Return the offset in model.data of each field of DATA; `points`, the last field, may have any length."""
+    """Return the offset in model.data of each field of DATA. The last field, `points`, may have any length."""
     return _data_at(0, size(model.links), size(model.nodes), 0)
 
 

@@ -1,6 +1,7 @@
 """Outputs of an elastica's state: input displacements, energies, damping power, poses, centerline.
 
-Positions in m and velocities in m/s, inertial axes; phi_j: tangent angle of node j, rad, e_j = (cos phi_j, sin phi_j).
+Positions are in m and velocities in m/s, in inertial axes. phi_j is the tangent angle of node j, rad, and e_j = (cos
+phi_j, sin phi_j) its unit tangent.
 """
 
 from ...compiler import Lanes, kernel, sincos, size, stack
@@ -26,9 +27,9 @@ def _tangents(lane, model, q, x: Lanes, c: Lanes, s: Lanes):
 
 @kernel
 def _moving_tangents(lane, model, q, v, x, y: Lanes, c: Lanes, s: Lanes, ex: Lanes, ey: Lanes):
-    """Write the nodes' angles x (rad), their rates y (rad/s), unit tangents (c, s), their rates (ex, ey; 1/s).
+    """Write the node angles x (rad), their rates y (rad/s), unit tangents (c, s) and rates of tangents (ex, ey; 1/s).
 
-    q, v: coordinates and their rates; vectors in inertial axes.
+    q: coordinates. v: rates of the coordinates. Vectors are in inertial axes.
     """
     _tangents(lane, model, q, x, c, s)
     node_angles(lane, model, v, y)
@@ -42,7 +43,7 @@ def _moving_tangents(lane, model, q, v, x, y: Lanes, c: Lanes, s: Lanes, ex: Lan
 def _root(lane, model, q, c, s):
     """Return the position (x, y) of the root, m, inertial axes; (c, s): unit tangents of the nodes.
 
-    A root that cannot move has its place in the model, otherwise the last two rows of q determine it.
+    The position of a root that cannot move is a constant of the model. Otherwise the last two rows of q determine it.
     """
     D = model.data
     at = constants(model)
@@ -53,10 +54,10 @@ def _root(lane, model, q, c, s):
 
 @kernel
 def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
-    """Write the displacement conjugate to each input to y: joint angles (rad), then x, y, angle of each load point.
+    """Write the displacements on which inputs do work to y: joint angles (rad), then x, y, angle of each load point.
 
-    q: coordinates. Positions (m) in inertial axes: root + sum_j arm_j e_j with the load's weights arm_j (m) and the
-    nodes' unit tangents e_j. par and since are not used: angles in the plane add up. See theory, section 5.
+    q: coordinates. Positions (m, inertial axes) are root + sum_j arm_j e_j, with the load's weights arm_j (m) and the
+    nodes' unit tangents e_j. par and since are not used, because angles in the plane add up. See theory, section 5.
     """
     n, links = size(model.nodes), size(model.links)
     m = n * links
@@ -75,11 +76,11 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
 
 @kernel
 def _bending(lane, model, shares, x: Lanes, y: Lanes):
-    """Return sum over links of share_k x^T K_k y, N m times the units of x and y: angles or rates of the nodes.
+    """Return sum_k share_k x^T K_k y over links k; x, y: node angles or rates. Unit: N m times the units of x and y.
 
-    K_k: bending stiffness of link k (N m), for an EI factor of 1. shares: a number a link, or a tag or None for 1. The
-    sum uses differences from the link's root node. K 1 = 0, so a rigid rotation contributes exactly nothing. Theory,
-    (5.2).
+    K_k: bending stiffness of link k (N m) for an EI factor of 1. shares: one number per link; None or a tag stands for
+    1. The sum uses differences from the angle of the link's root node. Because K 1 = 0, a rigid rotation contributes
+    exactly 0. See theory, (5.2).
     """
     D = model.data
     at = constants(model)
@@ -98,7 +99,7 @@ def _bending(lane, model, shares, x: Lanes, y: Lanes):
 
 @kernel
 def damping_power(lane, model, par: Lanes, q, v, x):
-    """Return x^T C v (W), C = tau_d K: power of the Kelvin-Voigt damping moments C v at virtual rates x.
+    """Return x^T C v (W) with C = tau_d K: the power of the Kelvin-Voigt damping moments C v at virtual rates x.
 
     x, v: rates of the coordinates, rad/s. The result is 0 without damping. q is not used, because K is constant.
     """
@@ -112,9 +113,10 @@ def damping_power(lane, model, par: Lanes, q, v, x):
 
 @kernel
 def energy(lane, model, par: Lanes, q, v):
-    """Return (kinetic, strain, gravitational) energy, J; gravitational energy is 0 for a center of mass at the origin.
+    """Return (kinetic, strain, gravitational) energy, J. Gravitational energy is measured from the inertial origin.
 
-    par: the arm's payload mass (kg), payload inertia (kg m^2) and EI factor; q, v: coordinates and their rates.
+    par: the arm's payload mass (kg), payload inertia (kg m^2) and EI factor. q: coordinates. v: rates of the
+    coordinates.
     See theory, (5.2).
     """
     D = model.data
@@ -165,10 +167,10 @@ def energy(lane, model, par: Lanes, q, v):
 
 @kernel
 def link_poses(lane, model, par, q, v, out, tasks=None):
-    """Write `layout.POSES` of each link to out: x, y (m), angle (rad) and their rates at its root, then at its tip.
+    """Write `layout.POSES` of each link to out: x, y (m), angle (rad) and their rates at the root, then at the tip.
 
-    Vectors are in inertial axes. Root and tip are at the joints, beyond rigid ends; the angles are those of the beam's
-    tangents at its ends. q, v: coordinates and their rates. par and tasks are not used. See theory, section 5.
+    Vectors are in inertial axes. Root and tip are the joints, so that rigid ends lie between them. The angles are those
+    of the beam's end tangents. q: coordinates. v: rates of q. par and tasks are not used. See theory, section 5.
     """
     D = model.data
     at = constants(model)
@@ -200,8 +202,8 @@ def link_poses(lane, model, par, q, v, out, tasks=None):
 def centerline(model, q, points):
     """Write positions along the chain, root + sum_j weight_pj e_j, to points[:, :2] (m); return their number.
 
-    The kernel has one lane. q: coordinates; e_j: unit tangent (inertial axes) of node j. The weights of the drawn
-    stations p are in DATA.points. Writing stops where `points` (n, 2) is full.
+    The kernel has one lane. q: coordinates. e_j: unit tangent of node j, inertial axes. DATA.points contains the
+    weights of the drawn points p. Writing stops when `points` (n, 2) is full.
     """
     D = model.data
     lane = (0,)

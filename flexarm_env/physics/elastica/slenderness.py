@@ -1,18 +1,18 @@
-"""Estimate the error of neglecting stretch and shear in the elastica, from a scene alone, before it is run.
+"""Estimate the error of neglecting stretch and shear in the elastica, from a scene alone, before the run.
 
-Small vibrations about the initial configuration give the modes of the elastica. In mode k its inertia forces m u,
-balanced through the chain, cause section forces N and Q whose work in stretch and shear adds the flexibility
+Small vibrations about the initial configuration define the modes of the elastica. The inertia forces m u of mode k
+cause section forces N and Q along the chain. The work of these section forces in stretch and shear adds the flexibility
 
     epsilon_k = omega_k^2 int N^2 / EA + Q^2 / C ds / (u' M u)
 
-to the mode's bending flexibility (first order; Grammel), which divides the square of its frequency by 1 + epsilon. Each
-mode's response to the scene's loads and motions is computed in time with and without epsilon. The estimate is a sum of
-three terms: the largest distance between the two tip motions, a share of the distance between the deflections that
-grows with the arm's rotation, and the stretch along the arm (theory, section 5). The model is linear about the initial
-configuration. The estimate is right within a factor of about 3 for one link and of 4 for several links that do not
-swing far. A small error (below 0.3 % of the length) is mostly overestimated. The estimate does not cover links that
-whip round. A run's error estimate then uses the distance to a softer companion run (`Notes.softer`), if that distance
-is larger.
+to the mode's bending flexibility (to first order; Grammel). It divides the square of the mode's frequency by 1 +
+epsilon. Each mode's response to the scene's loads and motions is computed in time with and without epsilon. The
+estimate is a sum of three terms. The first is the largest distance between the two tip motions. The second is a
+fraction of the distance between the deflections; this fraction grows with the arm's rotation. The third is the stretch
+along the arm (theory, section 5). The model is linear about the initial configuration. The estimate is right within a
+factor of about 3 for one link and of 4 for several links that do not swing far. A small error (below 0.3 % of the
+length) is mostly overestimated. The estimate does not cover links in fast rotation. For such links a run's error
+estimate uses the distance to a softer companion run (`Notes.softer`), if that distance is larger.
 """
 
 from collections.abc import Iterator, Mapping
@@ -30,20 +30,22 @@ from flexarm_env.time_functions import TimeFunction
 Array = NDArray[np.float64]
 
 MODES = 3
-"""Number of modes, those with the lowest frequencies, that the error estimate includes."""
+"""Number of modes that the error estimate includes; these modes have the lowest frequencies."""
 SUDDEN = 2.0
 """Factor on a static deflection: a load that is applied at once deflects an arm twice as far as a slow load."""
 
 FEWEST, MOST, A_PERIOD = 2000, 100_000, 20
-"""Smallest and largest number of time samples in a scene, and samples in a period of the highest mode."""
+"""Smallest and largest number of time samples in a scene, and number of samples in a period of the highest mode."""
 
 
 class Notes(Mapping[str, float]):
-    """Mapping with the one key "stretch_and_shear": the estimate as a fraction of the arm's length, computed at first
-    access."""
+    """Mapping with the single key "stretch_and_shear": the error estimate as a fraction of the arm's length.
+
+    The estimate is computed at the first access.
+    """
 
     def __init__(self, scene: Scene, n: int) -> None:
-        """Store the scene and the number n of nodes a link; nothing is computed yet."""
+        """Store the scene and the number n of nodes per link; nothing is computed yet."""
         self._of = scene, n
 
     @property
@@ -72,7 +74,7 @@ class Notes(Mapping[str, float]):
 
 @lru_cache(64)
 def stretch_and_shear(scene: Scene, n: int) -> float:
-    """Estimate the largest error of the tip, as a fraction of the arm's length (at most 1), with n nodes per link.
+    """Estimate the largest error of the tip with n nodes per link, as a fraction (at most 1) of the arm's length.
 
     The estimate is cached, because it does not depend on the time step or other settings of a run.
     """
@@ -102,9 +104,9 @@ def stretch_and_shear(scene: Scene, n: int) -> float:
 
 
 def _response(square: float, tau_d: float, force: Array, t: Array) -> Array:
-    """Return x(t) of x'' + tau_d w^2 x' + w^2 x = force from rest, w^2 = square > 0 (1/s^2), by Fourier convolution.
+    """Return x(t) of x'' + tau_d w^2 x' + w^2 x = force from rest, by Fourier convolution; square: w^2 > 0 (1/s^2).
 
-    tau_d: s; force, t (s): samples at even intervals from 0.
+    tau_d: damping time constant, s. force, t (s): samples at equal intervals from 0.
     """
     # response to an impulse, under- or overdamped; rate = 0: critically damped
     decay, n = 0.5 * tau_d * square, t.size
@@ -119,8 +121,8 @@ def _response(square: float, tau_d: float, force: Array, t: Array) -> Array:
 def along_the_arm(scene: Scene, rate: float) -> float:
     """Estimate the stretch of the arm as a fraction of its length L, from root motion, rotation and weight.
 
-    The model is a spring of stiffness EA / L. Half of the links' mass, the elbows and the payload are at its tip. rate:
-    largest angular velocity, rad/s. For an arm that swings as a pendulum the model uses three times the weight.
+    The model is a spring of stiffness EA / L. The elbows, the payload and half of the links' mass are at its tip. rate:
+    largest angular velocity, rad/s. For an arm that swings as a pendulum, the model uses three times the weight.
     """
     arm, end = scene.arm, scene.duration
     length = arm.total_length
@@ -142,11 +144,11 @@ def along_the_arm(scene: Scene, rate: float) -> float:
 
 
 class _Modes:
-    """Flexible modes of a chain about the scene's initial configuration, payload included.
+    """Flexible modes of a chain about the scene's initial configuration, including the payload.
 
-    omega (f,) rad/s; shapes (Nn, f): angles of the nodes in each mode, normalized by the inertia (u^T M u = 1); rigid
-    (Nn, r): angles of the motions without strain. along, across (2, Nn): unit tangents and normals of the nodes,
-    inertial axes; M (Nn, Nn) kg m^2; b (Nn,) kg m; mass kg.
+    omega (f,): angular frequencies, rad/s. shapes (Nn, f): node angles in each mode, normalized to u^T M u = 1. rigid
+    (Nn, r): node angles of motions without strain. along, across (2, Nn): unit tangents and normals of the nodes,
+    inertial axes. M (Nn, Nn): mass matrix, kg m^2. b (Nn,): first moments, kg m. mass: total mass, kg.
     """
 
     def __init__(self, scene: Scene, chain: Chain) -> None:
@@ -187,7 +189,7 @@ class _Modes:
         self.root = free_root
 
     def damping(self, shape: Array, square: float) -> float:
-        """Return tau_d of a mode, s: the mean of the links' values weighted by strain energy; square: omega^2."""
+        """Return tau_d of a mode, s: the links' values averaged by strain energy; square: omega^2 of the mode."""
         largest, shares = self.scene.arm.damping
         if shares is None:
             return largest
@@ -206,11 +208,11 @@ class _Modes:
         return move, places
 
     def deflection(self, shape: Array) -> float:
-        """Return the largest deflection of a link's tip from the tangent at the link's root, m per unit of the mode."""
+        """Return the largest deflection of a link's tip from its root tangent, m per unit of the mode `shape`."""
         return max(abs(float(self.chain.w[own] @ (shape[own] - shape[own.start]))) for own in self.own)
 
     def swing(self, t: Array) -> tuple[float, float, float]:
-        """Return largest link angle, largest angle between links (rad), largest angular rate without gravity (rad/s).
+        """Return the largest link angle and angle between links (rad), and the angular rate without gravity (rad/s).
 
         Only rigid motions count. The scene's loads and motions are integrated over the times t (s).
         """
@@ -227,11 +229,11 @@ class _Modes:
         return float(np.abs(angle).max()) + given[0], between, float(np.abs(rate).max()) + given[1]
 
     def tip(self, shape: Array) -> Array:
-        """Return the displacement (2,) of the tip in inertial axes, m per unit of the mode."""
+        """Return the displacement (2,) of the tip, m per unit of the mode `shape`, in inertial axes."""
         return self._steps(shape)[1][-1]
 
     def section_work(self, shape: Array) -> float:
-        """Return int N^2 / EA + Q^2 / C ds of the forces m u of a mode (its inertia forces over omega^2).
+        """Return int N^2 / EA + Q^2 / C ds for the forces m u of a mode, which are inertia forces divided by omega^2.
 
         N, Q: section forces along and across the tangent, summed from the tip. The result times omega^2 is epsilon_k of
         the module's docstring.
@@ -266,8 +268,8 @@ class _Modes:
     def force(self, shape: Array, t: Array, weight: bool = True) -> Array:
         """Return the generalized force on a mode at the times t (s): the scene's loads, motions and gravity.
 
-        Gravity (unless ``weight`` is False) starts at once. A scene without loads and motions gets the arm's largest
-        torques, applied at once.
+        Gravity starts at once, unless ``weight`` is False. If a scene has no loads and motions, the arm's largest
+        torques are applied at once instead.
         """
         scene, arm, n = self.scene, self.scene.arm, self.chain.n
         across = self.across
@@ -297,14 +299,14 @@ class _Modes:
         return force
 
     def _share(self, motion: Motion, shape: Array) -> float:
-        """Return the inertia force on a mode per unit acceleration of a prescribed motion of the root or a joint."""
+        """Return the inertia force on a mode for unit acceleration of a prescribed motion of the root or a joint."""
         if motion.joint is None:
             return float(self.b @ (self.across[0 if motion.coordinate == "root_x" else 1] * shape))
         return float((self.M @ shape)[motion.joint * self.chain.n :].sum())  # all that follows turns with it
 
 
 def _acceleration(f: TimeFunction, t: Array) -> Array:
-    """Return f'' at the even times t (s); a jump of f', such as a start from rest, is spread over one sample."""
+    """Return f'' at equidistant times t (s). A jump of f', such as a start from rest, is spread over one sample."""
     found: Array = f(t, 2)
     for kink, before in [(0.0, 0.0), *((k, f(k, 1, side="left")) for k in f.kinks if 0.0 < k < t[-1])]:
         found[round(kink / t[1])] += (f(kink, 1) - before) / t[1]
@@ -320,13 +322,13 @@ def coordinates(arm: Arm, n: int) -> Array:
 
 
 def _largest(f: TimeFunction, end: float, derivative: int = 0) -> float:
-    """Return the largest magnitude of a derivative of f on [0, end] (s), at 2001 samples and before their jumps."""
+    """Return the largest magnitude on [0, end] (s) of a derivative of f, at 2001 samples and just before jumps."""
     times = np.linspace(0.0, end, 2001)
     return float(max(np.abs(f(times, derivative)).max(), np.abs(f(times, derivative, side="left"))[1:].max()))
 
 
 def _eigh(K: Array, M: Array) -> tuple[Array, Array]:
-    """Solve K x = square M x, K and M symmetric: return squares and vectors (columns, x^T M x = 1)."""
+    """Solve K x = square M x for symmetric K and M. Return squares, and vectors as columns with x^T M x = 1."""
     L = np.linalg.cholesky(M)
     square, vectors = np.linalg.eigh(np.linalg.solve(L, np.linalg.solve(L, K).T))
     return square, np.linalg.solve(L.T, vectors)

@@ -13,9 +13,9 @@ from ..protocol import (
 from .work import Work
 
 TURN = 0.15
-"""If every coordinate changes by less than this angle (rad) in a step, the energy is not evaluated. Directions of
-inertia forces then change by at most this angle, and the trapezoidal rule gains or loses less than 3 % of the energy
-(measured)."""
+"""If every coordinate changes by less than this angle (rad) in a step, the energy is not evaluated. The directions of
+inertia forces then also change by at most this angle. In this case the trapezoidal rule gains or loses less than 3 % of
+the energy (measured)."""
 
 TOLERANCE = 0.05
 """Largest error of a step's energy balance, as a fraction of the kinetic and strain energy."""
@@ -23,13 +23,13 @@ TOLERANCE = 0.05
 
 @kernel
 def refuse_step(lane, model, drive, par, w: Work, active, h):
-    """Flag lanes whose solved step violates the energy balance dE = W - D; return whether any lane is flagged.
+    """Flag lanes whose computed step violates the energy balance dE = W - D; return whether any lane is flagged.
 
-    h: step (s); W, D: work and dissipation of mean forces (J). On linear vibrations the trapezoidal rule keeps the
-    balance exactly for any h. A violation is therefore an error of inertia forces that rotate with the nodes. While the
-    arm whips round, Newton's iteration may have converged to a solution far from the motion. The check needs a model
-    whose motion the steps resolve (the elastica), no loads or motions in time (drive None), and a coordinate that
-    changes by TURN. active: lanes that Newton has not solved (> 1/2), which are not flagged here.
+    h: step (s). W, D: work and dissipation of mean forces (J). For linear vibrations the trapezoidal rule satisfies the
+    balance exactly for any h. A violation is therefore an error of inertia forces that rotate with the nodes. In fast
+    rotation Newton's iteration may have converged to a solution far from the motion. The check requires a model whose
+    motion the steps resolve (the elastica), no loads or motions in time (drive None), and a coordinate that changes by
+    TURN. active: values above 1/2 mark lanes whose iteration has not converged; they are not flagged here.
 
     # state     w.q0, w.v0 at the start of the step; w.q, w.v, w.u at its end
     # out       w.flag <- NEWTON_FAILED.   # scratch  w.r, w.y, w.y0
@@ -49,10 +49,11 @@ def refuse_step(lane, model, drive, par, w: Work, active, h):
 def _flag_unbalanced(lane, model, par, w: Work, active, turn, h):
     """Flag lanes with |dE - W + D| > TOLERANCE max(T + U) over a step of h (s) under constant inputs.
 
-    dE: change of the energy; W: work of the inputs; D: dissipation of mean forces (J). T, U: kinetic and strain energy
-    at either end. active: lanes that Newton has not solved (> 1/2), not flagged. turn: largest change of a coordinate,
-    rad; a lane below TURN is not flagged, as a single arm is not. D does not contain the loss by Coulomb friction. With
-    friction, therefore, only a gain of energy counts. Returns whether a lane is flagged.
+    dE: change of the energy. W: work of the inputs. D: dissipation of mean forces (J). T, U: kinetic and strain energy,
+    at the start or end of the step. active: values above 1/2 mark lanes whose iteration has not converged; they are not
+    flagged. turn: largest change of a coordinate, rad. Lanes with a turn below TURN are not flagged, as for a single
+    arm. D does not contain the loss by Coulomb friction. With friction, therefore, only a gain of energy counts.
+    Returns whether a lane is flagged.
 
     # state     w.q0, w.v0 at the start of the step; w.q, w.v, w.u at its end
     # out       w.flag <- NEWTON_FAILED.   # scratch  w.r, w.y, w.y0

@@ -10,12 +10,13 @@ from ...time_functions import AMPLITUDE, C0, C1, C2, C3, OMEGA, PHASE, PIECE, T0
 from ..layout import OF_MOTION
 
 cubic, wave = kernel(time_functions.cubic), kernel(time_functions.wave)
-"""Kernels for the value and derivatives of a piece's cubic and wave, compiled from the source of `TimeFunction`."""
+"""Kernels for the value and the derivatives of a piece (cubic plus wave), compiled from the source of
+`TimeFunction`."""
 
 
 @kernel
 def piece_at(drive, f, t):
-    """Return the index in `drive.pieces` of the piece of time function f that is valid at time t (s)."""
+    """Return the index in `drive.pieces` of the piece of time function f that applies at time t (s)."""
     # bisection for the piece with t_i <= t < t_(i+1)
     low, high = drive.first[f], drive.first[f + 1] - 1
     while low < high:
@@ -33,8 +34,8 @@ def evaluate(drive, f, t, side):
 
         value = c0 + c1 s + c2 s^2 + c3 s^3 + A sin(w s + p),    s = t - t0
 
-    The values are in the function's unit (N, N m, m, rad). side: time (s) that selects the piece; it is slightly before
-    or after t if the function jumps at t.
+    The values are in the function's unit (N, N m, m, rad). side: time (s) by which the piece is selected. It is
+    slightly before or after t, which matters if the function jumps at t.
     """
     at = PIECE * piece_at(drive, f, side)
     p = drive.pieces[at : at + PIECE]
@@ -50,10 +51,10 @@ def evaluate(drive, f, t, side):
 
 @kernel
 def set_inputs(lane, drive, u: Lanes, t, side):
-    """Write the inputs that are functions of time into u (N m, N): each driven entry is the sum of its terms at t (s).
+    """Write the inputs that depend on time into u (N m, N): each driven entry is the sum of its terms at time t (s).
 
-    drive: `Drive`. Entries without a term, such as actions, keep their value. u: array of n_inputs lanes; side: time
-    (s) slightly before or after t, which selects the piece of a function that jumps at t.
+    drive: `Drive` of the scene. Entries without a term, such as actions, keep their value. u: array of n_inputs lanes.
+    side: time (s) slightly before or after t. It selects the piece of a function that jumps at t.
     """
     before = -1
     for i in range(drive.entries.shape[0]):
@@ -69,8 +70,8 @@ def set_inputs(lane, drive, u: Lanes, t, side):
 def set_motions(lane, drive, psi: Lanes, t, side):
     """Write value, rate and second rate of each prescribed coordinate at time t (s) to psi, one `MOTION` each.
 
-    drive: `Drive`; psi: array of n_motions * 3 lanes (m, rad, with rates); side: time (s) slightly before or after t,
-    which selects the piece of a function that jumps at t.
+    drive: `Drive` of the scene. psi: array of n_motions * 3 lanes (m or rad, with rates). side: time (s) slightly
+    before or after t. It selects the piece of a function that jumps at t.
     """
     for i in range(drive.motions.shape[0]):
         value, rate, second = evaluate(drive, drive.motions[i], t, side)

@@ -1,4 +1,5 @@
-"""The energy account: work of inputs and motions and energy dissipated by damping, from a step's mean forces."""
+"""The energy account: work of inputs and motions, and energy dissipated by damping, computed with mean forces of
+steps."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from .work import Work, copy_rows, state_of
 
 @kernel
 def start_energy_account(lane, model, drive, par, w):
-    """Store inputs, their displacements, motions, reactions and friction at the start of steps without jumps.
+    """Store inputs, displacements, motions, reactions and friction at the start of a sequence of steps without jumps.
 
     # in        w.q, w.v, w.a, w.u, w.psi, w.reaction
     # out       w.u0, w.y0, w.psi0, w.reaction0; in w.S friction torques (`joints.friction.store_friction`) and
@@ -30,12 +31,12 @@ def start_energy_account(lane, model, drive, par, w):
 
 @kernel
 def account_for_step(lane, model, drive, par, w: Work, h):
-    """Add a step's work and dissipation (J) to w.books, with h (s) the step: mean force times displacement.
+    """Add the work and dissipation (J) of a step of h (s) to w.books, as mean force times displacement.
 
     The dissipation is the power of damping at the step's mean strain rates. Rates at the ends of the step differ from
-    the mean by second order of h. In very stiff strains this difference is larger than the rates themselves. The
-    damping forces then do additional work, the entry BEYOND of w.books. The strain energy absorbs this work and returns
-    it. drive: `Drive`, or None without motions in time.
+    the mean by second order of h. In very stiff strains this difference exceeds the rates themselves. The damping
+    forces then do additional work, entry BEYOND of w.books, which the strain energy absorbs and returns. drive:
+    `Drive`, or None without motions in time.
 
     # state     w.q0, w.v0, w.u0, w.y0, w.psi0, w.reaction0 at the start; w.q, w.v, w.u, w.psi, w.reaction at the end
     # out       w.books (energy account); w.u0, w.y0, w.psi0, w.reaction0 <- values at the end, for the next step

@@ -14,15 +14,15 @@ from .work import Work, copy_rows, move_multipliers, solve_unknown_rows, state_o
 def change_payload(lane, model, resting, par, new, live: Lanes, w: Work, h, books):
     """Set the payload's mass (kg) and inertia (kg m^2) to `new` (2 rows) in lanes with live > 1/2; velocities jump.
 
-    resting: a tag if the gripped object is at rest, otherwise None. An object at rest takes on the arm's motion
-    instantly. The coordinates q and the momentum do not change, M+ v+ + Phi_q^T Lambda = M- v-, because torques,
-    springs, dampers and friction are finite and have no impulse. M-, M+: mass matrix with the old and the new payload;
-    Lambda: impulses of the constraints Phi = 0. With resting None, or when an object is released, the object moves with
-    the tip and v stays. Damping ends a part e of the jump dv within less than a step. As after a jump of a motion (see
-    `start`), the part e that damping ends at once is removed: e = (1 - s)^3 (1 + 3 s) dv with s = (M+ + h/2 C)^-1 M+.
+    resting: a compile-time tag if the gripped object is at rest, otherwise None. An object at rest instantly takes the
+    arm's velocity. Torques, springs, dampers and friction are finite and have no impulse. The coordinates q and the
+    momentum therefore do not change: M+ v+ + Phi_q^T Lambda = M- v-. M-, M+: mass matrix with the old and the new
+    payload. Lambda: impulses of the constraints Phi = 0. If resting is None, or if an object is released, the object
+    moves with the tip and v does not change. Damping ends a part e of the jump dv within less than a step. This part is
+    removed at once, as after a jump of a motion (see `start`): e = (1 - s)^3 (1 + 3 s) dv with s = (M+ + h/2 C)^-1 M+.
 
-    The accelerations a and the auxiliary accelerations b jump by the same da, due to the change of the residual from r-
-    to r+:
+    The accelerations a and the auxiliary accelerations b jump by the same da, because the residual changes from r- to
+    r+:
 
         (M+ + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -(r+ - r-),    solved three times with one factorization.
 
@@ -31,7 +31,7 @@ def change_payload(lane, model, resting, par, new, live: Lanes, w: Work, h, book
     # scratch   w.r, w.S, w.q0, w.v0, w.a0, w.b0
 
     books: a tag to add the energies to w.books, or None. The impact's loss T- - T+ of kinetic energy counts as
-    dissipation. The energy of the gripped or released object counts as work.
+    dissipation. The energy of the gripped or released object counts as work. T: kinetic energy.
     """
     n, here = size(model.n), live[0]
     before = energy(lane, model, par, w.q, w.v)
@@ -65,10 +65,10 @@ def change_payload(lane, model, resting, par, new, live: Lanes, w: Work, h, book
 
 @kernel
 def _is_gripped_at_rest(lane, resting, par: Lanes, new: Lanes, live):
-    """Return 1 in live lanes that grip an object at rest (payload mass or inertia grows from par to new), else 0.
+    """Return 1 in live lanes whose arm grips an object at rest, i.e. payload mass or inertia increases; 0 elsewhere.
 
-    resting: a tag if gripped objects are at rest, or None (0 everywhere); new: mass (kg), inertia (kg m^2); live: 1 or
-    0.
+    resting: a tag if gripped objects are at rest; if None the result is 0 in all lanes. par: contains the old payload.
+    new: mass (kg) and inertia (kg m^2) of the new payload. live: 1 or 0.
     """
     if resting is not None:
         more = select_lt(par[PAYLOAD_MASS], new[0], live, 0.0)
@@ -78,10 +78,10 @@ def _is_gripped_at_rest(lane, resting, par: Lanes, new: Lanes, live):
 
 @kernel
 def _rest_residual(lane, model, par, w: Work, moving, weights):
-    """Compute the residual w.r at rest (v = 0) with accelerations w.v0 (moving True) or 0 (False).
+    """Compute the residual w.r at rest (v = 0), with accelerations w.v0 (moving True) or 0 (moving False).
 
-    The payload is that in par. Sets w.v to 0 and w.a to these accelerations. weights: `Weights`; with
-    weights.with_matrix it also assembles w.S.
+    The payload is that in par. The function sets w.v to 0 and w.a to these accelerations. With weights.with_matrix it
+    also assembles w.S. weights: `Weights` of mass, damping and stiffness.
     """
     for k in range(size(model.n)):
         w.v[k] = 0.0
@@ -91,9 +91,9 @@ def _rest_residual(lane, model, par, w: Work, moving, weights):
 
 @kernel
 def _velocity_loss(lane, model, par: Lanes, new: Lanes, w: Work):
-    """Compute the velocity that an impact takes: w.r <- M+^-1 (M+ - M-) v-, with v- in w.v0 (m/s, rad/s).
+    """Compute the velocity that an impact removes: w.r <- M+^-1 (M+ - M-) v-, with v- in w.v0 (m/s, rad/s).
 
-    M-, M+: mass matrix with the payload in par and with the new one, new: mass (kg) and inertia (kg m^2).
+    M-: mass matrix with the payload in par. M+: mass matrix with the new payload. new: mass (kg), inertia (kg m^2).
 
     # out       w.r; w.q0 <- forces at rest with the new payload; par <- the new payload; w.S: factors of M+
     # scratch   w.v, w.a, which are 0 on return
@@ -123,10 +123,10 @@ def _velocity_loss(lane, model, par: Lanes, new: Lanes, w: Work):
 
 @kernel
 def _accelerate(lane, model, par, w: Work, h):
-    """Solve for accelerations w.a and multipliers after the payload's change; w.b0: the residual r- before the change.
+    """Solve for accelerations w.a and multipliers after the payload has changed. w.b0: residual r- before the change.
 
-    Three corrections -(r+ - r-) with one factorization of M+ + h/2 C + h^2/4 K (mass matrix with the new payload,
-    damping, stiffness); r+: residual at the current a; h: a step, s. Scratch: w.r, w.S.
+    The function applies three corrections -(r+ - r-), with one factorization of M+ + h/2 C + h^2/4 K (mass matrix with
+    the new payload, damping, stiffness). r+ is the residual at the current a. h: a step, s. Scratch: w.r, w.S.
     """
     for i in range(3):
         first = i == 0
@@ -146,8 +146,8 @@ def _accelerate(lane, model, par, w: Work, h):
 def _account_for_impact(lane, model, books, par, w: Work, before, struck):
     """Add the impact's loss of kinetic energy to the dissipation and the payload's energy to the work in w.books (J).
 
-    before: (kinetic, strain, gravitational) energy before the change; struck: 1 in lanes where an object at rest was
-    gripped, else 0. books: a tag, or None (no account).
+    before: (kinetic, strain, gravitational) energy before the change. struck: 1 in lanes that gripped an object at
+    rest, otherwise 0. books: a tag, or None for no account.
     """
     if books is not None:
         after = energy(lane, model, par, w.q, w.v)

@@ -1,7 +1,7 @@
 """Newton-Raphson iteration of one time step, eqs. [69]-[82]: from the prediction to the end of the step.
 
-The unknown is the displacement q+; v+, a+ and b+ are linear functions of q+ (`NewmarkSlopes`). In the iteration w.q,
-w.v, w.a, w.b hold the current iterate of the step's end and w.q0, w.v0, w.a0, w.b0 its start.
+The unknown is the displacement q+. v+, a+ and b+ are linear functions of q+ (`NewmarkSlopes`). During the iteration
+w.q, w.v, w.a, w.b contain the current iterate of the step's end, and w.q0, w.v0, w.a0, w.b0 the step's start.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ from .period import correct_period
 from .work import Work, apply_increment, remove_known_rows, solve_unknown_rows, state_of, take_multipliers
 
 LINEAR = 1e-3
-"""Smallest contraction that is assumed for models that reuse factors. At first the largest errors fall quadratically,
-so the measured contraction underestimates the contraction of the linearly convergent part."""
+"""Smallest contraction that is assumed for models that reuse factors. At first the largest errors decrease
+quadratically. The measured contraction therefore underestimates the contraction of the linearly convergent part."""
 
 
 class NewmarkSlopes(NamedTuple):
     """Derivatives of v+, a+ and b+ at the end of a step by q+, eq. (6.1), and the step's length h."""
 
     v: float  # dv+/dq+ = gamma / (beta h), 1/s
-    a: float  # da+/dq+ = (1 - alpha_m) / ((1 - alpha_f) beta h^2), 1/s^2; c_m of the theory
+    a: float  # da+/dq+ = (1 - alpha_m) / ((1 - alpha_f) beta h^2), 1/s^2; c_m in docs/theory.md
     b: float  # db+/dq+ = 1 / (beta h^2), 1/s^2
     h: float  # length of the step, s
 
@@ -63,11 +63,11 @@ def newmark_slopes(scheme, h):
 
 @kernel
 def _first_contraction(lane, first_error, increment):
-    """Return the contraction theta assumed for the first iteration, because it has no earlier increment to compare.
+    """Return the contraction theta that is assumed for the first iteration, which has no earlier increment to compare.
 
     increment: |d|, the largest weighted entry of the first increment. The remaining error is estimated as theta / (1 -
-    theta) |d|. With kappa = first_error (`NewtonPolicy`) and |d| < 0.05, theta is kappa |d| (a quadratic error).
-    Otherwise, or with first_error None, theta is 1/2, and the estimate is |d| itself.
+    theta) |d|. If first_error = kappa (`NewtonPolicy`) is given and |d| < 0.05, theta is kappa |d|, a quadratic error.
+    Otherwise theta is 1/2, so that the estimate is |d| itself.
     """
     if first_error is None:
         return 0.5
@@ -76,7 +76,7 @@ def _first_contraction(lane, first_error, increment):
 
 @kernel
 def follow_displacement(lane, w: Work, k, d, slopes):
-    """Update v, a and b in row k for a change d of coordinate k (m or rad): v += d dv/dq, and the same for a and b.
+    """Update v, a and b in row k for a change d of coordinate k (m or rad): v += d dv/dq, a += d da/dq, b += d db/dq.
 
     slopes: `NewmarkSlopes`, dv/dq (1/s), da/dq and db/dq (1/s^2) of the step's end.
     """
@@ -89,7 +89,7 @@ def follow_displacement(lane, w: Work, k, d, slopes):
 def move_prediction(lane, model, w: Work, q: Lanes, slopes):
     """Replace the predicted coordinates w.q by q (n rows) and change w.v, w.a, w.b by `slopes` (`NewmarkSlopes`).
 
-    In models with rotations only positions may change (m), so that rows can be subtracted. w.shift records the change.
+    In models with rotations only positions may change (m), so that rows can be subtracted. w.shift stores the change.
     """
     for k in range(size(model.n)):
         moved = q[k]
@@ -102,10 +102,10 @@ def move_prediction(lane, model, w: Work, q: Lanes, slopes):
 
 @kernel
 def _shifted_increment(lane, correction, shift: Lanes, k, d):
-    """Return (increment of q, its size for the convergence test) of row k for the Newton increment d (m or rad).
+    """Return the increment of q in row k, and its size for the convergence test; d: Newton increment (m or rad).
 
-    With period correction (correction not None) the shift of the displacement is added, and the size is the larger of
-    the two absolute values.
+    With a period correction (correction not None) the shift of the displacement is added to d. The size is then the
+    larger of the two absolute values.
     """
     if correction is None:
         return d, absolute(d)
@@ -115,7 +115,7 @@ def _shifted_increment(lane, correction, shift: Lanes, k, d):
 
 @kernel
 def _take_tangent_multipliers(lane, algebraic, w: Work, c_m):
-    """Update only the tangents of the multipliers (dual lanes): lambda <- lambda - c_m r; their values stay.
+    """Update the multipliers' tangents (dual lanes) by lambda <- lambda - c_m r. The multipliers' values do not change.
 
     algebraic: rows of the multipliers, or None. c_m: da+/dq+ of the step. The multipliers' rows of w.r become 0.
     """
@@ -130,7 +130,7 @@ def _take_tangent_multipliers(lane, algebraic, w: Work, c_m):
 def _limit_increment(lane, model, longest, r: Lanes):
     """Scale the increment r (n rows; m, rad) down until its largest weighted entry |r_k| weight_k is <= `longest`.
 
-    longest: a share of the arm's length, or rad; None: no limit.
+    longest: a fraction of the arm's length (positions), or rad (angles); None means no limit.
     """
     if longest is not None:
         # max(longest, max_k |r_k| weight_k), so that the factor is at most 1
@@ -147,11 +147,11 @@ def _apply_newton_increment(lane, model, par, w: Work, active, slopes, tolerance
     """Apply the Newton increment -w.r, eqs. [80]-[82]: q <- q (+) d, v, a, b with `slopes`, lambda <- lambda - c_m r.
 
     # model     model, par, tolerance of the scheme
-    # in        w.r = S^-1 r, w.shift; active: lanes > 1/2 that are updated, others keep their bits
+    # in        w.r = S^-1 r, w.shift; active: lanes > 1/2 are updated, other lanes do not change by a bit
     # out       w.q, w.v, w.a, w.b; w.r: the increment applied to q
 
-    Returns the largest weighted increment, max_k |d_k| weight_k (rad, lengths over the arm's length); NaN if not
-    finite.
+    Returns the largest weighted increment, max_k |d_k| weight_k (rad, lengths over the arm's length). The result is NaN
+    if an entry is not finite.
     """
     _limit_increment(lane, model, model.newton.max_increment, w.r)
     # multipliers are forces: they do not count for convergence
@@ -191,8 +191,9 @@ def _apply_newton_increment(lane, model, par, w: Work, active, slopes, tolerance
 def newton(lane, model, drive, par, w: Work, slopes, scheme, plain):
     """Solve a step's equations [69]-[82] for q+, v+, a+, b+ and lambda; return 1 in lanes that failed, 0 in others.
 
-    Convergence: theta / (1 - theta) |d| < tolerance, with the weighted increment |d| and the contraction theta (theory,
-    section 6). Lanes that have converged, or have failed before (w.flag), do not change while the other lanes iterate.
+    Convergence criterion: theta / (1 - theta) |d| < tolerance, with the weighted increment |d| and the contraction
+    theta (theory, section 6). Lanes that have converged, or have failed before (w.flag), do not change while other
+    lanes iterate.
 
     # model     model, drive, par, scheme; slopes: `NewmarkSlopes` of the step
     # state     w.q, w.v, w.a, w.b: prediction, replaced by the step's end; w.u, w.psi at end; w.q0, w.a0 at start
@@ -247,10 +248,10 @@ def newton(lane, model, drive, par, w: Work, slopes, scheme, plain):
 
 @kernel
 def _solve_tangents_once_more(lane, model, drive, par, w: Work, slopes):
-    """Repeat one Newton solve for the tangents of dual lanes at the converged values, which do not change.
+    """Repeat one Newton solve for the tangents of dual lanes at the converged values. The values do not change.
 
     During the iteration the tangents are one iteration behind the values. If S is the exact derivative of r, one
-    further solve makes the tangents exact. With rotations S is approximate, and a few solves are needed.
+    further solve makes the tangents exact. In models with rotations S is approximate, and a few solves are needed.
 
     # state     w.q, w.v, w.a, w.b and multipliers: only their tangents change
     # scratch   w.r, w.S

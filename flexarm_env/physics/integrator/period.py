@@ -1,14 +1,14 @@
 """Correction of a step for the integrator's error of the period (theory, eq. 6.2).
 
-Newmark's displacement with beta - 2 kappa instead of beta would keep the period of a vibration to fourth order in omega
-h. With beta - 2 kappa, however, the method is stable only if the step resolves all vibrations. The corrected
+With beta - 2 kappa instead of beta, Newmark's displacement would preserve the period of a vibration to fourth order in
+omega h. The method with beta - 2 kappa, however, is stable only if the step resolves all vibrations. The corrected
 displacement is therefore
 
     q+ = (Newmark's q+) - 2 kappa h^2 Y (a+ - a),   Y = S^-1 c_m M,
 
-where the Newton matrix S acts as a low-pass filter: Y is about 1 for motion that the step resolves and vanishes for
-faster motion. a+ is the acceleration of the step without correction. The acceleration a+ is taken at the first Newton
-increment whose square is below the tolerance, so the error of a+ is below the tolerance too. M is constant.
+where the Newton matrix S acts as a low-pass filter. Y is about 1 for motion that the step resolves and vanishes for
+faster motion. a+ is the acceleration of the step without correction. It is taken at the first Newton increment whose
+square is below the tolerance; the error of a+ is then below the tolerance too. M is constant.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from .work import Work, remove_known_rows
 
 NEAR, FAR = 0.01, 0.03
 """NEAR: largest weighted Newton increment at which the period is corrected. FAR: largest weighted correction (rad, or
-displacement divided by the arm's length). A larger correction would belong to motion that the step does not resolve,
-such as vibrations after a jump of the root's velocity. The larger correction would add energy."""
+displacement divided by the arm's length). A larger correction would stem from motion that the step does not resolve,
+such as vibrations after a jump of the root's velocity. It would add energy."""
 
 
 @kernel
 def _filtered(lane, model, drive, par, w, c_m, turn, x, y: Lanes):
-    """Apply the low-pass filter of eq. (6.2): y <- S^-1 c_m M x, accelerations (n,) lanes; 0 in known rows.
+    """Apply the low-pass filter of eq. (6.2) to accelerations: y <- S^-1 c_m M x, (n,) lanes; y is 0 in known rows.
 
-    w.S: factors of the Newton matrix S; M: constant mass matrix; c_m = da/dq of the step, 1/s^2. turn: None, or (start,
-    q, share): the vectors in x first turn by `share` times their section's rotation from start to q. drive: `Drive`,
-    whose prescribed rows are known, or None. Joints that stick by Coulomb friction stay at rest.
+    w.S: factors of the Newton matrix S. M: constant mass matrix. c_m = da/dq of the step, 1/s^2. turn: None, or (start,
+    q, share): the vectors in x are then first rotated by `share` times the rotation of their section from start to q.
+    drive: `Drive`, whose prescribed rows are known, or None. Joints that stick by Coulomb friction remain at rest.
     """
     inertia_forces(lane, model, par, turn, x, y)
     for k in range(size(model.n)):

@@ -19,28 +19,28 @@ from .work import (
 )
 
 SMALL = 1e-3
-"""Damping forces are evaluated at the velocity times SMALL, and the result is divided by SMALL. Forces quadratic in the
-velocity are then negligible."""
+"""Damping forces are evaluated at the velocity times SMALL, and the result is divided by SMALL. Forces that are
+quadratic in the velocity are then negligible."""
 
 
 @kernel
 def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
     """Compute consistent velocities, accelerations and multipliers at t+, after loads or motions may have jumped.
 
-    Velocities jump by dv, M dv + Phi_q^T Lambda = 0, with the prescribed part known (Phi = 0: constraints, Lambda:
-    their impulses). Damping ends a part of dv within much less than a step. This part is removed from the velocities,
-    and the damping forces of the removed part change the accelerations. The work and the energy loss of the impulses
+    Velocities jump by dv. The jump satisfies M dv + Phi_q^T Lambda = 0, where prescribed rows of dv are known (Phi = 0:
+    constraints; Lambda: their impulses). Damping ends a part of dv within much less than a step. This part is removed
+    from the velocities, and its damping forces change the accelerations. The work and the energy loss of the impulses
     are added to the energy account w.books.
 
-    Accelerations: a fresh start solves M a + Phi_q^T lambda = Q - h(q, v), Q: generalized loads, and b = a. At a kink
-    within a run (not fresh, with a drive) accelerations and multipliers are kept, and then corrected three times by the
-    residual r at t+:
+    Accelerations at a fresh start solve M a + Phi_q^T lambda = Q - h(q, v), with generalized loads Q, and b = a. At a
+    kink within a run (not fresh, with a drive) accelerations and multipliers are kept, then corrected three times by
+    the residual r at t+:
 
         (M + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -r,
 
     The difference b - a does not change. If the step resolves the motion, the result agrees with M da = -r to third
-    order. With M alone, stresses of strains and strain rates that are too stiff for the step would make accelerations
-    large.
+    order. With M alone, stresses from strains and strain rates that are too stiff for the step would cause large
+    accelerations.
 
     # model     model; drive: `Drive`, or None (no loads or motions in time, velocities do not jump); par; h: a step, s
     # state     flat: work array `Work` with n_motions prescribed coordinates; q stays, v, a, b and lambda change
@@ -50,9 +50,9 @@ def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
 
 @kernel
 def _save_accelerations(lane, n, algebraic, w: Work):
-    """Save accelerations and multipliers in w.q0 (free between steps) and the distance b - a in w.b.
+    """Store accelerations and multipliers in w.q0 (free between steps) and the difference b - a in w.b.
 
-    n: number of rows; algebraic: rows of multipliers, whose values are in w.q, or None.
+    n: number of rows. algebraic: rows of multipliers, whose values are in w.q, or None without multipliers.
     """
     for k in range(n):
         a = w.a[k]
@@ -66,10 +66,10 @@ def _save_accelerations(lane, n, algebraic, w: Work):
 
 @kernel
 def _take_multipliers(lane, drive, algebraic, w: Work, fresh):
-    """Move the multipliers from their rows of w.a, where a solve for accelerations leaves them, to w.q.
+    """Move the multipliers to w.q from their rows of w.a, into which a solution for accelerations writes them.
 
-    At a kink (with a drive, not fresh) the solve gives the change of the multipliers, which is added to their values in
-    w.q. algebraic: rows of multipliers, or None (nothing to do); drive: `Drive`, or None; fresh: True at a fresh start.
+    At a kink (with a drive, not fresh) the solution is the change of the multipliers, which is added to their values in
+    w.q. algebraic: rows of multipliers, or None (nothing to do). drive: `Drive`, or None. fresh: True at a fresh start.
     """
     if drive is not None and algebraic is not None and not fresh:
         for i in range(algebraic.shape[0]):
@@ -80,9 +80,9 @@ def _take_multipliers(lane, drive, algebraic, w: Work, fresh):
 
 @kernel
 def _restart_auxiliary_acceleration(lane, n, drive, w: Work, fresh):
-    """Set the auxiliary acceleration b = a, or at a kink (with a drive, not fresh) b = a + the distance saved in w.b.
+    """Set the auxiliary acceleration to b = a; at a kink (with a drive, not fresh) add the difference stored in w.b.
 
-    n: number of rows; drive: `Drive`, or None; fresh: True at a fresh start. The distance is 0 in prescribed rows.
+    n: number of rows. drive: `Drive`, or None. fresh: True at a fresh start. In prescribed rows the difference is 0.
     """
     if drive is not None and not fresh:
         for i in range(drive.known.shape[0]):
@@ -97,16 +97,16 @@ def _restart_auxiliary_acceleration(lane, n, drive, w: Work, fresh):
 
 @kernel
 def _scaled_difference(lane, n, r: Lanes, start: Lanes, scale):
-    """Compute r <- (r - start) scale in n rows."""
+    """Compute r <- (r - start) * scale in n rows."""
     for k in range(n):
         r[k] = (r[k] - start[k]) * scale
 
 
 @kernel
 def _prescribed_rates(lane, drive, w: Work, i):
-    """Return (velocity after, velocity before the jump) of prescribed motion i, m/s or rad/s.
+    """Return the velocities after and before the jump of prescribed motion i, m/s or rad/s.
 
-    Before: row k of w.v0, or, where a multiplier prescribes the motion (k < 0), the rate in w.psi0.
+    The velocity before is row k of w.v0. If a multiplier prescribes the motion (k < 0), it is the rate in w.psi0.
     """
     k, at = drive.known[i], OF_MOTION.end * i + OF_MOTION.rate
     if k >= 0:
@@ -118,8 +118,8 @@ def _prescribed_rates(lane, drive, w: Work, i):
 def _account_for_impulse(lane, drive, w: Work, share, scale):
     """Add the work of the impulses w.reaction (N s, N m s), times `scale`, to w.books (J).
 
-    The work is impulse times velocity. The velocity is `share` times the prescribed velocity before the jump plus 1 -
-    share times that after the jump. drive: `Drive`, which names the prescribed coordinates.
+    The work is impulse times velocity. The velocity is share * (prescribed velocity before the jump) + (1 - share) *
+    (prescribed velocity after the jump). drive: `Drive`, which names the prescribed coordinates.
     """
     for i in range(drive.known.shape[0]):
         speed, before = _prescribed_rates(lane, drive, w, i)
@@ -129,7 +129,7 @@ def _account_for_impulse(lane, drive, w: Work, share, scale):
 
 @kernel
 def _has_velocity_jump(lane, drive, w):
-    """Return whether a prescribed velocity jumps by more than round-off (1e-12 of its size); for one arm."""
+    """Return whether a prescribed velocity jumps by more than round-off (1e-12 of its size); for a single arm."""
     for i in range(drive.known.shape[0]):
         after, before = _prescribed_rates(lane, drive, w, i)
         v1, v0 = without_tangents(after), without_tangents(before)
@@ -140,9 +140,10 @@ def _has_velocity_jump(lane, drive, w):
 
 @kernel
 def _residual_with_multipliers(lane, model, par, w, weights):
-    """Compute the residual w.r (eq. [64]) of w.q, w.v, w.a, with multipliers read from their rows of w.a.
+    """Compute the residual w.r (eq. [64]) at w.q, w.v, w.a; the multipliers are read from their rows of w.a.
 
-    The multipliers are moved to w.q first. weights: `Weights`; with weights.with_matrix it also assembles w.S.
+    The multipliers are moved to w.q first. With weights.with_matrix the function also assembles w.S; weights:
+    `Weights`.
     """
     move_multipliers(lane, model.algebraic, w.q, w.a, False)
     assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
@@ -150,9 +151,10 @@ def _residual_with_multipliers(lane, model, par, w, weights):
 
 @kernel
 def _jump_velocities(lane, model, drive, par, w: Work, h, fresh):
-    """Let velocities jump with the prescribed motions: v <- v + dv, M dv + Phi_q^T Lambda = 0; h: length of a step, s.
+    """Add the velocity jump dv that prescribed motions cause: M dv + Phi_q^T Lambda = 0; h: length of a step, s.
 
-    Phi = 0: constraints, Lambda: their impulses. fresh: True at a fresh start, which keeps no accelerations.
+    Phi = 0: constraints. Lambda: impulses of the constraints. fresh: True at a fresh start, which keeps no
+    accelerations.
 
     # state     w.v: in and out
     # out       w.v0: v before the jump; w.a0: dv, in rows of multipliers the impulses Lambda; w.reaction; w.books
@@ -219,19 +221,19 @@ def _solve_jump(lane, model, drive, par, w: Work):
 
 @kernel
 def _remove_damping_layer(lane, model, drive, par, w: Work, h, fresh):
-    """Remove from the velocity jump dv the part e that damping ends before a step of h (s) could see it.
+    """Remove from the velocity jump dv the part e that damping ends in much less than a step of h (s).
 
-    Within the material, damping prevents a jump of the velocity. By M alone the jump stays next to a prescribed
-    coordinate; damping spreads it in a time that may be far below a step. Without the removal the step, and its energy
-    account, would apply the forces C dv for half of the step. Let s = (M + h/2 C)^-1 M, with prescribed coordinates at
+    Within the material, damping prevents a jump of the velocity. With M alone the jump remains next to a prescribed
+    coordinate; damping spreads it in a time that may be far below a step. Without the removal, the step and its energy
+    account would apply the forces C dv for half of the step. Let s = (M + h/2 C)^-1 M, with prescribed coordinates at
     rest and Phi_q s = 0. Then dv loses
 
-        e = (1 - s)^3 (1 + 3 s) dv:    all that damping ends within the step, h^3 of what the step resolves, and nothing
-                                       without damping. (1 - s) x solves (M + h/2 C) y + Phi_q^T mu = h/2 C x.
+            e = (1 - s)^3 (1 + 3 s) dv:    the part that damping ends within the step, to order h^3, and 0 without
+            damping. (1 - s) x solves (M + h/2 C) y + Phi_q^T mu = h/2 C x.
 
-    M, C: mass and damping matrix; mu: multipliers of the constraints Phi = 0. The impulse of damping is h/2 C (g - e),
+    M, C: mass and damping matrix. mu: multipliers of the constraints Phi = 0. The impulse of damping is h/2 C (g - e),
     where g has one factor (1 - s) less than e. It acts at the prescribed velocities after the jump. Unless fresh, the
-    accelerations and multipliers saved in w.q0 change by -M^-1 C (dv - e), a sum of the same solutions.
+    accelerations and multipliers stored in w.q0 change by -M^-1 C (dv - e), a sum of the same solutions.
 
     # state     w.a0: in, dv; out, dv - e.   w.books: work and loss are added.   w.q0 (unless fresh): in and out
     # out       w.reaction: impulses of the motions (N s, N m s), times SMALL.   # scratch  w.r, w.S, w.v, w.a
@@ -264,10 +266,10 @@ def _remove_damping_layer(lane, model, drive, par, w: Work, h, fresh):
 
 @kernel
 def damping_layer(lane, model, drive, par, w: Work, rest, h, fresh):
-    """Compute the part of a velocity jump dv that damping ends within a step: w.r <- e = (1 - s)^3 (1 + 3 s) dv.
+    """Compute w.r <- e = (1 - s)^3 (1 + 3 s) dv, the part of a velocity jump dv that damping ends within a step.
 
-    s = (M + h/2 C)^-1 M, with the mass matrix M and the damping matrix C; h: a step, s. Unless fresh, w.q0 accumulates
-    the jump of accelerations.
+    s = (M + h/2 C)^-1 M, with the mass matrix M and the damping matrix C. h: a step, s. Unless fresh, the jump of
+    accelerations is added to w.q0.
 
     # in        w.r: dv; w.a = 0; rest: residual at rest (v = a = 0), n rows
     # out       w.r: e; w.v: SMALL h/2 g, g = (1 - s)^2 (1 + 3 s) dv
@@ -297,11 +299,11 @@ def damping_layer(lane, model, drive, par, w: Work, rest, h, fresh):
 
 @kernel
 def _damp_layer(lane, model, drive, par, w: Work, rest, h, matrix, fresh, share):
-    """Compute w.r <- y = (1 - s) x, (M + h/2 C) y + Phi_q^T mu = h/2 C x; w.v holds SMALL h/2 x (m/s, rad/s).
+    """Compute w.r <- y = (1 - s) x from (M + h/2 C) y + Phi_q^T mu = h/2 C x; w.v contains SMALL h/2 x (m/s, rad/s).
 
-    s = (M + h/2 C)^-1 M; M, C: mass and damping matrix; mu: multipliers of the constraints Phi = 0; h: a step, s.
-    matrix: True assembles and factors M + h/2 C in w.S first, False uses its factors. rest: residual at rest (v = a =
-    0). Unless fresh, the accelerations in w.q0 change by -share 2/h (1 - s) x, a part of M^-1 C (dv - e).
+    s = (M + h/2 C)^-1 M. M, C: mass and damping matrix. mu: multipliers of the constraints Phi = 0. h: a step, s.
+    matrix: if True, first assemble and factor M + h/2 C in w.S; if False, use the factors in w.S. rest: residual at
+    rest (v = a = 0). Unless fresh, the accelerations in w.q0 change by -share 2/h (1 - s) x, a part of M^-1 C (dv - e).
     """
     move_multipliers(lane, model.algebraic, w.v, w.v, True)
     assemble(lane, model, par, state_of(w), w.u, Weights(1.0, 0.5 * h, 0.0, with_matrix=matrix), w.r, w.S)
@@ -316,11 +318,11 @@ def _damp_layer(lane, model, drive, par, w: Work, rest, h, matrix, fresh, share)
 
 @noinline
 def restart_within(lane, model, drive, par, w: Work, t, h, fresh):
-    """Compute consistent v, a, b and multipliers at t+ on the work array w (`Work`), after loads or motions jump.
+    """Compute consistent v, a, b and multipliers at t+ on the work array w, after loads or motions may have jumped.
 
-    Velocities jump with prescribed motions. A fresh start solves M a = Q - h(q, v) and sets b = a; at a kink (not
-    fresh, with a drive) a and multipliers are kept and corrected, and b keeps its distance from a (equations:
-    `restart`).
+    Velocities jump with prescribed motions. A fresh start solves M a = Q - h(q, v) and sets b = a. At a kink (not
+    fresh, with a drive) a and the multipliers are kept and corrected, and b keeps its difference from a. For the
+    equations see `restart`.
 
     # model     model; drive: `Drive`, or None (no loads or motions in time, velocities do not jump); par; h: a step, s
     # state     w.v, w.a, w.b and multipliers in w.q are changed; w.u, w.psi <- values at t+; w.u0, w.reaction, w.books

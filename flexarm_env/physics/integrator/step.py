@@ -4,8 +4,8 @@
     q+ = q + h v + h^2 ((1/2 - beta) b + beta b+),   v+ = v + h ((1 - gamma) b + gamma b+)
 
 With alpha_m = alpha_f = 0 (or rho = 1 and b = a at the start) this is the paper's Newmark method. The end of a step
-depends only on the state and inputs at its start. In lanes, the state of an arm that has converged does not change
-while other arms iterate. A batch and a single arm therefore give the same bits.
+depends only on the state and inputs at its start. In lanes, the state of an arm whose iteration has converged does not
+change while other arms iterate. A batch and a single arm therefore give the same bits.
 """
 
 from __future__ import annotations
@@ -34,10 +34,11 @@ from .work import Work, copy_rows, reset_shift, set_prescribed, solve_unknown_ro
 
 @inlined
 def newmark_predict(lane, model, w: Work, h, scheme):
-    """Predict q, v, a and b at the end of a step of h (s), eqs. [66]-[68]: the start of the Newton iteration.
+    """Predict q, v, a and b at the end of a step of h (s), eqs. [66]-[68], where the Newton iteration starts.
 
-    The acceleration is predicted as a+ = s a with s = `NewtonPolicy.acceleration_share`; s = 1 predicts a constant
-    acceleration, s = 0 zero. b: auxiliary acceleration, (1 - alpha_m) b+ + alpha_m b = (1 - alpha_f) a+ + alpha_f a.
+    The acceleration is predicted as a+ = s a with s = `NewtonPolicy.acceleration_share`. s = 1 predicts a constant
+    acceleration, s = 0 zero acceleration. b is the auxiliary acceleration: (1 - alpha_m) b+ + alpha_m b = (1 - alpha_f)
+    a+ + alpha_f a.
 
     # model     model; scheme: `Scheme`, the coefficients of the method
     # state     w.q, w.v, w.a, w.b: state at the start of the step, replaced by the prediction at the step's end
@@ -68,8 +69,8 @@ def newmark_predict(lane, model, w: Work, h, scheme):
 def _restart_from_step_start(lane, model, w: Work, slopes):
     """Start the Newton iteration at the step's initial q instead of the prediction; v, a, b follow q by `slopes`.
 
-    After a jump of a load, the step may not resolve the accelerations. The iteration may then not converge from the
-    prediction, because its error is too large. slopes: `NewmarkSlopes`, derivatives of v+, a+, b+ by q+, eq. (6.1).
+    After a jump of a load, the step may not resolve the accelerations. The prediction's error may then be too large for
+    the iteration to converge. slopes: `NewmarkSlopes`, derivatives of v+, a+, b+ by q+, eq. (6.1).
 
     # state     w.q, w.v, w.a, w.b: in, prediction; out, the values that belong to q+ = w.q0
     # scratch   w.r
@@ -82,9 +83,9 @@ def _restart_from_step_start(lane, model, w: Work, slopes):
 
 @kernel
 def _predict_configuration(lane, model, par, w: Work, slopes):
-    """Improve the predicted q by the formulation's own prediction, if its `NewtonPolicy.predicts` is a tag, not None.
+    """Improve the predicted q by the formulation's own prediction, if `NewtonPolicy.predicts` is a tag.
 
-    slopes: `NewmarkSlopes`, derivatives by which v, a and b follow a change of q.
+    slopes: `NewmarkSlopes`, derivatives of v, a and b by q.
 
     # state     w.q, w.v, w.a, w.b: in and out, prediction at the end of the step; w.q0: its start
     # scratch   w.r
@@ -97,8 +98,8 @@ def _predict_configuration(lane, model, par, w: Work, slopes):
 def _prescribe(lane, drive, w, t, h):
     """Set inputs w.u, motions w.psi and prescribed rows of q, v, a, b to their values at the end t (s) of a step.
 
-    Where a time function jumps at t, the value before the jump is taken: 1e-6 of the step's length h (s) earlier.
-    drive: `Drive`; None (no loads or motions in time): nothing changes.
+    If a time function jumps at t, the value before the jump is used: 1e-6 of the step's length h (s) earlier. drive:
+    `Drive`. If it is None (no loads or motions in time), nothing changes.
     """
     if drive is not None:
         before = t - 1e-6 * h
@@ -113,10 +114,10 @@ def _project_onto_constraints(lane, model, drive, par, algebraic, w: Work):
 
         M dv + Phi_q^T Lambda = 0, Phi_q dv = -dPhi/dt;    M da + Phi_q^T dlambda = 0, Phi_q da = -d2Phi/dt2;    db = da
 
-    Phi = 0: the constraints; lambda: their multipliers (forces), Lambda impulses. The step satisfies the constraints at
-    the level of positions. Velocities violate their derivative by O(h^2), accelerations by O(h). At rho_inf = 1 both
-    errors would alternate and grow. The equation of da leaves out the other forces' change by dv: stiff damping, which
-    the step does not resolve, would act explicitly and be unstable.
+    Phi = 0: constraints. lambda: their multipliers (forces). Lambda: impulses. The step satisfies the constraints at
+    the level of positions. Velocities violate the constraints' time derivative by O(h^2), accelerations by O(h). At
+    rho_inf = 1 both errors would alternate and grow. The equation of da neglects the change of other forces by dv.
+    Otherwise stiff damping, which the step does not resolve, would act explicitly and be unstable.
 
     # state     w.v, w.a, w.b and the multipliers in w.q: in and out, at the end of the step
     # scratch   w.r, w.S.   algebraic: rows of multipliers, or None (nothing to do)
@@ -144,10 +145,10 @@ def _project_onto_constraints(lane, model, drive, par, algebraic, w: Work):
 
 @kernel
 def _constraint_rate_residual(lane, model, drive, w: Work, level):
-    """Solve for the part of the velocity (level 1) or acceleration (2) that violates the constraints; store it in w.r.
+    """Solve for the part of velocity (level 1) or acceleration (2) that violates the constraints; store it in w.r.
 
-    Rows of multipliers of w.r hold the impulses Lambda or forces -dlambda. w.S: in, the matrix of M and Phi_q, factored
-    here for level 1; its factors for level 2.
+    Rows of multipliers of w.r contain the impulses Lambda or forces -dlambda. w.S: on entry the matrix of M and Phi_q
+    for level 1, which is factored here; its factors for level 2.
     """
     for k in range(size(model.n)):
         w.r[k] = 0.0
@@ -159,9 +160,9 @@ def _constraint_rate_residual(lane, model, drive, w: Work, level):
 def _compute_reactions(lane, model, drive, par, w):
     """Store in w.reaction the generalized forces (N, N m) that enforce the prescribed motions at the end of the step.
 
-    The forces are the rows of the residual r of eq. [64] at the prescribed coordinates, or their multipliers. Do
-    nothing without motions in the `Drive` drive, or if drive is None. Scratch: w.r, w.S. algebraic: rows of
-    multipliers, or None.
+    The forces are the rows of the residual r of eq. [64] at the prescribed coordinates, or the multipliers that
+    prescribe them. Without motions, or if drive is None, do nothing. drive: `Drive`. algebraic: rows of multipliers, or
+    None. Scratch: w.r, w.S.
     """
     if drive is not None and drive.known.shape[0] > 0:
         assemble(lane, model, par, state_of(w), w.u, STEP_END_ALONE, w.r, w.S)
@@ -180,12 +181,12 @@ def _restore_step_start(lane, model, w):
 
 @noinline
 def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, books):
-    """Integrate n_steps steps of h (s) from time t (s), between two kinks; return the time reached, s.
+    """Integrate n_steps steps of h (s) from time t (s) on, between two kinks; return the reached time, s.
 
-    If Newton's iteration fails for a single arm, the step is repeated without prediction, then in halves; the
-    integration stops at the last good state, with w.flag set. A step that is rejected for its energy (`balance`) is
-    halved at once. In lanes a failed arm is flagged while the other arms continue, and the intended end time is
-    returned. The caller repeats the failed arm alone from time t.
+    If Newton's iteration fails for a single arm, the step is repeated without prediction, then halved. If this fails
+    too, the integration stops at the last good state with w.flag set. A step that is rejected for its energy
+    (`balance`) is halved at once. In lanes a failed arm is flagged while the other arms continue, and the intended end
+    time is returned. The caller repeats the failed arm alone from time t.
 
     # model     model; drive: `Drive`, or None without loads and motions in time; par: the arm's parameters; scheme
     # state     flat: the work array, `Work`; n_motions: number of prescribed coordinates
@@ -198,11 +199,11 @@ def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, boo
 
 @inlined
 def advance_within(lane, model, drive, par, w: Work, t, h, n_steps, scheme, books):
-    """Integrate n_steps steps of h (s) from time t on the unpacked work array w (`Work`); return the time reached, s.
+    """Integrate n_steps steps of h (s) from time t on, with the unpacked work array w; return the reached time, s.
 
-    If a step of a single arm fails, the step is repeated without prediction, then in halves; the integration stops at
-    the last good state, with w.flag set. In lanes a failed arm is flagged while the other arms continue, and t +
-    n_steps h is returned.
+    If a step of a single arm fails, the step is repeated without prediction, then halved. If this fails too, the
+    integration stops at the last good state with w.flag set. In lanes a failed arm is flagged while the other arms
+    continue, and t + n_steps h is returned.
 
     # model     model; drive: `Drive`, or None without loads and motions in time; par: the arm's parameters; `Scheme`
     # state     w.q, w.v, w.a, w.b and the other fields of w, first at t, then at the time reached

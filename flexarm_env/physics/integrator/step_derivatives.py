@@ -1,9 +1,9 @@
-"""Derivatives of a time step, forward and backward, by the equation that the step solves: the rules of `transitions`.
+"""Forward and backward derivatives of a time step, from the equation that the step solves (rules: `transitions`).
 
-The unknown is q+, of which v+, a+ and b+ are linear functions, eq. (6.1). With rotations the unknown is the increment
-D of the prediction p, q+ = p (+) D. The two unknowns have different round-off: if q+ is the unknown, forces of stiff
-strains appear only in S; increments of rotations do not add up, so that with rotations q+ cannot be the unknown.
-Arguments as in `transitions`.
+The unknown is q+; v+, a+ and b+ are linear functions of q+, eq. (6.1). In models with rotations the unknown is the
+increment D from the prediction p, with q+ = p (+) D. The two unknowns have different round-off. If q+ is the unknown,
+forces of stiff strains appear only in S. With rotations q+ cannot be the unknown, because increments of rotations do
+not add up. Arguments are as in `transitions`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from .transitions import copy_state, copy_values, solve_cotangents, solve_tangen
 from .work import accumulated_increment, copy_rows, remove_known_rows, reset_shift, state_of
 
 LEFT, LEAST = 1e-8, 1e-14
-"""Allowed error of derivatives, divided by their first solution: LEFT times the Newton tolerance, at least LEAST."""
+"""Allowed error of derivatives relative to their first solution: LEFT times the Newton tolerance, but at least
+LEAST."""
 
 
 @kernel
@@ -38,7 +39,7 @@ def _step_weights(slopes):
 
 @kernel
 def _largest_row(lane, model, r, many, first):
-    """Return the largest |r_k| weight_k of r: n rows of `many` elements; elements before `first` do not count."""
+    """Return the largest |r_k| weight_k of r (n rows of `many` elements each); elements before `first` do not count."""
     found = splat(lane, 0.0)
     for k in range(size(model.n)):
         for j in range(first, many):
@@ -48,9 +49,9 @@ def _largest_row(lane, model, r, many, first):
 
 @kernel
 def _have_converged(lane, scheme, first, before, left):
-    """Return whether the remaining error, left^2 / before, is below the allowed share of `first` in all lanes.
+    """Return whether the remaining error, left^2 / before, is in all lanes below the allowed fraction of `first`.
 
-    first, before, left: largest weighted rows of the first, the last but one and the last correction.
+    first, before, left: largest weighted rows of the first, the second to last, and the last correction.
     """
     share = max(LEAST, LEFT * scheme.tolerance)
     return max_over_lanes(select_lt(first * before * share, left * left, 1.0, splat(lane, 0.0))) < 0.5
@@ -58,7 +59,7 @@ def _have_converged(lane, scheme, first, before, left):
 
 @kernel
 def factor_step_end(lane, model, par, w, slopes):
-    """Compute and factor the Newton matrix at the end of a step in w.S; store which joints stick; w.r is scratch."""
+    """Compute and factor the Newton matrix at the end of a step in w.S; store which joints stick. Scratch: w.r."""
     # the matrix of Newton's last iteration belongs to an earlier iterate
     weights = _step_weights(slopes)
     assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
@@ -74,7 +75,7 @@ def step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
     # in        w: the arm at the step's end, w.S from `factor_step_end`; w.q0, w.v0, w.a0, w.b0: its start
     # out       x.q, x.v, x.a, x.b; x.r, x.S: scratch
 
-    passes: number of solutions with S; 1 if S is the residual's exact derivative, more if S is approximate.
+    passes: number of solutions with S. 1 if S is the residual's exact derivative; more if S is approximate.
     """
     if model.newton.rotations is None:
         _step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes)
@@ -91,10 +92,10 @@ def step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
 
 @kernel
 def _shift_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
-    """Compute the tangents of q, v and a at the step's end, with q = (predicted q) (+) d, d: the total increment.
+    """Compute the tangents of q, v and a at the step's end, where q = (predicted q) (+) d with the total increment d.
 
-    v and a follow d by `slopes`. x: in, tangents of the prediction; w.shift: d at the step's end. passes: see
-    `step_tangents`. Theory, section 9, "Derivatives".
+    v and a change with d by `slopes`. x contains the tangents of the prediction on entry. w.shift: d at the step's end.
+    passes: as in `step_tangents`. See theory, section 9, "Derivatives".
     """
     n, moved, total = size(model.n), accumulated_increment(lane, w)[0], accumulated_increment(wide, x)[0]
     reset_shift(wide, model, x)
@@ -120,7 +121,7 @@ def _shift_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
 
 @kernel
 def _follow_shift(wide, model, x, slopes):
-    """Set x.q, x.v and x.a to the prediction moved by its total increment d: q (+) d, v + dv/dq d, a + da/dq d."""
+    """Set x.q, x.v, x.a to the prediction changed by its total increment d: q (+) d, v + dv/dq d, a + da/dq d."""
     total, start = accumulated_increment(wide, x)
     copy_rows(wide, size(model.n), start, x.q)
     retract(wide, model, x.q, 1.0, total, None)
@@ -132,7 +133,7 @@ def _follow_shift(wide, model, x, slopes):
 
 @kernel
 def _step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
-    """Compute the tangents of a step as `step_tangents`, for coordinates without rotations, by eq. (6.1)."""
+    """Compute the tangents of a step like `step_tangents`, for coordinates without rotations, by eq. (6.1)."""
     n, h, am, af = size(model.n), slopes.h, scheme.alpha_m, scheme.alpha_f
     for k in range(n):
         q, v, a, b = load(wide, x.q, k), load(wide, x.v, k), load(wide, x.a, k), load(wide, x.b, k)
@@ -158,10 +159,10 @@ def _step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
 
 @kernel
 def vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, passes):
-    """Transform the cotangents of q, v, a, b in bar from a step's end to its start; add cotangents of u and parameters.
+    """Transform the cotangents of q, v, a, b in bar from a step's end to its start; add those of u and parameters.
 
-    w: work array at the step's end, with w.r and w.S from `factor_step_end`; slopes: `NewmarkSlopes` of the step.
-    passes: number of solutions with S; 1 if S is the residual's exact derivative, more if S is approximate.
+    w: work array at the step's end, with w.r and w.S from `factor_step_end`. slopes: `NewmarkSlopes` of the step.
+    passes: number of solutions with S: 1 if S is the residual's exact derivative, more if S is approximate.
     """
     weights, half = _step_weights(slopes), slopes.v / slopes.a
     if model.newton.rotations is None:
@@ -173,7 +174,7 @@ def vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, passes):
 
 @kernel
 def _vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, passes):
-    """Transform cotangents as `vjp_step`, for coordinates without rotations, by eq. (6.1) and lambda = -S^-T q_bar."""
+    """Transform cotangents like `vjp_step` for coordinates without rotations, by eq. (6.1) and lambda = -S^-T q_bar."""
     n, h, am, af = size(model.n), slopes.h, scheme.alpha_m, scheme.alpha_f
     for _ in range(passes):
         # total cotangent of q+, of which v+, a+ and b+ are functions
@@ -197,7 +198,7 @@ def _vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, 
 
 @kernel
 def _follow(lane, model, bar, slopes, d_bar):
-    """Compute d_bar = v_bar dv/dq + a_bar da/dq + b_bar db/dq: cotangent of a displacement that changes v, a, b."""
+    """Compute d_bar = v_bar dv/dq + a_bar da/dq + b_bar db/dq, the cotangent of a change of q that changes v, a, b."""
     for k in range(size(model.n)):
         v, a, b = load(lane, bar.v, k), load(lane, bar.a, k), load(lane, bar.b, k)
         store(d_bar, k, v * slopes.v + a * slopes.a + b * slopes.b)
@@ -213,10 +214,11 @@ def _turn_back(lane, model, d, free, x):
 
 @kernel
 def _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, ahead, passes):
-    """Transform the cotangents of q, v, a in bar from the step's end back to its prediction; D: increment in w.shift.
+    """Transform the cotangents of q, v, a in bar from the step's end to its prediction; w.shift: increment D.
 
-    The total cotangent of q at the end must vanish, so that forces of stiff strains, which cancel, are not summed up.
-    The cotangent of the prediction is -T(D)^-1 (s_v v_bar + s_a a_bar + s_b b_bar). Theory, section 9, "Derivatives".
+    The total cotangent of q at the end must vanish, so that forces of stiff strains cancel instead of being summed up.
+    The cotangent of the prediction is -T(D)^-1 (s_v v_bar + s_a a_bar + s_b b_bar). See theory, section 9,
+    "Derivatives".
     """
     n, moved = size(model.n), accumulated_increment(lane, w)[0]
     first, before = splat(lane, 0.0), splat(lane, 0.0)
@@ -254,9 +256,9 @@ def _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, ahead
 
 @kernel
 def _vjp_foresee(lane, model, w, bar, h, scheme):
-    """Transform the cotangents in bar through a step's prediction with a+ = 0 (`newmark_predict`), with rotations.
+    """Transform the cotangents in bar back through a step's prediction with a+ = 0 (`newmark_predict`), with rotations.
 
-    The second half of w.shift is the prediction's increment of q. h: length of the step, s.
+    The second half of w.shift contains the prediction's increment of q. h: length of the step, s.
     """
     am, af, beta, gamma, n = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, size(model.n)
     way = accumulated_increment(lane, w)[1]

@@ -1,4 +1,4 @@
-"""Jump of the accelerations when only inputs jump, such as a controller's torques, which are constant over a period."""
+"""Jump of the accelerations when only inputs jump, for example a controller's torques at the start of a period."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from .work import Work, remove_known_rows, state_of, take_multipliers, unpack
 
 @kernel
 def light_joint_weights(h):
-    """Return the `Weights` of the matrix M + h/2 C + h^2/4 K for jumps of accelerations of light joints; h: step, s."""
+    """Return the `Weights` of the matrix M + h/2 C + h^2/4 K, for acceleration jumps of light joints; h: step, s."""
     return Weights(1.0, 0.5 * h, 0.25 * h * h)
 
 
 @kernel
 def jump_accelerations(lane, model, par, flat, n_motions, h, first, kept=None):
-    """Add the jump da to a and b when inputs jump from w.u0 to w.u: M da + Phi_q^T dlambda = B (u - u0); q, v stay.
+    """Add to a and b the jump da that inputs cause when they change from w.u0 to w.u; q and v do not change.
 
-    Unlike `restart`, `jump_accelerations` keeps the filtered accelerations of the integrator. If stretch, shear and
-    rotary modes are too fast for the step, accelerations solved afresh from round-off in the strains are large, and
-    Newton's iteration would start far from the solution.
+    da solves M da + Phi_q^T dlambda = B (u - u0). Unlike `restart`, this function keeps the filtered accelerations of
+    the integrator. Stretch, shear and rotary modes may be too fast for the step. Accelerations that are solved afresh
+    from round-off in such strains would be large, and Newton's iteration would start far from the solution.
 
     # model     model, par; h: a step, s; B: the inputs' generalized forces; lambda: multipliers of constraints Phi = 0
     # state     flat: work array (n_motions prescribed coordinates); w.a, w.b and multipliers in w.q: in and out
     # scratch   w.r, w.S, w.q0
 
-    first: None, or, for models with `NewtonPolicy.light_joints`, lanes > 1/2 that start from a = 0. The matrix is then
-    M + h/2 C + h^2/4 K, and in the lanes `first` da follows from all forces. kept: a tag to store the accelerations
+    first: None, or (for models with `NewtonPolicy.light_joints`) lanes > 1/2 that start from a = 0. The matrix is then
+    M + h/2 C + h^2/4 K, and in the lanes `first` all forces contribute to da. kept: a tag to store the accelerations
     before the jump in w.a0, or None. See theory, section 6, "Kinks".
     """
     w: Work = unpack(lane, model, flat, n_motions)

@@ -1,7 +1,8 @@
-"""Derivatives of steps and jumps, forward and backward: differentiate the equation, not the iteration that solves it.
+"""Forward and backward derivatives of steps and jumps: they differentiate the equation, not the iteration that solves
+it.
 
-A transition leads from a start (q, v, a, b), inputs u and parameters to an end. A transition solves an equation for an
-unknown z, and the end follows from start and z.
+A transition leads from a start (q, v, a, b), inputs u and parameters to an end. It solves an equation for an unknown z.
+The end is a function of start and z.
 
     transition           z    equation, solved with the matrix S
     jump                 da   r(q, v, a + da, u) - r(q, v, a, u0) = 0,  S = M. In lanes that start afresh a = 0, and
@@ -16,13 +17,13 @@ Both rules use the factors of S at the solution, in lanes without tangents:
     backward   lambda = -S^-T z_bar;  cotangents of start, u and parameters += (dr)^T lambda (`protocol.vjp_residual`)
 
 If S is approximate, the remaining error is solved for again. Coulomb friction corrects the solution by torques that are
-linear in the solution, for the branch of the values (`joints.friction_derivatives`). The period correction is not part
-of a step's equation. Derivatives of control periods with this correction therefore differentiate every operation of the
-solver (`runtime.derivative`).
+linear in the solution, on the branch that the values select (`joints.friction_derivatives`). The period correction is
+not part of a step's equation. Derivatives of control periods with this correction therefore differentiate every
+operation of the solver (`runtime.derivative`).
 
-Arguments that recur: `w`, the arm's own work array; `wide`, a dual lane tag, and `x`, its work array with tangents,
-whose values are copied from w; `parx`, parameters in dual lanes; `bar`, a work array whose q, v, a, b and u hold
-cotangents and whose other rows are scratch; `par_bar`, cotangents of the parameters par.
+Recurring arguments. `w`: the arm's own work array. `wide`: a dual lane tag. `x`: work array with tangents for `wide`,
+whose values are copied from w. `parx`: parameters in dual lanes. `bar`: a work array whose q, v, a, b and u contain
+cotangents and whose other rows are scratch. `par_bar`: cotangents of the parameters par.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ from .work import remove_known_rows, state_of
 # --- both rules --------------------------------------------------------------------------------------
 @kernel
 def copy_values(lane, wide, rows, values, both):
-    """Copy the values of `rows` rows from `values` to the dual lanes `both`, whose tangents do not change."""
+    """Copy the values of `rows` rows from `values` to the dual lanes `both`. The tangents in `both` do not change."""
     many = len(wide) // len(lane)
     for k in range(rows):
         store(both, k * many, load(lane, values, k))
@@ -64,7 +65,7 @@ def copy_values(lane, wide, rows, values, both):
 
 @kernel
 def copy_state(lane, wide, model, w, x):
-    """Copy the values of q, v and a from w to the dual work array x, whose tangents do not change."""
+    """Copy the values of q, v and a from w to the dual work array x. The tangents in x do not change."""
     n = size(model.n)
     copy_values(lane, wide, n, w.q, x.q)
     copy_values(lane, wide, n, w.v, x.v)
@@ -73,10 +74,10 @@ def copy_state(lane, wide, model, w, x):
 
 @kernel
 def solve_tangents(lane, wide, model, parx, w, x, weights, ahead, free):
-    """Solve for the unknown's tangents, with factors w.S: tangents of x.r <- -S^-1 (tangents of x.r); known rows are 0.
+    """Solve for the tangents of the unknown with the factors w.S: tangents of x.r <- -S^-1 (tangents of x.r).
 
-    weights, ahead: define the rate on which friction acts (`friction.apply_friction`), here for the tangents of x.v and
-    x.a. free: scratch, n dual rows.
+    Known rows become 0. weights, ahead: the rate on which friction acts (`friction.apply_friction`), here applied to
+    the tangents of x.v and x.a. free: scratch memory, n dual rows.
     """
     n, many = size(model.n), len(wide) // len(lane)
     step = n * len(lane)
@@ -99,7 +100,7 @@ def solve_tangents(lane, wide, model, parx, w, x, weights, ahead, free):
 
 @kernel
 def solve_cotangents(lane, model, w, bar):
-    """Solve for the equation's cotangents, with factors w.S: bar.r <- -S^-T bar.r; fixed and prescribed rows are 0."""
+    """Solve for the cotangents of the equation with the factors w.S: bar.r <- -S^-T bar.r; known rows become 0."""
     for k in range(size(model.n)):
         store(bar.r, k, -load(lane, bar.r, k))
     remove_known_rows(lane, model, None, bar.r, w.S, False)
@@ -132,7 +133,7 @@ def before_jump(lane, wide, model, parx, w, x, first):
 
 @kernel
 def jump_tangents(lane, wide, model, parx, w, x, h, first):
-    """Compute in x the tangents of a and b after a jump of accelerations, from the tangents before the jump.
+    """Compute the tangents of a and b in x after a jump of accelerations, given the tangents before the jump.
 
     # in        w: the arm after the jump, w.S its factors and, by `store_directions`, the branches of friction
     #           h: a step, s;  first: lanes > 1/2 start afresh
@@ -157,9 +158,9 @@ def jump_tangents(lane, wide, model, parx, w, x, h, first):
 
 @kernel
 def _light_equation(lane, wide, model, parx, w, x, h, first):
-    """Compute x.r <- r(u) - r(u0) + S da of a jump with light joints, where S changes along the direction too.
+    """Compute x.r <- r(u) - r(u0) + S da for a jump with light joints; S changes along the direction, too.
 
-    x: values before the jump, x.q0 = r(u0); w: the arm after it. Theory, section 9, "Derivatives".
+    x: contains values before the jump, x.q0 = r(u0). w: the arm after the jump. See theory, section 9, "Derivatives".
     """
     n = size(model.n)
     for k in range(n):
@@ -184,8 +185,8 @@ def vjp_jump(lane, model, par, par_bar, w, bar, h, first):
     # in        w: the arm after the jump, w.S its factors;  w.a0, w.u0: accelerations and inputs before it;
     #           h: a step, s;  first: lanes > 1/2 start afresh
     # in, out   bar.q, bar.v, bar.a, bar.b, bar.u, bar.u0;  par_bar
-    Cotangents of rotations in q belong to increments in body axes. The residual's stiffness part is the same to the
-    last bit on both sides of the jump and cancels.
+    Cotangents of rotations in q refer to increments in body axes. The residual's stiffness part is the same to the last
+    bit on both sides of the jump, and cancels.
     """
     n, zero = size(model.n), splat(lane, 0.0)
     for k in range(n):
@@ -205,9 +206,9 @@ def vjp_jump(lane, model, par, par_bar, w, bar, h, first):
 
 @kernel
 def _vjp_difference(lane, model, par, par_bar, w, bar, h, first):
-    """Add the cotangents that bar.r causes through r(q, v, a + da, u) - r(q, v, a, u0), with light joints through S da.
+    """Add the cotangents from bar.r through r(q, v, a + da, u) - r(q, v, a, u0), with light joints also through S da.
 
-    Arguments as in `vjp_jump`. In lanes `first` the difference lacks r(u0), and without light joints a = 0.
+    Arguments as in `vjp_jump`. In lanes `first` the difference does not contain r(u0), and a = 0 without light joints.
     """
     n, zero, light = size(model.n), splat(lane, 0.0), model.newton.light_joints is not None
     after, before, start = State(bar.q0, bar.v0, bar.a0), State(w.q0, w.v0, w.b0), State(w.q, w.v, w.a0)
@@ -245,7 +246,7 @@ def _vjp_difference(lane, model, par, par_bar, w, bar, h, first):
 
 @kernel
 def _add_state(lane, n, more, to):
-    """Add the rows of q, v, a of `more` to those of `to`; n: rows."""
+    """Add the n rows of q, v, a of `more` to those of `to`."""
     for k in range(n):
         store(to.q, k, load(lane, to.q, k) + load(lane, more.q, k))
         store(to.v, k, load(lane, to.v, k) + load(lane, more.v, k))

@@ -18,7 +18,7 @@ _INPUTS = ("inputs", "lanes")
 _MOTIONS = ("motions", MOTION.length, "lanes")
 WORK = Layout(
     "Work", "lanes, n, shift, factor, inputs, motions",
-    Field("q", _ROWS, "m, rad", "coordinates; in rows of multipliers the constraint forces lambda (N, N m)"),
+    Field("q", _ROWS, "m, rad", "coordinates; rows of multipliers contain constraint forces lambda (N, N m)"),
     Field("v", _ROWS, "1/s", "velocities (m/s, rad/s)"),
     Field("a", _ROWS, "1/s^2", "accelerations (m/s^2, rad/s^2)"),
     Field("b", _ROWS, "1/s^2", "auxiliary accelerations of the generalized-alpha method, eq. (6.1)"),
@@ -26,16 +26,17 @@ WORK = Layout(
     Field("v0", _ROWS, "1/s", "v at the start of the step; free between steps"),
     Field("a0", _ROWS, "1/s^2", "a at the start of the step; free between steps"),
     Field("b0", _ROWS, "1/s^2", "b at the start of the step; free between steps"),
-    Field("r", _ROWS, "N, N m", "residual; after a solve S^-1 r (m, rad), the negative Newton increment"),
+    Field("r", _ROWS, "N, N m", "residual; after a solution S^-1 r (m, rad), the negative Newton increment"),
     Field("shift", ("shift", "lanes"), "m, rad", "2 n rows or none, see `shift_size`"),
     Field("S", ("factor", "lanes"), "", "Newton matrix or, in place, its factors"),
     Field("u", _INPUTS, "N m, N", "inputs: joint torques (N m), then one `LOAD` per point load"),
     Field("u0", _INPUTS, "N m, N", "u at the start of the step, or before a jump"),
-    Field("y", _INPUTS, "rad, m", "displacements conjugate to the inputs, for their work"),
+    Field("y", _INPUTS, "rad, m", "displacements on which the inputs do work"),
     Field("y0", _INPUTS, "rad, m", "y at the start of the step"),
     Field("psi", _MOTIONS, "", "one `MOTION` per prescribed coordinate: value, rate, second rate"),
     Field("psi0", _MOTIONS, "", "psi at the start of the step, or before a jump"),
-    Field("reaction", ("motions", "lanes"), "N, N m", "forces (in a jump: impulses) that enforce the motions"),
+    Field("reaction", ("motions", "lanes"), "N, N m",
+          "forces (in a jump: impulses) that enforce the prescribed motions"),
     Field("reaction0", ("motions", "lanes"), "N, N m", "reaction at the start of the step"),
     Field("flag", ("lanes",), "", "status code of each lane (`model.STATUS`); 0: ok"),
     Field("books", (BOOKS.length, "lanes"), "J", "energy account, one `BOOKS` per lane"),
@@ -54,7 +55,8 @@ _views = inlined(WORK.views)
 def shift_size(model, n):
     """Return the number of rows of `Work.shift`: 2 n if the model has a period correction or rotations, otherwise 0.
 
-    With a period correction the rows are the shift of the displacement (n rows), then scratch. With rotations they are
+    With a period correction the first n rows are the shift of the displacement, the others scratch. With rotations they
+    are
     the two arrays of `accumulated_increment`.
     """
     return 0 if model.newton.period_correction is None and model.newton.rotations is None else 2 * n
@@ -62,7 +64,7 @@ def shift_size(model, n):
 
 @kernel
 def work_size(lanes, model, n_motions):
-    """Return the length of the flat float64 array that `unpack` views; lanes: number of arms side by side."""
+    """Return the length of the flat float64 array that `unpack` divides into views; lanes: number of arms in lanes."""
     n, shift = size(model.n), shift_size(model, size(model.n))
     return _work_at(0, lanes, n, shift, size(model.n_factor), size(model.n_inputs), n_motions).end
 
@@ -89,9 +91,9 @@ def copy_rows(lane, count, source: Lanes, target: Lanes):
 
 @kernel
 def accumulated_increment(lane, w: Work):
-    """Return (d, start), n rows each, of a model with rotations: the step's coordinates are q = start (+) d.
+    """Return the arrays d and start (n rows each) of a model with rotations: the coordinates are q = start (+) d.
 
-    d: sum of the step's Newton increments, in which rotations are in body axes (rad). start: the predicted coordinates.
+    d: sum of the step's Newton increments, with rotations in body axes (rad). start: predicted coordinates.
     """
     n = w.q.shape[0]
     return w.shift[:n], w.shift[n:]
@@ -99,7 +101,7 @@ def accumulated_increment(lane, w: Work):
 
 @kernel
 def reset_shift(lane, model, w):
-    """Restart the sum of increments d of a model with rotations at the current coordinates: start <- q, d <- 0."""
+    """Set the sum of increments of a model with rotations to d = 0 and its start to the current coordinates q."""
     if model.newton.rotations is not None:
         total, start = accumulated_increment(lane, w)
         copy_rows(lane, size(model.n), w.q, start)
@@ -111,8 +113,9 @@ def reset_shift(lane, model, w):
 def apply_increment(lane, model, w, d: Lanes):
     """Move the coordinates by an increment: q <- q (+) d.
 
-    Rotations cannot be added, but their increments can. With rotations, therefore, the sum of all increments of the
-    step is applied to the predicted q. The end of a step then does not depend on the path of the Newton iteration.
+    Rotations cannot be added, but their increments can. In models with rotations, therefore, the sum of all increments
+    of the step is applied to the predicted q. The end of a step then does not depend on the path of the Newton
+    iteration.
 
     # model     model
     # out       w.q; in models with rotations also w.shift
@@ -132,8 +135,8 @@ def apply_increment(lane, model, w, d: Lanes):
 def remove_known_rows(lane, model, drive, r: Lanes, S, matrix):
     """Remove fixed and prescribed coordinates k from the linear system S x = r by setting r_k to 0.
 
-    matrix: True also replaces row and column k of S by those of the identity matrix; False: S holds factors. drive: the
-    scene's `Drive`, or None if nothing is prescribed.
+    matrix: if True, also replace row and column k of S by those of the identity matrix; if False, S contains factors.
+    drive: the scene's `Drive`, or None if nothing is prescribed.
     """
     for i in range(model.fixed.shape[0]):
         k = model.fixed[i]
@@ -154,7 +157,7 @@ def remove_known_rows(lane, model, drive, r: Lanes, S, matrix):
 def solve_unknown_rows(lane, model, drive, w, matrix):
     """Solve for the unknown rows: w.r <- S^-1 w.r, where rows of fixed and prescribed coordinates are 0.
 
-    matrix: True if w.S holds a new matrix, which is factored first; False if it holds factors.
+    matrix: True if w.S contains a new matrix, which is then factored; False if w.S contains factors.
     """
     remove_known_rows(lane, model, drive, w.r, w.S, matrix)
     if matrix:
@@ -182,8 +185,8 @@ def store_reactions(lane, known, algebraic, r: Lanes, multipliers: Lanes, reacti
 def set_prescribed(lane, known, psi: Lanes, q: Lanes, v: Lanes, a: Lanes, b: Lanes):
     """Set q and v of prescribed coordinates to the motions' values and rates, and a and b to their second rates.
 
-    known: rows of prescribed coordinates; a negative entry, for a motion prescribed by a multiplier, is skipped. psi:
-    one `MOTION` per entry of known: value, rate, second rate (m, rad).
+    known: rows of prescribed coordinates. A negative entry (motion prescribed by a multiplier) is skipped. psi: one
+    `MOTION` per entry of known: value, rate, second rate (m or rad).
     """
     for i in range(known.shape[0]):
         k = known[i]
@@ -198,10 +201,10 @@ def set_prescribed(lane, known, psi: Lanes, q: Lanes, v: Lanes, a: Lanes, b: Lan
 
 @kernel
 def move_multipliers(lane, algebraic, target: Lanes, values: Lanes, clear):
-    """Copy the rows of multipliers from `values` to `target`, or set them to 0 (clear True).
+    """Copy the rows of multipliers from `values` to `target`, or, if clear is True, set them to 0.
 
-    algebraic: rows of multipliers, or None (nothing to do). Multipliers are stored in q. Solutions for accelerations or
-    velocity jumps, however, contain the multipliers in the array of the solution.
+    algebraic: rows of multipliers, or None (nothing to do). Multipliers are stored in q. A solution for accelerations
+    or velocity jumps, however, contains the multipliers in its own array.
     """
     if algebraic is not None:
         for i in range(algebraic.shape[0]):
@@ -214,8 +217,8 @@ def move_multipliers(lane, algebraic, target: Lanes, values: Lanes, clear):
 def take_multipliers(lane, algebraic, w: Work, active, c_m):
     """Update the multipliers in w.q: lambda <- lambda - c_m r, eq. (3.5), and set their rows of w.r to 0.
 
-    algebraic: rows of multipliers, or None (nothing to do). active: lanes in which to update (> 1/2), or None for all.
-    c_m: da+/dq+ of the step, or 1 in solutions for accelerations; the factor undoes the scaling of the multipliers'
+    algebraic: rows of multipliers, or None (nothing to do). active: lanes > 1/2 are updated; None means all lanes. c_m:
+    da+/dq+ of the step, or 1 in solutions for accelerations. The factor c_m reverses the scaling of the multipliers'
     columns in the matrix.
     """
     if algebraic is not None:

@@ -25,14 +25,14 @@ from flexarm_env.time_functions import constant
 def with_joints(
     scene: Scene, settings: Settings, system: System, places: Sequence[tuple[int, int]] | None = None
 ) -> System:
-    """Return the System with the arm's contributions added: gears, floating base, forces at points, contacts.
+    """Return the System with the arm's contributions added: gears, floating base, forces at points, and contacts.
 
-    Without contributions `system` itself is returned.
+    If there are no contributions, the function returns `system` itself.
 
-    places: for an arm on a floating base the pairs of rows that are positions (`places_of`); otherwise None.
+    places: for an arm on a floating base, the pairs of rows that are positions (`places_of`); otherwise None.
 
     Raises:
-        ValueError: frames joined by multipliers, or a motor without inertia that no motion prescribes.
+        ValueError: the frames are joined by multipliers, or a motor has no inertia and no prescribed motion.
     """
     arm = scene.arm
     kinds, geared = points_of(arm), arm.jointed or places is not None
@@ -120,7 +120,7 @@ def with_joints(
 
 
 BASE = "base"
-"""Name of the row that holds a floating base's attitude."""
+"""Name of the row for the attitude of a floating base."""
 
 
 def points_of(arm: Arm) -> list[AtPoint]:
@@ -130,7 +130,7 @@ def points_of(arm: Arm) -> list[AtPoint]:
 
 
 def with_points(scene: Scene) -> Scene:
-    """Return the scene with one point load of zero force added for each point force and each point that may touch.
+    """Return the scene with one additional point load of zero force for each point force and each point that may touch.
 
     The added loads follow the scene's own loads.
     """
@@ -140,12 +140,12 @@ def with_points(scene: Scene) -> Scene:
 
 
 def with_contributions(honours: Honours) -> Honours:
-    """Return a formulation's `HONOURS` with the arm's fields that describe point forces added."""
+    """Return a formulation's `HONOURS`, to which the arm's fields that describe point forces are added."""
     return {**honours, Arm: (*honours[Arm], *(name for kind in KINDS for name in kind.fields))}
 
 
 def check_floating(scene: Scene, settings: Settings) -> None:
-    """Raise ValueError, with the key path, for properties that an arm on a floating base cannot have."""
+    """Raise ValueError, with the key path, for a property that an arm on a floating base cannot have."""
     link = scene.arm.links[0]
     if link.root_offset:
         what = "must be 0 on a base that floats, whose mass is at the hub"
@@ -168,13 +168,13 @@ def with_base_mass(scene: Scene) -> Scene:
 def places_of(system: System, moved: System) -> list[tuple[int, int]]:
     """Return the System's pairs of rows (x, y) that are positions.
 
-    A pair is a position if its value differs in `moved`, the System of the same scene at another place.
+    A pair is a position if its value differs in `moved`, the System of the same scene at a different position.
     """
     return [pair for pair in system.vectors if moved.q0[pair[0]] != system.q0[pair[0]]]
 
 
 def _floating(scene: Scene, system: System, row: int, places: Sequence[tuple[int, int]]) -> Floating:
-    """Return the `Floating` record of the scene's base, whose attitude is row `row`; places: pairs of position rows."""
+    """Return the `Floating` record of the scene's base; row: row of the attitude; places: pairs of position rows."""
     arm = scene.arm
     assert arm.base is not None
     return Floating(
@@ -185,13 +185,14 @@ def _floating(scene: Scene, system: System, row: int, places: Sequence[tuple[int
 
 
 NOTHING = 1e-12
-"""Fraction of the hub inertia in a model whose arms have their own; it is not 0, so that the term is compiled."""
+"""Fraction of the hub inertia in a model whose arms have their own hub inertia. It is not 0, so that the hub's term is
+compiled."""
 
 
 def with_own_laws(system: System, hub: float) -> System:
-    """Return the System whose joint laws are the last entries of `par`, so that each arm may have its own laws.
+    """Return the System whose joint laws are the last entries of `par`, so that each arm may have laws of its own.
 
-    hub: inertia at the hub, kg m^2, if it is drawn for each arm; otherwise 0.
+    hub: inertia at the hub, kg m^2, if it is randomized for each arm; otherwise 0.
     """
     model = system.model._replace(own=(0,) * len(system.par))
     if hub > 0.0 and model.table[PLACE.motor] >= 0:
@@ -202,7 +203,7 @@ def with_own_laws(system: System, hub: float) -> System:
 
 
 def _check_rotors(scene: Scene, elastic: list[int]) -> None:
-    """Raise ValueError for an elastic gear whose motor has neither inertia nor a prescribed motion."""
+    """Raise ValueError for an elastic gear whose motor has no inertia and no prescribed motion."""
     for k in elastic:
         joint = scene.arm.joint(k)
         if joint.rotor == 0.0 and scene.motion_of(f"motor{k}") is None:
@@ -211,7 +212,7 @@ def _check_rotors(scene: Scene, elastic: list[int]) -> None:
 
 
 def _law(scene: Scene, k: int, row: int, motor: int) -> tuple[list[int], NDArray[np.float64]]:
-    """Return the `PLACE` and the `LAW` record of joint k: angle in row `row`, motor angle in row `motor` or -1."""
+    """Return the `PLACE` and the `LAW` of joint k; row: row of its angle; motor: row of its motor's angle, or -1."""
     joint = scene.arm.joint(k)
     on_motor = motor >= 0 and joint.friction_side == "motor"
     known = scene.motion_of(f"{'motor' if on_motor else 'joint'}{k}") is not None
@@ -224,13 +225,13 @@ def _law(scene: Scene, k: int, row: int, motor: int) -> tuple[list[int], NDArray
 
 
 def _without_trust(policy: NewtonPolicy) -> NewtonPolicy:
-    """Return a Model's policy that trusts neither a first increment nor a prediction, for gears with backlash.
+    """Return a Newton policy, for gears with backlash, that trusts neither a first increment nor a prediction.
 
-    An increment may cross from one flank of the gap to the other. The increment's error is then not quadratic.
+    An increment may cross from one flank of the gap to the other flank. Its error is then not quadratic.
     """
     return policy._replace(first_error=None, resolved=None, predicts=None)
 
 
 def _enlarged_size(size: int | tuple[int, ...], more: int) -> int | tuple[int, ...]:
-    """Return a Model's size, an int or a tuple of zeros, enlarged by `more`."""
+    """Return a Model's size (an int or a tuple of zeros) increased by `more`."""
     return size + more if isinstance(size, int) else size + (0,) * more

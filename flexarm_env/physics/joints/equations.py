@@ -2,9 +2,9 @@
 
 Each function calls the function of the arm's formulation, then the function of each contribution in order.
 
-Contributions add terms to residual, energy and damping, and act before and after the factorization and the solution of
-the arm's matrix (`physics.contributions`): gears, rotors and hub (`gears`), a floating base (`floating`), forces on
-points of the arm (`points`).
+Contributions add terms to residual, energy and damping. They also act before and after the factorization and the
+solution with the arm's matrix (`physics.contributions`). Contributions are gears, rotors and hub (`gears`), a floating
+base (`floating`), and forces on points of the arm (`points`).
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from . import floating, gears  # noqa: F401  (they register their kernels)
 from .friction import store_columns
 
 _LAST_FIRST = (7, 6, 5, 4, 3, 2, 1, 0)
-"""Indices of up to eight contributions, from last to first, in which order they are eliminated before a solution."""
+"""Indices of up to eight contributions, from last to first; in this order they are eliminated before a solution."""
 
 
 @kernel
 def _add_point_forces(lane, model, par, state, u: Lanes, S, inputs: Lanes, instant):
-    """Write the arm's inputs: u (N m, N), and the forces that contributions exert on points of the arm.
+    """Write the arm's inputs: u (N m, N) plus the forces that contributions exert on points of the arm.
 
-    state: q, v, a; S: the contributions' entries. inputs: array of the arm's inputs, as long as `model.points`.
-    instant: as in `contributions.acts`.
+    state: q, v, a. S: the contributions' entries. inputs: array of the arm's inputs, as long as `model.points`.
+    instant: kind of the state, as in `contributions.acts`.
     """
     for k in range(size(model.n_inputs)):
         inputs[k] = u[k]
@@ -40,7 +40,7 @@ def assemble(lane, model, par, state: State, u: Lanes, weights, r: Lanes, S: Lan
     """Assemble the residual r (N, N m) and, with weights.with_matrix, the matrix S of the arm and its contributions.
 
     r = M a + h(q, v) - B u, eq. [64]; S = weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq. par:
-    the arm's own parameters; state: q, v, a; u: inputs.
+    the arm's own parameters. state: q, v, a. u: inputs.
     """
     for part in model.contributions:
         contributions.prepare(lane, part, model, par, state, weights, S)
@@ -57,7 +57,7 @@ def assemble(lane, model, par, state: State, u: Lanes, weights, r: Lanes, S: Lan
 
 @kernel
 def add_stiffness(lane, model, S, k, x):
-    """Add x (N m/rad) to the diagonal of row k of S, before `factor`, or fix row k (x None).
+    """Add x (N m/rad) to the diagonal entry of row k of S before `factor`. If x is None, fix row k.
 
     If x is a number, row k must be a joint's angle, a row of the arm. If x is None, row and column k become those of
     the identity matrix, in the arm's matrix or in a contribution's entries.
@@ -74,7 +74,7 @@ def add_stiffness(lane, model, S, k, x):
 def factor(lane, model, S: Lanes):
     """Condense the contributions' rows of S onto the arm's rows and factor the arm's matrix, in place.
 
-    With Coulomb friction S also receives the columns of S^-1 for the rows that friction acts on.
+    With Coulomb friction S also receives the columns of S^-1 for the rows on which friction acts.
     """
     for part in model.contributions:
         contributions.before_factor(lane, part, model, S)
@@ -87,7 +87,7 @@ def factor(lane, model, S: Lanes):
 
 @kernel
 def solve(lane, model, S, x):
-    """Solve S x = b in place: x (n rows) holds b, then S^-1 b; S: factors of arm and contributions."""
+    """Replace the right side x (n rows) by the solution S^-1 x; S contains the factors of arm and contributions."""
     for k in _LAST_FIRST:
         if k < len(model.contributions):
             # eliminated last, so first: own rows of x are condensed onto the rows before them
@@ -99,7 +99,7 @@ def solve(lane, model, S, x):
 
 @kernel
 def solve_transposed(lane, model, S, x):
-    """Solve S^T x = b in place: x (n rows) holds b, then S^-T b; S: factors of arm and contributions."""
+    """Replace the right side x (n rows) by the solution S^-T x; S contains the factors of arm and contributions."""
     for k in _LAST_FIRST:
         if k < len(model.contributions):
             contributions.before_solve(lane, model.contributions[k], model, S, x, True)
@@ -121,7 +121,7 @@ def retract(lane, model, q: Lanes, share, d, more):
     """Move the coordinates by an increment: q <- q (+) (share d + more).
 
     The arm's formulation moves the arm's rows. In rows of contributions the increment is added. share: factor on d. d,
-    more: increments (n rows; m, rad); more is None for zero.
+    more: increments (n rows; m, rad); more = None means zero.
     """
     protocol.retract(lane, model.arm, q, share, d, more)
     for k in range(size(model.arm.n), size(model.n)):
@@ -130,7 +130,7 @@ def retract(lane, model, q: Lanes, share, d, more):
 
 @kernel
 def local_difference(lane, model, start: Lanes, q: Lanes, d: Lanes):
-    """Compute the increment d with start (+) d = q: the arm's rows by its formulation, other rows by subtraction."""
+    """Compute the increment d from start to q: the arm's rows by its formulation, other rows by subtraction."""
     protocol.local_difference(lane, model.arm, start, q, d)
     for k in range(size(model.arm.n), size(model.n)):
         d[k] = q[k] - start[k]
@@ -140,7 +140,7 @@ def local_difference(lane, model, start: Lanes, q: Lanes, d: Lanes):
 def inertia_forces(lane, model, par, turn, a: Lanes, r: Lanes):
     """Rotate the vectors in a by `turn`, then compute r <- M a (N, N m) of arm and contributions, unless r is None.
 
-    turn: None, or (start, q, share): each vector is rotated by `share` times the rotation of its section from
+    turn: None, or (start, q, share). Each vector is then rotated by `share` times the rotation of its section from
     coordinates start to q.
     """
     protocol.inertia_forces(lane, model.arm, par, turn, a, r)
@@ -151,9 +151,9 @@ def inertia_forces(lane, model, par, turn, a: Lanes, r: Lanes):
 
 @kernel
 def input_displacements(lane, model, par, q, y, since=None):
-    """Write the displacement (rad or m) conjugate to each input to y, with contributions taken into account.
+    """Write to y the displacement (rad or m) on which each input does work, including the effect of contributions.
 
-    since: None, or (start, y0): rotations are then integrated from their values y0 at the coordinates `start`.
+    since: None, or (start, y0). Rotations are then integrated from their values y0 at the coordinates `start`.
     """
     protocol.input_displacements(lane, model.arm, par, q, y, since)
     for part in model.contributions:
@@ -164,7 +164,7 @@ def input_displacements(lane, model, par, q, y, since=None):
 def _with_contributions(lane, model, par, q, v, x, total, S, instant):
     """Return `total` plus x^T C v (W) of the contributions: the power at rates x of their damping forces at rates v.
 
-    S, instant: as in `contributions.acts`.
+    S, instant: matrix array and kind of the state, as in `contributions.acts`.
     """
     for part in model.contributions:
         if contributions.acts(lane, part, model, par, q, S, instant):
@@ -174,12 +174,12 @@ def _with_contributions(lane, model, par, q, v, x, total, S, instant):
 
 @kernel
 def damping_power(lane, model, par, q, v, x, since=None):
-    """Return x^T C v (W): power at virtual rates x of the damping forces of arm and contributions at rates v.
+    """Return x^T C v (W): the power, at virtual rates x, of the damping forces C v of arm and contributions.
 
-    since: None, or (start, v0, h, S) of a step of h (s) from coordinates `start` and rates v0 to q and v, with mean
-    rates x. The function then returns, in W, the dissipated mean power and the excess of the damping forces' mean power
-    over the dissipated power (or None). Contributions dissipate the mean of x^T C v at both ends of the step, because
-    their coordinates add up. S: the step's matrix array, or None: all contributions act.
+    since: None, or (start, v0, h, S) for a step of h (s) from coordinates `start` and rates v0 to q and v, with mean
+    rates x. The function then returns two powers (W): the mean dissipated power, and the excess of the damping forces'
+    mean power over it, or None. Contributions dissipate the mean of x^T C v at both ends of the step, because their
+    coordinates add up. S: matrix array of the step; if it is None, all contributions act.
     """
     if since is None:
         power = protocol.damping_power(lane, model.arm, par, q, v, x)
@@ -216,7 +216,7 @@ def set_joint_configuration(lane, model, live, angles, rates: Lanes | None, q: L
     """Set q to straight links at the joint angles `angles` (rad), in lanes with live > 1/2.
 
     Each contribution then sets its rows, such as motor angles, to match the joint angles. rates: rates of all rows,
-    relative to the rotating links, from which v is computed; None leaves v unchanged. q, v: n rows.
+    relative to the rotating links, from which v is computed; if it is None, v does not change. q, v: n rows.
     """
     protocol.set_joint_configuration(lane, model.arm, live, angles, rates, q, v)
     for part in model.contributions:
@@ -225,11 +225,11 @@ def set_joint_configuration(lane, model, live, angles, rates: Lanes | None, q: L
 
 @kernel
 def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
-    """Add the cotangents that r_bar causes to par_bar, bar and u_bar; r_bar <- 0: reverse derivative of `residual`.
+    """Add the cotangents from r_bar to par_bar, bar and u_bar (reverse derivative of `residual`); then set r_bar to 0.
 
     A cotangent is the derivative of a scalar: r_bar by the residual, par_bar by the arm's parameters par, bar (a
-    `State`) by q, v, a, u_bar by the inputs u. S: scratch. model.derived: a tag if the compiler derives this function,
-    None if contributions register their own derivatives.
+    `State`) by q, v, a, u_bar by the inputs u. S: scratch memory. model.derived is a tag if the compiler derives this
+    function, None if contributions register their own derivatives.
     """
     if model.derived is not None:
         protocol.vjp_source(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar)
@@ -242,9 +242,10 @@ def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
 
 @kernel
 def link_poses(lane, model, par, q, v, out, tasks=None):
-    """Write the arm's poses to out; if tasks is a tag, also write the contributions' poses, at the end of out.
+    """Write the arm's poses to out. If tasks is a tag, also write the contributions' poses, at the end of out.
 
-    out: one `layout.POSES` for each link, in space one `layout.SPACE_POSES`. q, v: coordinates and their rates.
+    out: one `layout.POSES` for each link, in space one `layout.SPACE_POSES`. q: coordinates. v: rates of the
+    coordinates.
     """
     protocol.link_poses(lane, model.arm, par, q, v, out, tasks)
     if tasks is not None:
@@ -254,11 +255,11 @@ def link_poses(lane, model, par, q, v, out, tasks=None):
 
 @kernel
 def conserve_momentum(lane, model, par, before, h, q, v, u, r, S):
-    """Correct v to conserve momentum; return (momentum, force that changes it), from a floating base or from the arm.
+    """Correct v to conserve momentum; return (momentum, force that changes it), by a floating base or by the arm.
 
-    before: None, or the returned pair at the start of the step of h (s). With a pair, v is first changed so that the
-    momentum changes by the impulse of the mean force. Returns None if a support holds the arm. u: inputs; scratch: r,
-    S.
+    before: None, or the pair that the function returned at the start of the step of h (s). Given the pair, v is first
+    changed so that the momentum changes by the impulse of the mean force. The function returns None if a support holds
+    the arm. u: inputs. Scratch: r, S.
     """
     for part in model.contributions:
         found = contributions.conserve_momentum(lane, part, model, par, before, h, q, v, u, r, S)

@@ -1,8 +1,8 @@
 """A floating base that carries the arm: a contribution, with the conservation of momentum (theory, section 6).
 
 The base's center of mass is at the hub. The base's mass therefore acts at the arm's root, and only the hub's torque
-turns the base: J psi'' = -u. The row of psi is coupled with no other row. The torque u does work on the angle between
-base and arm.
+rotates the base: J psi'' = -u. The row of psi is not coupled with other rows. The torque u does work on the angle
+between base and arm.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ from ..model import PAYLOAD_MASS, Floating
 from ..protocol import RESIDUAL_ALONE, State
 
 _X, _Y, _TURN, _MOTIONS = range(4)
-"""Indices of the rigid motions of base and arm: 1 m/s along inertial x, 1 m/s along y, 1 rad/s about the origin."""
+"""Indices of the rigid motions of base and arm: 1 m/s along inertial x, 1 m/s along inertial y, 1 rad/s about the
+origin."""
 
 _REST, _MOVING, _TURNED, _PUSHED, _CASES = range(5)
-"""Residuals projected on the rigid motions: at rest (v = a = 0); with a = v; with a = rates of a turn at 1 rad/s.
+"""Cases of residuals that are projected on the rigid motions.
 
-_PUSHED, with contacts: at rest, with the contact forces of the moving arm.
+_REST: v = a = 0. _MOVING: a = v. _TURNED: a = rates of a rotation at 1 rad/s. _PUSHED: v = a = 0 with the contact
+forces of the moving arm (in models with contacts).
 """
 
 # t^T r of each case for each rigid motion (x, y, psi)
@@ -30,9 +32,9 @@ _SUMS = (0,) * (_CASES * _MOTIONS)
 
 @kernel
 def assemble(lane, part, model, par, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
-    """Write J psi'' + u_0 (N m) into the base's row of r and, with weights.with_matrix, the row's diagonal entry of S.
+    """Write J psi'' + u_0 (N m) into the base's row of r; with weights.with_matrix also its diagonal entry of S.
 
-    J: inertia of the base (kg m^2); psi: its attitude; u_0: the hub's torque on the arm. The diagonal entry is
+    J: inertia of the base (kg m^2). psi: attitude of the base. u_0: torque of the hub on the arm. The diagonal entry is
     weights.mass J.
     """
     r[part.row] = state.a[part.row] * part.inertia + u[0]
@@ -42,9 +44,9 @@ def assemble(lane, part, model, par, state: State, u: Lanes, weights, r: Lanes, 
 
 @kernel
 def after_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
-    """Divide the base's row of x by its diagonal entry of S, because this row is coupled with no other.
+    """Divide the base's row of x by its diagonal entry of S, because this row is not coupled with other rows.
 
-    transposed: True for S^T x = b, with the same result.
+    transposed: True for S^T x = b. The result is the same.
     """
     x[part.row] /= S[size(model.n_factor) - 1]
 
@@ -63,7 +65,7 @@ def input_displacements(lane, part, model, q: Lanes, y: Lanes):
 
 @kernel
 def energy(lane, part, model, par, q, v: Lanes, sums):
-    """Return sums (kinetic, strain, gravitational energy, J) plus the base's kinetic energy of rotation."""
+    """Return the energies `sums` (kinetic, strain, gravitational; J) plus the kinetic energy of the base's rotation."""
     kinetic, strain, gravity = sums
     rate = v[part.row]
     return kinetic + rate * rate * (part.inertia * 0.5), strain, gravity
@@ -81,8 +83,8 @@ def poses(lane, part, model, q: Lanes, v: Lanes, out: Lanes):
 def vjp_residual(lane, part, model, par, state, bar, u_bar: Lanes, r_bar: Lanes):
     """Add to bar.a and u_bar the cotangents that the base's row of r_bar causes; set this row of r_bar to 0.
 
-    r_bar: derivative of a scalar by the residual, in which the base's row is J psi'' + u_0. bar: cotangents of q, v, a;
-    u_bar: cotangents of the inputs.
+    r_bar: derivative of a scalar by the residual, whose base row is J psi'' + u_0. bar: cotangents of q, v, a. u_bar:
+    cotangents of the inputs.
     """
     add_to(lane, bar.a, part.row, r_bar[part.row] * part.inertia)
     u_bar[0] += r_bar[part.row]
@@ -91,7 +93,7 @@ def vjp_residual(lane, part, model, par, state, bar, u_bar: Lanes, r_bar: Lanes)
 
 @kernel
 def multiply(lane, part, model, S: Lanes, x: Lanes, y: Lanes):
-    """Add the product S x in the base's row to y: the row's diagonal entry of S times the row of x."""
+    """Add the base's row of S x to y: its diagonal entry of S times the base's row of x."""
     y[part.row] += S[size(model.n_factor) - 1] * x[part.row]
 
 
@@ -99,11 +101,11 @@ def multiply(lane, part, model, S: Lanes, x: Lanes, y: Lanes):
 def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, r, S):
     """Return (momentum, force), each with x, y and moment about the origin; if `before` is given, first correct v.
 
-    momentum: t^T M v (N s, N m s) with the rates t of rigid motions; force: external force and moment (N, N m),
-    inertial axes. before: the returned pair at the start of the step of h (s), or None. With trapezoidal steps the
-    angular momentum has a ripple of second order in h, which would turn a base at rest. Therefore a rigid motion of
-    base and arm, which causes no strain, is added to v. With this rigid motion, the momentum changes by h times the
-    mean force.
+    momentum: t^T M v (N s, N m s), with the rates t of the rigid motions. force: external force and moment (N, N m),
+    inertial axes. before: the pair that the function returned at the start of the step of h (s), or None. With
+    trapezoidal steps the angular momentum has a ripple of second order in h, which would rotate a base at rest.
+    Therefore a rigid motion of base and arm, which causes no strain, is added to v. With it, the momentum changes by h
+    times the mean force.
 
     # state     q; v: in and out, (n,) lanes.   # scratch   r, S
 
@@ -155,11 +157,11 @@ def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, 
 
 @kernel
 def _project_contact_forces(lane, base, model, par, state: State, u: Lanes, still: Lanes, r: Lanes, S, sums: Lanes):
-    """Project the residual at rest with the contact forces at q, v on the rigid motions: the case `_PUSHED` of sums.
+    """Project the residual at rest with the contact forces at q, v on the rigid motions: case `_PUSHED` of sums.
 
-    Damping and friction of contacts are external forces that depend on v, the inertia forces of the arm's own motion
-    are not external. Therefore only the forces are those of the moving arm. still: scratch, n rows; u: inputs; scratch:
-    r, S.
+    Damping and friction of contacts are external forces that depend on v. The inertia forces of the arm's own motion
+    are not external. Therefore only the contact forces are those of the moving arm. still: scratch, n rows. u: inputs.
+    r, S: scratch.
     """
     inputs = stack(lane, model.points)
     for k in range(size(model.n_inputs)):
@@ -177,9 +179,9 @@ def _project_contact_forces(lane, base, model, par, state: State, u: Lanes, stil
 
 @kernel
 def _first(model):
-    """Return the first of the cases _REST, _MOVING to project.
+    """Return the first case that is projected: _REST or _MOVING.
 
-    Without loads and gravity the projection of the residual at rest is 0, and _REST is left out.
+    Without loads and gravity the projection of the residual at rest is 0; the case _REST is then omitted.
     """
     if model.arm.loads is not None:
         return _REST
@@ -190,9 +192,10 @@ def _first(model):
 
 @kernel
 def _sums(lane, sums: Lanes, case):
-    """Return the projections (x, y, turn) of a residual on the rigid motions: translations, turn about the origin.
+    """Return the projections (x, y, moment) of a residual on the translations and the rotation about the origin.
 
-    case: _REST, _MOVING or _TURNED: the residual with v = a = 0, with a = v, with a = rates of a turn at 1 rad/s.
+    case: _REST, _MOVING or _TURNED, for the residual with v = a = 0, with a = v, with a = rates of a rotation at 1
+    rad/s.
     """
     at = _MOTIONS * case
     return sums[at + _X], sums[at + _Y], sums[at + _TURN]
@@ -200,9 +203,10 @@ def _sums(lane, sums: Lanes, case):
 
 @kernel
 def _turn(lane, base, q: Lanes, rate, v: Lanes):
-    """Add a rigid turn of base and arm about the origin at `rate` (rad/s) to v.
+    """Add a rigid rotation of base and arm about the origin at `rate` (rad/s) to v.
 
-    Rows of angles += rate, of vectors (x, y; m, inertial axes) += rate (-y, x). base: the `Floating` record.
+    Rows of angles change by rate, rows of vectors (x, y; m, inertial axes) by rate (-y, x). base: the `Floating`
+    record.
     """
     for j in range(base.angles.shape[0]):
         v[base.angles[j]] += rate
@@ -214,10 +218,10 @@ def _turn(lane, base, q: Lanes, rate, v: Lanes):
 
 @kernel
 def _take_part(lane, base, q: Lanes, r: Lanes, sums: Lanes):
-    """Project generalized forces r (n,) on the rigid motions: sums <- force (N) along x, y, moment (N m) at the origin.
+    """Project generalized forces r (n,) on the rigid motions: sums <- force (N) along x, y, moment (N m) about origin.
 
-    base: the `Floating` record. Positions take part in translations; angles, and the vectors (x, y) by x r_y - y r_x,
-    in the turn.
+    base: the `Floating` record. Positions take part in the translations. Angles take part in the rotation; vectors (x,
+    y) take part in it by x r_y - y r_x.
     """
     x, y, turn = 0.0, 0.0, 0.0
     for j in range(0, base.places.shape[0], 2):

@@ -1,12 +1,12 @@
 """Coulomb friction as a set-valued law, eq. (6.6), by a correction of the linear system's solution.
 
-The friction torque T of a joint at rest satisfies |T| <= T_C; otherwise T has the magnitude T_C and opposes the rate.
-The residual of the linear system does not contain T. The corrected solution x + W T, with the columns W of S^-1, is
-linear in the torques T of all joints, and so is each joint's rate. For each joint either the torque is known (T =
-+-T_C) or the rate (0). The law is not regularized, so friction does not limit the step.
+The friction torque T of a joint at rest satisfies |T| <= T_C. If the joint moves, T has the magnitude T_C and opposes
+the rate. The residual of the linear system does not contain T. The corrected solution x + W T, with the columns W of
+S^-1, is linear in the torques T of all joints. Each joint's rate is therefore linear in T, too. For each joint either
+the torque is known (T = +-T_C) or the rate (0). The law is not regularized, so that friction does not limit the step.
 
 The law applies to the rate w = v + ahead a, half a step ahead. A joint that friction stops is then at rest two steps
-later. With v alone, trapezoidal steps would leave the joint an acceleration that alternates for ever.
+later. If the law applied to v, trapezoidal steps would leave an alternating acceleration in the joint.
 
 The integrator calls these functions for any Model. In models without Coulomb friction the functions do nothing.
 """
@@ -23,30 +23,30 @@ from ..protocol import RESIDUAL_ALONE, State
 from .layout import GEAR, LAWS, PLACE, PLACES
 
 _SLIDES, _TURNS = 0.99, 1e-12
-"""A joint slides if the other forces exceed the share _SLIDES of T_C and its rate exceeds _TURNS (rad/s, round-off).
-The share is less than 1 because of the solver's error."""
+"""A joint slides if the other forces exceed the fraction _SLIDES of T_C and its rate exceeds _TURNS (rad/s, round-off).
+The fraction is less than 1 because of the solver's error."""
 
 
 class Law(NamedTuple):
     """Constants of one joint's law (`layout.LAW`): numbers common to all arms, or lanes with each arm's numbers."""
 
-    stiffness: Any  # N m/rad, of the gear
-    damping: Any  # N m s/rad, of the gear
-    rotor: Any  # kg m^2, after the ratio
-    viscous: Any  # N m s/rad, friction
-    coulomb: Any  # N m, friction torque T_C
-    play: Any  # rad, half of the backlash
+    stiffness: Any  # N m/rad: stiffness of the gear
+    damping: Any  # N m s/rad: damping of the gear
+    rotor: Any  # kg m^2: rotor inertia times the square of the gear ratio
+    viscous: Any  # N m s/rad: coefficient of viscous friction
+    coulomb: Any  # N m: Coulomb friction torque T_C
+    play: Any  # rad: half of the backlash
 
 
 @kernel
 def count(model):
-    """Return the number of joints in the model's table, which lists the joints that are not ideal."""
+    """Return the number of joints in the model's table. The table lists the joints that are not ideal."""
     return model.table.shape[0] // PLACES
 
 
 @kernel
 def _number(lane, model, par: Lanes, k):
-    """Return number k of the joints' laws: model.data[k], or this arm's own in `par` where `model.own` is not None."""
+    """Return number k of the joint laws: model.data[k], or the arm's own number in `par` if `model.own` is not None."""
     if model.own is None:
         return model.data[k]
     return par[size(model.own) + k]
@@ -54,7 +54,7 @@ def _number(lane, model, par: Lanes, k):
 
 @kernel
 def joint_law(lane, model, par, i):
-    """Return the `Law` of joint i of the table (SI; see `layout.LAW`)."""
+    """Return the `Law` of joint i of the table, in SI units (see `layout.LAW`)."""
     o = LAWS.end * i
     return Law(
         _number(lane, model, par, o + LAWS.stiffness),
@@ -68,7 +68,7 @@ def joint_law(lane, model, par, i):
 
 @kernel
 def hub_of(lane, model, par):
-    """Return the additional inertia at joint 0, kg m^2, of a model with `hub`."""
+    """Return the additional inertia at joint 0, kg m^2, of a model with `hub`; par: the arm's own parameters."""
     return _number(lane, model, par, LAWS.hub)
 
 
@@ -86,7 +86,7 @@ def column_at(model, i):
 
 @kernel
 def _row_at(model, i):
-    """Return the offset in S of joint i's row of the linear system of the torques, `count` + 1 numbers."""
+    """Return the offset in S of joint i's row of the linear system for the torques; a row has `count` + 1 numbers."""
     return column_at(model, count(model)) + (count(model) + 1) * i
 
 
@@ -105,9 +105,9 @@ def direction(lane, rate):
 
 @kernel
 def store_columns(lane, model, S):
-    """Store in S the columns W_i = S^-1 e_i of the rows that friction acts on; 0 where the angle is prescribed.
+    """Store in S the columns W_i = S^-1 e_i of the rows on which friction acts; 0 if the angle is prescribed.
 
-    S: the factors of the Newton matrix on entry.
+    On entry S contains the factors of the Newton matrix.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
@@ -158,10 +158,9 @@ def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
 
 @kernel
 def release_reversed_joints(lane, model, v: Lanes, S: Lanes):
-    """Clear the flag `slides` in S of joints whose rate v impulses have reversed since `store_friction`.
+    """Clear the flag `slides` in S for joints whose rate v has changed sign by impulses since `store_friction`.
 
-    Joints with reversed rates do not continue to slide in the stored direction. v: rates of all rows after the
-    impulses.
+    Such joints do not continue to slide in the stored direction. v: rates of all rows after the impulses.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
@@ -174,8 +173,8 @@ def release_reversed_joints(lane, model, v: Lanes, S: Lanes):
 def account_for_friction(lane, model, par, state, u, r, S, start, books):
     """Add the energy (J) that friction dissipates in a step, mean torque times change of angle, to the account `books`.
 
-    start: coordinates at the step's start. The mean is between the torques stored at the step's start and the torques
-    of the present state. The torques of the present state are stored in S for the next step. Scratch: r.
+    start: coordinates at the step's start. The mean torque is the average of the torques stored at the step's start and
+    those of the present state. The present torques are stored in S for the next step. Scratch: r.
     """
     if model.newton.friction is not None:
         _account_for_half(lane, model, state, S, start, books)
@@ -198,9 +197,9 @@ def _account_for_half(lane, model, state: State, S: Lanes, start: Lanes, books: 
 def apply_friction(lane, model, par, state, weights, ahead, S: Lanes, x):
     """Add Coulomb friction torques T to x = S^-1 r, x <- x + W T, so that the law (6.6) holds for the new rates.
 
-    W: columns of S^-1 of the rows that friction acts on. The state changes by a -= weights.mass x, v -= weights.damping
-    x; friction acts on the rate v + ahead a (ahead in s). If weights.damping is 0, v does not change, and joints that
-    slid at the last `store_friction` continue to slide.
+    W: columns of S^-1 for the rows on which friction acts. The state changes by a -= weights.mass x, v -=
+    weights.damping x. Friction acts on the rate v + ahead a (ahead in s). If weights.damping is 0, v does not change,
+    and joints that slid at the last `store_friction` continue to slide.
 
     The kernel guesses which joints stick, solves for the torques, and corrects the guess. For one joint the result is
     exact at once. For several joints there are 2 joints - 1 passes, and Newton's next iteration corrects the remaining
@@ -222,9 +221,9 @@ def apply_friction(lane, model, par, state, weights, ahead, S: Lanes, x):
 
 @kernel
 def find_gaps(lane, model, state: State, weights, ahead, S: Lanes, x: Lanes):
-    """Compute each joint's gap w/c - x_i: the change of the increment x_i with which the joint's rate w vanishes.
+    """Compute each joint's gap w/c - x_i, the change of the increment x_i that makes the joint's rate w vanish.
 
-    w = v + ahead a before the increment, c = weights.damping + ahead weights.mass.
+    w: rate v + ahead a before the increment. c = weights.damping + ahead weights.mass.
     """
     share = 1.0 / (weights.damping + ahead * weights.mass)
     for i in range(count(model)):
@@ -237,7 +236,8 @@ def find_gaps(lane, model, state: State, weights, ahead, S: Lanes, x: Lanes):
 def _choose_branch(lane, model, par, weights, i, S: Lanes):
     """Decide from the present torques T whether joint i sticks, and store its sliding torque in `bound`, (6.6).
 
-    With weights.damping 0 (v stays) a joint that slid at the last `store_friction` slides on with the same torque.
+    If weights.damping is 0 (v does not change), a joint that slid at the last `store_friction` slides on with that
+    torque.
 
     # out       `GEAR` fields sticks (1 or 0) and bound (N m) of joint i
     """
@@ -265,9 +265,10 @@ def _choose_branch(lane, model, par, weights, i, S: Lanes):
 def solve_torques(lane, model, S: Lanes, transposed):
     """Solve for friction torques T (N m): sum_j W_ij T_j = gap_i where joint i sticks, T_i = bound_i where it slides.
 
-    The `GEAR` fields gap (`find_gaps`: change of the increment x_i that leaves joint i at rest) and bound (N m) are
-    read; the field torque receives T. W_ij: entry of S^-1 in the friction rows of joints i and j. transposed: True uses
-    W^T, for cotangents, where all bounds are 0. The elimination is Gaussian, without pivoting. See theory, (6.6).
+    The function reads two `GEAR` fields: gap (`find_gaps`, the change of the increment x_i that leaves joint i at rest)
+    and bound (N m). The field torque receives T. W_ij: entry of S^-1 in the friction rows of joints i and j.
+    transposed: if True, use W^T, for cotangents; all bounds are then 0. The Gaussian elimination has no pivoting. See
+    theory, (6.6).
     """
     joints, one, zero = count(model), 1.0, 0.0
     for i in range(joints):
@@ -297,9 +298,9 @@ def solve_torques(lane, model, S: Lanes, transposed):
 
 @kernel
 def add_torques(lane, model, S: Lanes, x: Lanes):
-    """Add the friction torques T (N m) to the solution, x <- x + W T; sticking joints get exactly the rate 0.
+    """Add the friction torques T (N m) to the solution, x <- x + W T, so that sticking joints have exactly the rate 0.
 
-    W: columns of S^-1. A sticking joint gets the increment gap + x_i, which brings it to rest. See theory, (6.6).
+    W: columns of S^-1. The increment of a sticking joint becomes gap + x_i, which brings it to rest. See theory, (6.6).
     """
     n = size(model.n)
     # gap + x_i = w/c, before x changes
@@ -318,10 +319,10 @@ def add_torques(lane, model, S: Lanes, x: Lanes):
 
 @kernel
 def hold_sticking_joints(lane, model, S: Lanes, x: Lanes):
-    """Hold the joints that stuck in the last `apply_friction` at rest: x <- x + W T, their rows of x become 0.
+    """Hold joints that stuck in the last `apply_friction` at rest: x <- x + W T, so that their rows of x become 0.
 
-    x (n,): on entry a solution S^-1 y without friction. W: columns of S^-1; T: friction torques. S: factors of the
-    Newton matrix, and the `GEAR` records.
+    x (n,): on entry a solution S^-1 y without friction. W: columns of S^-1. T: friction torques. S contains the factors
+    of the Newton matrix and the `GEAR` records.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):

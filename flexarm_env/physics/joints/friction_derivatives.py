@@ -1,7 +1,7 @@
-"""Derivatives of Coulomb friction, eq. (6.6), for small changes with which no joint starts or stops sliding.
+"""Derivatives of Coulomb friction, eq. (6.6), for changes so small that no joint starts or stops sliding.
 
-`transitions` and `runtime.sensitivity` call these functions after the friction of the values (`joints.friction`), which
-stores the friction torques and the sticking or sliding state of joints in the matrix array S.
+`transitions` and `runtime.sensitivity` call these functions after `joints.friction` has computed the values.
+`joints.friction` stores the friction torques and the state of each joint (sticking or sliding) in the matrix array S.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from .layout import GEAR, LAWS, PLACE, PLACES
 
 @kernel
 def store_branch(lane, model, par, state, weights, ahead, r, S: Lanes):
-    """Store in S which joints stick at the end of a step, and in which direction the other joints slide (slides = +-1).
+    """Store in S which joints stick at the end of a step, and the direction (slides = +-1) in which the others slide.
 
-    S: factors of the step's matrix; r: residual at the step's end, overwritten. weights, ahead: as in `apply_friction`.
+    S: factors of the step's matrix. r: residual at the step's end, overwritten. weights, ahead: as in `apply_friction`.
     """
     if model.newton.friction is not None:
         protocol.solve(lane, model, S, r)
@@ -36,7 +36,7 @@ def store_branch(lane, model, par, state, weights, ahead, r, S: Lanes):
 
 @kernel
 def store_directions(lane, model, S: Lanes):
-    """Store the signs (+-1) of the sliding torques `bound` in `slides` (0 for sticking joints), then clear `bound`."""
+    """Store the signs (+-1) of the sliding torques `bound` in `slides` (0: the joint sticks), then set `bound` to 0."""
     if model.newton.friction is not None:
         for i in range(count(model)):
             g, zero = gear_at(model, i), 0.0
@@ -47,7 +47,7 @@ def store_directions(lane, model, S: Lanes):
 
 @kernel
 def _coulomb_tangent(lane, wide, model, parx, i, j):
-    """Return tangent j of joint i's T_C (N m) from the parameters parx in dual lanes; 0 if all arms have one T_C."""
+    """Return tangent j of joint i's T_C (N m), from the arms' own parameters parx; 0 if all arms have the same T_C."""
     if model.own is None:
         return splat(lane, 0.0)
     return load(lane, parx, _coulomb_at(model, i) * (len(wide) // len(lane)) + j)
@@ -55,13 +55,13 @@ def _coulomb_tangent(lane, wide, model, parx, i, j):
 
 @kernel
 def _coulomb_at(model, i):
-    """Return the place of joint i's T_C among an arm's own parameters."""
+    """Return the index of joint i's T_C among an arm's own parameters."""
     return size(model.own) + LAWS.end * i + LAWS.coulomb
 
 
 @kernel
 def change_friction_tangents(lane, wide, model, parx, j, S: Lanes):
-    """Set `bound` in S to tangent j of each sliding torque: the tangent of T_C times the direction `slides`."""
+    """Set `bound` in S to tangent j of each sliding torque: the tangent of T_C times the sliding direction `slides`."""
     if model.newton.friction is not None:
         for i in range(count(model)):
             g = gear_at(model, i)
@@ -70,10 +70,10 @@ def change_friction_tangents(lane, wide, model, parx, j, S: Lanes):
 
 @kernel
 def friction_residual_tangents(lane, wide, model, parx, S: Lanes, r, first):
-    """Apply the linearized `store_friction` to the tangents of r (n dual rows), with the sticking joints stored in S.
+    """Apply the linearized `store_friction` to the tangents of r (n dual rows); S contains the state of each joint.
 
-    A joint that sticks with a torque within T_C has residual 0 for any other forces. In other joints friction is +-T_C.
-    Lanes with `first` > 1/2 start afresh, have no residual before the jump, and are skipped.
+    A joint that sticks with a torque within T_C has residual 0 for any other forces. In all other joints friction is
+    +-T_C. Lanes with `first` > 1/2 start afresh. They have no residual before the jump and are skipped.
     """
     if model.newton.friction is not None:
         many = len(wide) // len(lane)
@@ -88,9 +88,9 @@ def friction_residual_tangents(lane, wide, model, parx, S: Lanes, r, first):
 
 @kernel
 def change_friction(lane, model, par, weight, S: Lanes):
-    """Add weight times this model's T_C, in the sliding direction, to `bound` (N m) in S of joints that slide.
+    """For joints that slide, add weight * T_C of this model, with the sign of the sliding direction, to `bound` (N m).
 
-    The added value is the change of the Coulomb friction torques along a direction of the parameters.
+    This is the change of the Coulomb friction torques along a direction of the parameters.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
@@ -101,10 +101,10 @@ def change_friction(lane, model, par, weight, S: Lanes):
 
 @kernel
 def friction_tangents(lane, model, change, weights, ahead, S: Lanes, x):
-    """Apply friction to tangents x (n,) of the solved increment: `apply_friction` linearized, with the stored branches.
+    """Add friction to the tangents x (n,) of an increment: the linearized `apply_friction` for the stored joint states.
 
-    change: `State` of tangents of q, v, a; weights, ahead: as in `apply_friction` (rate v + ahead a). `bound` in S
-    holds tangents of the torques of sliding joints and is cleared.
+    change: `State` of tangents of q, v, a. weights, ahead: as in `apply_friction` (rate v + ahead a). `bound` in S
+    contains tangents of the torques of sliding joints; it is set to 0.
     """
     if model.newton.friction is not None:
         find_gaps(lane, model, change, weights, ahead, S, x)
@@ -116,12 +116,13 @@ def friction_tangents(lane, model, change, weights, ahead, S: Lanes, x):
 
 @kernel
 def friction_cotangents(lane, model, par_bar: Lanes, weights, ahead, S: Lanes, x: Lanes, v_bar: Lanes, a_bar: Lanes):
-    """Compute the reverse derivative of `friction_tangents`: x: cotangents after friction in, cotangents before out.
+    """Replace cotangents x after friction by cotangents before friction: the reverse derivative of `friction_tangents`.
 
-    Adds the cotangents of the rates w = v + ahead a to v_bar and a_bar. The cotangents W^T x of the torques (W: columns
-    of S^-1) must vanish for sticking joints, which requires the solution of a linear system with the transposed entries
-    of W in the rows of these joints. Cotangents of sliding joints, whose torques are T_C in the directions `slides`
-    (`store_directions`), are added to the arms' own T_C in par_bar. See theory, (6.6).
+    The cotangents of the rates w = v + ahead a are added to v_bar and a_bar. W^T x contains the cotangents of the
+    torques, with the columns W of S^-1. For sticking joints it must vanish; this requires the solution of a linear
+    system with the transposed entries of W in the rows of these joints. The torques of sliding joints are T_C in the
+    directions `slides` (`store_directions`); their cotangents are added to the arms' own T_C in par_bar. See theory,
+    (6.6).
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
@@ -152,11 +153,11 @@ def friction_cotangents(lane, model, par_bar: Lanes, weights, ahead, S: Lanes, x
 
 @kernel
 def friction_residual_cotangents(lane, model, par_bar: Lanes, S: Lanes, r_bar: Lanes):
-    """Compute the reverse derivative of `store_friction`: r_bar <- cotangents of the residual without friction.
+    """Replace r_bar by the cotangents of the residual without friction: the reverse derivative of `store_friction`.
 
-    A joint that sticks with a torque within T_C (GEAR.free = 1) has residual 0 for any other forces, so its cotangent
-    vanishes. For other joints friction is +-T_C: the cotangent does not change and is added to the cotangent of T_C in
-    par_bar.
+    A joint that sticks with a torque within T_C (GEAR.free = 1) has residual 0 for any other forces. Its cotangent
+    therefore vanishes. For all other joints friction is +-T_C. Their cotangent does not change, and is added to the
+    cotangent of T_C in par_bar.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):

@@ -2,10 +2,10 @@
 
     J psi'' + k (psi - q) + d (psi' - q') + friction = u,    the arm's row of q:  ... - k (psi - q) - d (psi' - q') = 0
 
-The motor angle psi has a row of its own, which is coupled only with the joint angle q. The row is eliminated before the
-arm's matrix is factored. With a rigid gear J acts on q. With backlash b the spring torque is k (x - clip(x, b/2)), x =
-psi - q. Damping acts in the gap as well: if it began with contact, the torque would jump at the beginning of contact
-and pull at its end.
+The motor angle psi has a row of its own, which is coupled only with the joint angle q. This row is eliminated before
+the arm's matrix is factored. With a rigid gear J acts on q. With backlash b the spring torque is k (x - clip(x, b/2)),
+x = psi - q. Damping also acts in the gap. Otherwise the torque would jump at the beginning of a contact and pull at its
+end.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from .layout import GEAR, PLACE, PLACES
 
 @kernel
 def _friction_row(lane, model, i, own, state: State, total):
-    """Return `total` (N m) plus joint i's friction torque: viscous d v and, if its angle is prescribed, T_C sign(v).
+    """Return `total` (N m) plus joint i's friction torque: viscous d v and, if the angle is prescribed, T_C sign(v).
 
-    own: the joint's `Law`; v: rate of the row that friction acts on. If the angle is free, `friction` solves for the
-    Coulomb torque.
+    own: `Law` of the joint. v: rate of the row on which friction acts. If the angle is not prescribed, the module
+    `friction` solves for the Coulomb torque.
     """
     rate = state.v[model.table[PLACES * i + PLACE.friction]]
     total = total + rate * own.viscous
@@ -37,9 +37,9 @@ def _friction_row(lane, model, i, own, state: State, total):
 
 @kernel
 def gear_torque(lane, play, stiffness, half, wound):
-    """Return the torque (N m) of a gear spring at a wind-up of `wound` rad, and its derivative (N m/rad).
+    """Return the torque (N m) of a gear spring that is wound by `wound` (rad), and its derivative (N m/rad).
 
-    stiffness: N m/rad. half: half of the backlash, rad, within which the torque is 0. play: None without backlash.
+    stiffness: N m/rad. half: half of the backlash, rad; within it the torque is 0. play: None without backlash.
     """
     if play is None:
         return wound * stiffness, stiffness
@@ -49,10 +49,11 @@ def gear_torque(lane, play, stiffness, half, wound):
 
 @kernel
 def _through_gear(lane, part, model, i, one, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
-    """Write the motor's row of r (N m) and S; in the joint's row the gear's torque replaces the input's, (6.5).
+    """Write the motor's row of r (N m) and S; in the joint's row replace the input's torque by the gear's, (6.5).
 
-    i: joint of the table, with an elastic gear; one: its `Law`. Gear torque: k (psi - q) + d (psi' - q'), psi: motor
-    angle, q: joint angle. With weights.with_matrix S receives the `GEAR` fields pivot and slope.
+    i: index in the table of a joint with an elastic gear. one: `Law` of the joint. The gear torque is k (psi - q) + d
+    (psi' - q') with the motor angle psi and the joint angle q. With weights.with_matrix S receives the `GEAR` fields
+    pivot and slope.
     """
     at, g = PLACES * i, gear_at(model, i)
     row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
@@ -79,9 +80,10 @@ def _through_gear(lane, part, model, i, one, state: State, u: Lanes, weights, r:
 
 @kernel
 def _at_joint(lane, model, i, one, state: State, weights, r: Lanes, S: Lanes):
-    """Add rotor inertia of a rigid gear and friction on the link's side to the joint's row of r (N m) and of S.
+    """Add the rotor inertia of a rigid gear, and friction on the link's side, to the joint's row of r (N m) and of S.
 
-    i: joint of the table; one: its `Law`. With weights.with_matrix S receives the `GEAR` field own.
+    i: index of the joint in the table. one: `Law` of the joint. With weights.with_matrix S receives the `GEAR` field
+    own.
     """
     at, g = PLACES * i, gear_at(model, i)
     row = model.table[at + PLACE.row]
@@ -97,11 +99,11 @@ def _at_joint(lane, model, i, one, state: State, weights, r: Lanes, S: Lanes):
 
 @kernel
 def prepare(lane, part, model, par, state: State, weights, S: Lanes):
-    """Store the rotors' angular momenta (N m s, along joint axes) of an arm in space in S, for the arm's assembly.
+    """Store the rotors' angular momenta (N m s, along the joint axes) of an arm in space in S, for the arm's assembly.
 
-    The momentum is J r psi', with rotor inertia J, gear ratio r and the motor angle r psi. With weights.with_matrix
-    also store `GEAR.sway`, the momentum's derivative by the rate psi' times weights.damping. Do nothing if part.spin is
-    None.
+    The momentum is J r psi', with rotor inertia J and gear ratio r; the motor angle is r psi. With weights.with_matrix
+    the function also stores `GEAR.sway`, weights.damping times the derivative of the momentum by the rate psi'. If
+    part.spin is None, do nothing.
     """
     if part.spin is None:
         return
@@ -117,9 +119,9 @@ def prepare(lane, part, model, par, state: State, weights, S: Lanes):
 
 @kernel
 def assemble(lane, part, model, par, state: State, u, weights, r: Lanes, S: Lanes):
-    """Add gears, rotors, viscous friction and hub inertia to r (N m) and, with weights.with_matrix, their entries to S.
+    """Add gears, rotors, viscous friction and hub inertia to r (N m); with weights.with_matrix also add entries to S.
 
-    state: q, v, a; u: inputs, joint torques first. S receives one `GEAR` per joint. See theory, (6.5).
+    state: q, v, a. u: inputs, which begin with the joint torques. S receives one `GEAR` per joint. See theory, (6.5).
     """
     for i in range(count(model)):
         one = joint_law(lane, model, par, i)
@@ -139,7 +141,7 @@ def assemble(lane, part, model, par, state: State, u, weights, r: Lanes, S: Lane
 
 @kernel
 def fix_coordinate(lane, part, model, S: Lanes, k):
-    """Mark row k as fixed or prescribed in S: by `GEAR.pinned` if k is a motor's row, by `GEAR.held` for a joint."""
+    """Mark row k as fixed or prescribed in S: by `GEAR.pinned` for a motor's row, by `GEAR.held` for a joint's row."""
     for i in range(count(model)):
         g = gear_at(model, i)
         if model.table[PLACES * i + PLACE.motor] == k:
@@ -152,7 +154,8 @@ def fix_coordinate(lane, part, model, S: Lanes, k):
 def before_factor(lane, part, model, S: Lanes):
     """Eliminate the motors' rows: add their Schur complement slope - slope^2 / pivot to the joints' diagonal in S.
 
-    pivot: diagonal entry of the motor's row; -slope: entry that couples motor and joint (`GEAR`). See theory, (6.5).
+    pivot: diagonal entry of the motor's row. -slope: entry that couples motor and joint. Both are in `GEAR`. See
+    theory, (6.5).
     """
     for i in range(count(model)):
         g, row = gear_at(model, i), model.table[PLACES * i + PLACE.row]
@@ -174,7 +177,7 @@ def before_factor(lane, part, model, S: Lanes):
 
 @kernel
 def _gyroscopic_column(lane, part, model, S: Lanes, i):
-    """Return the column of joint i's rotor in the three rows before its joint's, of the moment h w x e (N m)."""
+    """Return the column of the gyroscopic moment h w x e (N m) of joint i's rotor, for the three rows before it."""
     a, b, c = load_vector(lane, S, part.rotors[i] + ROTOR.column)
     share = S[gear_at(model, i) + GEAR.sway]
     return a * share, b * share, c * share
@@ -184,7 +187,7 @@ def _gyroscopic_column(lane, part, model, S: Lanes, i):
 def before_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
     """Eliminate the motors' rows from x: joint row += slope / pivot * motor row (`GEAR`), in space also rotor terms.
 
-    transposed: False for S x = b; True for S^T x = b, where `after_solve` treats the gyroscopic columns, as rows.
+    transposed: False for S x = b. True for S^T x = b, in which the gyroscopic columns are rows (see `after_solve`).
     """
     for i in range(count(model)):
         at, g = PLACES * i, gear_at(model, i)
@@ -202,9 +205,10 @@ def before_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
 
 @kernel
 def after_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
-    """Compute motor rows of x from joint rows: (x_motor + slope x_joint) / pivot; pinned motors' rows do not change.
+    """Compute motor rows of x from joint rows: (x_motor + slope x_joint) / pivot. Pinned motors' rows do not change.
 
-    slope, pivot: `GEAR` in S. transposed: True for S^T x = b, where gyroscopic columns (in space) act as rows.
+    slope, pivot: fields of `GEAR` in S. transposed: True for S^T x = b, in which gyroscopic columns (in space) are
+    rows.
     """
     for i in range(count(model)):
         at, g = PLACES * i, gear_at(model, i)
@@ -220,7 +224,7 @@ def after_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
 
 @kernel
 def inertia_forces(lane, part, model, par, a: Lanes, r: Lanes):
-    """Add the inertia torques (N m) of rotors and hub at accelerations a to r; rows of motors are overwritten."""
+    """Add the inertia torques (N m) of rotors and hub at accelerations a to r; motors' rows of r are overwritten."""
     for i in range(count(model)):
         row, motor = model.table[PLACES * i + PLACE.row], model.table[PLACES * i + PLACE.motor]
         rotor = joint_law(lane, model, par, i).rotor
@@ -234,7 +238,7 @@ def inertia_forces(lane, part, model, par, a: Lanes, r: Lanes):
 
 @kernel
 def input_displacements(lane, part, model, q: Lanes, y: Lanes):
-    """Replace in y the joint angles (rad) of elastic gears by the motor angles, on which the joint torques work."""
+    """Replace the joint angles (rad) of elastic gears in y by the motor angles, on which the joint torques do work."""
     for i in range(count(model)):
         motor = model.table[PLACES * i + PLACE.motor]
         if motor >= 0:
@@ -243,7 +247,7 @@ def input_displacements(lane, part, model, q: Lanes, y: Lanes):
 
 @inlined
 def damping_power(lane, part, model, par, q, v: Lanes, x: Lanes, total):
-    """Return total plus x^T C v (W): power at virtual rates x of gear damping and viscous friction at rates v."""
+    """Return total plus x^T C v (W): power at virtual rates x of the gear damping and viscous friction at rates v."""
     for i in range(count(model)):
         at, one = PLACES * i, joint_law(lane, model, par, i)
         row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
@@ -257,9 +261,9 @@ def damping_power(lane, part, model, par, q, v: Lanes, x: Lanes, total):
 
 @kernel
 def _gear_deflection(play, half, wound):
-    """Return the deflection (rad) of a gear's spring wound by `wound` (rad).
+    """Return the deflection (rad) of a gear spring that is wound by `wound` (rad).
 
-    half: half of the backlash, rad, which the spring turns without deflection; play None: no backlash.
+    half: half of the backlash, rad. Within it the spring is not deflected. play: None without backlash.
     """
     if play is None:
         return wound
@@ -268,7 +272,7 @@ def _gear_deflection(play, half, wound):
 
 @kernel
 def energy(lane, part, model, par, q: Lanes, v: Lanes, sums):
-    """Return sums (kinetic, strain, gravitational energy, J) plus the energies of rotors, gear springs and hub inertia.
+    """Return the energies `sums` (kinetic, strain, gravitational; J) plus those of rotors, gear springs, hub inertia.
 
     See theory, (6.5).
     """
@@ -290,9 +294,9 @@ def energy(lane, part, model, par, q: Lanes, v: Lanes, sums):
 
 @kernel
 def set_joint_configuration(lane, part, model, live, rates: Lanes | None, q: Lanes, v: Lanes):
-    """Set the motor angles in q to the joint angles, in lanes with live > 1/2, so that gears have no torque.
+    """Set the motor angles in q to the joint angles, in lanes with live > 1/2. Gears then transmit no torque.
 
-    rates: rates of all rows, of which the motors' rates are copied to v; None leaves v unchanged.
+    rates: rates of all rows. The motors' rates are copied to v; if `rates` is None, v does not change.
     """
     for i in range(count(model)):
         row, motor = model.table[PLACES * i + PLACE.row], model.table[PLACES * i + PLACE.motor]
@@ -304,10 +308,10 @@ def set_joint_configuration(lane, part, model, live, rates: Lanes | None, q: Lan
 
 @kernel
 def vjp_residual(lane, part, model, par, state: State, bar, u_bar: Lanes, r_bar: Lanes):
-    """Add to bar and u_bar the cotangents that r_bar causes through the joints' rows of r; motor rows of r_bar <- 0.
+    """Add the cotangents from the joints' rows of r_bar to bar and u_bar; then set the motor rows of r_bar to 0.
 
-    r_bar: derivative of a scalar by the residual of eq. (6.5); bar (a `State`): the scalar's derivatives by q, v, a;
-    u_bar: its derivative by the inputs.
+    r_bar: derivative of a scalar by the residual of eq. (6.5). bar (a `State`): derivatives of the scalar by q, v, a.
+    u_bar: derivative of the scalar by the inputs.
     """
     if model.hub is not None:
         row = model.table[PLACE.row]
@@ -333,7 +337,7 @@ def vjp_residual(lane, part, model, par, state: State, bar, u_bar: Lanes, r_bar:
 
 @kernel
 def multiply(lane, part, model, S: Lanes, x: Lanes, y: Lanes):
-    """Add the part of S x due to motors, gears and rotors to y (n rows); S is not factored yet. See theory, (6.5)."""
+    """Add the part of S x from motors, gears and rotors to y (n rows); S is not factored yet. See theory, (6.5)."""
     for i in range(count(model)):
         at, g = PLACES * i, gear_at(model, i)
         row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]

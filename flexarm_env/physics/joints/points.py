@@ -1,8 +1,8 @@
-"""Common part of contributions that are forces on a point of the arm and depend on its position, such as a spring.
+"""Common part of contributions that exert forces on a point of the arm, such as a spring; forces depend on position.
 
-The point is a point load of the arm (`AtPoint.place`). Every formulation therefore computes the displacement y of the
-point, the generalized forces B f of a force f on the point, and the change of B with q. A stiffness k of the point adds
-the block B k B^T to the Newton matrix; the block enters as a correction of solutions (`physics.point_block`).
+The point is a point load of the arm (`AtPoint.place`). Every formulation therefore computes the point's displacement y,
+the generalized forces B f of a force f on the point, and the change of B with q. A stiffness k of the point adds the
+block B k B^T to the Newton matrix. This block is applied as a correction of solutions (`physics.point_block`).
 
 A contribution registers `BLOCK`, its `point_forces` and `energy`, and an `assemble` that calls `store_block`.
 """
@@ -20,23 +20,23 @@ from ..point_block import column, divide, product, store_columns, store_solution
 
 
 class Point(NamedTuple):
-    """A point of the arm on which a contribution acts, the field `point` of its record.
+    """A point of the arm on which a contribution acts. It is the field `point` of the contribution's record.
 
-    Entries in S from `at` on: B, then W, each with a column of n numbers per axis; C (axes x axes); scratch of the same
-    size; k.
+    S contains these arrays from offset `at` on: B and W, one column of n numbers per axis; C (axes x axes); scratch
+    memory of the size of C; k.
     """
 
-    input: int  # first of its entries in the arm's inputs (N) and input displacements (m, inertial axes)
-    at: int  # offset in S
-    axes: tuple[int, ...]  # as many zeros as the force has components: 2, in space 3
-    room: tuple[int, ...]  # as many zeros as the Model has rows: size of stack arrays
+    input: int  # index of its first entry in the arm's inputs (N) and input displacements (m, inertial axes)
+    at: int  # offset of the point's entries in S
+    axes: tuple[int, ...]  # one zero per component of the force: 2, in space 3
+    room: tuple[int, ...]  # one zero per row of the Model: size of stack arrays
 
 
 @dataclass(frozen=True)
 class AtPoint:
-    """A kind of point force, such as a spring. An arm has the point force if one of `fields` is not at its default.
+    """A kind of point force, such as a spring. An arm has the point force if one of `fields` differs from its default.
 
-    fields: names of fields of `Arm`. place: function that returns the point's (link, end) for an arm. make: function
+    fields: names of fields of `Arm`. place: function that returns (link, end) of the point for an arm. make: function
     that returns the contribution's record.
     """
 
@@ -50,7 +50,7 @@ KINDS: list[AtPoint] = []
 
 
 def numbers_in_matrix(rows: int, axes: int) -> int:
-    """Return the number of entries of a `Point` in S; rows: number of rows of the Model."""
+    """Return the number of entries of a `Point` in S; rows: number of rows of the Model; axes: force components."""
     return 2 * rows * axes + 2 * axes * axes + 1
 
 
@@ -58,20 +58,20 @@ def numbers_in_matrix(rows: int, axes: int) -> int:
 def point_displacement(lane, point, model, par, q, y):
     """Write the arm's input displacements to y; the point's displacement (m, inertial axes) begins at `point.input`.
 
-    point: the `Point`; q: coordinates; y: as many entries as the arm has inputs.
+    point: the `Point`. q: coordinates. y: array with one entry per input of the arm.
     """
     protocol.input_displacements(lane, model.arm, par, q, y)
 
 
 @kernel
 def _solutions_at(point):
-    """Return the offset in S of W."""
+    """Return the offset in S of the array W of a point (see `Point`)."""
     return point.at + len(point.axes) * size(point.room)
 
 
 @kernel
 def _inverse_at(point):
-    """Return the offset in S of C = (1 + k B^T W)^-1 k (axes x axes, by rows); scratch of equal size and k follow."""
+    """Return the offset in S of C = (1 + k B^T W)^-1 k (axes x axes, by rows); equally large scratch and k follow."""
     return point.at + 2 * len(point.axes) * size(point.room)
 
 
@@ -83,10 +83,10 @@ def _stiffness_at(point):
 
 @kernel
 def store_block(lane, point, model, par, state, u: Lanes, stiffness, S: Lanes):
-    """Store B and k of the block B k B^T; a contribution calls this function in `assemble` if a matrix is needed.
+    """Store B and k of the point's block B k B^T. A contribution's `assemble` calls this function if it needs a matrix.
 
-    stiffness: k (N/m) times the weight of dr/dq in the matrix. Column i of B holds the generalized forces of a force of
-    1 N on the point along axis i: the amounts by which this force lowers the arm's residual. See theory, (6.7).
+    stiffness: k (N/m) times the weight of dr/dq in the matrix. Column i of B contains the generalized forces of a force
+    of 1 N on the point along axis i, i.e. the amounts by which this force lowers the arm's residual. See theory, (6.7).
     """
     store_columns(lane, model, par, state, u, point.input, point.axes, point.room, S, point.at)
     S[_stiffness_at(point)] = 0.0 + stiffness
@@ -101,7 +101,7 @@ def fix_coordinate(lane, part, model, S, k):
 
 @kernel
 def before_factor(lane, part, model, S: Lanes):
-    """Set W and C (module docstring) to 0: `solve` leaves out the block B k B^T until `after_factor` has run."""
+    """Set W and C (see `Point`) to 0, so that `solve` omits the block B k B^T until `after_factor` has run."""
     point, axes = part.point, len(part.point.axes)
     for i in range(axes):
         for k in range(size(point.room)):
@@ -135,7 +135,7 @@ def after_factor(lane, part, model, S: Lanes):
 
 @kernel
 def _subtract(lane, point, S: Lanes, transposed, x):
-    """Compute x <- x - W C B^T x, or x - B C^T W^T x (transposed True)."""
+    """Compute x <- x - W C B^T x; if transposed, compute x <- x - B C^T W^T x."""
     b, w, c = point.at, _solutions_at(point), _inverse_at(point)
     if transposed:
         subtract(lane, point.axes, point.room, S, w, b, c, True, x)
@@ -145,9 +145,9 @@ def _subtract(lane, point, S: Lanes, transposed, x):
 
 @kernel
 def before_solve(lane, part, model, S, x, transposed):
-    """Compute x <- x - B C^T W^T x before a solution of S^T x = b (transposed True) without the point's block.
+    """If transposed, compute x <- x - B C^T W^T x before the solution of S^T x = b without the point's block.
 
-    B: columns of forces on the point, W = S^-1 B, C: see `Point`. Do nothing for S x = b, which `after_solve` corrects.
+    B, W, C: arrays of the `Point`. If not transposed, do nothing; `after_solve` then corrects the solution.
     """
     if transposed:
         _subtract(lane, part.point, S, True, x)
@@ -157,7 +157,7 @@ def before_solve(lane, part, model, S, x, transposed):
 def after_solve(lane, part, model, S, x, transposed):
     """Compute x <- x - W C B^T x after a solution of S x = b without the point's block B k B^T (theory, (6.7)).
 
-    W = S^-1 B, C = (1 + k B^T W)^-1 k. Do nothing for S^T x = b (transposed True), which `before_solve` corrects.
+    W = S^-1 B, C = (1 + k B^T W)^-1 k. If transposed, do nothing; `before_solve` has then corrected the right side.
     """
     if not transposed:
         _subtract(lane, part.point, S, False, x)
@@ -179,4 +179,4 @@ BLOCK = {
     "fix_coordinate": fix_coordinate, "before_factor": before_factor, "after_factor": after_factor,
     "before_solve": before_solve, "after_solve": after_solve, "multiply": multiply,
 }  # fmt: skip
-"""Kernels of a contribution whose record has a `point` and whose `assemble` calls `store_block`."""
+"""Kernels for a contribution whose record has a field `point` and whose `assemble` calls `store_block`."""
