@@ -102,9 +102,9 @@ HALF = 0.5
 def other_mesh(settings: Settings, space: bool = False, full: int = 5) -> tuple[Settings, float]:
     """Return settings with another mesh, and the run's error divided by its distance from a run with that mesh.
 
-    The other mesh is coarser, or finer if there is no coarser mesh. For links reduced to modes, the returned settings
-    in the plane are those of the full model with at least `full` segments. In space they have another number of
-    segments and the same number of modes."""
+    The other mesh is coarser than the mesh of the run, or finer if there is no coarser mesh. For links reduced to
+    modes, the returned settings in the plane are those of the full model with at least `full` segments. In space they
+    have another number of segments and the same number of modes."""
     if settings.formulation == "elastica":
         assert settings.nodes is not None
         # the smallest mesh is compared with a finer one
@@ -135,7 +135,7 @@ def other_mesh(settings: Settings, space: bool = False, full: int = 5) -> tuple[
 def companion_mesh(scene: Scene, settings: Settings) -> tuple[Scene, Settings, float]:
     """Return scene and settings with another mesh, and the error divided by the distance from a run on this mesh. If a
     section jumps or kinks, all cells are halved, because a coarser mesh may have the same cells in the critical piece
-    and would hide their error. Otherwise the mesh is that of `other_mesh`."""
+    and would hide their error. If no section jumps or kinks, the mesh is that of `other_mesh`."""
     if divided(scene.arm) and (halved := halved_mesh(scene.arm, settings)):
         return replace(scene, arm=halved[0]), halved[1], 1.0
     return scene, *other_mesh(settings, scene.spatial, default_mesh(scene.arm, settings.formulation).get("segments", 5))
@@ -159,7 +159,8 @@ gear's vibration: below x = SLOW the step resolves the vibration, above x = QUIC
 
 def clamped(scene: Scene, settings: Settings) -> Settings | None:
     """Return settings with frames clamped at the segments' roots, if an arm in the plane has a stubby link and chord
-    frames with von Karman coupling. (No mesh removes the error of chords due to shear.) Otherwise return None.
+    frames with von Karman coupling. (No mesh removes the error that chord frames have due to shear.) For all other arms
+    the result is None.
     """
     along = settings.formulation == "floating_frame" and settings.frame == "chord" and settings.coupling == "von_karman"
     if along and not scene.spatial and any(link.slenderness > STUBBY for link in scene.arm.links):

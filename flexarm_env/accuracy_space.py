@@ -64,8 +64,8 @@ def witness(scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Set
     The distance between exact beam and run is an error that coarser meshes do not show.
 
     Frames along chords have an error of the order of the squared shear angle, on any mesh. The elastica formulation
-    neglects shear. A link under an axial force N bends within a distance of about sqrt(EI/N) from its ends. With
-    elements that are several times longer, meshes with one and with two elements have the same error.
+    neglects shear deformation. A link under an axial force N bends within a distance of about sqrt(EI/N) from its ends.
+    With elements that are several times longer, meshes with one and with two elements have the same error.
 
     Args:
         t: instants of the run, (n,), s. tip: positions of the tip and of the ends of its axes, (n, 4, 3), m.

@@ -131,7 +131,10 @@ def base_of(value: object) -> Base:
 
 
 def _link(path: str, value: object) -> Link:
-    """Read a link's table. A rigid link has a mass; all other links have a section, points of a section, or a taper."""
+    """Read a link from its TOML table.
+
+    A rigid link has a mass; all other links have a section, points of a section, or a taper.
+    """
     table = check.table_of(path, value)
     if "section" not in table and any(key in table for key in _RIGID[1:]):
         check.known_keys(path, table, _RIGID)
@@ -220,7 +223,7 @@ def _joint(path: str, value: object) -> Joint:
 
 
 def _elbow(path: str, value: object) -> Elbow:
-    """Read an elbow from its table."""
+    """Read an elbow from its TOML table."""
     return made(path, Elbow, value)
 
 

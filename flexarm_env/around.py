@@ -36,7 +36,7 @@ class AroundController(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
 
     def __init__(self, env: gym.Env[Any, Any], controller: str = "pd", share: float | None = None) -> None:
-        """Make the controller for the environment."""
+        """Make the controller for the wrapped environment."""
         RecordConstructorArgs.__init__(self, controller=controller, share=share)
         gym.Wrapper.__init__(self, env)
         self.inside = Inside.of(controller, env, share)
@@ -52,7 +52,7 @@ class AroundController(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Step the environment with the controller's torques plus the share of the action (N,), clipped to [-1, 1].
 
-        Raises RuntimeError before `reset`.
+        A call before `reset` raises RuntimeError.
         """
         if self._seen is None:
             raise RuntimeError("No episode has begun: call reset first")
@@ -75,7 +75,7 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
         self, env: VectorEnv[Any, Any, Any], controller: str = "pd", share: float | None = None,
         inside: Inside | None = None,
     ) -> None:  # fmt: skip
-        """Make the controller for all environments."""
+        """Make the controller for all environments of the vector environment."""
         super().__init__(env)
         self.inside = Inside.of(controller, env, share) if inside is None else inside
         self.controller = restarting(self.inside, env)

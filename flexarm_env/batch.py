@@ -384,7 +384,7 @@ class Batch:
         return bool((self.block[:, at : at + len(self.lane)].ravel()[: self.n] > 0.0).all())
 
     def _parts(self, i: int) -> tuple[Array, Array]:
-        """Return all entries of arm i in the block as views: the integrator's memory and the other sections."""
+        """Return all numbers of arm i in the block as views: the integrator's memory and all other sections."""
         return self._mine(0, self._work * len(self.lane), i), self._mine(self.layout.par, self.layout.end, i)
 
     def view(self, i: int) -> View:
@@ -404,7 +404,7 @@ class Batch:
         )
 
     def close(self) -> None:
-        """Stop the threads."""
+        """Stop the worker threads."""
         self._team.close()
 
     def __getstate__(self) -> dict[str, Any]:

@@ -1,9 +1,10 @@
 """Parameters of an arm: frozen, validated dataclasses in SI units.
 
-An :class:`Arm` is a chain of :class:`Link` objects. Link ``k`` starts at joint ``k``. Joint 0 is the hub (the root of
-the arm); joint ``k >= 1`` is the elbow between the tip of link ``k-1`` and the root of link ``k``. Every class is
-immutable and hashable, and stores sequences as tuples. ``dataclasses.replace`` makes a variant and validates it. An
-invalid value raises a ``ValueError`` that names the key path, the value and the rule.
+An :class:`Arm` is a chain of :class:`Link` objects. Link ``k`` starts at joint ``k`` and ends at joint ``k + 1`` or at
+the tip. Joint 0 is the hub (the root of the arm); joint ``k >= 1`` is the elbow between the tip of link ``k-1`` and the
+root of link ``k``. Every class is immutable and hashable, and stores sequences as tuples. The function
+``dataclasses.replace`` makes a validated variant of a record. An invalid value raises a ``ValueError`` that names the
+key path, the value and the rule.
 """
 
 from __future__ import annotations

@@ -36,8 +36,8 @@ class NoEquilibrium(RuntimeError):
 def resting(scene: Scene) -> Scene:
     """Return the scene with all loads and motions constant, at the values that they have at t = 0.
 
-    With start="held" all joints are fixed, too. If a joint has an elastic gear, the motor is fixed instead of the
-    joint. Torques on fixed joints are removed.
+    With start="held" the scene's joints are fixed, too. If a joint has an elastic gear, the motor is fixed instead of
+    the joint. Torques on the fixed joints are removed.
     """
     names = [motion.coordinate for motion in scene.motions]
     held = []

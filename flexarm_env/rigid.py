@@ -1,9 +1,9 @@
 """Arm with rigid links, in the plane and in space: kinematics, inertia, Coriolis torques, weight and time scales.
 
-Angles are joint angles (n, N), rad. `bodies` lists the arm's masses; inertia, Coriolis torques and weight are sums over
-these bodies. In the plane these sums do not depend on the joint angles and are evaluated once (`link_inertia`,
-`mass_moments`). Planar positions are complex numbers x + i y: a link that spans a from joint to joint contributes a
-exp(i alpha_k), with the absolute angle alpha_k of the tangent at link k's root.
+Arguments named `angles` are joint angles (n, N), rad. `bodies` lists the arm's masses; inertia, Coriolis torques and
+weight are sums over these bodies. In the plane these sums do not depend on the joint angles and are evaluated once
+(`link_inertia`, `mass_moments`). Planar positions are complex numbers x + i y: a link that spans a from joint to joint
+contributes a exp(i alpha_k), with the absolute angle alpha_k of the tangent at link k's root.
 """
 
 import math
@@ -62,8 +62,9 @@ def axis_of(arm: Arm, k: int) -> Array:
 def frames(arm: Arm, angles: Array) -> tuple[Array, Array, Array, Array]:
     """Return positions (m) and axes of the joints, link axes and tip position (m) of the rigid arm.
 
-    angles: rad, (..., N). Returns (..., N, 3), (..., N, 3), (..., N, 3, 3) with link axes as columns, and (..., 3), all
-    along inertial axes with the root at the origin. Link axes are those of the link's root.
+    angles (..., N): joint angles, rad. Returns arrays (..., N, 3), (..., N, 3), (..., N, 3, 3) with link axes as
+    columns, and (..., 3). All vectors are along inertial axes, with the root at the origin. Link axes are the axes of
+    the link's root.
     """
     A, r = np.broadcast_to(np.eye(3), (*angles.shape[:-1], 3, 3)), np.zeros((*angles.shape[:-1], 3))
     places, axes, links = [], [], []
@@ -109,7 +110,8 @@ def _turn(link: Link) -> Array:
 def bodies(arm: Arm) -> Iterator[tuple[int, Body]]:
     """Yield each body of the rigid arm: index of the link whose joint moves it, and the `Body` in that link's axes.
 
-    Bodies are hub, elbows, rigid ends, beams, rigid links and payload. Rotors of motors are not included.
+    Bodies are hub, elbows, rigid ends, beams, rigid links and payload. The rotors of the motors are not among the
+    bodies.
     """
     for k, link in enumerate(arm.links):
         # hub, or elbow: mass and left inertia belong to the link before, the right inertia to this one
@@ -220,8 +222,8 @@ def rigid_inertia(arm: Arm, angles: Array) -> Array:
 def coriolis(arm: Arm, angles: Array, rates: Array) -> Array:
     """Return the Coriolis and centrifugal torques (n, N), N m, at joint angles, rad, and rates, rad/s, (n, N) each.
 
-    These torques are the joint torques minus the product of inertia matrix and joint accelerations. Gyroscopic moments
-    of rotors are not included.
+    These torques are the joint torques minus the product of inertia matrix and joint accelerations. The torques do not
+    include gyroscopic moments of rotors.
     """
     angles = _joints("angles", arm, angles)
     if arm.spatial:
@@ -398,7 +400,7 @@ class TimeScales:
 
 
 def timescales(arm: Arm, control_dt: float | None = None) -> TimeScales:
-    """Compute the time scales of an arm.
+    """Compute the time scales of an arm from its rigid quarter turns.
 
     control_dt: control period, s, or None for a suggested control period.
     """

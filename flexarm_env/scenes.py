@@ -135,8 +135,8 @@ def spot_values(name: str) -> dict[str, Any]:
 def read_trajectory(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
     """Read a trajectory's CSV file as columns by name; its first line must begin with :data:`COLUMNS`.
 
-    Raises ValueError, which names file and row, if the table has other columns or an invalid cell. Raises
-    FileNotFoundError if the file is missing.
+    Raises ValueError, which names file and row, if the table has other columns or an invalid cell. A missing file
+    raises FileNotFoundError.
     """
     header, lines = csv_lines(path)
     header = without_units(header)
@@ -149,7 +149,8 @@ def read_trajectory(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, n
 def read_reference(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
     """Read the columns of a CSV file for a comparison: t, and the existing columns of :data:`COMPARED`.
 
-    The columns may be in any order, and other columns are ignored. The errors are those of :func:`read_trajectory`.
+    The columns may be in any order, and other columns are ignored. The function raises the errors of
+    :func:`read_trajectory`.
     """
     header, lines = csv_lines(path)
     header = without_units(header)

@@ -245,7 +245,7 @@ class Link:
 
     @property
     def rigid(self) -> bool:
-        """Whether the link does not bend."""
+        """Whether the link is rigid; False, because this link bends."""
         return False
 
     @property
@@ -255,7 +255,7 @@ class Link:
 
     @property
     def curved(self) -> bool:
-        """Whether the stress-free link is curved."""
+        """Whether the link is curved when it is free of stress."""
         return self.curvature != 0.0
 
     @property

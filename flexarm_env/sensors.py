@@ -7,7 +7,7 @@ Every sensor reads one or more quantities u(t) by the same law, which `runtime.l
 F is a low-pass filter of order 1 or 2 with gain 1 at rest. Gain and bias are constant, or drawn anew for each episode.
 The noise of each reading is an independent, normally distributed number. A sensor is read at control instants, or at
 the samples of a trajectory. Between these instants u is interpolated linearly, and filter and delay are exact for the
-interpolated u. Before an episode u is constant.
+interpolated u. Before an episode the quantity u is constant.
 """
 
 from __future__ import annotations
@@ -95,17 +95,17 @@ class Law:
 
     @property
     def gains(self) -> Range:
-        """Range (low, high) of the gain."""
+        """Range (low, high) from which the sensor's gain is drawn."""
         return self.gain if isinstance(self.gain, tuple) else (self.gain, self.gain)
 
     @property
     def biases(self) -> Range:
-        """Range (low, high) of the bias."""
+        """Range (low, high) from which the sensor's bias is drawn."""
         return self.bias if isinstance(self.bias, tuple) else (-abs(self.bias), abs(self.bias))
 
     @property
     def is_ideal(self) -> bool:
-        """Whether the reading equals the quantity."""
+        """Whether every reading equals the measured quantity."""
         return all(getattr(self, f.name) == f.default for f in fields(Law))
 
     @property
@@ -166,9 +166,9 @@ class StrainGauge(Law):
 
     The reading is the curvature (1/m), or the strain, which is curvature times `distance`. With measures="xy" the
     curvature is in the x-y plane, positive if the link bends towards y; with "xz" it is in the x-z plane, positive
-    towards z; with "torsion" it is the twist per length, positive about x. In the plane only "xy" is possible. The
-    default distance is half the thickness of a rectangle with the section's m and J, sqrt(3 J / m), or with m and J_y
-    for "xz".
+    towards z; with "torsion" it is the twist per length, positive about x. For an arm in the plane only measures="xy"
+    is possible. The default distance is half the thickness of a rectangle with the section's m and J, sqrt(3 J / m), or
+    with m and J_y for "xz".
     """
 
     link: int = integer("number of the link, from 0", 0, minimum=0)
@@ -221,10 +221,10 @@ def surface(m: float, J: float) -> float:
 class Accelerometer(Law):
     """Accelerometer at the arm's tip: specific force, m/s^2, along the tip's tangent (x) and across the tangent (y).
 
-    Specific force is acceleration minus gravity. In space it has three components along the tip's axes. The measured
-    quantity is the mean specific force since the last instant, in the tip's rotating axes. In free fall this mean is 0.
-    In a steady spin at rate w and radius r, the mean is -w^2 r along the tangent and 0 across the tangent. The first
-    reading, which has no last instant, assumes a constant velocity in the tip's axes; at rest it is -g.
+    The specific force is the acceleration minus gravity. In space it has three components along the tip's axes. The
+    measured quantity is the mean specific force since the last instant, in the tip's rotating axes. In free fall this
+    mean is 0. In a steady spin at rate w and radius r, the mean is -w^2 r along the tangent and 0 across the tangent.
+    The first reading, which has no last instant, assumes a constant velocity in the tip's axes; at rest it is -g.
     """
 
 
@@ -294,7 +294,7 @@ observation.
 
 @dataclass(frozen=True)
 class Sensors:
-    """The sensors of an arm.
+    """All sensors of an arm.
 
     Args:
         encoders: a tuple with one encoder per joint, a single encoder for all joints, or () for none.
@@ -312,7 +312,7 @@ class Sensors:
     switch: ContactSwitch | None = None
 
     def __post_init__(self) -> None:
-        """Validate the sensors' types."""
+        """Validate the types of the sensors."""
         for name, kind in (("encoders", Encoder), ("strain_gauges", StrainGauge)):
             check.store(self, **{name: check.instances(name, getattr(self, name), kind)})
         # at most one of each kind

@@ -274,7 +274,7 @@ class Settings:
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
     def replace(self, **options: Any) -> Settings:
-        """Return settings with some options changed. Old options that a new option excludes are removed."""
+        """Return a copy with some options changed. Old options that a new option excludes are removed."""
         return Settings.make(self.formulation, **merged(self.options(), options))
 
     def dividing(self, period: float | None) -> Settings:

@@ -104,12 +104,12 @@ class Simulation:
 
     @property
     def status(self) -> int:
-        """Status code; `flexarm_env.physics.model.STATUS` names the codes."""
+        """Status code of the run; `flexarm_env.physics.model.STATUS` names the codes."""
         return int(self.work.flag[0])
 
     @property
     def message(self) -> str:
-        """Sentence that describes the status."""
+        """Sentence that describes the status of the run."""
         bound = float(getattr(self.model, "bound", 0.0))
         return MESSAGE[self.status].format(t=self.t, h=self.dt, halvings=self.scheme.max_halvings, bound=bound)
 
@@ -363,7 +363,7 @@ def simulate(
     estimate_error: bool = True,
     **options: Any,
 ) -> Trajectory:
-    """Run a scene and return its trajectory.
+    """Simulate a scene and return its trajectory.
 
     Args:
         scene: a `Scene` (see `flexarm_env.scenes.named`).

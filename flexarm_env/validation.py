@@ -253,7 +253,7 @@ def integer(path: str, value: object, *, minimum: int, maximum: int | None = Non
 
 
 def flag(path: str, value: object) -> bool:
-    """Validate a bool."""
+    """Validate a bool and return it."""
     if not isinstance(value, bool | np.bool_):
         raise InvalidValue(path, value, "must be True or False")
     return bool(value)
@@ -286,7 +286,7 @@ def sequence(path: str, value: object, what: str, length: int | None = None) -> 
 def numbers(
     path: str, value: object, what: str, length: int | None = None, unit: str = "", **bounds: float
 ) -> tuple[float, ...]:
-    """Validate a sequence of numbers and return a tuple. Arguments: as in :func:`sequence` and :func:`number`."""
+    """Validate a sequence of numbers and return a tuple; arguments as in :func:`sequence` and :func:`number`."""
     given = sequence(path, value, what, length)
     return tuple(number(f"{path}[{i}]", one, unit, **bounds) for i, one in enumerate(given))
 
@@ -298,7 +298,7 @@ def several(value: object) -> bool:
 
 
 def instance(path: str, value: object, kind: type[T]) -> T:
-    """Validate an object of the class ``kind``."""
+    """Validate that a value is an object of the class ``kind``."""
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIO" else "a"
         raise InvalidValue(path, value, f"must be {article} {kind.__name__}")
@@ -439,7 +439,7 @@ def made(path: str, kind: type[T], value: object, *, prefix: str | None = None, 
 
 
 def names_of(kind: Any) -> tuple[str, ...]:
-    """Return the names of a dataclass's fields."""
+    """Return the names of the fields of a dataclass."""
     return tuple(field.name for field in dataclasses.fields(kind))
 
 

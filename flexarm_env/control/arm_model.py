@@ -41,8 +41,8 @@ def postures(goals: Array) -> list[tuple[float, ...]]:
 class ArmModel:
     """Linear model x' = A x + B u, y = C x of an arm about rest in a posture, reduced to its lowest modes; SI units.
 
-    States x (2 n,): amplitudes of the n lowest modes (the N rigid modes first), then their rates. Inputs u: N joint
-    torques, N m. Outputs y (4 N,): joint angles (rad), joint rates, tip deflections divided by link length, their
+    States x (2 n,): amplitudes of the n lowest modes (the N rigid modes first), then their rates. Inputs u are the N
+    joint torques, N m. Outputs y (4 N,): joint angles (rad), joint rates, tip deflections divided by link length, their
     rates.
 
     Attributes:
@@ -99,7 +99,7 @@ def linear_model(arm: Arm, posture: tuple[float, ...], **options: Any) -> Linear
 
 @lru_cache(maxsize=256)
 def arm_model(arm: Arm, posture: tuple[float, ...] = (), flexible: int | None = None) -> ArmModel:
-    """Build the arm's modal model about rest.
+    """Build the arm's linear model of its lowest modes about rest.
 
     Args:
         arm: the arm. posture: angles of joints 1 to N-1, rad (() is straight).

@@ -1,8 +1,8 @@
 """Policies with a controller inside, whose torque is the controller's torque plus a share of a network's torque.
 
 The network learns the part of the action that the controller lacks: action = clip(controller + share * network). All
-terms are joint torques divided by the torque limits. Controller and network read the same observation. The
-environment's actions are torques as before.
+terms are joint torques divided by the torque limits. Controller and network read the same observation of the
+environment. The environment's actions remain torques.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .catalogue import NAMES, Following, controller, gains_from, tuned_gains
 
 @dataclass(frozen=True)
 class Inside:
-    """Controller inside a policy.
+    """Controller that runs inside a policy, beside a network.
 
     Args:
         controller: name of the controller. share: share of the torque limits that the network's actions command. gains:
@@ -77,7 +77,10 @@ class Inside:
         return dataclasses.asdict(self)
 
     def made(self, env: Any) -> Controller | Following:
-        """Create the controller for an environment. ValueError if it does not support the environment."""
+        """Create the controller for an environment.
+
+        ValueError if the controller does not support the environment.
+        """
         return controller(self.controller, env, self.gains)
 
     def actions(self, own: Controller | Following, observation: NDArray[np.floating], action: Any) -> Array32:

@@ -143,8 +143,8 @@ class Setup:
 def lateness(plan: Any) -> tuple[float, float]:
     """Return (delay, lag), s, of the environment with this plan: motor plus sensor delay, and motor time constant.
 
-    A random delay counts with its maximum. In a solver step dt the motor torque moves towards the commanded torque by
-    the share 1 - exp(-dt / lag) of the difference between the two.
+    A delay that is drawn at random counts with its largest value. In a solver step dt the motor torque moves towards
+    the commanded torque by the share 1 - exp(-dt / lag) of the difference between the two.
     """
     motors, sensors, step = plan.extras.actuator, plan.extras.sensors, plan.settings.dt
     delay = 0.0 if sensors is None else sensors.age * plan.period

@@ -20,10 +20,10 @@ rate (`rates_of`). Violations of deflections and of bands are divided by the bou
 class Bounds:
     """Limits on a motion, in addition to the motors' torque limits.
 
-    torque: share of the torque limits, above 0 and at most 1. joints: (low, high) of each joint angle, rad, infinite
-    without a limit; () for no limits at all. deflection: largest tip deflection divided by length, of any link (in
-    space it also limits the twist, rad). keep_out: shapes from which `Dynamics.points` must keep a distance of at least
-    `margin`, m.
+    torque: share of the torque limits, above 0 and at most 1. joints: pairs (low, high), the limits of each joint
+    angle, rad, infinite for no limit; () if no joint has limits. deflection: limit of each link's tip deflection
+    divided by length; in space also the limit of the twist, rad. keep_out: shapes from which `Dynamics.points` must
+    keep a distance of at least `margin`, m.
     """
 
     torque: float = 1.0

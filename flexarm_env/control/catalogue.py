@@ -104,7 +104,7 @@ def for_arm(gains: LQRGains, setup: Setup) -> LQRGains:
 
     The weights on rates are relative to the first flexible frequency. The product of this frequency and the duration of
     the quickest quarter turn is computed for both arms. The weights are multiplied by the ratio of the two products, so
-    that rates count relative to the slew.
+    that the weights keep their effect relative to the slew.
     """
     # ratio of (first flexible frequency x quarter-turn time) to that of the tuning arm
     share = _tempo(setup.arm) / _tempo(arms.named(TUNED_ON))
@@ -170,7 +170,7 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
 
 
 class Following:
-    """Restart a memoryless controller in every period, so that it follows a moving target or a moving root."""
+    """Restart a memoryless controller in every period, so that it follows a moving target or floating base."""
 
     restarts = True
 
@@ -179,14 +179,14 @@ class Following:
 
     @property
     def setup(self) -> Setup:
-        """Facts about the environment."""
+        """Facts about the wrapped controller's environment."""
         return self.controller.setup
 
     def reset(self, observation: NDArray[np.floating]) -> None:
-        """Do nothing: there is no memory."""
+        """Do nothing: a memoryless controller has no memory to set."""
 
     def restart(self, observation: NDArray[np.floating], rows: NDArray[np.bool_]) -> None:
-        """Do nothing: there is no memory."""
+        """Do nothing: a memoryless controller has no estimate to advance."""
 
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> Any:
         """Compute actions (n, N) in [-1, 1] as if the episode began now; for beside see `Controller.act`."""

@@ -1,7 +1,7 @@
 """Discrete dynamics of many arms: one control period as a function of state and torques, with derivatives.
 
-The arm is the environments' elastica with ideal joints. Torques are constant over a period. Accelerations are computed
-again where torques jump, so that the nodes' angles and rates are the whole state.
+The arm is the environments' elastica with ideal joints. The torques are constant over a control period. Accelerations
+are computed again where torques jump, so that the nodes' angles and rates are the whole state.
 """
 
 import dataclasses
@@ -431,7 +431,7 @@ def dynamics(
     arm: Arm | str | os.PathLike[str], period: float, nodes: int | None = None, gravity: Vector | None = None,
     step: float | None = None,
 ) -> Dynamics:  # fmt: skip
-    """Return the cached `Dynamics` of an arm.
+    """Return the `Dynamics` of an arm from a cache.
 
     nodes: number of nodes per link; None: 4, in space 3. gravity: acceleration of gravity, m/s^2, ignored in the plane.
     step: longest solver step, s; None: 0.02/3, in space 0.005, which plans of `optimal` halve if necessary.

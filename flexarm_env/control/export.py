@@ -128,7 +128,7 @@ def c_name(word: str) -> str:
 
 
 def c_part(part: str) -> str:
-    """Read a source fragment from `data/control/c`."""
+    """Read a fragment of C source text from `data/control/c`."""
     return (resources.files("flexarm_env") / "data" / "control" / "c" / f"{part}.c").read_text("utf-8")
 
 

@@ -48,7 +48,7 @@ class Approach(Gains):
 
 @dataclass(frozen=True, kw_only=True)
 class ForceGains(Approach):
-    """Gains of `HybridForce`.
+    """Gains of the controller `HybridForce`.
 
     Args:
         angle, rate, bend, bend_rate: weights of the state feedback about the reference; see `lqr.StateWeights`.
@@ -113,7 +113,7 @@ class WallController(Controller):
     timing: Approach
 
     def __init__(self, setup: Setup) -> None:
-        """Check the task and the wall.
+        """Check that the task and its wall fit the controller.
 
         Raises:
             ValueError: the environment has another task.
@@ -210,7 +210,7 @@ class PressController(WallController):
 
     @abstractmethod
     def pressing(self, view: View) -> Array:
-        """Return joint torques (n, N), N m."""
+        """Return joint torques (n, N), N m, for one control period."""
 
     def _view(self, signals: Signals, seen: Array) -> View:
         """Return the quantities of a period. seen (n, entries): values of the entries `ENTRIES`, SI units."""

@@ -1,6 +1,6 @@
 """Iterative LQR with control limits, for many arms at once (Li & Todorov 2004; limits: Tassa et al. 2014).
 
-For each arm, minimize
+For each arm the method minimizes
 
     sum_k cost_k(x_k) + 1/2 sum_k weight . (u_k - still)^2   with x_k+1 = f(x_k, u_k), |u| <= bound, k = 0 ... T - 1
 
@@ -100,7 +100,7 @@ class Limits:
     below: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        """Start with zero multipliers."""
+        """Store the limits, and start with zero multipliers."""
         self.above, self.below = np.zeros(self.high.shape), np.zeros(self.high.shape)
 
     def _values(self, x: Array) -> Array:
@@ -258,7 +258,7 @@ def backward(
 
     states (T + 1, n, S) and controls (T, n, N): trajectory about which the problem is linearized. effort (N,): weights
     of (u - still)^2. damping (n,): number added to the diagonal of Quu, the Hessian of the cost-to-go with respect to
-    the controls. Controls + k stay within +-bound.
+    the controls. The sum of controls and k stays within +-bound.
     """
     periods, _, count = controls.shape
     A, B = system.linear(states[:-1], controls)

@@ -16,8 +16,8 @@ MOST_GAIN, MOST_DELAY = 100.0, 100
 def plant(model: ArmModel, dt: float, delay: float = 0.0, lag: float = 0.0) -> tuple[Array, Array, Array]:
     """Discretize the arm over a control period: x+ = A x + B u, y = C x, with the commanded torques u.
 
-    Returns (A, B, C). The states are the model's states, then the motors' torques if the motors lag, then the delayed
-    commands.
+    Returns the matrices (A, B, C). The states are the model's states, then the motors' torques if the motors lag, then
+    the delayed commands.
 
     Args:
         dt: control period, s. delay: delay of commands and readings together, s. lag: time constant of the motors, s.
@@ -74,7 +74,7 @@ def radius(system: tuple[Array, Array, Array], law: Law, gain: float = 1.0) -> f
 def gain_margin(system: tuple[Array, Array, Array], law: Law) -> float:
     """Return the gain margin: the smallest factor on the torques that destabilizes the loop.
 
-    The margin of an unstable loop is 1. The search ends at `MOST_GAIN`.
+    The margin of an unstable loop is 1. The search for the margin ends at the factor `MOST_GAIN`.
     """
     return _edge(lambda factor: radius(system, law, factor) < 1.0, np.geomspace(1.0, MOST_GAIN, 60))
 

@@ -6,9 +6,10 @@ and the bias b of each gauge:
 
     x+ = A x + B (u - f + d) + w,   angles = C x + v,   gauges = C x + b + v
 
-f is the joints' Coulomb friction. A gauge's bias can be distinguished from bending because bending decays; an encoder's
-bias cannot be distinguished from a rotation of the arm. Filtered rates derive from the same angles that the filter
-reads and add no information. The model omits sensor delays, sensor low-passes, and motor lag.
+The vector f contains the joints' Coulomb friction torques. A gauge's bias can be distinguished from bending because
+bending decays; an encoder's bias cannot be distinguished from a rotation of the arm. Filtered rates derive from the
+same angles that the filter reads and add no information. The model omits sensor delays, sensor low-passes, and motor
+lag.
 """
 
 import re
@@ -125,8 +126,8 @@ def plant(setup: Setup, posture: tuple[float, ...]) -> Plant:
 def bent_of(arm: Arm) -> list[tuple[str, float]]:
     """Return the names of the linear model's outputs that correspond to `Signals.bends`, and the divisor of each.
 
-    The divisor is the link's length. In space the outputs are deflections along y and z, and twists (rad, divisor 1),
-    of the flexible links.
+    The divisor of a deflection is the link's length. In space the outputs are deflections along y and z, and twists
+    (rad, divisor 1), of the flexible links.
     """
     found = []
     for name in OBSERVED[arm.axes].bends:

@@ -2,8 +2,8 @@
 
 The linear model contains the arm about rest, a spring between tip and wall with sliding friction, and two integrators.
 Sliding friction couples the directions: without sliding friction in the model the loop is unstable for one direction of
-the path. One Riccati equation yields all gains. The integral action in linear quadratic control follows Young & Willems
-(1972).
+the path. One Riccati equation yields all gains of the controller. The integral action in linear quadratic control
+follows Young & Willems (1972).
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from .lqr import LQRGains, riccati
 
 @dataclass(frozen=True, kw_only=True)
 class LQRForceGains(Approach):
-    """Gains of `LQRForce`.
+    """Gains of the controller `LQRForce`.
 
     Args:
         angle, rate, bend, bend_rate: weights of the arm's state; see `lqr.StateWeights`.

@@ -110,7 +110,7 @@ def warn_of_growth(name: str, setup: Setup, gains: Any) -> None:
 def stand_in(setup: Setup) -> LQRGains:
     """Return the gains of an LQR that is about as fast as the controllers that follow plans.
 
-    The returned gains are the tuned gains of time-optimal control, which follows its plan by an LQR. Receding-horizon
-    control is about as fast.
+    The returned gains are the tuned gains of time-optimal control, which follows its plan by an LQR. The
+    receding-horizon controller (MPC) is about as fast as this LQR.
     """
     return LQRGains(angle=10.0, rate=10.0, bend=10.0, bend_rate=10.0)

@@ -42,14 +42,14 @@ class _Anything:
     def __init__(self, *given: Any, **named: Any) -> None: ...
 
     def __setstate__(self, state: Any) -> None:
-        """Store the pickled attributes."""
+        """Store the attributes that the pickle contains."""
         for part in state if isinstance(state, tuple) else (state,):
             self.__dict__.update(part if isinstance(part, dict) else {})
 
     def __setitem__(self, key: Any, value: Any) -> None: ...
 
     def append(self, item: Any) -> None:
-        """Discard an item of a list."""
+        """Discard an item that the pickle appends to a list."""
 
     extend = append
 
@@ -90,7 +90,10 @@ class _Arrays(pickle.Unpickler):
 
 
 def _tensor(flat: NDArray[Any], offset: int, shape: tuple[int, ...], stride: tuple[int, ...], *rest: Any) -> Any:
-    """Slice a tensor from its flat array. Only row-major tensors, such as those of all layers, are accepted."""
+    """Return a tensor as a slice of its flat array.
+
+    Only row-major tensors, such as those of all layers, are accepted.
+    """
     count = int(np.prod(shape, dtype=np.int64))
     # strides of a row-major array
     rows = tuple(int(np.prod(shape[k + 1 :], dtype=np.int64)) for k in range(len(shape)))
@@ -223,7 +226,7 @@ class RecurrentPolicy(NumpyPolicy):
         return int(self.memory[0][0].shape[1])
 
     def reset(self, observation: NDArray[np.floating]) -> None:
-        """Clear the memory."""
+        """Clear the memory of the LSTM layers."""
         self.state = None
 
     def act(self, observation: NDArray[np.floating]) -> Array32:

@@ -54,7 +54,7 @@ class Grid:
         self.size, self.n_inputs = later.size, later.n_inputs
 
     def stage(self, k: int, x: Array, u: Array) -> Array:
-        """Advance by stage k (`ilqr.System`)."""
+        """Advance the states by stage k (see `ilqr.System`)."""
         return (self.later if k else self.first).advance(x, u)
 
     def linear(self, x: Array, u: Array) -> tuple[Array, Array]:
@@ -67,7 +67,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class MPCGains(StateWeights):
-    """`StateWeights` and parameters of the planner.
+    """`StateWeights` of the stage cost, and parameters of the planner.
 
     Args:
         memory: weight, 0 to 1, of the model's prediction in the part of the state that is not measured. The shape of a
@@ -118,7 +118,7 @@ def regulators(plant: Dynamics, x: Array, u: Array, stage: Array) -> list[Regula
 
 
 class MPC(Controller):
-    """Receding-horizon controller on the nonlinear elastica model.
+    """Receding-horizon controller that plans on the nonlinear elastica model of the arm.
 
     Attributes: x (n, S): estimated states (see `dynamics.Dynamics`). plan: torques (H, n, N), divided by their limits,
         and feedback gains; its first block is held for `left` more periods. arrival (n,): planned arrival at the goal,
@@ -177,7 +177,7 @@ class MPC(Controller):
             iterations = 3
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Improve plans from the estimated states; near the goal apply the regulator. Returns torques (n, N), N m."""
+        """Improve plans from the estimated states, near the goal apply the regulator; return torques (n, N), N m."""
         self.plan.states[0] = self.x
         self.x = self._estimate(signals, to_go)
         off = self.x - self.home

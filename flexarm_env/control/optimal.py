@@ -6,9 +6,9 @@
 
 `ilqr` computes all these motions on the nonlinear elastica with torque limits. Multipliers enforce bounds on joint
 angles and deflections, and terminal conditions. Times are whole control periods, found by bisection for all arms
-together. Solutions are local optima. Plans of `least_effort`, `least_time` and `follow` are replayed on a finer mesh
-with shorter steps (`Motion.replay`). In space, a plan whose replay violates a limit is computed again with half the
-step, at most `Dynamics.halvings` times, unless a step was passed to `dynamics`.
+together. The computed motions are local optima. Plans of `least_effort`, `least_time` and `follow` are replayed on a
+finer mesh with shorter steps (`Motion.replay`). In space, a plan whose replay violates a limit is computed again with
+half the step, at most `Dynamics.halvings` times, unless a step was passed to `dynamics`.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,7 +32,7 @@ STATES = "a state an arm; of joint angles, those of `Dynamics.rest`"
 
 @dataclass
 class Motion:
-    """Planned motion of n arms.
+    """Planned motion of n arms, with its controls, states and violations of limits.
 
     controls (T, n, N): torques divided by their limits; states (T + 1, n, S); periods (n,): control periods until each
     arm arrives; missed (n,): largest violation of the limits (see `TOLERANCE`). ends (n,): periods after which each
@@ -119,7 +119,7 @@ def optimise(
 def arrive(plant: Dynamics, goal: Array, periods: Counts, total: int) -> ilqr.Limits:
     """Return the terminal constraint: at rest at the goal states (n, S) after `periods` (n,) of `total` periods.
 
-    Rates are divided by `rates_of`.
+    Rates in the constraint are divided by `rates_of`.
     """
     scale = np.ones(plant.size)
     scale[plant.half :] = 1.0 / rates_of(plant)

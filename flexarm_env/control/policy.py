@@ -1,10 +1,11 @@
 """Trained policies run with NumPy alone: a small network from a `policy.npz` file.
 
-The file contains three groups of entries. `meta` is JSON: format, env_id, env_kwargs, layout, activation, squash,
-versions, and further records of the run. A policy whose `meta` has the observation's `scales` by name and
-`torque_limits` acts on other arms too. The weights are `w0`, `b0`, `w1`, ... (float32; layer k maps x to x w + b). For
-normalized observations there are `mean`, `variance` (float64), `clip` and `epsilon`. The file contains numbers and text
-only. Reading a policy.npz executes nothing, whereas reading a pickle (a model.zip, a checkpoint) may execute code.
+A policy.npz file contains three groups of entries. `meta` is JSON: format, env_id, env_kwargs, layout, activation,
+squash, versions, and further records of the run. A policy whose `meta` has `torque_limits` and the `scales` of the
+observation's entries can also act on other arms. The weights and biases of the layers are `w0`, `b0`, `w1`, ...
+(float32; layer k maps x to x w + b). For normalized observations there are `mean`, `variance` (float64), `clip` and
+`epsilon`. The file contains only numbers and text. Reading a policy.npz executes nothing, whereas reading a pickle (a
+model.zip, a checkpoint) may execute code.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ class NumpyPolicy:
         return int(self.weights[0][0].shape[0])
 
     def reset(self, observation: NDArray[np.floating]) -> None:
-        """Do nothing: the policy has no memory."""
+        """Do nothing, because the policy has no memory."""
 
     def act(self, observation: NDArray[np.floating]) -> Array32:
         """Compute actions in [-1, 1], (n, N), or (N,) for a single observation.
@@ -109,7 +110,7 @@ class NumpyPolicy:
 class AroundPolicy(NumpyPolicy):
     """Network with a controller inside: action = clip(controller's action + share * network's action).
 
-    The controller is made for the environment by `bound`. The controller's memory begins at `reset`.
+    The controller is made for the environment by `bound`. The controller's memory begins at `reset`, with the episode.
     """
 
     def __init__(
@@ -143,7 +144,7 @@ class AroundPolicy(NumpyPolicy):
         return self.inside.actions(self._own(), observation, self.network(observation))
 
     def _own(self) -> Controller | Following:
-        """Return the controller; RuntimeError before `bound`."""
+        """Return the controller inside the policy; raise RuntimeError before `bound`."""
         if self.controller is None:
             what = f"the policy has the controller {self.inside.controller} inside, which needs its environment"
             raise RuntimeError(f"{what}: load_policy(name, env)")

@@ -62,7 +62,7 @@ def zv(frequency: float, ratio: float = 0.0) -> Shaper:
 
 
 def zvd(frequency: float, ratio: float = 0.0) -> Shaper:
-    """Return the zero-vibration-derivative shaper: three impulses.
+    """Return the zero-vibration-derivative shaper (ZVD), which has three impulses.
 
     The residual vibration grows with the square of a frequency error. frequency: rad/s. ratio: damping ratio, 0 to
     0.99.
@@ -112,14 +112,14 @@ def cascade(closed: Array, kind: str, most: int) -> Shaper:
 class Shaped(Controller):
     """Controller that follows a shaped reference: constant acceleration, then deceleration, convolved with impulses.
 
-    All joints start and stop together.
+    In this reference all joints start and stop at the same time.
     """
 
     kind: str
     """Kind of the shaper, "zv" or "zvd"."""
 
     def shape(self, shapers: Sequence[Shaper], quickest: Array, to_go: Array) -> None:
-        """Begin episodes with each arm's shaper.
+        """Begin episodes, each with the shaper of its arm.
 
         quickest (n,): durations of the unshaped references, s. to_go (n, N): joint displacements, rad.
         """

@@ -227,7 +227,7 @@ class OnnxPolicy:
         return self
 
     def reset(self, observation: NDArray[np.floating]) -> None:
-        """Do nothing: there is no memory."""
+        """Do nothing, because an ONNX policy has no memory."""
 
     def act(self, observation: NDArray[np.floating]) -> Any:
         """Run the model on observations (n, entries) or (entries,); a model of batch size 1 is run row by row."""
@@ -267,7 +267,7 @@ class FunctionPolicy:
         return bound
 
     def reset(self, observation: Array32) -> None:
-        """Begin episodes with their first observations."""
+        """Begin episodes with their first observations, and reset the user's object."""
         if self.begin is not None:
             self._call(self.begin, observation)
 

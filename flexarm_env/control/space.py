@@ -59,7 +59,7 @@ class AboutRest(Controller):
     follows_goal = False
 
     def __init__(self, setup: Setup) -> None:
-        """Store gravity and the rigid arm's bodies."""
+        """Store gravity and the bodies of the rigid arm."""
         super().__init__(setup)
         self.gravity = np.array(setup.gravity or (0.0, 0.0, 0.0))
         self.bodies = link_bodies(setup.arm)
@@ -103,7 +103,7 @@ class AboutRest(Controller):
         return found
 
     def _goal(self, signals: Signals) -> Array:
-        """Compute the joint angles (n, N), rad, of the rests at the targets, and store the torques of these rests."""
+        """Compute the joint angles (n, N), rad, of the arms at rest at the targets, and store their holding torques."""
         goals, self.torque = np.zeros(signals.angles.shape), np.zeros(signals.angles.shape)
         for i, target in enumerate(self.targets(signals)):
             goals[i], self.torque[i] = self.rest_at(target, signals.angles[i])[1:]

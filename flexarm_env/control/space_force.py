@@ -25,7 +25,7 @@ DAMPED = 1e-4
 
 @dataclass(frozen=True, kw_only=True)
 class SpatialForceGains(Approach):
-    """Gains of `SpatialHybridForce`.
+    """Gains of the controller `SpatialHybridForce`.
 
     Args:
         rate, ratio, lag: natural frequency, rad/s, damping ratio and time constant of the filtered rates, s, of the
@@ -57,7 +57,7 @@ class SpatialHybridForce(WallController):
     follows_goal = False
 
     def __init__(self, setup: Setup, gains: SpatialForceGains | None = None) -> None:
-        """Look up the entries of the observation.
+        """Look up the positions of the observation's entries that the controller reads.
 
         Raises:
             ValueError: the observation has neither the force nor strain gauges, or neither the target's position nor

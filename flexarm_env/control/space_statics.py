@@ -74,7 +74,7 @@ class SpatialChain:
 
     @property
     def cells(self) -> int:
-        """Number of cells of all links."""
+        """Number of cells of all links together."""
         return len(self.masses)
 
     def at(self, angles: Array, force: Array, curvatures: Array) -> Rest:

@@ -29,7 +29,7 @@ class Plan:
 
     @property
     def periods(self) -> int:
-        """Length of the plan, control periods."""
+        """Length of the plan in control periods."""
         return len(self.torques)
 
 

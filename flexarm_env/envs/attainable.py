@@ -226,9 +226,9 @@ def _distances(arm: Arm, limits: list[Pair]) -> Pair:
 def _in_space(frame: Frame, arm: Arm, starts: Starts, torques: np.ndarray) -> Attainable | None:
     """Return the conditions on targets of an arm in space; None if the motors hold the arm at every target.
 
-    Targets are drawn as joint angles. `Attainable.bodies` gets each link's mass (kg) and center of mass (m, link axes).
-    torques (N,): largest torque of each joint, N m. Raises ValueError if the motors cannot hold the arm at any of
-    `SAMPLES` drawn targets.
+    Targets in space are drawn as joint angles. `Attainable.bodies` gets each link's mass (kg) and center of mass (m,
+    link axes). torques (N,): largest torque of each joint, N m. Raises ValueError if the motors cannot hold the arm at
+    any of `SAMPLES` drawn targets.
     """
     gravity = np.array(frame.gravity or (0.0, 0.0, 0.0))
     if not gravity.any():

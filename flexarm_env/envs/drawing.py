@@ -25,7 +25,7 @@ FAINT: Color = (120, 132, 147)
 
 
 def pygame_module() -> Any:
-    """Import pygame and return it. Raises DependencyNotInstalled if it is missing."""
+    """Import pygame and return the module. If pygame is missing, DependencyNotInstalled is raised."""
     try:
         import pygame
     except ImportError as error:
@@ -59,7 +59,7 @@ class Sheet:
         return _pixels(points, self.size, self.scale, self.center)
 
     def disc(self, at: ArrayLike, radius: float, color: Color) -> None:
-        """Draw a filled disc; radius in points."""
+        """Draw a filled disc; its radius is in points."""
         self.pg.draw.circle(self.canvas, color, self.pixels(at), radius * self.point)
 
     def ring(self, at: ArrayLike, radius: float, width: float, color: Color) -> None:
@@ -92,7 +92,7 @@ class Sheet:
         draw_arrow(self.canvas, a, b, color, self.point)
 
     def dashes(self, start: Array, end: Array, width: float, color: Color) -> None:
-        """Draw a dashed line; width in points."""
+        """Draw a dashed line; its width is in points."""
         a, b = self.pixels(start), self.pixels(end)
         count = max(1, round(float(np.hypot(*(b - a))) / (9.0 * self.point)))
         wide = max(1, round(width * self.point))

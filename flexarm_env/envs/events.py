@@ -214,7 +214,7 @@ def _joint(arm: Arm, k: int, row: Any, of: str = "angles") -> Pair:
 
 
 def _target(kind: Kind, arm: Arm, value: Any) -> list[Pair]:
-    """Return the two ranges of `starts.target`.
+    """Return the two ranges that `starts.target` gives for a target.
 
     One link: range of the angle (rad) and an unused range. More links: ranges of a point's distance (m) and bearing
     (rad). In space: a range of each joint angle, rad.

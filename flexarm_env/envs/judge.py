@@ -162,8 +162,8 @@ class Judge:
     def _motion(self, settings: Settings, pose: Array, h: float) -> Motion:
         """Return the small motions about a posture on the settings' mesh, with the integrator's inertia and damping.
 
-        h: step, s. Linear elements (order 1) with one Gauss point keep the curvature of an element at its mean. E such
-        elements per link are therefore stiffer in bending by 1 / (4 E^2).
+        h: step of the integrator, s. Linear elements (order 1) with one Gauss point keep the curvature of an element at
+        its mean. E such elements per link are therefore stiffer in bending by 1 / (4 E^2).
         """
         elements = (settings.segments or 1) * (settings.elements or 1)
         stiffness = self.stiffness
@@ -189,7 +189,7 @@ class Judge:
         return self._known[key]
 
     def halved(self, settings: Settings, h: float) -> float:
-        """Return the largest tip distance between small motions in steps of h (s) and in steps of h/2, divided by L."""
+        """Return the largest tip distance, divided by L, between small motions in steps of h (s) and of h/2."""
         worst = 0.0
         for pose in self.poses:
             one, two = (self._stepped(settings, pose, k) for k in (h, 0.5 * h))
@@ -207,7 +207,7 @@ class Judge:
     def _apart(self, one: Array, two: Array) -> float:
         """Return the largest distance / arm's length between the tips of two responses (`Motion.respond`).
 
-        The last run is omitted. If a response is not finite, the result is inf.
+        The last run of the responses is omitted. If a response is not finite, the result is inf.
         """
         apart = np.linalg.norm((one - two)[:, : self.places, :-1], axis=1).max() / self.arm.total_length
         return float(apart) if math.isfinite(apart) else math.inf
@@ -277,7 +277,7 @@ def judge(arm: Arm, drive: Drive, period: float, stiffness: float = 1.0) -> Judg
 def worst(arm: Arm, drive: Drive, period: float, drawn: Mapping[str, tuple[float, float]]) -> Worst:
     """Return error estimates of an arm and its extreme drawn arms, which are the softest and the stiffest arm.
 
-    The stiffest arm has the smallest payload.
+    The stiffest arm carries the smallest payload.
 
     period: control period, s. drawn: ranges (low, high) of randomized factors by name; only the factors on EI, payload
     and torque_constant are used.

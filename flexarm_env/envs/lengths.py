@@ -37,7 +37,7 @@ def scaled(arm: Arm, factor: Factor) -> Arm:
     """Return the arm with its links' lengths multiplied by one factor for all links, or by a factor for each link.
 
     The positions along the link at which sections or the curvature are given are scaled, but the sections themselves do
-    not change. Rigid ends do not change. Mass and inertia of rigid links do not change either.
+    not change. The rigid ends of links do not change. Mass and inertia of rigid links do not change either.
     """
     given = factor if check.several(factor) else [factor] * arm.n_links
     factors = check.numbers("lengths", given, f"a number, or {arm.n_links} of them", arm.n_links, "", above=0.0)
@@ -164,7 +164,7 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         return seen, reward, terminated, truncated, self._joined([one[4] for one in out])
 
     def _joined(self, infos: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-        """Concatenate the parts' infos.
+        """Concatenate the infos of the parts to one info of all arms.
 
         If a part lacks a key, its values are zeros, or None, and its mask is False.
         """
@@ -249,7 +249,7 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         return None if any(frame is None for frame in frames) else tuple(one for some in frames for one in some or ())
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Close the parts."""
+        """Close the environments of all lengths."""
         for part in self.parts:
             part.close()
 

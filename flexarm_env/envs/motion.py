@@ -113,7 +113,7 @@ def _scene(path: str, name: Any) -> Scene:
 
 
 def _joints(path: str, scene: Scene, n_links: int) -> tuple[tuple[int, TimeFunction], ...]:
-    """Return the joint motions of a scene."""
+    """Return the motions that a scene prescribes for joints."""
     if scene.root == "free":
         raise check.InvalidValue(path, scene.name, "must be a scene of an arm that is pinned, not of a free body")
     found = []
@@ -179,7 +179,7 @@ class Guide:
         self, scene: Scene, settings: Settings, period: float,
         gauges: tuple[Spot, ...] = (), gauge_scales: tuple[float, ...] = (),
     ) -> None:  # fmt: skip
-        """Assemble the scene's simulation and start it.
+        """Assemble the simulation of the scene and start it.
 
         period: control period, s; the settings' steps are adjusted to divide it. gauges, gauge_scales: places of the
         strain gauges and their scales, 1/m.
@@ -227,7 +227,7 @@ class Guide:
         self._call = compiler.entry(guided_period, self._placed, 0)
 
     def _motions(self) -> Guided:
-        """Return the motions of the arm's program."""
+        """Return the prescribed motions that the arm's program contains."""
         own, kinks = self.simulation, np.array(self.scene.kinks, np.float64)
         stretch, levels = np.zeros(STRETCH.places.end), np.zeros(0)
         stretch[STRETCH.places.gross] = own.gross

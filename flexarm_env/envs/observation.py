@@ -130,7 +130,10 @@ def _chosen(
     observation: str | tuple[str, ...], names: tuple[str, ...], task: int, joints: list[list[int]],
     acted: Sequence[str],
 ) -> tuple[int, ...] | None:
-    """Return the indices of the observed entries. Raises ValueError for an unknown name."""
+    """Return the indices of the observed entries among all available entries.
+
+    An unknown name of an entry raises ValueError.
+    """
     if observation == FULL:
         return None
     if observation == MEASURED:

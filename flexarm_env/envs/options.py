@@ -312,7 +312,7 @@ def with_starts(plan: Plan, ranges: Mapping[str, Any] | None) -> Plan:
 def _drawn_offsets(extras: Extras, readings: Mapping[str, tuple[str, Law]]) -> dict[str, int]:
     """Return the offsets, by name, of drawn delays, lags and gains, counted from the end of the drawn factors in info.
 
-    readings: the sensors' readings, by name.
+    readings: table of the sensors' readings, with their names as keys.
     """
     first, found, late = FURTHER.told - FURTHER.drawn, {}, extras.sensors
     if extras.actuator is not None and extras.actuator.jitter is not None:
@@ -415,8 +415,8 @@ LATER = FACTOR_NAMES[FACTOR_NAMES.index("hub_inertia") :]
 def _factors(value: Any, arm: Arm) -> dict[str, events.Pair]:
     """Return the ranges of the factors of `randomization`, in order.
 
-    Every arm draws the first `ALWAYS` factors. If the user gives one of the other factors before `LATER`, the arm draws
-    all factors before `LATER`. If the user gives one of `LATER`, the arm draws all factors that it supports.
+    Every arm draws the first `ALWAYS` of these factors. If the user gives a factor between `ALWAYS` and `LATER`, the
+    arm draws all factors before `LATER`. For a factor of `LATER` the arm draws all factors that it supports.
     """
     names = [name for name in FACTOR_NAMES if name not in STIFFNESSES or name in reading_of(arm).stiffnesses]
     if isinstance(value, Mapping) and "length" in value:

@@ -91,7 +91,7 @@ class Wall:
         self.window.show(sheet)
 
     def close(self) -> None:
-        """Close the window."""
+        """Close the window with the pictures."""
         self.window.close()
 
 

@@ -52,7 +52,7 @@ can hold.
 
 
 class Wall(NamedTuple):
-    """A wall. distance: from the root to its nearest point, m. bearing, elevation: of this point, rad."""
+    """A wall: distance (m), bearing and elevation (rad) of its point nearest to the root."""
 
     distance: float
     bearing: float
@@ -149,7 +149,7 @@ class PlaceOnWall(OnWall):
         return [(d, d), (0.0, 0.7 * half), (0.0, 0.0), (b, b)]
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Check that the target is within reach."""
+        """Check that the target on the wall is within the arm's reach."""
         farthest = math.sqrt(max((0.95 * arm.total_length) ** 2 - self.wall.distance**2, 0.0))
         if ranges[1][1] > farthest:
             what = f"must be at most {farthest:g} m, so that the point of the wall is within reach"
@@ -169,7 +169,7 @@ def pressing(kind: Kind, arm: Arm, task: Any, duration: Any, contacts: Any, sens
     """Return the task's definition and the keywords for task="press" or "land"; for any other task, both unchanged.
 
     The first contact is the wall: a half-space with the root outside of it. Without contacts the wall is at a distance
-    of 0.7 arm lengths along x. A force sensor is added.
+    of 0.7 arm lengths along x. The environment gets a force sensor.
 
     Raises:
         ValueError: the message names the key path, the value and the allowed values.
@@ -267,7 +267,10 @@ def _ranges(arm: Arm, wall: Wall) -> list[Pair]:
 
 
 def _ranges_in_space(arm: Arm, wall: Wall, gravity: Any) -> list[Pair]:
-    """Return the ranges of joint angles at a start, rad; see `_ranges`. gravity (3,): m/s^2, held by the motors."""
+    """Return the ranges of joint angles at a start, rad; see `_ranges`.
+
+    gravity (3,): acceleration of gravity, m/s^2, against which the motors hold the arm.
+    """
     away, _, up = wall.directions
     height = 0.5 * sum(HEIGHTS) * wall.half_chord(arm.total_length)
     found = angles_at(arm, NEAR * (wall.distance * away + height * up), gravity)

@@ -65,7 +65,7 @@ ARROW = 0.5
 
 
 class Renderer:
-    """Draws arms, one picture per call.
+    """Renderer that draws planar arms, one picture per call.
 
     Args:
         mode: "rgb_array" returns pixels. "human" shows a window in real time; without a display it logs one warning and
@@ -144,7 +144,7 @@ class Renderer:
         deflection: ArrayLike | None = None,
         attitude: float | None = None,
     ) -> NDArray[np.uint8] | None:
-        """Draw one instant.
+        """Draw the arm at one instant.
 
         Args:
             shape_points: for each of the N links, the points (n, 2) of the link from root to tip, m.
@@ -155,7 +155,7 @@ class Renderer:
                 link's length, or None.
             attitude: attitude of a floating base, rad, or None.
         Returns:
-            (height, width, 3) uint8, or None in a window.
+            the picture, (height, width, 3) uint8; None if a window shows it.
         """
         if not self.ready():
             return None
@@ -188,7 +188,7 @@ class Renderer:
 
     @property
     def visible(self) -> bool:
-        """Whether there is a window."""
+        """Whether a window is open."""
         return self._window is not None
 
     def held(self, key: str) -> bool:
@@ -197,7 +197,7 @@ class Renderer:
         return self.visible and bool(keys.get_pressed()[keys.key_code(key)])
 
     def close(self) -> None:
-        """Close the window; later frames draw nothing."""
+        """Close the window; frames drawn later have no effect."""
         self.closed = True
         if self._window is not None:
             self._window = self._clock = None
@@ -403,7 +403,7 @@ def _draw_motor(sheet: Sheet, line: Array, radius: float) -> None:
 def _draw_bars(
     picture: Any, u: float, left: float, note: str, names: list[str], shares: Array, values: Array, color: Color
 ) -> None:
-    """Draw rows of a name, a bar (share -1 to 1) and a percentage above the lower edge.
+    """Draw rows that each contain a name, a bar (share -1 to 1) and a percentage, above the lower edge of the picture.
 
     A point marks a bar that exceeds the scale.
     """

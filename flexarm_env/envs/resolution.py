@@ -1,8 +1,8 @@
 """Choose an environment's default mesh, step and Newton tolerance, and estimate the tip's error with these settings.
 
 The usual settings (`options.DEFAULT_OPTIONS`) are used if the rule below accepts them for an arm. Otherwise the step
-becomes a whole fraction of the usual step, and the mesh finer, until the rule accepts them. A user's own options are
-never changed. Symbols: T control period, h step, L the arm's length, I inertia about a joint.
+becomes a whole fraction of the usual step, and the mesh finer, until the rule accepts them. Solver options that a user
+gives are never changed. Symbols: T control period, h step, L the arm's length, I inertia about a joint.
 
 Small motions have the error e_1: the largest distance, divided by L, between the tip of small motions (`small_motions`)
 on the mesh in steps of h and the tip on a fine mesh with exact time integration. The motions last 100 periods with
@@ -21,7 +21,7 @@ an error of up to T_C h / I (docs: theory, section 6). This error of the rate ac
 
 A fast turn with the links' angular velocity Omega has the error e_3 = kappa h^2 times the time integral of Omega^3. The
 coordinates of the exact beam in the plane are positions: in steps of h, a turn lags by the fraction kappa (Omega h)^2
-(`Settings.period_error`). The coordinates of the other formulations are angles: e_3 is a tenth of this value, with
+(`Settings.period_error`). In the other formulations the coordinates are angles: e_3 is a tenth of this value, with
 Omega the rate of elbows without limits.
 
 With backlash, omega_c h must not exceed 0.3 (measured). The steps then resolve the contact of a rotor of inertia J with
@@ -29,7 +29,8 @@ an arm of inertia I through a gear of stiffness k, omega_c = sqrt(k (1/J + 1/I))
 search begins with such steps, and trials shorten the steps.
 
 For arms of several links, trials (`trials`) of nonlinear episodes measure by which factor the amplification of errors
-exceeds G. The step and then the mesh are refined until the error of a trial is small. The estimate includes this error.
+exceeds G. The step and then the mesh are refined until the error of a trial is small. The estimate of the tip's error
+includes the error of the trial.
 
 For chains of elasticas, omega_3 h must not exceed 0.45 (measured) if the third vibration, of frequency omega_3, has
 less than a tenth of critical damping. With longer steps the energy of unresolved vibrations may grow.
@@ -38,8 +39,8 @@ In space, tau L / (E EI) must not exceed 2 rad (measured) for a torque tau and E
 that turns by pi has no rotation vector.
 
 The Newton tolerance is the usual tolerance times (h / usual h)^2 for steps of at most half the usual step, because
-increments decrease in this proportion. In space it is also multiplied by 100 I_min / I_max if this is below 1, for
-light wrists.
+increments decrease in this proportion. In space the tolerance is also multiplied by 100 I_min / I_max if this ratio is
+below 1, as for light wrists.
 
 The bound is e = G e_1 + e_2. The usual settings are kept if e <= `SmallMotions.kept` and e_3 <= `SPUN`; otherwise the
 search looks for settings with e <= `AIM`. The estimate is `MARGIN` G e_1 + `MARGIN_OF_FRICTION` e_2 + e_3, to which

@@ -26,7 +26,7 @@ between the check and the assignment of this value.
 
 
 class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
-    """Common base of the single environments.
+    """Common base class of the environments with a single arm.
 
     The single environments also name gymnasium.Env as a direct base, and the vector environments VectorEnv. Some
     libraries, such as skrl, recognize an environment by the direct bases of its class.
@@ -58,7 +58,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array32, dict[str, Any]]:
-        """Start an episode.
+        """Start an episode of the environment's arm.
 
         Args:
             seed: seed of the environment's generator; None: the generator continues.
@@ -153,7 +153,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         return view if self.guide is None else self.guide.view(view)
 
     def close(self) -> None:
-        """Close the window and release resources."""
+        """Close the window and release the environment's resources."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
@@ -163,7 +163,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         """Return a copy of everything that determines the environment's future.
 
         The copy contains the arm with its integrator's history, sensors, motors and target, the generator, and the
-        prescribed motion. The copy can be pickled.
+        prescribed motion. The copy of the state can be pickled.
         """
         self._free()
         return state_of(self.batch, 0, self.np_random, self.np_random_seed, self.guide)
@@ -184,7 +184,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
 
     @property
     def dt(self) -> float:
-        """Control period, s."""
+        """Control period of the environment, s."""
         return self.plan.period
 
     def __getstate__(self) -> dict[str, Any]:

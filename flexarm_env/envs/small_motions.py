@@ -1,15 +1,15 @@
 """Small motions of an arm in the plane: response to torques that change at control instants, on a given mesh and step.
 
-The links are elasticas about straight lines. The coordinates x are the tangent angles phi at the nodes of
-`physics.elastica.chain` (rad) and the angles psi of motors behind elastic gears. If the base floats, its position (m)
-and attitude (rad) are coordinates, too:
+The links are elasticas that deviate little from straight lines. The coordinates x are the tangent angles phi at the
+nodes of `physics.elastica.chain` (rad) and the angles psi of motors behind elastic gears. If the base floats, its
+position (m) and attitude (rad) are coordinates, too:
 
     M x'' + C x' + K x = B u,    tip = c x,    motor and joint angles = B^T x
 
-`Motion.of` assembles these matrices from polynomials. For the elastica a polynomial covers a whole link; for the other
-formulations a polynomial covers an element, whose angle is quadratic because the displacements of a beam element are
-cubic. `exact` advances the motions by a control period with the matrix exponential, `stepped` with the integrator's
-steps.
+`Motion.of` assembles the matrices M, C, K and B from polynomials. For the elastica a polynomial covers a whole link;
+for the other formulations a polynomial covers an element, whose angle is quadratic because the displacements of a beam
+element are cubic. `exact` advances the motions by a control period with the matrix exponential, `stepped` with the
+integrator's steps.
 """
 
 from __future__ import annotations
@@ -172,7 +172,7 @@ class Motion:
     def jointed(self, arm: Arm) -> Motion:
         """Return the motions with rotors, elastic gears and viscous friction of the joints.
 
-        Backlash and Coulomb friction are not included.
+        Backlash and Coulomb friction of the joints are not included.
         """
         made = self
         for k in range(arm.n_links):

@@ -25,7 +25,7 @@ UNEQUAL = 100.0
 
 
 class SmallMotions:
-    """Small motions in the plane.
+    """Small motions of an arm in the plane, by the common interface.
 
     Attributes:
         bend: reference angle, rad, in the factor G = 1 + (theta / bend)^3 (`Judge.gain`). kept: error that usual
@@ -73,7 +73,7 @@ class SmallMotions:
 
 
 class SmallMotionsInSpace(SmallMotions):
-    """Small motions in space.
+    """Small motions of an arm in space, by the common interface.
 
     Links turn out of each other's planes, and gravity limits the swing of the whole arm.
     """
@@ -126,5 +126,5 @@ SMALL_MOTIONS = {"xy": SmallMotions(), "xyz": SmallMotionsInSpace()}
 
 
 def small_motions(arm: Arm) -> SmallMotions:
-    """Return the small motions of an arm."""
+    """Return the small motions of an arm, in the plane or in space."""
     return SMALL_MOTIONS[arm.axes]

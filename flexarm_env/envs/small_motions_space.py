@@ -3,7 +3,7 @@
 Links are beam elements with cubic displacements in both planes, linear stretch and linear twist. The coordinates are
 joint angles (rad), then displacement (m) and rotation (rad) of each element's far section in inertial axes. Each
 section has a map (6, n) from the coordinates to its displacement and rotation. A joint adds its angle to the rotation;
-a rigid part adds the displacement of its lever. Only the lowest KEPT modes are used.
+a rigid part adds the displacement of its lever. Of the arm's modes only the lowest KEPT modes are used.
 """
 
 from __future__ import annotations
@@ -77,7 +77,8 @@ class _Assembly:
     def add_body(self, at: Array, axes: Array, mass: float, inertia: Inertia) -> None:
         """Add a rigid body centered at a section to M.
 
-        at: the section's map (6, n). axes: axes of the section. mass: kg. inertia: kg m^2, in these axes.
+        at: map (6, n) from the coordinates to the section's displacement and rotation. axes: axes of the section. mass:
+        mass of the body, kg. inertia: inertia of the body, kg m^2, in the section's axes.
         """
         self.M += mass * at[:3].T @ at[:3] + at[3:].T @ (axes @ tensor(inertia) @ axes.T) @ at[3:]
 

@@ -24,7 +24,7 @@ SHARES = (1.0, 0.75, 0.5, 0.25)
 
 
 def check_arm(arm: Arm, kind: Kind) -> None:
-    """Raise `InvalidValue` for a planar arm."""
+    """Raise `InvalidValue` if an environment in space gets a planar arm."""
     if not arm.spatial:
         what = f"must leave the x-y plane for {kind.id}; FlexibleArm-v0 and MultiLinkFlexArm-v0 have arms of the plane"
         raise check.InvalidValue("arm", arm.name, what)

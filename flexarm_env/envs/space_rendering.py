@@ -1,6 +1,6 @@
 """Pictures of arms in space, drawn with pygame: a perspective view over a ground.
 
-Links are lit ribbons that show bending and twist. Shadows and plumb lines show positions.
+Links are lit ribbons that show bending and twist. Shadows and plumb lines show the positions of the arm's parts.
 """
 
 import math
@@ -72,7 +72,7 @@ class Camera:
 
 
 class SpaceRenderer(Renderer):
-    """Draws arms in space, one picture per call; the arguments of `rendering.Renderer` are accepted, too.
+    """Renderer that draws arms in space, one picture per call; it accepts the arguments of `rendering.Renderer`, too.
 
     Args:
         sides: (N, 2), width and thickness of each link, m (`geometry.ribbons.Ribbons`). ground: height of the ground,
@@ -83,7 +83,7 @@ class SpaceRenderer(Renderer):
         self, mode: str, reach: float, size: tuple[int, int] = (640, 640), fps: float = 50.0, *,
         sides: Array, ground: float = 0.0, links: Sequence[str] = (), payload: bool = True, **more: Any,
     ) -> None:  # fmt: skip
-        """Check the arguments, including those of `Renderer`.
+        """Check the arguments, including those of the base class `Renderer`.
 
         sides (N, 2): width and thickness of each link, m, 0 for a rigid link. ground: height of the ground with the
         shadows, m. links: names of the links that have deflection bars.
@@ -106,14 +106,14 @@ class SpaceRenderer(Renderer):
         deflection: ArrayLike | None = None,
         rigid: ArrayLike | None = None,
     ) -> NDArray[np.uint8] | None:
-        """Draw one instant.
+        """Draw the arm at one instant.
 
         Args:
-            chain: for each of the N links, points (P, 3), m, and the directions of its width there. rigid: (N + 1, 3),
-                positions of joints and tip of the rigid arm, m, or None. target (3,): target point, m, or None. Other
-                arguments: as in `Renderer.frame`.
+            chain: for each of the N links, points (P, 3), m, and the directions of the link's width at these points.
+                rigid: (N + 1, 3), positions of joints and tip of the rigid arm, m, or None. target (3,): target point,
+                m, or None. Other arguments: as in `Renderer.frame`.
         Returns:
-            (height, width, 3) uint8, or None in a window.
+            the picture, (height, width, 3) uint8; None if a window shows it.
         """
         if not self.ready():
             return None
@@ -247,7 +247,7 @@ class SpaceRenderer(Renderer):
 
 
 def _above(face: Array, ground: float) -> Array:
-    """Return the part of a wall's face (n, 3), m, above the ground; the whole face if all of it is below."""
+    """Return the part of a wall's face (n, 3), m, that is above the ground; the whole face if no part is above."""
     kept = []
     for a, b in zip(face, np.roll(face, -1, axis=0), strict=True):
         if a[2] >= ground:

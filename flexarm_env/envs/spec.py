@@ -52,7 +52,7 @@ class ArmSpec(EnvSpec):
 
     @property
     def max_episode_steps(self) -> int | None:
-        """Number of control periods of an episode."""
+        """Number of control periods after which an episode is truncated."""
         if sys._getframe(1).f_code in MAKERS:
             return self.given
         return self.own if self.given is None or self.own is None else min(self.given, self.own)

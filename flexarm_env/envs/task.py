@@ -125,7 +125,7 @@ def _reach_entries(arm: Arm) -> list[tuple[str, float]]:
 
 
 def _base_entries(arm: Arm) -> list[tuple[str, float]]:
-    """Return the entries of a floating base.
+    """Return names and scales of the observation's entries for a floating base.
 
     The scale of the base's rate is the rate of a quarter turn by the hub's full torque (`rate_scale`). The scale of the
     hub's velocity contains the arm's share of the total mass.

@@ -143,7 +143,7 @@ def trials_of(
         return np.concatenate(parts, axis=1)
 
     def episodes(settings: Settings, lanes: int, factors: Mapping[str, float]) -> Array:
-        """Run `lanes` episodes of bang-bang torques with given settings and factors on nominal values, by name.
+        """Run `lanes` episodes of bang-bang torques with given settings, and factors by name on nominal values.
 
         Returns the tip positions (PERIODS, lanes, 2 or 3), m; nan after an episode's end, inf in the period of a
         failure.
@@ -183,7 +183,7 @@ def trials_of(
 def corners(drawn: Mapping[str, tuple[float, float]]) -> list[dict[str, float]]:
     """Return the factors of the extreme drawn arms, the softest and the stiffest, if these differ from the nominal arm.
 
-    drawn: ranges (low, high) by name (`starts.FACTORS`).
+    drawn: ranges (low, high) of the drawn factors, by their names in `starts.FACTORS`.
     """
     soft = {"EI": 0, "payload": 1, "torque_constant": 1, "damping": 0}  # ends of the ranges
     found = []
@@ -242,9 +242,10 @@ def refined(
 ) -> tuple[Settings, float]:  # fmt: skip
     """Return the settings whose trial is good enough, or the best settings tried, and the trial's error divided by L.
 
-    The search starts from `first`. A trial is good enough if its error is at most `TRIED`. meshes: settings with finer
-    meshes, from the coarsest. at: function of (settings, step, s) that returns the settings with this step and a
-    suitable Newton tolerance. least: shortest step, s. length: L of the arm, m. most: largest number of settings tried.
+    The search for good settings starts from `first`. A trial is good enough if its error is at most `TRIED`. meshes:
+    settings with finer meshes, from the coarsest. at: function of (settings, step, s) that returns the settings with
+    this step and a suitable Newton tolerance. least: shortest step, s. length: L of the arm, m. most: largest number of
+    settings tried.
     """
     # meshes that small motions find worse, as many nodes on short pieces of a link are, do not help
     worst = NOISE * rule.small(first, least)

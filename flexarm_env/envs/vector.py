@@ -32,7 +32,7 @@ SINGLE_NAMES = {"observation_space": "single_observation_space", "action_space":
 
 
 class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
-    """Common base of the vector environments.
+    """Common base class of the vector environments.
 
     Only one thread at a time may reset or step the environment, or read or set its states. A second thread gets a
     RuntimeError.
@@ -188,7 +188,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         return self._guides[i].view(view) if i in self._guides else view
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Close windows and end threads."""
+        """Close the windows and end the worker threads."""
         for one in (*self._renderers, *([] if self._wall is None else [self._wall])):
             one.close()
         self._renderers, self._wall = [], None
@@ -206,7 +206,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """The seeds of the arms' generators."""
+        """Seeds of the random generators of the arms."""
         self.np_random  # noqa: B018  (seeds those that are not)
         return tuple(self._seeds)
 
@@ -224,7 +224,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     def _start(
         self, arms: Sequence[int], mode: int, requests: dict[int, Request] | None, guides: dict[int, Guide]
     ) -> None:
-        """Start episodes of these arms with the results of `_requests`."""
+        """Start episodes of the given arms with the results of `_requests`."""
         made = self._generators
         keys = [(made[i] or self._generator(i)).bit_generator.random_raw() for i in arms]
         if self._guides:
@@ -272,7 +272,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         return asked, {i: made for i in arms if (made := guide_of(self.plan, asked[i])) is not None}
 
     def check_options(self, arms: Sequence[int], options: dict[str, Any] | None) -> None:
-        """Raise ValueError for options that a reset of these arms would reject."""
+        """Raise ValueError for options that a reset of the given arms would reject."""
         if arms:
             self._requests(arms, options)
 
@@ -326,7 +326,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         """Call a method, or return an attribute, of the single environment for each arm or the arms in `indices`.
 
         Supported methods are "get_state", "linearize", "render" and "set_state" (with one state for all arms or a list
-        of states). Attributes are the same for all arms.
+        of states). All arms of the environment have the same attributes.
         """
         chosen = chosen_of(indices, self.num_envs)
         if name == "get_state":

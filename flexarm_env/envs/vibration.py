@@ -92,8 +92,8 @@ def swing(arm: Arm, settings: Settings) -> Array:
     of 1. The last row is (c, 0, 0); c, in s^2, is large compared with the squared reciprocal of every frequency. The
     modes are computed about straight links at joint angles 0, without gravity. A mode counts as y bending, z bending or
     torsion if this deformation has most of the mode's strain energy. If no mode counts as one of the three kinds, the
-    rates of this kind are 0. All three modes have the same energy: to first order, the energy at which a tip deflects
-    by its link's length in the softer bending direction.
+    initial rates of this kind are 0. All three modes have the same energy: to first order, the energy at which a tip
+    deflects by its link's length in the softer bending direction.
     """
     assert settings.dt is not None
     arm = arm.taut

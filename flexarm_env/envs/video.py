@@ -124,9 +124,9 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]]
         path: ends with .mp4, .webm, .mkv, .mov or .gif. frames: (height, width, 3) uint8 each. fps: pictures per
             second.
     Raises:
-        ValueError: the ending is not supported, fps is below FEWEST, a .gif is longer than LONGEST s, or there is no
-            picture. DependencyNotInstalled: no installed package writes this format. OSError: writing failed, for
-            example on a full disk.
+        ValueError: the ending of the file's name is not supported, fps is below FEWEST, a .gif is longer than LONGEST
+            s, or there is no picture. DependencyNotInstalled: no installed package writes this format. OSError: writing
+            failed, for example on a full disk.
     """
     target, fps = film_path(path), check.number("fps", fps, "1/s", minimum=FEWEST)
     target.parent.mkdir(parents=True, exist_ok=True)

@@ -6,9 +6,10 @@ in the row. The period is that of `episode`, without info: it computes torques, 
 action. The period's derivative, `jacobian`, has D = X + A columns, one per moving number and action, and X + O + 1 rows
 per arm: the moving numbers at the end, the observation's entries and the reward.
 
-`tangents` runs the period in dual lanes, for several columns in each pass. Every operation is differentiated when it is
-computed. Newton's solution is differentiated by the implicit function theorem (`physics.integrator.newton`). The module
-`implicit` computes the same derivative faster, but only if a step's result depends on nothing but the step's equations.
+`tangents` runs the period in lanes with tangents, for several columns in each pass. Every operation is differentiated
+when it is computed. Newton's solution is differentiated by the implicit function theorem (`physics.integrator.newton`).
+The module `implicit` computes the same derivative faster, but only if a step's result depends on nothing but the step's
+equations.
 """
 
 from __future__ import annotations
@@ -39,13 +40,13 @@ class Derivative(NamedTuple):
     lane: tuple[int, ...]  # one zero per lane, for plain numbers
     dual: tuple[int, ...]  # the same lanes for numbers with tangents
     program: Program
-    plain: Block  # offsets of a block's sections in plain lanes
-    both: Block  # offsets of a block's sections in dual lanes
+    plain: Block  # offsets of a block's sections in lanes without tangents
+    both: Block  # offsets of a block's sections in lanes with tangents
     columns: int  # X + A, number of columns of the Jacobian
     moving: int  # X, number of moving numbers of a state
     passes: int  # number of linear solutions for a step's tangents; 1 if the step's matrix is exact
-    places: np.ndarray  # (S,) int64: offsets of the state's numbers in a plain block
-    twice: np.ndarray  # (S,) int64: offsets of the state's numbers in a dual block
+    places: np.ndarray  # (S,) int64: offsets of the state's numbers in a block without tangents
+    twice: np.ndarray  # (S,) int64: offsets of the state's numbers in a block with tangents
     chosen: np.ndarray  # (O,) int64: indices of the observed entries
     n: int  # number of arms
     state: np.ndarray  # (n S,) states at the start of the period
@@ -64,8 +65,8 @@ class Derivative(NamedTuple):
     bars: np.ndarray  # (groups, plain.row): scratch blocks for cotangents
     tape: np.ndarray  # (groups, room): numbers stored on the forward pass
     room: int  # amount of numbers on the tape of a group
-    block: np.ndarray  # (groups, plain.row): scratch blocks in plain lanes
-    scratch: np.ndarray  # (groups, both.row): scratch blocks in dual lanes
+    block: np.ndarray  # (groups, plain.row): scratch blocks in lanes without tangents
+    scratch: np.ndarray  # (groups, both.row): scratch blocks in lanes with tangents
 
 
 @kernel
@@ -89,7 +90,7 @@ def observe(address, first, last):
 
 @kernel
 def tangents(address, first, last):
-    """Compute d.jacobian of one control period for groups first ... last - 1, in dual lanes.
+    """Compute d.jacobian of one control period for groups first ... last - 1, in lanes with tangents.
 
     address: address of a `Derivative` d. Returns 0.
     """
@@ -107,7 +108,7 @@ def observation_tangents(address, first, last):
 
 @inlined
 def _views(lane, p, model, block):
-    """Return the integrator's `Work`, views of a block in plain or dual lanes."""
+    """Return the integrator's `Work`, views of a block in lanes with or without tangents."""
     return unpack(lane, model, block, motions_of(p.guide))
 
 
@@ -143,8 +144,8 @@ def _values_of(d, first, g, moves):
 def _columns(d, first, last, moves):
     """Compute Jacobians for groups first ... last - 1: of a period, or of the observation if moves is None.
 
-    With fitted steps a run without derivatives finds each arm's number of halvings k. Model k then computes the columns
-    of these arms.
+    With fitted steps a run without derivatives finds each arm's number of halvings k. The model for steps of h / 2^k
+    then computes the columns of these arms.
     """
     p, block = d.program, d.scratch[first * d.both.row : (first + 1) * d.both.row]
     for g in range(first, last):
@@ -187,9 +188,9 @@ def _all_columns(d, model, parts, level, g, block, moves):
 
 @kernel
 def _some_columns(d, model, parts, level, g, begin, end, block, moves):
-    """Compute columns begin ... end - 1 of group g's Jacobians in one pass (at most as many as dual lanes carry).
+    """Compute columns begin ... end - 1 of group g's Jacobians in one pass (at most one column per tangent).
 
-    block: dual block, scratch.
+    block: block with tangents, scratch.
     """
     for j in range(begin, end, at_once(d)):
         last, w = min(j + at_once(d), end), _views(d.dual, d.program, model, block)
@@ -202,7 +203,7 @@ def _some_columns(d, model, parts, level, g, begin, end, block, moves):
 
 @kernel
 def at_once(d):
-    """Return the number of Jacobian columns in one pass in dual lanes, which is the number of tangents of each lane."""
+    """Return the number of Jacobian columns in one pass, which is the number of tangents of each lane."""
     return len(d.dual) // len(d.lane) - 1
 
 
@@ -253,7 +254,7 @@ def fill(lane, d, places, layout, g, block):
 
 @kernel
 def seed(lane, d, first, last, block):
-    """Set the tangents of Jacobian columns first ... last - 1 in a dual block: 1 for the column's number, otherwise 0.
+    """Set the tangents of Jacobian columns first ... last - 1 in a block: 1 for the column's number, otherwise 0.
 
     Column j < X is number j of the state, column X + k is action k.
     """
@@ -270,8 +271,8 @@ def seed(lane, d, first, last, block):
 def _go(lane, p, models, model, parts, layout, block, w, moves):
     """Advance the arms in a block by one control period and observe them; if moves is None, only observe them.
 
-    models, model, parts: as in `guided.move`. layout: offsets of the block's sections, in plain or dual lanes. w: the
-    integrator's views of the block.
+    models, model, parts: as in `guided.move`. layout: offsets of the block's sections, in lanes with or without
+    tangents. w: the integrator's views of the block.
     """
     if moves is not None:
         par, poses, record, action, _, _, saved, scratch = sections(layout, block)
@@ -288,7 +289,7 @@ def _go(lane, p, models, model, parts, layout, block, w, moves):
 def close(lane, p, layout, block, w):
     """End a period: move targets, count the period, observe, and replace entries by sensor readings without noise.
 
-    layout: offsets of the block's sections, in plain or dual lanes. w: the integrator's views of the block.
+    layout: offsets of the block's sections, in lanes with or without tangents. w: the integrator's views of the block.
     """
     poses, record = block[layout.poses : layout.record], block[layout.record : layout.action]
     move_targets(lane, p.reference, p.task, p.period, record)
@@ -305,7 +306,7 @@ def see(lane, p, layout, block, w):
 
     The reward is written to info.reward. info.truncated becomes 1 where a joint is beyond its limits.
 
-    layout: offsets of the block's sections, in plain or dual lanes. w: the integrator's views of the block.
+    layout: offsets of the block's sections, in lanes with or without tangents. w: the integrator's views of the block.
     """
     par, poses, record, action, seen, info, _, _ = sections(layout, block)
     task_poses(lane, p.model, par, w.q, w.v, poses)
@@ -339,7 +340,7 @@ def write_outcome(lane, d, places, layout, g, block):
 
 @kernel
 def take_columns(lane, d, level, g, first, last, block):
-    """Copy the tangents of group g from a dual block into columns first ... last - 1 of d.jacobian.
+    """Copy the tangents of group g from a block with tangents into columns first ... last - 1 of d.jacobian.
 
     level: copy only arms whose step was halved `level` times in the period, or all arms if level is -1. Rows of
     d.jacobian are the moving numbers, the observed entries and the reward.
@@ -350,7 +351,7 @@ def take_columns(lane, d, level, g, first, last, block):
         if arm < d.n and (level < 0 or d.level[arm] == level):
             row = arm * (d.moving + entries + 1) * columns + first
             for k in range(d.moving + entries + 1):
-                # offset of the row's number in the dual block; its tangents follow it
+                # offset of the row's number in the block with tangents; its tangents follow it
                 place = d.both.info + at.reward * len(lane)
                 if k < d.moving:
                     place = d.twice[k]

@@ -1,7 +1,7 @@
 """The balance of energy of an episode: only work raises an arm's energy (docs: theory, section 6).
 
 Let E_0 be the energy at the start of the episode, W the work of torques and pushes since then, and X the exchanged
-energy: |E_0| plus the absolute values of each period's work. An arm has diverged if
+energy: |E_0| plus the absolute values of each period's work. The kernel treats an arm as diverged if
 
     E > E_0 + W + SHARE (X + |gravity's energy|) + FLOOR (sum of torque limits).
 
@@ -159,9 +159,9 @@ def _may_be_unbalanced(lane, p, w: Work, allowed):
 def close_account(lane, p, par, record: Lanes, saved: Lanes, w: Work):
     """Add the work of the period's constant inputs to the record; flag arms with unexplained energy DIVERGED.
 
-    Work is input times displacement. With ideal motors the inputs are torques (N m) and pushes (N). With other motors
-    (p.actuator) the inputs are only pushes, because `close_step` has added the motors' work step by step. The work of
-    prescribed motions is added by `guided.move`.
+    The work of an input is the input times its displacement. With ideal motors the inputs are torques (N m) and pushes
+    (N). With other motors (p.actuator) the inputs are only pushes, because `close_step` has added the motors' work step
+    by step. The work of prescribed motions is added by `guided.move`.
     # in        saved, coordinates at the start of the period;  par, the arms' own parameters;  w.q, w.v, w.u
     # scratch   w.y, w.y0
     # out       record.accounted, start energy plus work (J);  record.exchanged, sum of absolute values (J);  w.flag

@@ -16,7 +16,7 @@ Arguments that recur in this package
     saved     (SAVED, lanes) state at the start of the period
 
 An arm whose Newton iteration fails is restored to the start of the period and reported to the caller. The caller
-repeats the period of that arm alone, because a single arm can halve its steps. The arms in the other lanes keep their
+repeats the period of that arm alone, because a single arm can halve its steps. Arms in all other lanes keep their
 results.
 """
 
@@ -236,10 +236,10 @@ def record_period(lane, p, par, record, scratch, w, live, info, outcome):
 def record_torques(lane, p, par, record: Lanes, w: Work, live, info):
     """Write the joint torques (N m) of the period into info.torque, for running arms (live > 1/2).
 
-    With ideal motors the torque is w.u. With lagging motors (p.actuator) the torque is that at the end of the period.
-    With motors driven by voltage, the back-emf torque is subtracted from w.u: emf (N m s/rad) times the joint's rate.
-    The model treats back-emf as viscous friction. w.y is scratch memory. Torques under prescribed motions are written
-    by `guided.record_motion_torques`.
+    With ideal motors the torque is the input w.u. With lagging motors (p.actuator) the torque is that at the end of the
+    period. With motors driven by voltage, the back-emf torque is subtracted from w.u: emf (N m s/rad) times the joint's
+    rate. The model treats back-emf as viscous friction. w.y is scratch memory. Torques under prescribed motions are
+    written by `guided.record_motion_torques`.
     """
     n, at = size(p.task.links), info_of(p.task).torque
     if p.guide is not None:

@@ -84,7 +84,7 @@ def _draw_push(pushes, stream, arm, record, lanes, axes):
 
 @kernel
 def draw_pushes(lane, p, g, record, w):
-    """Draw the next push for each moving arm of group g whose last push has ended. Without pushes nothing is done.
+    """Draw the next push for each moving arm of group g whose last push has ended; no-op without pushes.
 
     # in        w.flag, OK where an arm is to be moved;  record.periods, control periods done
     # in, out   record.push: first period of the push, first period after the push, force (N, inertial axes)
@@ -100,8 +100,9 @@ def change_payloads(lane, p, par: Lanes, record, w):
     """Apply the payload changes that are due in this period: mass (kg), inertia (kg m^2), jump of velocities.
 
     A change is due in an arm that moves (w.flag OK) if record.change equals the number of periods done. Afterwards
-    record.change is -1. The numbers of all other arms remain unchanged, bit by bit. par: each arm's own parameters, in
-    and out. w: state, in and out. `impact.change_payload` applies the balance of momentum.
+    record.change is -1: no further change is due. The kernel does not change the numbers of other arms. par: each arm's
+    own parameters; payload mass and inertia are written. w: the arms' states, read and written. The kernel
+    `impact.change_payload` applies the balance of momentum.
     """
     if p.payload_change is not None:
         lanes, due = len(lane), False
@@ -127,8 +128,8 @@ def change_payloads(lane, p, par: Lanes, record, w):
 def set_pushes(lane, p, record, w):
     """Write this period's push on the tip (N, inertial axes) into w.u after the torques; 0 without a push.
 
-    record.push: first control period of the push, first period after the push, force (N). Without pushes the kernel
-    does nothing.
+    record.push: first control period of the push, first period after the push, force (N). Without random pushes the
+    kernel does nothing.
     """
     if p.pushes is not None:
         lanes, first = len(lane), size(p.task.links)

@@ -44,7 +44,8 @@ def fit_period(lane, p, models, par, poses, record: Lanes, action, saved, scratc
     """Advance the arms by a period in fitted steps: runs with steps of h / 2^k until all arms have a result.
 
     A run of k halvings has steps of h / 2^k. An arm's result is the first run whose tips are within p.allowed (m) of
-    the previous run's tips (theory, eq. 6.4), or the last possible run. Runs that no arm needs are omitted.
+    the previous run's tips (theory, eq. 6.4), or the last possible run. Runs with a step size that no arm needs are
+    omitted.
 
     # model     models: of k = 0, 1, ... halvings;  par, the arms' own parameters
     # in        action (joints, lanes), in [-1, 1];  saved, a `SAVED` of the start of the period, in lanes
@@ -68,7 +69,8 @@ def record_step_error(lane, p, scratch: Lanes, live, info: Lanes):
     """Write the error of a period in fitted steps, divided by the arm's length, into info of running arms.
 
     The error is scratch.apart (m): distance of the tips between the kept run and the run with steps twice as long. The
-    error exceeds the tolerance if steps of h/32 were still too long. With fixed steps the kernel does nothing.
+    error exceeds the tolerance if steps of h/32 were still too long. With steps of fixed length the kernel does
+    nothing.
     """
     if p.models is not None:
         at = info_of(p.task).further + FURTHER.step_error

@@ -1,7 +1,8 @@
 """Prescribed motions in a control period: steps that end at every kink, with a consistent start after each kink.
 
-A program with `Program.guide` moves one arm under prescribed motions, in plain or dual lanes. Without a guide this part
-of the period is not compiled. `simulate` uses the same kernels (`sampling`), so both give the same numbers.
+A program with `Program.guide` moves one arm under prescribed motions, in lanes with or without tangents. Without a
+guide this part of the period is not compiled. `simulate` uses the same kernels (`sampling`), so both give the same
+numbers.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ _ALL = 2**62
 
 
 class Guided(NamedTuple):
-    """Prescribed motions of a program's single arm."""
+    """Prescribed motions of the single arm of a program."""
 
     drive: Any  # prescribed motions and loads as functions of time
     motions: int  # number of prescribed coordinates
@@ -232,7 +233,8 @@ def _landed(kinks, t):
 def record_motion_torques(lane, p, w, live, info, first):
     """Write the torques (N m) of an arm under motions into info from entry `first` on, for running arms (live > 1/2).
 
-    The torque of a prescribed joint is the reaction that enforces its motion. Free joints have the applied torque w.u.
+    The torque of a prescribed joint is the reaction that enforces its motion. For free joints the applied torque w.u is
+    written.
     """
     for k in range(size(p.task.links)):
         put_info(lane, live, info, first + k, load(lane, w.u, k))

@@ -1,8 +1,8 @@
-"""Derivative of a control period step by step: values in plain lanes, tangents by the implicit function theorem.
+"""Derivative of a control period step by step: values without tangents, tangents by the implicit function theorem.
 
 The caller passes groups that no other thread uses at the same time. The scratch memory of the first group is used for
 all groups. All columns of the Jacobian advance together: each step is computed once, the step's matrix is factored once
-more at the end of the step, and each dual block holds some of the columns (`physics.integrator.transitions`).
+more at the end of the step, and each block with tangents holds some of the columns (`physics.integrator.transitions`).
 """
 
 from __future__ import annotations
@@ -41,34 +41,34 @@ def implicit(address, first, last):
 
 @inlined
 def _chunk(d, c, scratch):
-    """Return the dual block of chunk c of the Jacobian's columns, and the integrator's work array in this block."""
+    """Return the block of chunk c of the Jacobian's columns, and the integrator's work array in this block."""
     both = scratch[c * d.both.row : (c + 1) * d.both.row]
     return both, unpack(d.dual, d.program.model, both, 0)
 
 
 @kernel
 def _parameters(d, both):
-    """Return the section of a dual block with the arms' own parameters."""
+    """Return the section of a block with tangents with the arms' own parameters."""
     return both[d.both.par : d.both.poses]
 
 
 @kernel
 def _record(d, both):
-    """Return the section of a dual block with the records."""
+    """Return the section of a block with tangents with the records."""
     return both[d.both.record : d.both.action]
 
 
 @kernel
 def _period(lane, d, g, chunks, block, scratch, w):
-    """Compute the Jacobians of group g over one control period: values in `block`, tangents in `chunks` dual blocks.
+    """Compute Jacobians of group g over one period: values in `block`, tangents in `chunks` further blocks.
 
     # block     scratch, plain lanes;  w: views of it
-    # scratch   `chunks` dual blocks, each with some columns
+    # scratch   `chunks` blocks with tangents, each with some columns
     # out       rows and Jacobians of d
     """
     p, layout, model = d.program, d.plain, d.program.model
     par, poses, record, action, _, _, saved, _ = sections(layout, block)
-    # values in plain lanes, because all columns share them: state at the start, commands
+    # values in lanes without tangents, because all columns share them: state at the start, commands
     fill(lane, d, d.places, layout, g, block)
     change_payloads(lane, p, par, record, w)
     save_lanes(w, record, saved)
@@ -76,7 +76,7 @@ def _period(lane, d, g, chunks, block, scratch, w):
     for c in range(chunks):
         _open(d, g, c, scratch)
     slopes = newmark_slopes(p.scheme, p.h)
-    # motors, jump, step in plain lanes; then d(q, v, a, b) from the S that the step has factored at its end
+    # motors, jump, step in lanes without tangents; then d(q, v, a, b) from the S that the step has factored at its end
     for s in range(p.n_steps):
         _turn(lane, d, s, chunks, record, scratch, w)
         if may_jump_before_step(p.actuator, s):
@@ -96,10 +96,10 @@ def _period(lane, d, g, chunks, block, scratch, w):
 
 @kernel
 def _turn(lane, d, s, chunks, record, scratch, w):
-    """Update the motors' torques (N m) in step s, in plain lanes and in all dual blocks.
+    """Update the motors' torques (N m) in step s, in lanes without tangents and in all blocks with tangents.
 
-    # in, out   record.torque, in `record` and in the dual blocks
-    # out       u (joints, lanes), mean torques over the step, and u0, those before it, of w and of each dual work array
+    # in, out   record.torque, in `record` and in the blocks with tangents
+    # out       u (joints, lanes), mean torques over the step, and u0, torques before it, of w and of each further array
     Ideal motors hold their torque.
     """
     actuator = d.program.actuator
@@ -117,9 +117,9 @@ def _turn(lane, d, s, chunks, record, scratch, w):
 
 @kernel
 def _open(d, g, c, scratch):
-    """Start chunk c of the columns: state, seeds, payload change and commands in its dual block.
+    """Start chunk c of the columns: state, seeds, payload change and commands in its block with tangents.
 
-    both: dual block of the chunk, filled from d.state and d.action; one tangent is 1 for each column.
+    both: block with tangents of the chunk, filled from d.state and d.action; one tangent is 1 for each column.
     """
     p, lane = d.program, d.dual
     both, x = _chunk(d, c, scratch)
@@ -132,9 +132,9 @@ def _open(d, g, c, scratch):
 
 @kernel
 def _close(lane, d, g, c, scratch, w):
-    """End chunk c of the columns: observe in dual lanes, and copy its tangents into the arms' Jacobians.
+    """End chunk c of the columns: observe in lanes with tangents, and copy its tangents into the arms' Jacobians.
 
-    w: state at the end of the period in plain lanes. The chunk's tangents are in its dual block.
+    w: state at the end of the period in lanes without tangents. The chunk's tangents are in its block with tangents.
     """
     both, x = _chunk(d, c, scratch)
     # values from the plain lanes, so that they have the bits of a step without derivatives
@@ -148,7 +148,7 @@ def _jump(lane, d, chunks, par, s, record, saved, block, scratch, w):
     """Let accelerations and their tangents jump with the torques before step s (`motors.jump_with_torques`).
 
     # in        u0, u: inputs before and after, N m and N
-    # in, out   a, b (m/s^2, rad/s^2) of w, and their tangents in the dual work arrays
+    # in, out   a, b (m/s^2, rad/s^2) of w, and their tangents in the work array with tangentss
     """
     model, h = d.program.model, d.program.h
     # the residual before the jump belongs to the arm before it, hence two passes over the chunks

@@ -56,9 +56,9 @@ MOST_LATE = 1000
 def _held_filter(low_pass: Any, period: float) -> tuple[Any, Any, Any]:
     """Return the exact transition of a low-pass filter over a period in which its input u changes linearly.
 
-    State x = (y, s) with y' = w s, s' = w (u - y) - 2 damping w s; order 1 has y' = w (u - y) alone. Time is in
-    periods. The result contains own (4,) by rows, before (2,) and after (2,) of the transition x+ = own x + before u +
-    after u+. low_pass: the filter; None for y = u.
+    State x = (y, s) with y' = w s, s' = w (u - y) - 2 damping w s; order 1 has y' = w (u - y) alone. Times are counted
+    in control periods. The result contains own (4,) by rows, before (2,) and after (2,) of the transition x+ = own x +
+    before u + after u+. low_pass: the filter; None for y = u.
     """
     if low_pass is None:
         return (0.0,) * 4, (0.0, 0.0), (1.0, 0.0)
@@ -129,7 +129,7 @@ def read(lane, laws, room, c, memory, base, stream, arm, value, first):
     channel. memory: array in lanes that holds one `CHANNEL` per channel from offset `base` on, each with `room` past
     outputs. arm: number of the arm in the batch; its lane is arm % lanes. first: whether the episode begins; the
     quantity is then assumed to have been constant. stream: random numbers, or None for readings without noise (a first
-    reading needs random numbers). Under a dual tag the reading has tangents, which rounding does not change.
+    reading needs random numbers). In lanes with tangents the reading has tangents, which rounding does not change.
     """
     i, o, at = arm % lane_count(lane), c * _LAW.end, channel_of(base, room, c)
     since, late, share, bow = laws[o + _LAW.every], int(laws[o + _LAW.late]), laws[o + _LAW.share], o + _LAW.bow
@@ -224,14 +224,14 @@ def tip_acceleration(lane, memory, base, room, c, i, x, y, angle, vx, vy, rate, 
 
     Let the specific force in the tip's axes, along and across the tip's tangent, be f = f0 + f1 s, with s from -1 to 1
     over the period. f0 and f1 are determined so that f, rotated into inertial axes, moves the tip from position and
-    velocity a period ago to the present ones. In complex numbers,
+    velocity a period ago to the present ones. Written in complex numbers,
 
         M0 = mean f e^(i psi) = a_0 f0 + a_1 f1,     M1 = mean s f e^(i psi) = a_1 f0 + a_2 f1,
         a_j = mean s^j e^(i psi),
 
     where M0 and M1 follow from the changes of velocity and position. The kernel returns f0, the mean of f. The angle
-    psi(s) of the tip's tangent is the cubic polynomial through angles and rates at both ends of the period. Means are
-    evaluated at three Gauss points.
+    psi(s) of the tip's tangent is the cubic polynomial through angles and rates at both ends of the period. The means
+    are evaluated at three Gauss points.
 
     first: whether the episode begins, so that no period precedes. The velocity in the tip's axes is then assumed
     constant: f = rate x v - g.

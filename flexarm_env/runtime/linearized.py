@@ -3,8 +3,8 @@
 A linear model consists of rates (or the state a period later) and outputs, with their derivatives with respect to state
 and torques.
 
-The arms are elasticas with ideal joints. Their coordinates are independent, so that q, v and torques determine the
-accelerations. A state consists of q, then v. Torques are constant over the period.
+The arms are elasticas whose joints are ideal. Their coordinates are independent, so that q, v and torques determine the
+accelerations. A state consists of the coordinates q, then the rates v. The joint torques are constant over the period.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ class Linearization(NamedTuple):
     n: int  # number of arms
     work: int  # length of the integrator's work array per lane
     given: np.ndarray  # (n (m + PARAMETERS),): z, then the arm's own parameters
-    places: np.ndarray  # (m + PARAMETERS,) int64: offsets of z and the parameters in a plain block
-    twice: np.ndarray  # (m + PARAMETERS,) int64: offsets of z and the parameters in a dual block
-    read: np.ndarray  # (s + p,) int64: offsets in a dual block of the rates, or of the next state, and of the outputs
+    places: np.ndarray  # (m + PARAMETERS,) int64: offsets of z and the parameters in a block without tangents
+    twice: np.ndarray  # (m + PARAMETERS,) int64: offsets of z and the parameters in a block with tangents
+    read: np.ndarray  # (s + p,) int64: offsets in a block with tangents: rates or next state, then outputs
     values: np.ndarray  # (n (s + p),): the rates, or the state a period later, then the outputs
     slopes: np.ndarray  # (n (s + p) m,): derivatives of `values` by z
-    block: np.ndarray  # scratch blocks in plain lanes
-    scratch: np.ndarray  # scratch blocks in dual lanes
+    block: np.ndarray  # scratch blocks in lanes without tangents
+    scratch: np.ndarray  # scratch blocks in lanes with tangents
 
 
 @kernel
@@ -73,7 +73,7 @@ def linearize(address, first, last):
 def room(work, lanes, links):
     """Return the length of the memory block of a group: work array, the arms' own parameters, poses and outputs.
 
-    work: length of the work array. lanes: length of the lane tag. links: number of an arm's links.
+    work: length of the work array. lanes: length of the tuple of lanes. links: number of an arm's links.
     """
     return work + (PARAMETERS + POSE.end * links + outputs_of(links)) * lanes
 
@@ -130,9 +130,9 @@ def _seed(lane, d, j, count, block):
 
 @kernel
 def _group(lane, wide, d, g, at_once):
-    """Linearize the arms of group g: values in plain lanes, `at_once` columns in each dual block.
+    """Linearize the arms of group g: values in lanes without tangents, `at_once` columns in each block with tangents.
 
-    wide: the dual lanes. The outputs are computed at the start of the period.
+    wide: the lanes with tangents. The outputs are computed at the start of the period.
     """
     model, n, links = d.model, size(d.model.n), size(d.links)
     block = d.block
@@ -142,7 +142,7 @@ def _group(lane, wide, d, g, at_once):
     _fill(lane, d, d.places, g, block, w)
     _read_off(lane, d, block, w)
     restart(lane, model, None, par, block, 0, 0.0, d.h, True)
-    # d(accelerations, outputs)/d(q, v, torques): columns side by side in the dual lanes
+    # d(accelerations, outputs)/d(q, v, torques): columns side by side in the lanes with tangents
     for j in range(0, columns, at_once):
         both = d.scratch[j // at_once * length : (j // at_once + 1) * length]
         x = unpack(wide, model, both, 0)
@@ -152,7 +152,7 @@ def _group(lane, wide, d, g, at_once):
         fresh = splat(wide, 1.0)
         before_jump(lane, wide, model, _par(wide, d, both), w, x, fresh)
         jump_tangents(lane, wide, model, _par(wide, d, both), w, x, d.h, splat(lane, 1.0))
-    # steps in plain lanes; d(q, v) from the factored S at each step's end
+    # steps in lanes without tangents; d(q, v) from the factored S at each step's end
     slopes = newmark_slopes(d.scheme, d.h)
     for _ in range(d.n_steps):
         advance(lane, model, None, par, block, 0, 0.0, d.h, 1, d.scheme, None)
@@ -171,7 +171,7 @@ def _group(lane, wide, d, g, at_once):
 
 @kernel
 def _record(lane, d, g, j, count, columns, both, flag):
-    """Copy values and columns j ... j + count - 1 of group g from a dual block into d.values and d.slopes.
+    """Copy values and columns j ... j + count - 1 of group g from a block with tangents into d.values and d.slopes.
 
     flag: status of each lane; the first value of an arm that failed becomes nan.
     """

@@ -74,11 +74,11 @@ def _amplify(lane, task, amplifier, model, par, action: Lanes, factor, w: Work):
         current (emf None):  u = factor clip(gain a, limits)
         voltage:             u = clip(factor gain a - emf w, limits) + emf w
 
-    a: action, -1 to 1. gain: N m, torque of the largest current, or of the largest voltage at rest. limits: N m. emf:
-    back EMF, N m s/rad; w: joint rate, rad/s. factor: drawn factor on the torque constant or voltage. With voltages the
-    equations of motion contain emf w as viscous friction. Back-emf therefore acts throughout the period, for steps of
-    any length. The term emf w added here keeps the motor's torque within its limits at the start of the period. w.y is
-    scratch.
+    a: action, -1 to 1. gain: torque of the largest current, or of the largest voltage at rest, N m. limits: largest
+    torques, N m. emf: back-EMF constant, N m s/rad; w: joint rate, rad/s. factor: drawn factor on the torque constant
+    or voltage. With voltages the equations of motion contain emf w as viscous friction. Back-emf therefore acts
+    throughout the period, for steps of any length. The term emf w added here keeps the motor's torque within its limits
+    at the start of the period. w.y is scratch.
     """
     if amplifier.emf is None:
         for k in range(size(task.links)):
@@ -343,7 +343,7 @@ def record_delay(lane, p, record, live, info):
 
 @kernel
 def draw_lateness(actuator, stream, arm, record, lanes):
-    """Draw the extra delay (jitter) of the next period's commands into record.late. Without jitter nothing is done.
+    """Draw the extra delay of the next period's commands into record.late; no-op without random delays.
 
     The extra delay is a whole number of steps from 0 to actuator.jitter[0]. arm: number of the arm in the batch. lanes:
     number of arms in a group.

@@ -183,18 +183,18 @@ def sample_rows(
 ):
     """Advance one arm through sample instants and write a `SAMPLE` row and centerline points at each.
 
-    Returns the number of rows written. Steps between two instants are equal and at most stretch.longest. Fewer rows
-    than instants are written if the arm has failed (w.flag; the row of a diverged arm is written), or after `most`
-    steps. A call with the remaining instants continues the run with steps of the same length. A step ends at each kink.
-    A sample at a kink is the state before the kink, and the next interval starts with AT_KINK. Without kinks every
-    interval starts with GOES_ON.
+    Returns the number of rows that were written. Steps between two instants are equal and at most stretch.longest.
+    Fewer rows than instants are written if the arm has failed (w.flag; the row of a diverged arm is written), or after
+    `most` steps. A call with the remaining instants continues the run with steps of the same length. A solver step ends
+    at each kink. A sample at a kink is the state before the kink, and the next interval starts with AT_KINK. Without
+    kinks every interval starts with the value GOES_ON.
 
     # model     model;  drive: loads and motions as functions of time, or None;  par;  links: number of links
     #           scheme: coefficients and Newton tolerance of the integrator
     # in        instants (s, ascending);  kinks (s, ascending), where loads or motions may jump, or None;  chunk: steps
-    #           between sums of the gross work;  books: a tag, (0,), where energies are kept, or None
+    #           between sums of the gross work;  books: (0,) if energies are recorded, or None
     # in, out   flat: memory of the integrator's `Work` with n_motions prescribed coordinates;  stretch: a `STRETCH`
-    # out       table (instants, SAMPLE), or None for no samples, with which `lane` may be a dual tag of one arm
+    # out       table (instants, SAMPLE), or None for no samples; `lane` may then have tangents
     #           points (instants, P, 2 or 3): centerline, m, inertial axes;  P = 0 for no points
     """
     w = unpack(lane, model, flat, n_motions)

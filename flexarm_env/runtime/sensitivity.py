@@ -2,10 +2,10 @@
 
 The state at the end of a step satisfies r(q, v, a; theta) = 0, where v and a follow from q and from the state at the
 start of the step. dr/dtheta is a finite difference of the residuals of models with slightly larger and smaller theta,
-at the same state. dr/dstate is evaluated in dual lanes. The tangent dq solves S dq = -dr with the matrix S at the end
-of the step. Results of iterations and prescribed motions of two runs are never subtracted from each other. Therefore
-relative offsets of theta of 1e-5 cause errors of only 1e-9, however far the arm has moved. Joints with Coulomb friction
-keep sliding or sticking as in the run.
+at the same state. dr/dstate is evaluated in lanes with tangents. The tangent dq solves S dq = -dr with the matrix S at
+the end of the step. Results of iterations and prescribed motions of two runs are never subtracted from each other.
+Therefore relative offsets of theta of 1e-5 cause errors of only 1e-9, however far the arm has moved. Joints with
+Coulomb friction keep sliding or sticking as in the run.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def room_of(model, par):
 def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, behind, moved, passes, room, out):
     """Write the derivatives of q and v at the steps' ends by theta into out (rows, 2 n).
 
-    wide: the lane tag `lane` with one tangent. here, ahead, behind: `Neighbour`s with unchanged, larger and smaller
+    wide: the lanes of `lane` with one tangent. here, ahead, behind: `Neighbour`s with unchanged, larger and smaller
     theta. steps: the run's `Steps`. factors: result of `factor_rows`. moved (rows, motions, 3): derivatives of the
     prescribed motions by theta. passes: number of solutions per step; 1 suffices if the factored matrix is the exact
     derivative of the residual. Each further solution reduces the remaining error.
@@ -161,7 +161,7 @@ def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, 
 
 @kernel
 def _follow(wide, model, drive, w, d, slopes, on, k, moved):
-    """Set v and a in dual lanes from the increment d between the prediction and q in step k.
+    """Set v and a in lanes with tangents from the increment d between the prediction and q in step k.
 
     Tangents follow d, v = v_p + slopes.v d and a = a_p + slopes.a d. d (n,) is written. moved: derivatives of the
     prescribed motions by theta, for the prescribed rows.

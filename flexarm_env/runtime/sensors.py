@@ -59,7 +59,7 @@ def write_observation(lane, p, arm, poses, record, seen, first):
     """Replace one arm's true entries by sensor readings and write them to the arm's row of p.observation (float32).
 
     arm: number of the arm in the batch. poses: the links' poses, inertial axes. record: channels (memory of the
-    sensors), in and out. seen: true entries at entry, measured entries at return. first: whether the episode begins.
+    sensors). seen: true entries at entry, measured entries at return. first: whether the episode begins.
     """
     measure(lane, p, p.stream, arm, poses, record, seen, first)
     _select(len(lane), p, arm, record, seen, first)

@@ -62,8 +62,8 @@ def start_episodes(address, mode, count):
 def _start(lane, p, arm, mode, block, w):
     """Start a new episode of one arm: draw it, set its state and record, write its first observation.
 
-    arm: number in the batch. mode: RUNNING, FRESH or GUIDED, for record.mode. The other lanes of the group keep all
-    their numbers.
+    arm: number in the batch. mode: RUNNING, FRESH or GUIDED, for record.mode. All other lanes of the group keep their
+    numbers.
     # block     memory of the arm's group; parameters, poses, record, action, seen and info are written
     # w         q (m, rad), v, a, b, u and books of the lane are written; w.r, w.S, w.v0, w.a0, w.b0 are scratch
     """

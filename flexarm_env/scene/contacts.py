@@ -24,8 +24,9 @@ class Contact:
     """An obstacle that pushes points of the arm out and resists their sliding.
 
     Normal force F_n = max(0, k d^n (1 + 3/2 alpha dd/dt)) at penetration d (Hunt & Crossley 1975). The friction mu F_n
-    against the sliding velocity w is regularized: F_t = -mu F_n w / sqrt(|w|^2 + v_s^2). A point that sticks therefore
-    creeps. The velocity of creep is at most v_s / sqrt((mu F_n / F)^2 - 1) under a tangential force F < mu F_n.
+    against the sliding velocity w is regularized: F_t = -mu F_n w / sqrt(|w|^2 + v_s^2). A point that sticks by
+    friction therefore creeps. The velocity of creep is at most v_s / sqrt((mu F_n / F)^2 - 1) under a tangential force
+    F < mu F_n.
 
     Args:
         obstacle: `HalfSpace`, `Sphere`, `Box` or, in space, `Cylinder` (`flexarm_env.shapes`). In the plane shapes have
@@ -92,7 +93,7 @@ class Contact:
 
     @property
     def spatial(self) -> bool:
-        """Whether the obstacle is in space."""
+        """Whether the obstacle is in space, not in the plane."""
         return self.obstacle.dimension == 3
 
     @property
@@ -112,7 +113,7 @@ class Contact:
         """Return, for each point in `bodies`, the link of the arm whose tip is the point, or on which the point lies.
 
         Raises:
-            ValueError: the arm does not have one of the joints or links.
+            ValueError: the arm lacks a joint or link that `bodies` names.
         """
         found = []
         for i, name in enumerate(self.bodies):

@@ -278,7 +278,7 @@ class Scene:
 
     @property
     def spatial(self) -> bool:
-        """Whether the scene is computed in space."""
+        """Whether the scene is computed in space, not in the plane."""
         vectors = (self.position, self.velocity, self.gravity or ())
         # out of the plane: a load, a third component, or a motion along z
         loads = any(isinstance(load, PointLoad) and load.spatial for load in self.loads)
@@ -312,7 +312,7 @@ class Scene:
         """Instants (s) inside the run at which a step must end, in order.
 
         A step must end at the jumps of a motion's value, rate or acceleration, and at the jumps of a load's value or
-        slope. Displacements of obstacles count as motions.
+        slope. Displacements of obstacles count as motions in this list.
         """
         # motions count with two derivatives (acceleration), loads with one
         times = {t for motion in self.motions for t in motion.function.kinks}

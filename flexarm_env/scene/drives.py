@@ -17,7 +17,7 @@ FORCES = ("force_x", "force_y", "torque", *OUT_OF_PLANE)
 
 @dataclass(frozen=True)
 class Motion:
-    """A prescribed coordinate.
+    """A coordinate whose value is prescribed as a function of time.
 
     Args:
         coordinate: "joint0" (absolute angle of the root of link 0), "joint1", ... (angle of link k's root from the tip
@@ -61,7 +61,7 @@ class JointTorque:
 
     @property
     def functions(self) -> tuple[TimeFunction, ...]:
-        """Functions of time that define this load."""
+        """Functions of time that define this torque."""
         return (self.function,)
 
 

@@ -45,9 +45,10 @@ class _Leaves(Exception):
 def in_plane(scene: Scene) -> InPlane | None:
     """Return the scene in its plane; None if it leaves the plane, has a rigid link, is planar or demands `space`.
 
-    The conditions hold to the accuracy `EXACT`. All joint axes have one direction. This common direction is a principal
-    axis of every section and every inertia tensor. Gravity, forces, the root's motion and velocity, and the payload's
-    offset are perpendicular to the joint axes. Moments act about the direction of the joint axes.
+    The following conditions must hold to the accuracy `EXACT`. All joint axes must have one direction. This common
+    direction is a principal axis of every section and every inertia tensor. Gravity, forces, the root's motion and
+    velocity, and the payload's offset are perpendicular to the joint axes. Moments act about the direction of the joint
+    axes.
     """
     # rigid links are computed in space only
     rigid = any(link.rigid for link in scene.arm.links)
@@ -224,7 +225,7 @@ def _inertia(value: Any, frame: Array) -> float:
 def _elbow(elbow: Elbow, before: Array, after: Array) -> Elbow:
     """Return an elbow in the plane, with its left and right inertia about the normal.
 
-    before, after: frames of the two links.
+    before, after: frames (3, 3) in the plane of the links before and after the elbow.
     """
     inertias = _inertia(elbow.inertia_left, before), _inertia(elbow.inertia_right, after)
     return Elbow(elbow.mass, *inertias, radius=elbow.radius)

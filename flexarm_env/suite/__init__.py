@@ -34,10 +34,10 @@ def make_vec(task_id: str, num_envs: int, **more: Any) -> Any:
 
 
 def digest(one: Task) -> str:
-    """Hash a resolved task: 16 hexadecimal digits.
+    """Return the digest of a resolved task, 16 hexadecimal digits.
 
     The hash covers environment and keywords, and the values that follow from them: the arm, solver, times, reward
-    weights, starts and observation layout. Numbers are compared to ten digits.
+    weights, starts and observation layout. The digest depends on the first ten digits of each number.
     """
     from .frozen import digest_of
 

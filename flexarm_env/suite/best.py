@@ -1,8 +1,8 @@
 """Records: for each of a task's hundred public episodes, the best known actions, with values and date, for replay.
 
 The reference values of scores (`flexarm_env.suite.score`) do not change with the records. A score above 1 is therefore
-possible, and the page of results lists runs that beat the record in an episode. `agents.record` in a checkout computes
-the records.
+possible, and the page of results lists runs that beat the record in an episode. The program `agents.record` in a
+checkout computes the records.
 """
 
 from dataclasses import asdict, dataclass
@@ -29,7 +29,7 @@ the matrices caused 3e-4, at a J of 298."""
 
 @dataclass(frozen=True)
 class Record:
-    """Record of n episodes.
+    """Record of a task for n episodes.
 
     Attributes:
         actions (T, n, N): float32. values (n,): return minus price times cost. by (n,): name of the policy that played
@@ -70,7 +70,7 @@ def unpacked(planes: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def record(task: Task) -> Record:
-    """Read the record of a task. ValueError if the task has no record."""
+    """Read the record of a suite task. ValueError if the task has no record."""
     path = _path(task)
     if not path.is_file():
         raise check.InvalidValue("--best", task.id, "has no record")

@@ -18,7 +18,7 @@ _MAY = ("price", "rules")
 
 @dataclass(frozen=True)
 class Task:
-    """Task of the suite: an environment with fixed keywords. A changed version gets another id.
+    """Task of the suite: an environment with fixed keywords. A task that is changed gets a new version and another id.
 
     Attributes:
         id: name and version, "slew-measured-v2". number: position in the suite. title: short title.
@@ -49,7 +49,7 @@ class Task:
 
     @property
     def name(self) -> str:
-        """Name without the version: "slew-measured"."""
+        """Name of the task without the version: "slew-measured"."""
         return self.id.rpartition("-v")[0]
 
     @property
@@ -59,7 +59,7 @@ class Task:
 
     @property
     def env_id(self) -> str:
-        """Id for `gymnasium.make` and `make_vec`: "flexarm_env:flexarm/slew-measured-v2"."""
+        """Id of the task for `gymnasium.make` and `make_vec`: "flexarm_env:flexarm/slew-measured-v2"."""
         return f"flexarm_env:{self.registered}"
 
     @property

@@ -36,8 +36,8 @@ def possible(task_id: str) -> Possible:
     """Compute the bounds of an episode's length and return, for a task id, from the reward's terms (docs/suite.md).
 
     In each period, accuracy, settle and force pay at most 1. Impulse, distance, vibration and attitude cost at most 1.
-    Per joint, effort costs at most 1, and change at most 4. Each term is multiplied by its weight. The failure term is
-    subtracted once.
+    Per joint, effort costs at most 1, and change at most 4. Each reward term is multiplied by its weight. The failure
+    term is subtracted once in an episode.
     """
     made = resolved(task(task_id))
     weight = dict(zip(made.kind.rewards, made.record.weights.tolist(), strict=True))

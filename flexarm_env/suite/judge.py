@@ -39,11 +39,11 @@ class Checked(Policy):
         self.policy, self.shape = policy, shape
 
     def reset(self, observation: NDArray[np.float32]) -> None:
-        """Reset the policy."""
+        """Reset the policy at the start of episodes."""
         self.policy.reset(observation)
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the policy's actions (n, joints)."""
+        """Return the policy's actions (n, joints), validated and clipped."""
         return checked(self.policy.act(observation), self.shape)
 
 

@@ -79,7 +79,7 @@ class Line:
 
 
 def page(found: Sequence[Results]) -> str:
-    """Format the page of results in Markdown."""
+    """Format the page of suite results in Markdown."""
     every = [task for task in tasks(earlier=True) if any(task.id in one.tasks for one in found)]
     known = [task for task in every if task in tasks()]
     rows = {task.id: lines_of(task, found) for task in every}

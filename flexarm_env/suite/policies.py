@@ -78,7 +78,9 @@ def choose(word: str, task: Task) -> Chosen:
 
 
 def controller(name: str, env: Any) -> Policy:
-    """Create a controller by name. On tasks of the suite it has the package's gains, so that scores do not change.
+    """Create a classical controller by its name.
+
+    On tasks of the suite it has the package's gains, so that scores do not change.
 
     Warnings of unstable gains are suppressed, because the score of PD control is 0 by definition.
     """
@@ -134,5 +136,5 @@ def _text_of(function: Any) -> bytes:
 
 
 def fingerprint(content: bytes) -> str:
-    """Hash bytes to 16 hexadecimal digits."""
+    """Hash bytes to a text of 16 hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()[:16]

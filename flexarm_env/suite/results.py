@@ -36,7 +36,7 @@ LOT = 1000
 
 @dataclass
 class Results:
-    """Results file.
+    """Content of a results file.
 
     Attributes:
         name: name of the method. run: seed, if there are several runs. tasks: results by task id: "digest",
@@ -278,7 +278,7 @@ def frozen(task: Task) -> Task:
 
 # ------------------------------------------------------------------ reading
 def read(path: Path, *, earlier: bool = False) -> Results:
-    """Read a results file. A ValueError names the file, the key, its value and the rule.
+    """Read a results file of the suite. A ValueError names the file, the key, its value and the rule.
 
     Args:
         earlier: accept entries of earlier versions of a task. If False, an entry whose digest differs from the task's
@@ -368,7 +368,7 @@ def begun(folder: Path, name: str, run: int) -> Results:
 
 
 def folder_of(folder: Path, *, earlier: bool = False) -> list[Results]:
-    """Read all results files of a folder. ValueError if a file is damaged, or the folder has no results file."""
+    """Read all results files in a folder. ValueError if a file is damaged, or the folder has no results file."""
     files = sorted(folder.glob("*.json")) if folder.is_dir() else []
     if not files:
         raise ValueError(f"{folder}: no results files (*.json) there; flexarm bench suite --out {folder} writes them")
@@ -399,7 +399,7 @@ def chosen_tasks(words: str | None) -> tuple[Task, ...]:
 
 
 def listed(flag: str, words: str) -> list[str]:
-    """Split words separated by commas. ValueError if the text has no word."""
+    """Split a text into words separated by commas. A text without a word raises ValueError."""
     found = [word.strip() for word in words.split(",") if word.strip()]
     if not found:
         raise check.InvalidValue(flag, words, "must name at least one, or several with commas between them")

@@ -86,10 +86,10 @@ def _bent(lengths, limits, x, y, fx, fy):
 
         theta_k = (x - px_k) fy - (y - py_k) fx, clamped to the joint's limits; (px_k, py_k): position of joint k
 
-    The angle of each joint is the moment of the force (fx, fy) about it, so that the force's unit is rad/m. lengths
-    (N,): m; limits (2 N,): lower and upper limit of each joint, rad. Returns (px, py, dpx/dfx, dpx/dfy, dpy/dfx,
-    dpy/dfy, sum theta_k^2): tip position p, m, its derivatives by the force, and the sum of the squared joint angles,
-    rad^2.
+    The angle of each joint is the moment of the force (fx, fy) about the joint, so that the unit of the force is rad/m.
+    lengths (N,): lengths of the links, m; limits (2 N,): lower and upper limit of each joint, rad. Returns (px, py,
+    dpx/dfx, dpx/dfy, dpy/dfx, dpy/dfy, sum theta_k^2): tip position p, m, its derivatives by the force, and the sum of
+    the squared joint angles, rad^2.
     """
     alpha, alpha_x, alpha_y, total = 0.0, 0.0, 0.0, 0.0
     px, py, px_x, px_y, py_x, py_y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -295,7 +295,8 @@ def least_angles(lengths, limits, x, y, angles):
 def _set_arc(lengths, limits, bearing, bend, angles):
     """Write the joint angles of an arc with its tip at `bearing` (rad): elbows at `bend`, within their limits.
 
-    bend: rad. lengths (N,): m; limits (2 N,): lower and upper limit of each joint, rad. angles (N,): out, rad.
+    bend: angle of all elbows, rad. lengths (N,): lengths of the links, m; limits (2 N,): lower and upper limit of each
+    joint, rad. angles (N,): joint angles, rad, written.
     """
     # the hub turns the unclamped arc's tip to the bearing
     px, py = _arc(lengths, bend)

@@ -37,7 +37,7 @@ MOST_DRAWS = 10_000
 
 
 class Attainable(NamedTuple):
-    """Conditions on a drawn target. N links, D = 2 or 3 dimensions."""
+    """Conditions that a drawn target must satisfy. N links, D = 2 or 3 dimensions."""
 
     bodies: np.ndarray  # (2 N,) moments of mass of each link, kg m; in space (4 N,) mass, kg, and center of mass, m
     gravity: np.ndarray  # (D,) acceleration of gravity, m/s^2

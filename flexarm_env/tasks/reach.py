@@ -116,10 +116,10 @@ def reward_point(lane, task, error, speed, shaking, poses, action, record, live,
         accuracy exp(-(10 error)^2), settle exp(-(50 error)^2 - (10 speed)^2), distance by min(error, 1) (`left_of`),
         effort -sum action^2, vibration -min(shaking, 1), attitude of a floating base, change of actions
 
-    Each term is multiplied by its weight. If task.paid is not None, settle is 1 / (1 + s^2) (`settled`). s is the sum
-    of squares of error and speed (and of a floating base's attitude), each divided by its success band. error: divided
-    by the arm's length. speed: divided by the arm's length, 1/s. shaking: sum of squares of the deflection rates
-    divided by the links' lengths, 1/s^2. Terms are written into info for running arms (live > 1/2).
+    In the total each term is multiplied by its weight. If task.paid is not None, settle is 1 / (1 + s^2) (`settled`). s
+    is the sum of squares of error and speed (and of a floating base's attitude), each divided by its success band.
+    error: divided by the arm's length. speed: divided by the arm's length, 1/s. shaking: sum of squares of the
+    deflection rates divided by the links' lengths, 1/s^2. Terms are written into info for running arms (live > 1/2).
     """
     # success: |r - target| / L and speed / L (1/s) within their bands
     good = select_lt(error, task.bands[0], 1.0, 0.0)

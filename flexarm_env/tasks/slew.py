@@ -83,11 +83,11 @@ def slew_judge(lane, task, poses, action, record: Lanes, live, info):
         accuracy exp(-(10 e)^2), settle exp(-(50 e)^2 - (5 slip)^2), distance by min(e, 1) (`left_of`; if task.turns is
         not None, e in half turns), effort -sum action^2, vibration -min(rate^2, 1)
 
-    Each term is multiplied by its weight. A floating base adds a term for its attitude. If the environment prices
-    changes of actions, the price adds another term. If task.paid is not None, settle is 1 / (1 + s^2) (`settled`). s is
-    the sum of squares of e, slip and rate (and of a base's attitude), each divided by its success band. poses: pose of
-    the link, inertial axes; info is written for running arms (live > 1/2). Joint limit passed: 1.0 where the joint is
-    beyond its limits, otherwise 0.0.
+    In the total each term is multiplied by its weight. A floating base adds a term for its attitude. If the environment
+    prices changes of actions, the price adds another term. If task.paid is not None, settle is 1 / (1 + s^2)
+    (`settled`). s is the sum of squares of e, slip and rate (and of a base's attitude), each divided by its success
+    band. poses: pose of the link, inertial axes; info is written for running arms (live > 1/2). Joint limit passed: 1.0
+    where the joint is beyond its limits, otherwise 0.0.
     """
     # tip less root: polar angle and its rate (inertial axes), deflection (root axes)
     normal, along, rate, dx, dy, dvx, dvy, _, _ = deflection(lane, poses, 0)

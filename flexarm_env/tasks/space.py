@@ -16,7 +16,7 @@ _PATH, _MOVING = PATH.places, MOVING.places
 class SpaceReach(Task):
     """Constants of the task "reach" in space; `envs.spatial` describes observation and reward.
 
-    Links of length 0 are rigid.
+    A link of length 0 in `lengths` is rigid.
     """
 
     __slots__ = ()
@@ -50,7 +50,7 @@ def to_target(lane, task, poses: Lanes, record: Lanes):
 
 @kernel
 def _velocity(lane, task, poses: Lanes):
-    """Return the tip's velocity, m/s, inertial axes."""
+    """Return the velocity of the tip, m/s, inertial axes."""
     o = SPACE_POSE.end * (size(task.links) - 1) + SPACE_POSE.velocity
     return poses[o], poses[o + 1], poses[o + 2]
 

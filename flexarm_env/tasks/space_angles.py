@@ -139,10 +139,10 @@ def follow_point(chain, links, length, limits, point, angles):
 def seek_point(chain, links, length, limits, point, angles):
     """Move the joint angles so that the tip reaches a point anywhere within reach.
 
-    The search starts from the present angles. If the search fails, it is repeated from two bent postures, and the best
-    result is kept. chain: kinematics of the arm, one `JOINT` record per joint; links: tuple of N zeros; length: length
-    of the arm, m; limits (2 N,): lower and upper limit of each joint, rad; point (3,): target point, m, inertial axes;
-    angles (N,): joint angles, rad, in, out.
+    The search starts from the present joint angles. If the search fails, it is repeated from two bent postures, and the
+    best result is kept. chain: kinematics of the arm, one `JOINT` record per joint; links: tuple of N zeros; length:
+    length of the arm, m; limits (2 N,): lower and upper limit of each joint, rad; point (3,): target point, m, inertial
+    axes; angles (N,): joint angles, rad, in, out.
     """
     least, mine, best = math.inf, stack(_ONE, links), stack(_ONE, links)
     for trial in range(3):

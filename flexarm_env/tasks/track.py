@@ -16,7 +16,8 @@ def _on_path(reference, task, record, lanes, i, t, k, out):
     """Write position and velocity of arm i's target at time t (s), the end of period k, into the `MOVING` out.
 
     A target comes from reference.table (position and rate at each control instant; after the last row it rests) or from
-    the path in the arm's record. lanes: number of arms in the group that contains arm i. record: in lanes.
+    the path in the arm's record. lanes: number of arms in the group that contains arm i. record: records of the group's
+    arms, one arm per lane.
     """
     targets = size(task.targets)
     if reference.table.shape[0] > 0:

@@ -73,7 +73,7 @@ def parse(kind: type[T], program: str, description: str | None, words: Sequence[
 
 
 def _number(text: str) -> int:
-    """Parse an integer; 1e6 is accepted."""
+    """Parse an integer; forms such as 1e6 are accepted."""
     value = float(text)
     if not value.is_integer():
         raise ValueError
@@ -81,7 +81,7 @@ def _number(text: str) -> int:
 
 
 def _table(text: str) -> dict[str, Any]:
-    """Parse a JSON object."""
+    """Parse a JSON object from the command line."""
     try:
         value = json.loads(text)
     except ValueError as error:

@@ -85,12 +85,12 @@ class Config:
 
     @property
     def n_envs(self) -> int:
-        """Number of parallel environments."""
+        """Number of environments that run in parallel."""
         return int(float(self.text.get("n_envs", 1)))
 
     @property
     def n_timesteps(self) -> int:
-        """Total number of environment steps."""
+        """Total number of environment steps of the training."""
         return int(float(self.text["n_timesteps"]))
 
     @property
@@ -136,7 +136,7 @@ def default_path(algorithm: str, env_id: str = "") -> Path:
 
 
 def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str] | None = None) -> Config:
-    """Read the entry of an environment. A ValueError names the file, the key and the rule.
+    """Read the hyper-parameters of an environment from a file. A ValueError names the file, the key and the rule.
 
     path: a file, or the name of a file of the package: its path in a checkout (configs/ppo/robust.yml), or only its
     stem (robust) for files of the algorithm. None: `default_path`.
@@ -261,7 +261,7 @@ class Linear:
 
 
 def schedule(key: str, text: str) -> Linear:
-    """Parse the schedule "lin_VALUE"."""
+    """Parse a schedule of the form "lin_VALUE"."""
     kind, _, number = text.partition("_")
     try:
         if kind == "lin":
@@ -272,7 +272,7 @@ def schedule(key: str, text: str) -> Linear:
 
 
 def _value(key: str, text: str) -> Any:
-    """Evaluate an expression of dict(...), literals and nn.NAME. Nothing else in the text is executed."""
+    """Evaluate an expression of dict(...), literals and nn.NAME. The function executes nothing else in the text."""
     # no names but dict and nn.NAME are evaluated
     try:
         return _node(ast.parse(text.strip(), mode="eval").body)

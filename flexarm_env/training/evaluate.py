@@ -14,7 +14,7 @@ Intervals are 95 % bootstrap intervals over the episodes. With --out, the table,
 one episode and, with --video, a film per policy are written there.
 
 A policy.npz contains only numbers. A .zip, and a vecnormalize.pkl beside it, are pickles: only the numbers in them are
-read, and nothing that they name is executed. MODULE:NAME runs your own code.
+read, and nothing that they name is executed. A policy given as MODULE:NAME runs your own code.
 """
 
 import json

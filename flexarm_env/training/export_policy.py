@@ -76,7 +76,7 @@ def numpy_policy(model: Any, meta: Mapping[str, Any], normaliser: Any = None) ->
 
 
 def save(policy: NumpyPolicy, path: Path) -> None:
-    """Write policy.npz atomically."""
+    """Write the file policy.npz atomically."""
     arrays: dict[str, Any] = {"meta": np.array(json.dumps(policy.meta))}
     for k, (w, b) in enumerate(policy.weights):
         arrays[f"w{k}"], arrays[f"b{k}"] = w, b

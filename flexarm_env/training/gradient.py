@@ -58,7 +58,7 @@ class Window:
 
 
 class Gradient(BaseAlgorithm):
-    """Short-horizon analytic policy gradient.
+    """Policy gradient through the simulation over short horizons (short-horizon actor-critic).
 
     Args:
         policy: "MlpPolicy". env: a vector environment of this package.
@@ -323,7 +323,7 @@ def _within(slope: Array, value: Array | Array32) -> Array:
 
 
 def _joined(rows: list[list[Array32]]) -> list[Array32]:
-    """Concatenate all periods' rows, layer by layer."""
+    """Concatenate the rows of all periods, layer by layer."""
     return [np.concatenate(layer) for layer in zip(*rows, strict=True)]
 
 

@@ -13,7 +13,7 @@ from flexarm_env.training.export_policy import numpy_policy
 
 
 class TorchPolicy:
-    """A Stable-Baselines3 model with its normalizer, as a `Policy`. Models of RecurrentPPO have a memory."""
+    """A Stable-Baselines3 model with its normalizer, as a `Policy`. Policies of RecurrentPPO have a memory."""
 
     def __init__(self, model: Any, normaliser: Any) -> None:
         """Store the model and its normalizer, with an empty memory."""
@@ -22,7 +22,7 @@ class TorchPolicy:
         self.first: Any = None
 
     def reset(self, observation: NDArray[np.float32]) -> None:
-        """Clear the memory."""
+        """Clear the memory of the policy."""
         self.memory, self.first = None, np.ones(observation.shape[:-1] or 1, bool)
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -102,7 +102,7 @@ def after(steps: int, every: int) -> int:
 
 
 def write_curve(path: Path, rows: list[dict[str, float]]) -> None:
-    """Write the learning curve as CSV."""
+    """Write the learning curve as a CSV file."""
     write_rows(path, COLUMNS, ({k: f"{v:.10g}" for k, v in row.items()} for row in rows))
 
 

@@ -68,7 +68,7 @@ def command(
 ) -> int:
     """Parse a command line (`arguments`) and run `work`.
 
-    Returns the exit code, which is 2 after an error. The error is printed in one sentence.
+    Returns the exit code, which is 2 after an error. An error is printed in one sentence.
     """
     arguments = parse(kind, program, description, words)
     try:
@@ -178,12 +178,12 @@ class Training:
 
     @property
     def folder(self) -> Path:
-        """Run folder."""
+        """Folder of the run."""
         return self.out or Path("runs") / f"{self.name}-{self.env}-{self.seed}"
 
     @property
     def name(self) -> str:
-        """Prefix of run folders' names."""
+        """Prefix of the names of run folders."""
         raise NotImplementedError
 
 
@@ -218,7 +218,7 @@ def read_run(run: Path) -> dict[str, Any]:
 
 
 def checkpoints(folder: Path) -> list[Path]:
-    """Return the complete checkpoints, oldest first."""
+    """Return the complete checkpoints of the run, oldest first."""
     return sorted(p for p in (folder / "checkpoints").glob("[0-9]*") if (p / "state.pkl").is_file())
 
 
@@ -292,7 +292,10 @@ def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
 
 
 def load_normaliser(path: Path, model: Any) -> Any:
-    """Load a model's VecNormalize statistics. Raises ValueError for other files, or for statistics of another model."""
+    """Load the VecNormalize statistics that belong to a model.
+
+    Raises ValueError for other files, or for statistics of another model.
+    """
     try:
         with path.open("rb") as file:
             found = pickle.load(file)

@@ -66,7 +66,7 @@ def markdown(rows: Mapping[str, Mapping[str, Any]], bounds: Mapping[str, float] 
 
 
 def _cell(key: str, value: float, interval: Sequence[float]) -> str:
-    """Format a value with its interval."""
+    """Format a value together with its interval."""
     if key == "success_rate":
         return f"{value:.0%} [{interval[0]:.0%}, {interval[1]:.0%}]"
     digits = 0 if abs(value) >= 100 else 1 if abs(value) >= 10 else 2

@@ -54,12 +54,12 @@ class Arguments(Training):
 
     @property
     def name(self) -> str:
-        """Name of the algorithm."""
+        """Name of the learning algorithm."""
         return self.algo
 
 
 def train(arguments: Arguments) -> Any:
-    """Train a policy; returns its `Progress`. Raises ValueError with a sentence for invalid arguments."""
+    """Train a policy; return its `Progress`. Raises ValueError with a sentence for invalid arguments."""
     _check_installed()
     folder, arguments = arguments.folder, arguments.begun("progress")
     config = configs.load(arguments.config, arguments.algo, arguments.env)
@@ -204,7 +204,7 @@ def _keep_last(folder: Path, model: Any, progress: Progress) -> None:
 
 
 def _log(model: Any, folder: Path, arguments: Arguments) -> None:
-    """Configure Stable-Baselines3's own logger."""
+    """Configure the logger of Stable-Baselines3."""
     from stable_baselines3.common.logger import configure
 
     wanted = arguments.tensorboard and find_spec("tensorboard") is not None

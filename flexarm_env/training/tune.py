@@ -130,7 +130,7 @@ class SearchProgress:
         return found
 
     def close(self) -> None:
-        """Clear the progress line of a terminal."""
+        """Clear the line of a terminal that shows the progress."""
         if self.terminal:
             sys.stderr.write("\r" + " " * 70 + "\r")
 
@@ -223,7 +223,7 @@ def place(task: str, arguments: Arguments) -> Path:
 
 
 def current(path: Path) -> dict[str, Any]:
-    """Read the existing file of gains.
+    """Read the existing file of tuned gains.
 
     Raises ValueError if the file is invalid, because rewriting it would lose the gains.
     """

@@ -30,7 +30,7 @@ class Watch(BaseCallback):
     """
 
     def __init__(self, arguments: Training, env: Any, meta: dict[str, Any], progress: Progress, total: int) -> None:
-        """Store the run's arguments and state."""
+        """Store the arguments and the state of the run."""
         super().__init__()
         self.arguments, self.folder = arguments, arguments.folder
         self.eval_env, self.meta, self.state, self.total = env, meta, progress, total
@@ -193,7 +193,7 @@ def env_states(venv: Any) -> dict[str, Any]:
 
 
 def set_env_states(venv: Any, states: dict[str, Any]) -> None:
-    """Restore the states returned by `env_states`."""
+    """Restore states that `env_states` returned."""
     venv.reset()
     venv.unwrapped.env.unwrapped.set_state(states["native"])
     if isinstance(venv.unwrapped.env, AroundControllerVector):
