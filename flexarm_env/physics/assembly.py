@@ -1,5 +1,4 @@
-"""Assemble a scene: its System, with the `build` module of its formulation, and its Drive (loads, motions over
-time)."""
+"""Assemble a scene: its System, with the `build` module of its formulation, and its Drive (loads and motions)."""
 
 import dataclasses
 from typing import Any

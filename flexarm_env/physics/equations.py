@@ -54,7 +54,7 @@ def slopes_room(lane, model, n_par, n_motions):
 
 @kernel
 def residual_slopes(lane, model, par, state, u, psi, directions, level, room, r, slopes):
-    """Compute the residual of eq. [64] of one arm and its derivatives along directions; return a status code.
+    """Compute the residual of equation [64] of one arm and its derivatives along directions; return a status code.
 
     # in        state: q, v, a (n,); u: inputs (N m, N); psi: prescribed motions, a `MOTION` each; par: parameters
     #           directions: `Directions`; level: rows of multipliers of r are the constraints Phi (0) or their first (1)

@@ -82,7 +82,7 @@ def levers(arm: Arm) -> NDArray[np.float64]:
 
 
 class Scheme(NamedTuple):
-    """Coefficients of the generalized-alpha or Newmark method, eq. (6.1), and limits of the Newton iteration."""
+    """Coefficients of the generalized-alpha or Newmark method, equation (6.1), and limits of the Newton iteration."""
 
     alpha_m: float
     alpha_f: float
@@ -104,7 +104,8 @@ def scheme(
 ) -> Scheme:
     """Return the `Scheme` for a spectral radius rho_inf at infinite frequency, or for Newmark's method.
 
-    The coefficients are those of Arnold & Bruels 2007. newmark: (beta, gamma) of eq. [66], used instead of rho_inf.
+    The coefficients are those of Arnold & Bruels 2007. newmark: (beta, gamma) of equation [66], used instead of
+    rho_inf.
     modified: True for a modified Newton iteration, with one matrix per step.
     """
     if newmark is not None:
@@ -164,7 +165,7 @@ class FloatingFrame(NamedTuple):
     """Bodies of a `FloatingChain`, each with its own frame, joined by multipliers (3.4). Kernels compute a single arm.
 
     `protocol` explains the fields from n to newton; `data`, `gravity` and `loads` are those of `FloatingChain`.
-    table  int64 (bodies, 5), one row per body: `physics.floating.layout.ROW`
+    table: int64 (bodies, 5), one row of `physics.floating.layout.ROW` per body
     """
 
     n: int
@@ -306,7 +307,7 @@ class Elastica(NamedTuple):
 
 
 class Floating(NamedTuple):
-    """A base that carries an arm and floats freely in the plane. Its mass acts at the arm's root. SI units.
+    """A base that carries an arm and floats freely in the plane; the base's mass acts at the arm's root. SI units.
 
     row: row of the base's attitude (rad) from the inertial x axis, 0 at the start
     inertia: moment of inertia (kg m^2) of the base about its center of mass

@@ -1,5 +1,4 @@
-"""Assembly of contact: the record `Touching` of a scene's contacts, and a check that time steps resolve the
-contacts."""
+"""Assembly of contact: the record `Touching` of a scene's contacts, and a check that time steps resolve them."""
 
 from __future__ import annotations
 
@@ -151,8 +150,8 @@ def effective_masses(system: System, dt: float) -> Array:
     """Return the effective mass (kg) of each point that may touch: the smallest over all directions, for a step dt (s).
 
     The mass is 1 / (c_m b^T S^-1 b), with the generalized force b of 1 N on the point and the Newton matrix S = c_m M +
-    c_v C + K of the arm at its start. It is the inertia of the point in one step. Links bend away from a sudden force.
-    The mass is therefore smaller than with rigid links, and decreases with the step.
+    c_v C + K of the arm at its start. The effective mass is the inertia of the point in one step. Links bend away from
+    a sudden force. The mass is therefore smaller than with rigid links, and decreases with the step.
     """
     model = system.model
     part = _touching_part(system)
@@ -190,7 +189,7 @@ def largest_speed(contact: Contact, end: float) -> float:
 
 
 def start_depths(system: System) -> Array:
-    """Return the penetration (m) of each point into each obstacle at the start. It is 0 for points without contact."""
+    """Return the penetration (m) of each point into each obstacle at the start; 0 for points without contact."""
     model, part = system.model, _touching_part(system)
     n, y = size(model.arm.n), np.zeros(size(model.n_inputs))
     uncompiled(protocol.input_displacements)(SINGLE, model.arm, system.par, system.q0[:n].copy(), y)

@@ -61,7 +61,7 @@ def _measure(lane, part, model, par, q: Lanes, S: Lanes):
 
 @kernel
 def _clearance(lane, part, q: Lanes, S: Lanes):
-    """Return a lower bound (m) of the points' distances from obstacles at q. Without a reference it is not positive."""
+    """Return a lower bound (m) of the points' distances from obstacles at q, not positive without a reference."""
     at = _reference_of(part)
     far = S[at.clearance]
     for k in range(size(part.room)):
@@ -71,7 +71,7 @@ def _clearance(lane, part, q: Lanes, S: Lanes):
 
 @kernel
 def _is_clear(lane, part, q, S: Lanes):
-    """Return whether the bound shows that no point touches in any lane. Then store it as the gap of all points."""
+    """Return whether the bound shows that no point touches in any lane; then store the bound as gap of all points."""
     if part.levers is None:
         return False
     far = _clearance(lane, part, q, S)

@@ -62,7 +62,8 @@ def _store_friction(lane, part, p, o, met, S: Lanes):
 def _store_reactions(lane, part, model, par, state, r: Lanes, S: Lanes):
     """Write the rows of moving obstacles in r: the sum (N) of the forces that the obstacle exerts on the arm.
 
-    These rows are prescribed. The energy account therefore adds the work of these forces like that of other motions.
+    Rows of moving obstacles are prescribed. The energy account therefore adds the work of these forces like that of
+    other motions.
     """
     for i in range(part.moving.shape[0]):
         if part.moving[i] >= 0:

@@ -1,4 +1,4 @@
-"""Functions of contacts that integrator and runtime call (`NewtonPolicy.contact`). Without contacts they do nothing.
+"""Functions of contacts that integrator and runtime call (`NewtonPolicy.contact`); no-ops without contacts.
 
 Near an obstacle the residual is not smooth. `least_contraction` accounts for this in the convergence test. At the end
 of each step `record_contacts` stores readings and adds up impulses.

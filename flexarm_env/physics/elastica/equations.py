@@ -5,12 +5,12 @@ inertial axes and e_j'' its second time derivative. The inertia moment on node i
 
     A_i = sum_j P_ij e_j'' + b_i (a_root - g) - loads    (N m, inertial axes),
 
-in which no sine of a difference of angles occurs. The derivative of the moment by phi_j is (-sin phi_i, cos phi_i) .
-P_ij d e_j''. For j = i the term -e_i . A_i is added. The payload adds m_p w w^T to P, m_p w to b and J_p l(L) l(L)^T to
-the last link's R. `eccentric` adds the terms of a payload whose center is off the tip. A root that can move is at x -
-sum_j beta_j e_j, where x is the last two rows of q. For a prescribed root beta = 0. In free flight x is the center of
-mass, so that steps conserve momentum to round-off. The coordinates are the angles of the nodes, with one exception. The
-first coordinate of a link k > 0 is the joint's angle: phi of the link's first node minus phi of the previous tip.
+No sine of a difference of angles occurs in A_i. The derivative of the moment by phi_j is (-sin phi_i, cos phi_i) . P_ij
+d e_j''. For j = i the term -e_i . A_i is added. The payload adds m_p w w^T to P, m_p w to b and J_p l(L) l(L)^T to the
+last link's R. `eccentric` adds the terms of a payload whose center is off the tip. A root that can move is at x - sum_j
+beta_j e_j, where x is the last two rows of q. For a prescribed root beta = 0. In free flight x is the center of mass,
+so that steps conserve momentum to round-off. The coordinates are the angles of the nodes, with one exception. The first
+coordinate of a link k > 0 is the joint's angle: phi of the link's first node minus phi of the previous tip.
 """
 
 from ...compiler import Lanes, kernel, sincos, size, stack, unrolled, vjp_of
@@ -51,7 +51,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
 
 @kernel
 def residual(lane, model, par, state, u, r, S):
-    """Write the residual r = M a + h(q, v) - B u, eq. [64], without a matrix.
+    """Write the residual r = M a + h(q, v) - B u, equation [64], without a matrix.
 
     r: moments (N m) in rows of angles, forces (N, inertial axes) in the two rows of a root that moves. par: payload
     mass (kg) and inertia (kg m^2), EI factor, tau_d (s). state: q, v, a. u: joint torques (N m), then force and torque

@@ -43,7 +43,8 @@ def _moving_tangents(lane, model, q, v, x, y: Lanes, c: Lanes, s: Lanes, ex: Lan
 def _root(lane, model, q, c, s):
     """Return the position (x, y) of the root, m, inertial axes; (c, s): unit tangents of the nodes.
 
-    The position of a root that cannot move is a constant of the model. Otherwise the last two rows of q determine it.
+    The position of a root that cannot move is a constant of the model. If the root can move, the last two rows of q
+    determine its position.
     """
     D = model.data
     at = constants(model)

@@ -1,9 +1,9 @@
 """Constants of an element for its traced functions; the calls are the same for one section and for varying sections.
 
 `section` is a `layout.Section` or a `layout.Varying`, or the symbolic form of one of them while a kernel is traced.
-Both classes have the same fields as their symbolic forms. `hasattr` selects the class at compile time. The functions of
-this module are not compiled; the products that they return are compiled. The polynomial order p equals the number of
-Gauss points.
+Each class has the same fields as its symbolic form. `hasattr` selects the class at compile time. The functions of this
+module are not compiled; the products that they return are compiled. The polynomial order p equals the number of Gauss
+points.
 """
 
 from typing import Any

@@ -9,11 +9,11 @@ strains are Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = psi', and with p Gauss
 
     sum_g w/2 [k1 (g_1 - l)^2 + k2 g_2^2 + kb (l kappa)^2],   k1 = EA/2l, k2 = C/2l, kb = EI/2l,
 
-with the laws of `materials` in place of the squares. Inertia: ml = m l/2, jl = J l/2. If sections vary within the
-element (`layout.Varying`), k1 and k2 differ between points, and bending and inertia have full matrices (`constants`).
-Arrays of coordinates begin at the left vertex (`layout.ELEMENT`); lists of nodes have the order left, right, interior.
-`order`: p zeros. All functions run when a kernel is compiled; `compiler.trace` records their operations on values.
-"""
+The laws of `materials` replace the squares. Inertia: ml = m l/2, jl = J l/2. If sections vary within the element
+(`layout.Varying`), k1 and k2 differ between points, and bending and inertia have full matrices (`constants`). Arrays of
+coordinates begin at the left vertex (`layout.ELEMENT`); lists of nodes have the order left, right, interior. The
+argument `order` is a tuple of p zeros. All functions run when a kernel is compiled; `compiler.trace` records their
+operations on values."""
 
 from typing import Any, NamedTuple
 

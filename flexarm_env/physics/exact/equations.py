@@ -283,7 +283,7 @@ def _eliminate_hinge_angle(lane, model, S: Lanes, h, tail):
     """Eliminate the section angle behind a free hinge; return the 3x3 matrix on (x, y, psi) before the hinge.
 
     tail: symmetric matrix on (x, y, psi + delta) of all elements beyond the hinge. The `HINGE` at S[h] receives the
-    inverse pivot and the couplings over the pivot. In a jointed arm, its joint stiffness on delta is added."""
+    inverse pivot and the couplings divided by the pivot. In a jointed arm, its joint stiffness on delta is added."""
     xx, xy, xt, yy, yt, tt = tail
     zero = 0.0
     # ideal hinge: psi + delta is coupled with x and y alone, so no moment reaches psi

@@ -1,5 +1,4 @@
-"""Kernels of the period correction (theory, 6.2) for chains of geometrically exact beams: M a, rotated
-accelerations."""
+"""Kernels of the period correction (theory, 6.2) for chains of exact beams: M a, rotated accelerations."""
 
 from ...compiler import Lanes, kernel
 from ..arithmetic import load_vector, store_vector

@@ -156,8 +156,9 @@ for _order in range(2, 4):
 @kernel
 def centerline(model, q, points):
     """Write positions along the chain (m, inertial axes) to points, p per element; return the number of positions.
-The kernel has one lane. q: coordinates. p is the polynomial order. Writing stops when `points` (n, 2) is full. The
-first point of a link is its joint; the last point of all is the arm's tip.
+
+    The kernel has one lane. q: coordinates. p is the polynomial order. Writing stops when `points` (n, 2) is full. The
+    first point of a link is its joint; the last point of all is the arm's tip.
     """
     p, rows = len(model.order), rows_of(model)
     at = element_at(0, p)

@@ -78,7 +78,8 @@ def _payload_force(lane, model, psi, motion, mass, weights, S):
 
     Units are N (inertial axes), N m, kg. psi: angle of the tip section. motion: rate and second rate of psi, then the
     tip's acceleration (x, y) minus gravity. mass: mass of the payload, kg. The returned mass is the mass at the tip in
-    the matrix. It is 0 if the payload has a lever; the lever's factors are then written to S with weights.with_matrix.
+    the matrix. The returned mass is 0 if the payload has a lever; the lever's factors are then written to S with
+    weights.with_matrix.
     """
     rate, second, ax, ay = motion
     if model.eccentric is None:
@@ -122,10 +123,10 @@ def _lever_acceleration(lever, rate, second, ax, ay, share):
 def beam_start(lane, model, state: State, k, tip, i):
     """Return the `Vertex` at which the beam of link k begins, beyond levers and hinge; tip: vertex before, row i.
 
-    For k = 0 `tip` is the joint at the chain's root. The force components of the new vertex are 0. Its moment is the
-    hub's inertia torque minus the hub torque (k = 0), or the inertia torque of the elbow part beyond the hinge.
-    `beam_start_rows` later transmits the beam's force to `tip`. state: q, v, a of the arm. See theory, section 5,
-    "Rigid ends".
+    For k = 0 `tip` is the joint at the chain's root. The force components of the new vertex are 0. The new vertex's
+    moment is the hub's inertia torque minus the hub torque (k = 0), or the inertia torque of the elbow part beyond the
+    hinge. `beam_start_rows` later transmits the beam's force to `tip`. state: q, v, a of the arm. See theory, section
+    5, "Rigid ends".
     """
     (x, y, psi), (vx, vy, turning), (ax, ay, alpha), (_, _, moment) = tip.place, tip.rate, tip.acceleration, tip.force
     # omega is for centripetal terms, `turning` for strain rates, which a damped model alone reads
@@ -298,9 +299,9 @@ def about_root(lane, model, S, k, x: Lanes, i, tx, ty, taken, tt):
     """Transfer the elimination's result from the start of link k's beam to the joint before it; return (taken, tt).
 
     In `solve`, rows i and i + 1 of x contain the original right side of rows x and y; (tx, ty) is their right side
-    after elimination. The difference is a force at the far point of the root lever. Its moment about the joint is added
-    to `taken` and subtracted from `tt`. taken: amount that elimination has subtracted from the row of psi. tt:
-    remaining right side of the row of psi. S: factors. Without levers (taken, tt) is returned unchanged.
+    after elimination. The difference is a force at the far point of the root lever. The moment of this force about the
+    joint is added to `taken` and subtracted from `tt`. taken: amount that elimination has subtracted from the row of
+    psi. tt: remaining right side of the row of psi. S: factors. Without levers (taken, tt) is returned unchanged.
     """
     if model.rigid is None:
         return taken, tt

@@ -176,9 +176,9 @@ def coupling_matrix(section: Section, length: float) -> Array:
         w'Hw = int v'^2 - gamma^2 - 2 (Q / EA) phi dx                                  (theory, eq. 1.2)
 
     The energy's derivative is the exact beam's force along the frame. The exact beam's stretch, along the normal of the
-    section, is u' + phi v' - phi^2 / 2 to second order. Its shear force Q = C gamma rotates with the section, which
-    subtracts Q phi from the axial force. The shear strain gamma = v' - phi is constant in the element. The matrix G of
-    [45] would measure the stretch along the tangent instead, with an error of gamma^2 / 2 on any mesh.
+    section, is u' + phi v' - phi^2 / 2 to second order. The exact beam's shear force Q = C gamma rotates with the
+    section, which subtracts Q phi from the axial force. The shear strain gamma = v' - phi is constant in the element.
+    The matrix G of [45] would measure the stretch along the tangent instead, with an error of gamma^2 / 2 on any mesh.
     """
     mu, l = shear_factor(section, length), length
     # Q, gamma and the mean of phi over the element, as rows on w

@@ -144,7 +144,7 @@ def _strains(lane, model, D, tau, q: Lanes, v: Lanes, strains: Lanes):
     """Compute each element's axial force (N), and the gradient of its stretch by the coordinates of its window.
 
         von Karman:  stretch = g'q + q'Hq / 2,  gradient = g + H q,  its rate H v        (theory, eq. 1.2)
-        paper:       stretch = g'q, "gradient" = G q of eq. [45], whose force has no potential
+        paper:       stretch = g'q, "gradient" = G q of equation [45], whose force has no potential
 
     g, H (G) are `SPAN.stretch` and `SPAN.H`. The window is the element's elastic coordinates, from `window` on.
 
@@ -190,7 +190,7 @@ def forces(
 
         M_b = f_theta + (E t)'g + M,  r = f_q + K q + (dt/dq)'g + phi_t M - rho M_b,  G_b = f_R + G   (theory, eq. 3.2)
 
-    f: inertia forces with gravity, eqs. [61]-[63] (theory, 2.4). K q: elastic forces [44], [45] with damping. t,
+    f: inertia forces with gravity, equations [61]-[63] (theory, 2.4). K q: elastic forces [44], [45] with damping. t,
     phi_t'q: position and angle of the tip in frame axes. rho'q: angle of the root section relative to the frame. E:
     rotation by 90 deg. G, M: force and moment required at the tip. g: the force G in frame axes.
 

@@ -94,8 +94,8 @@ ROUNDED = 1e-9
 def _cut(link: Link, settings: Settings) -> list[Link]:
     """Divide a link into segments.
 
-    If there are more segments than jumps of the section, segments end at the jumps. Otherwise all segments are equally
-    long, with the jumps inside.
+    If there are more segments than jumps of the section, segments end at the jumps. If there are fewer segments, all
+    are equally long, with the jumps inside.
 
     Raises ValueError if a segment has too few elements for elements to end at each jump inside the segment.
     """

@@ -5,8 +5,8 @@ angle are therefore functions of the elastic coordinates of the preceding bodies
 no rows. Rows of q: x, y, angle of the root; elastic coordinates of all bodies from root to tip; angles of the elbows.
 
 One sweep from root to tip computes the motion of every frame, one sweep from tip to root the forces. The matrix is
-never formed; its blocks are eliminated body by body from the tip. This is the articulated-body method, applied to the
-whole tangent. The cost is linear in the number of bodies.
+never formed; its blocks are eliminated body by body from the tip. The elimination is the articulated-body method,
+applied to the whole tangent. The cost is linear in the number of bodies.
 
 S contains `ROOT`, a `JOINT` per elbow, `FACTORS` per body, and `LEVER_FACTORS` of rigid ends and payload lever.
 """
@@ -103,7 +103,7 @@ def payload_force(lane, par: Lanes, pose: Lanes, force, carried):
 
 @kernel
 def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
-    """Compute the residual r of eq. [64] and, with weights.with_matrix, the blocks of the Newton matrix.
+    """Compute the residual r of equation [64] and, with weights.with_matrix, the blocks of the Newton matrix.
 
     Rows of r are force (N, inertial axes) and moment (N m) at the root minus the hub's torque, then each body's elastic
     coordinates (theory, 3.2), then at each elbow the moment minus the elbow's torque, N m. u: joint torques (N m), then
@@ -204,11 +204,11 @@ def diagonal(lane, tail, zero, mass, inertia):
 def factor(lane, model, S: Lanes):
     """Factor S in place: eliminate the bodies and elbows from tip to root, then factor the root's 3 x 3 matrix.
 
-    `tail` (9,) is a 3 x 3 matrix by rows, in inertial axes, which represents all bodies beyond a section. It maps the
-    section's weighted acceleration (x, y) and angle to the change of force and moment at the section. Pivots are stored
-    inverted. At a free elbow the angle of the section beyond the elbow is eliminated. The moment at this elbow is the
-    joint's torque, so the elbow transmits no change of moment. A fixed elbow transmits the whole change. See theory,
-    (3.3).
+    `tail` (9,) is a 3 x 3 matrix by rows, in inertial axes, which represents all bodies beyond a section. `tail` maps
+    the section's weighted acceleration (x, y) and angle to the change of force and moment at the section. Pivots are
+    stored inverted. At a free elbow the angle of the section beyond the elbow is eliminated. The moment at this elbow
+    is the joint's torque, so the elbow transmits no change of moment. A fixed elbow transmits the whole change. See
+    theory, (3.3).
     """
     stride, first = _stride(model), _bodies_at(model)
     tail, (inertia, mass) = stack(lane, NINE), load_pair(lane, S, ROOT.tail)

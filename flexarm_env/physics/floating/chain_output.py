@@ -325,9 +325,9 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
 def _ranges(lane, model, D, payload, q):
     """Return two ratios of one body: tip deflection to length, and loss of root inertia to the largest allowed loss.
 
-    The deflection is measured from the tangent at the root. The loss counts only foreshortening (theory, section 4). It
-    is q'(D - M_uv)q = -q'G q (`BODY.G`), plus the payload's part m_p (L q'H q - y^2) with length L, H = `BODY.tip_H`
-    and the tip's deflection y. It is 0 for finite elements.
+    The deflection is measured from the tangent at the root. The loss counts only foreshortening (theory, section 4).
+    The loss is q'(D - M_uv)q = -q'G q (`BODY.G`), plus the payload's part m_p (L q'H q - y^2) with length L, H =
+    `BODY.tip_H` and the tip's deflection y. The loss is 0 for finite elements.
 
     # in       payload: m_p, kg, mass at the body's tip; q: elastic coordinates
     """

@@ -1,4 +1,4 @@
-"""Constants of a link, or of a piece of a link, as a floating-frame body with elastic coordinates q, eqs. [20]-[27].
+"""Constants of a link, or a piece of it, as a floating-frame body with elastic coordinates q, equations [20]-[27].
 
 Frame "root" is clamped to the body's first node. The node's (u, v, phi) vanish, so the frame's angle is the angle of
 the root section. The x axis of frame "chord" passes through both ends of the body. All inertia terms are expressed by

@@ -7,7 +7,7 @@ is the moment at the root; its column is for the frame's angle.
 A change of the preceding coordinates acts on the body through three numbers: the change of its root's acceleration (two
 components) and of its root's angle. The change of acceleration is weighted: it is the sum of cm, cc, ck times the
 changes by accelerations, rates, coordinates. `tail` (9,) is the 3 x 3 matrix, by rows, that maps these three numbers to
-the change of force and moment. It represents all bodies beyond a section.
+the change of force and moment. `tail` represents all bodies beyond a section.
 """
 
 from ...compiler import Lanes, kernel, size, unrolled
@@ -20,7 +20,7 @@ from .layout import KNOWN, NOW, cell, factors_at, span_at, strain_at, vectors_at
 @unrolled
 @kernel
 def tangent(lane, model, D, par: Lanes, carried, cm, cc, ck, v, a: Lanes, known, vectors: Lanes, strains, S: Lanes):
-    """Compute the body's matrix cm dr/da + cc dr/dv + ck dr/dq, eqs. [72]-[78], derivative of `body.forces`.
+    """Compute the body's matrix cm dr/da + cc dr/dv + ck dr/dq, equations [72]-[78], derivative of `body.forces`.
 
     The columns are derivatives by the elastic coordinates q, by the acceleration of the frame's origin (x, y, frame
     axes) and by the frame's angle. Forces at the tip are constant here; `add_outboard` adds the effect of their change.
@@ -199,7 +199,7 @@ def add_outboard(lane, model, D, S: Lanes, tail: Lanes):
 
     arm contains the derivatives of the tip section's displacement and rotation by each coordinate. swept contains the
     derivatives of the tip section's weighted acceleration (cm, cc, ck times the derivatives by accelerations, rates,
-    coordinates) and of its rotation. Both are in frame axes.
+    coordinates) and of its rotation. arm and swept are in frame axes.
 
     # in       tail (9,): change of force (N) and moment (N m) at the tip section by its weighted acceleration and its
     #          angle, inertial axes; overwritten by the same matrix in the axes of the body's frame

@@ -1,4 +1,4 @@
-"""Floating frames joined by Lagrange multipliers, the paper's own form: eqs. [34]-[38], [64], [65], [72]-[78].
+"""Floating frames joined by Lagrange multipliers, the paper's own form: equations [34]-[38], [64], [65], [72]-[78].
 
 Each body has its own rows: R_x, R_y (inertial axes) and theta of its frame, then its elastic coordinates q. The
 constraints Phi (theory, 3.4) require that the body's tip is the origin of the next frame. If the joint is rigid or
@@ -34,14 +34,14 @@ def band_width(half):
 
 @kernel
 def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
-    """Compute the residual r of eq. [64] and the banded matrix of eqs. [72]-[78]; arguments as in `protocol.assemble`.
+    """Compute the residual r of equation [64] and the banded matrix of equations [72]-[78] (see `protocol.assemble`).
 
     Rows of r: force (inertial axes) and moment of each body's frame, then its elastic coordinates. Rows of multipliers
     are set to 0; `constraint_residual` writes them later. Entry (i, j) of the matrix is S[i band_width + j - i + half].
 
     The local array `held` (3,) contains the force and moment lambda of the joint between two bodies, plus an elbow's
-    torque. They act at the tip of the body before the joint and, with opposite sign, at the root of the body after the
-    joint. Without weights.with_matrix S does not change.
+    torque. Force and moment act at the tip of the body before the joint and, with opposite sign, at the root of the
+    body after the joint. Without weights.with_matrix S does not change.
     """
     q, v, a = state
     cm, cc, ck, with_matrix = weights.mass, weights.damping, weights.stiffness, weights.with_matrix
@@ -136,7 +136,8 @@ def _to_band(lane, mesh, own: Lanes, at, cm, half, S: Lanes):
 def _join(lane, mesh, D, own, at, rows, scale, half, S):
     """Write Phi_q of the joint at a body's tip, and its transpose, to the band, both times `scale` (theory, 3.5).
 
-    Phi are the constraints of `constraint_residual`. Their rows and columns are those of the joint's multipliers.
+    Phi are the constraints of `constraint_residual`. Rows and columns of the constraints are those of the joint's
+    multipliers.
 
     # in       own: `FACTORS` of the body (`frame`, `arm`); at: its first row; rows: 2 for a hinge, 3 with the angle;
     #          half: half-width of the band

@@ -90,10 +90,10 @@ def modal_body(
 ) -> Body:
     """Return the `Body` of a link, or of a piece of a link (whole=False), reduced to n shapes.
 
-    frame="root": clamped modes with tip_mass (kg) and tip_inertia (kg m^2) at the tip. These affect the modes but are
-    not part of the body's inertia. frame="chord": a whole link has the same modes, relative to the line through both
-    ends. A piece of a link has `pinned_modes`, because neighboring pieces bend it by moments at both ends. With n = 1
-    the piece has the clamped mode.
+    frame="root": clamped modes with tip_mass (kg) and tip_inertia (kg m^2) at the tip. Tip mass and tip inertia affect
+    the modes but are not part of the body's inertia. frame="chord": a whole link has the same modes, relative to the
+    line through both ends. A piece of a link has `pinned_modes`, because neighboring pieces bend it by moments at both
+    ends. With n = 1 the piece has the clamped mode.
 
     The result is cached and shared. Copy it before you change it.
     """
@@ -177,8 +177,8 @@ def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, 
     """Return each body's margin of inertia (kg m^2), which shows how far a mass matrix is from being indefinite.
 
     The link is straight. The margin is mu of theory, section 4: the body's effective inertia for a torque on the body's
-    angle, while all other parts are free to move. These are the link's other bodies, all modes and, unless held, the
-    root. The margin is the reciprocal of the angle's diagonal entry in the inverse mass matrix.
+    angle, while all other parts are free to move. The other parts are the link's other bodies, all modes and, unless
+    held, the root. The margin is the reciprocal of the angle's diagonal entry in the inverse mass matrix.
 
     bodies: rigidly joined bodies of one link, from root to tip. payload: body at the tip of the last body. root_moves:
     whether the root moves freely across the link. held: whether the root's angle is prescribed.

@@ -34,7 +34,7 @@ def evaluate(drive, f, t, side):
 
         value = c0 + c1 s + c2 s^2 + c3 s^3 + A sin(w s + p),    s = t - t0
 
-    The values are in the function's unit (N, N m, m, rad). side: time (s) by which the piece is selected. It is
+    The values are in the function's unit (N, N m, m, rad). side: time (s) by which the piece is selected. This time is
     slightly before or after t, which matters if the function jumps at t.
     """
     at = PIECE * piece_at(drive, f, side)

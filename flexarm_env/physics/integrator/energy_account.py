@@ -1,5 +1,4 @@
-"""The energy account: work of inputs and motions, and energy dissipated by damping, computed with mean forces of
-steps."""
+"""The energy account: work of inputs and motions and energy dissipated by damping, with mean forces of steps."""
 
 from __future__ import annotations
 

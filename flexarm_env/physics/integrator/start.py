@@ -28,9 +28,9 @@ def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
     """Compute consistent velocities, accelerations and multipliers at t+, after loads or motions may have jumped.
 
     Velocities jump by dv. The jump satisfies M dv + Phi_q^T Lambda = 0, where prescribed rows of dv are known (Phi = 0:
-    constraints; Lambda: their impulses). Damping ends a part of dv within much less than a step. This part is removed
-    from the velocities, and its damping forces change the accelerations. The work and the energy loss of the impulses
-    are added to the energy account w.books.
+    constraints; Lambda: their impulses). Damping ends a part of dv within much less than a step. The part that damping
+    ends is removed from the velocities, and its damping forces change the accelerations. The work and the energy loss
+    of the impulses are added to the energy account w.books.
 
     Accelerations at a fresh start solve M a + Phi_q^T lambda = Q - h(q, v), with generalized loads Q, and b = a. At a
     kink within a run (not fresh, with a drive) accelerations and multipliers are kept, then corrected three times by
@@ -140,10 +140,10 @@ def _has_velocity_jump(lane, drive, w):
 
 @kernel
 def _residual_with_multipliers(lane, model, par, w, weights):
-    """Compute the residual w.r (eq. [64]) at w.q, w.v, w.a; the multipliers are read from their rows of w.a.
+    """Compute the residual w.r (equation [64]) at w.q, w.v, w.a; the multipliers are read from their rows of w.a.
 
-    The multipliers are moved to w.q first. With weights.with_matrix the function also assembles w.S; weights:
-    `Weights`.
+    The multipliers are moved to w.q first. With weights.with_matrix the function also assembles w.S; weights: factors
+    of mass, damping and stiffness (`Weights`).
     """
     move_multipliers(lane, model.algebraic, w.q, w.a, False)
     assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
@@ -226,7 +226,7 @@ def _remove_damping_layer(lane, model, drive, par, w: Work, h, fresh):
     Within the material, damping prevents a jump of the velocity. With M alone the jump remains next to a prescribed
     coordinate; damping spreads it in a time that may be far below a step. Without the removal, the step and its energy
     account would apply the forces C dv for half of the step. Let s = (M + h/2 C)^-1 M, with prescribed coordinates at
-    rest and Phi_q s = 0. Then dv loses
+    rest and Phi_q s = 0. The function subtracts from dv the part
 
             e = (1 - s)^3 (1 + 3 s) dv:    the part that damping ends within the step, to order h^3, and 0 without
             damping. (1 - s) x solves (M + h/2 C) y + Phi_q^T mu = h/2 C x.

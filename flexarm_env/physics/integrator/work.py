@@ -215,7 +215,7 @@ def move_multipliers(lane, algebraic, target: Lanes, values: Lanes, clear):
 
 @kernel
 def take_multipliers(lane, algebraic, w: Work, active, c_m):
-    """Update the multipliers in w.q: lambda <- lambda - c_m r, eq. (3.5), and set their rows of w.r to 0.
+    """Update the multipliers in w.q: lambda <- lambda - c_m r, equation (3.5), and set their rows of w.r to 0.
 
     algebraic: rows of multipliers, or None (nothing to do). active: lanes > 1/2 are updated; None means all lanes. c_m:
     da+/dq+ of the step, or 1 in solutions for accelerations. The factor c_m reverses the scaling of the multipliers'

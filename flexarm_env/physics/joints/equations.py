@@ -2,9 +2,9 @@
 
 Each function calls the function of the arm's formulation, then the function of each contribution in order.
 
-Contributions add terms to residual, energy and damping. They also act before and after the factorization and the
-solution with the arm's matrix (`physics.contributions`). Contributions are gears, rotors and hub (`gears`), a floating
-base (`floating`), and forces on points of the arm (`points`).
+Contributions add terms to residual, energy and damping. Contributions also act before and after the factorization and
+the solution with the arm's matrix (`physics.contributions`). Contributions are gears, rotors and hub (`gears`), a
+floating base (`floating`), and forces on points of the arm (`points`).
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ def _add_point_forces(lane, model, par, state, u: Lanes, S, inputs: Lanes, insta
 def assemble(lane, model, par, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
     """Assemble the residual r (N, N m) and, with weights.with_matrix, the matrix S of the arm and its contributions.
 
-    r = M a + h(q, v) - B u, eq. [64]; S = weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq. par:
-    the arm's own parameters. state: q, v, a. u: inputs.
+    r = M a + h(q, v) - B u, equation [64]; S = weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq.
+    par: the arm's own parameters. state: q, v, a. u: inputs.
     """
     for part in model.contributions:
         contributions.prepare(lane, part, model, par, state, weights, S)

@@ -1,4 +1,4 @@
-"""Coulomb friction as a set-valued law, eq. (6.6), by a correction of the linear system's solution.
+"""Coulomb friction as a set-valued law, equation (6.6), by a correction of the linear system's solution.
 
 The friction torque T of a joint at rest satisfies |T| <= T_C. If the joint moves, T has the magnitude T_C and opposes
 the rate. The residual of the linear system does not contain T. The corrected solution x + W T, with the columns W of
@@ -160,7 +160,8 @@ def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
 def release_reversed_joints(lane, model, v: Lanes, S: Lanes):
     """Clear the flag `slides` in S for joints whose rate v has changed sign by impulses since `store_friction`.
 
-    Such joints do not continue to slide in the stored direction. v: rates of all rows after the impulses.
+    Joints whose rate has changed sign do not continue to slide in the stored direction. v: rates of all rows after the
+    impulses.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):

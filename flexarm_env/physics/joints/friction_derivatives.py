@@ -1,4 +1,4 @@
-"""Derivatives of Coulomb friction, eq. (6.6), for changes so small that no joint starts or stops sliding.
+"""Derivatives of Coulomb friction, equation (6.6), for changes so small that no joint starts or stops sliding.
 
 `transitions` and `runtime.sensitivity` call these functions after `joints.friction` has computed the values.
 `joints.friction` stores the friction torques and the state of each joint (sticking or sliding) in the matrix array S.
@@ -73,7 +73,8 @@ def friction_residual_tangents(lane, wide, model, parx, S: Lanes, r, first):
     """Apply the linearized `store_friction` to the tangents of r (n dual rows); S contains the state of each joint.
 
     A joint that sticks with a torque within T_C has residual 0 for any other forces. In all other joints friction is
-    +-T_C. Lanes with `first` > 1/2 start afresh. They have no residual before the jump and are skipped.
+    +-T_C. Lanes with `first` > 1/2 start afresh. Lanes that start afresh have no residual before the jump and are
+    skipped.
     """
     if model.newton.friction is not None:
         many = len(wide) // len(lane)
@@ -90,7 +91,7 @@ def friction_residual_tangents(lane, wide, model, parx, S: Lanes, r, first):
 def change_friction(lane, model, par, weight, S: Lanes):
     """For joints that slide, add weight * T_C of this model, with the sign of the sliding direction, to `bound` (N m).
 
-    This is the change of the Coulomb friction torques along a direction of the parameters.
+    The added value is the change of the Coulomb friction torques along a direction of the parameters.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
@@ -155,9 +156,9 @@ def friction_cotangents(lane, model, par_bar: Lanes, weights, ahead, S: Lanes, x
 def friction_residual_cotangents(lane, model, par_bar: Lanes, S: Lanes, r_bar: Lanes):
     """Replace r_bar by the cotangents of the residual without friction: the reverse derivative of `store_friction`.
 
-    A joint that sticks with a torque within T_C (GEAR.free = 1) has residual 0 for any other forces. Its cotangent
-    therefore vanishes. For all other joints friction is +-T_C. Their cotangent does not change, and is added to the
-    cotangent of T_C in par_bar.
+    A joint that sticks with a torque within T_C (GEAR.free = 1) has residual 0 for any other forces. The cotangent of
+    such a joint therefore vanishes. For all other joints friction is +-T_C. The cotangent of joints with friction +-T_C
+    does not change, and is added to the cotangent of T_C in par_bar.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):

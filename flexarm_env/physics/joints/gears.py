@@ -2,10 +2,10 @@
 
     J psi'' + k (psi - q) + d (psi' - q') + friction = u,    the arm's row of q:  ... - k (psi - q) - d (psi' - q') = 0
 
-The motor angle psi has a row of its own, which is coupled only with the joint angle q. This row is eliminated before
-the arm's matrix is factored. With a rigid gear J acts on q. With backlash b the spring torque is k (x - clip(x, b/2)),
-x = psi - q. Damping also acts in the gap. Otherwise the torque would jump at the beginning of a contact and pull at its
-end.
+The motor angle psi has a row of its own, which is coupled only with the joint angle q. The row of psi is eliminated
+before the arm's matrix is factored. With a rigid gear J acts on q. With backlash b the spring torque is k (x - clip(x,
+b/2)), x = psi - q. Damping also acts in the gap. If damping began with contact, the torque would jump at the beginning
+of a contact and pull at its end.
 """
 
 from __future__ import annotations
@@ -310,7 +310,8 @@ def set_joint_configuration(lane, part, model, live, rates: Lanes | None, q: Lan
 def vjp_residual(lane, part, model, par, state: State, bar, u_bar: Lanes, r_bar: Lanes):
     """Add the cotangents from the joints' rows of r_bar to bar and u_bar; then set the motor rows of r_bar to 0.
 
-    r_bar: derivative of a scalar by the residual of eq. (6.5). bar (a `State`): derivatives of the scalar by q, v, a.
+    r_bar: derivative of a scalar by the residual of equation (6.5). bar (a `State`): derivatives of the scalar by q, v,
+    a.
     u_bar: derivative of the scalar by the inputs.
     """
     if model.hub is not None:

@@ -2,7 +2,7 @@
 
 The point is a point load of the arm (`AtPoint.place`). Every formulation therefore computes the point's displacement y,
 the generalized forces B f of a force f on the point, and the change of B with q. A stiffness k of the point adds the
-block B k B^T to the Newton matrix. This block is applied as a correction of solutions (`physics.point_block`).
+block B k B^T to the Newton matrix. The block B k B^T is applied as a correction of solutions (`physics.point_block`).
 
 A contribution registers `BLOCK`, its `point_forces` and `energy`, and an `assemble` that calls `store_block`.
 """
@@ -20,7 +20,7 @@ from ..point_block import column, divide, product, store_columns, store_solution
 
 
 class Point(NamedTuple):
-    """A point of the arm on which a contribution acts. It is the field `point` of the contribution's record.
+    """A point of the arm on which a contribution acts, stored in the field `point` of the contribution's record.
 
     S contains these arrays from offset `at` on: B and W, one column of n numbers per axis; C (axes x axes); scratch
     memory of the size of C; k.

@@ -96,7 +96,8 @@ def _to_last(lane, S, to, a, b):
 def _to_root(lane, S, to, a, b):
     """Return the (force, moment) on a link's root that is equivalent to the (force, moment) (a, b) on its last section.
 
-    This is the transpose of `_to_last`. Forces are along inertial axes; each moment is in the axes of its own section.
+    `_to_root` is the transpose of `_to_last`. Forces are along inertial axes; each moment is in the axes of its own
+    section.
     to: `noted_at`, offsets of the link's stored kinematics in S.
     """
     return a, matrix_in(lane, S, to.last_turn) @ b + matrix_in(lane, S, to.shift).T @ a
@@ -163,7 +164,7 @@ def _joint_down(lane, model, S: Lanes, k, x: Lanes, of):
     """Eliminate joint k from x: transmit the wrench `of` = (force, moment) on the link's root to the section before.
 
     The force is along inertial axes, the moment in root axes. The joint's row of x becomes (x + axis . moment + c .
-    force) / pivot. This row times `HINGE.column` is subtracted from the wrench on the section before. The row of a
+    force) / pivot. The new row times `HINGE.column` is subtracted from the wrench on the section before. The row of a
     fixed joint keeps its value. c is `HINGE.swing`, the motion of the link's first section per joint angle;
     `HINGE.column` is the wrench on the section before per joint angle.
     See theory, (9.1).

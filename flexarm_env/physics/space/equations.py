@@ -64,7 +64,7 @@ def _add(lane, r, i, of):
 
 @kernel
 def assemble(lane, model, par: Lanes, state, u, weights, r, S):
-    """Compute the residual r of eq. [64] and, with weights.with_matrix, the matrix in S (`protocol.assemble`).
+    """Compute the residual r of equation [64] and, with weights.with_matrix, the matrix in S (`protocol.assemble`).
 
     An outward sweep computes each section's motion and the wrenches of elements, bodies and loads on it; an inward
     sweep transmits the links' root wrenches across their joints. r: forces (N, inertial axes) and moments (N m, section

@@ -33,8 +33,9 @@ def bent_rows(lane, model, par, a, b, near, far, at):
     """Return (dm_l, dm_r), the 3 x 3 derivatives of the moments on phi_l and phi_r by any three variables.
 
     near, far: derivatives (3 x 3) of the `_strained` rotations of the left and right end by these variables. a, b:
-    rotations phi_l and phi_r of the ends (rad). at: `frame_at`. All vectors are in frame axes. The function multiplies
-    near and far by the stiffness K, then by the transposed derivative of the `_strained` rotations by phi_l, phi_r.
+    rotations phi_l and phi_r of the ends (rad). at: offsets of the segment's `FRAME` record (`frame_at`). All vectors
+    are in frame axes. The function multiplies near and far by the stiffness K, then by the transposed derivative of the
+    `_strained` rotations by phi_l, phi_r.
     """
     d, factors = HELIX * (b - a), factors_of(lane, par)
     l, r = _both_rows(lane, model, at.bend, near, far)

@@ -1,10 +1,10 @@
 """Inner modes of segments with floating frames in space: sums over modes, and their part of the Newton matrix.
 
 A segment has `inner_of(model)` inner modes. Each mode has an amplitude (rad) about x, y and z of the frame. The rows of
-these amplitudes follow the rows of the chain. They are eliminated within their segment before the Newton matrix is
-condensed along the chain. A `FRAME` record contains tables of three numbers (for x, y, z) for each pair of coordinates.
-Row i of such a table is for inner mode i. The columns are for the left end, the right end, the frame (only in
-`inner_rotary`) and the inner modes.
+these amplitudes follow the rows of the chain. Inner modes are eliminated within their segment before the Newton matrix
+is condensed along the chain. A `FRAME` record contains tables of three numbers (for x, y, z) for each pair of
+coordinates. Row i of such a table is for inner mode i. The columns are for the left end, the right end, the frame (only
+in `inner_rotary`) and the inner modes.
 """
 
 from __future__ import annotations
@@ -184,8 +184,9 @@ def _subtract_from_modes(lane, model, S: Lanes, table, x: Lanes, row, left, righ
 def down(lane, model, S, inner, x, row, right):
     """Eliminate a segment's inner modes from x: inner rows <- matrix^-1 x, then subtract ends^T x from both ends' rows.
 
-    inner: `inner_at` of the segment. row, right: first rows in x of the inner modes and of the right end. The left
-    end's part is not subtracted but returned, to be added, as a force (inertial axes) and a moment (section axes).
+    inner: offsets of the segment's `INNER` record in S (`inner_at`). row, right: first rows in x of the inner modes and
+    of the right end. The left end's part is not subtracted but returned, to be added, as a force (inertial axes) and a
+    moment (section axes).
     """
     solution(lane, 3 * inner_of(model), S, inner.matrix, x, row, 1)
     return _subtract_from_ends(lane, model, S, inner.ends, x, row, right)
@@ -195,8 +196,8 @@ def down(lane, model, S, inner, x, row, right):
 def up(lane, model, S, inner, x, row, left, right):
     """Compute a segment's inner amplitudes by back substitution: inner rows of x <- x - over (left, right).
 
-    inner: `inner_at` of the segment, whose field `over` is read. row: first row of the inner modes in x. left, right:
-    motion of each end, a pair of position (inertial axes) and rotation (section axes).
+    inner: offsets of the segment's `INNER` record in S (`inner_at`), whose field `over` is read. row: first row of the
+    inner modes in x. left, right: motion of each end, a pair of position (inertial axes) and rotation (section axes).
     """
     _subtract_from_modes(lane, model, S, inner.over, x, row, left, right)
 
@@ -228,7 +229,8 @@ def _entry(lane, n, S: Lanes, o, i, j):
 def multiplied(lane, model, S, inner, x: Lanes, y: Lanes, row, left, right):
     """Multiply the part of the matrix that `condense` eliminated by x and the ends' motions; add the inner rows to y.
 
-    inner: `inner_at` of the segment. x: amplitudes; y: forces; in both, the inner modes begin at row `row`. left,
+    inner: offsets of the segment's `INNER` record in S (`inner_at`). x: amplitudes; y: forces; in both, the inner modes
+    begin at row `row`. left,
     right: motion (position, rotation) of the ends. The function returns the (force, moment) on the left end and on the
     right end that the condensed blocks do not contain. See theory, (9.3).
     """

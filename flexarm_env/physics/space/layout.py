@@ -224,7 +224,7 @@ def weight_end(model):
 
 @kernel
 def inner_row(model, i):
-    """Return the first row, in q and r, of the inner modes of segment i. These rows follow all rows of the chain."""
+    """Return the first row, in q and r, of the inner modes of segment i, which follow all rows of the chain."""
     return model.places[PL.end * model.links + PL.row] + 3 * inner_of(model) * i
 
 

@@ -52,11 +52,11 @@ CURVE = tuple(k * c for k, c in enumerate(_SLOPE))[:0:-1]
 class Bend(NamedTuple):
     """Rotation of one interval and its rates, in the axes of the interval's end unless stated otherwise.
 
-    x, psi  Cayley vector x = tan(|psi|/2) psi/|psi|, and rotation vector psi = s + s x d (rad)
-    s, d    rad: integral of the strain, and first moment of the strain, over the interval
-    f       value at psi.psi of the series `TANGENT`, with which x = psi f / 2
-    rel     rad/s: angular velocity that the interval adds; None where rates are not computed
-    second  rad/s^2: angular acceleration that the interval adds; None where accelerations are not computed
+    x, psi: Cayley vector x = tan(|psi|/2) psi/|psi|, and rotation vector psi = s + s x d (rad)
+    s, d: integral and first moment of the strain over the interval, rad
+    f: value at psi.psi of the series `TANGENT`, with which x = psi f / 2
+    rel: angular velocity that the interval adds, rad/s; None if rates are not computed
+    second: angular acceleration that the interval adds, rad/s^2; None if accelerations are not computed
     """
 
     x: Any
@@ -241,8 +241,9 @@ def noted_tangent(lane, S: Lanes, to, i):
 def _own_force(lane, S, to, i, g):
     """Return the generalized forces (N m) on s and d of interval i; g: moment (N m, root axes) on all points beyond.
 
-    s is the integral of the strain over the interval, d its first moment (rad). to: `noted_at` of the link. The
-    function applies the transposed derivative of the rotation by (s, d), from values that `sweep_outward` stored in S.
+    s is the integral of the strain over the interval, d its first moment (rad). to: offsets of the link's stored
+    kinematics in S (`noted_at`). The function applies the transposed derivative of the rotation by (s, d), from values
+    that `sweep_outward` stored in S.
     """
     A, x, psi = (
         matrix_in(lane, S, to.turn + 9 * i),
