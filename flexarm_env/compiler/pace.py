@@ -133,8 +133,8 @@ class Pace:
     def _choose(self, threads: int) -> None:
         """Use the chosen number of threads until the next trial.
 
-        The pause until the next trial doubles, up to SELDOM, each time that a trial confirms the number of threads. It
-        returns to RARELY when the number changes.
+        The pause until the next trial doubles, up to SELDOM, each time that a trial confirms the number of threads. The
+        pause returns to RARELY when the number changes.
         """
         self._pause = min(2.0 * self._pause, SELDOM) if threads == self._chosen else RARELY
         self.threads = self._chosen = threads

@@ -152,7 +152,8 @@ def linkable(kernel: Kernel, layout: Layout, name: str, cpu: str | None) -> byte
 def _uncollected() -> Iterator[None]:
     """Pause Python's garbage collection while LLVM code is built, because its many objects are all in use.
 
-    It would double the compile time. Afterwards garbage is collected once and tens of MB of memory become free.
+    The collection would double the compile time. After compilation Python's garbage is collected once, which frees tens
+    of MB of memory.
     """
     before = gc.isenabled()
     gc.disable()
@@ -277,7 +278,7 @@ def engine(code: bytes) -> Any:
 
 
 class _Method(ctypes.Structure):
-    """PyMethodDef of Python's C API."""
+    """The structure PyMethodDef of Python's C API."""
 
     _fields_ = [("name", ctypes.c_char_p), ("call", ctypes.c_void_p), ("flags", ctypes.c_int), ("doc", ctypes.c_char_p)]
 

@@ -1,8 +1,9 @@
 """Observations that depend on the past: delayed or stacked observations, and readings of sensors with memory.
 
-For such observations a state contains the latest `frames` observations of E entries each, the oldest first. If
-observations are delayed, the current observation consists of the oldest stored entries. A control period drops the
-oldest observation and appends the new one. The derivatives of all other stored observations are therefore only shifted.
+To compute delayed or stacked observations, a state contains the latest `frames` observations of E entries each, the
+oldest first. If observations are delayed, the current observation consists of the oldest stored entries. A control
+period drops the oldest observation and appends the new one. The derivatives of all other stored observations are
+therefore only shifted.
 """
 
 from typing import Any

@@ -276,7 +276,7 @@ class Elastica(NamedTuple):
     the kernel is compiled for that size. One array contains all constants, because each array argument of a kernel
     costs time at compilation and at each call.
 
-    data: float64, `physics.elastica.layout.DATA`
+    data: float64, constants of the chain (`physics.elastica.layout.DATA`)
     loads: float64, one `physics.elastica.layout.LOAD` per point load, or None
     eccentric: float64, `physics.elastica.layout.ECCENTRIC` if the payload's center is not at the tip, otherwise None
     rest: float64 (N k,), stress-free angles (rad) of nodes relative to their link's root; None for straight links

@@ -333,7 +333,8 @@ def _to_relative(lane, model, S: Lanes):
     """Transform S in place from the node angles to the coordinates, T^T S T.
 
     The angle of the first node of link k > 0 is the joint's angle plus phi of the previous link's tip node, whose row
-    precedes. Therefore each such column, then each such row, is added to the preceding one.
+    precedes. Therefore the column of each such first node is added to the preceding column, then its row to the
+    preceding row.
     """
     n, rows = size(model.nodes), size(model.n)
     for k in range(size(model.links) - 1, 0, -1):

@@ -11,8 +11,9 @@ epsilon. The estimate is a sum of three terms. The first is the largest distance
 is a fraction of the distance between the deflections; this fraction grows with the arm's rotation. The third is the
 stretch along the arm (theory, section 5). The model is linear about the initial configuration. The estimate is right
 within a factor of about 3 for one link and of 4 for several links that do not swing far. A small error (below 0.3 % of
-the length) is mostly overestimated. The estimate does not cover links in fast rotation. For such links a run's error
-estimate uses the distance to a softer companion run (`Notes.softer`), if that distance is larger.
+the length) is mostly overestimated. The estimate does not cover links in fast rotation. For links in fast rotation a
+run's error estimate uses the distance to a softer companion run (`Notes.softer`), if this distance exceeds the
+estimate.
 """
 
 from collections.abc import Iterator, Mapping

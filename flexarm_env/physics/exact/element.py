@@ -2,7 +2,7 @@
 
 An element of order p and length l joins two vertices (x, y, psi). The p - 1 interior functions of an element vanish at
 both ends and have the Legendre polynomials P_1 ... P_{p-1} (scaled to a largest value of 1 at the Gauss points) as
-derivatives. With the linear functions they span the space of p + 1 Lagrange nodes. With their amplitudes as interior
+derivatives. Linear and interior functions span the space of p + 1 Lagrange nodes. With their amplitudes as interior
 coordinates the bending stiffness is diagonal and the sums below are short. With d = l r' (twice the derivative on [-1,
 1]), inertial axes, (c, s) = (cos psi, sin psi) and g = (c d_x + s d_y, -s d_x + c d_y), section axes, all in m, the
 strains are Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = psi', and with p Gauss points of weights w the energy is

@@ -46,7 +46,7 @@ def assemble(lane, part, model, par, state: State, u: Lanes, weights, r: Lanes, 
 def after_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
     """Divide the base's row of x by its diagonal entry of S, because this row is not coupled with other rows.
 
-    transposed: True for S^T x = b. The result is the same.
+    transposed: True for S^T x = b, which has the same result.
     """
     x[part.row] /= S[size(model.n_factor) - 1]
 

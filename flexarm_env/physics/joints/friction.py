@@ -237,8 +237,8 @@ def find_gaps(lane, model, state: State, weights, ahead, S: Lanes, x: Lanes):
 def _choose_branch(lane, model, par, weights, i, S: Lanes):
     """Decide from the present torques T whether joint i sticks, and store its sliding torque in `bound`, (6.6).
 
-    If weights.damping is 0 (v does not change), a joint that slid at the last `store_friction` slides on with that
-    torque.
+    If weights.damping is 0 (v does not change), a joint that slid at the last `store_friction` continues to slide with
+    its stored torque.
 
     # out       `GEAR` fields sticks (1 or 0) and bound (N m) of joint i
     """

@@ -156,9 +156,9 @@ def friction_cotangents(lane, model, par_bar: Lanes, weights, ahead, S: Lanes, x
 def friction_residual_cotangents(lane, model, par_bar: Lanes, S: Lanes, r_bar: Lanes):
     """Replace r_bar by the cotangents of the residual without friction: the reverse derivative of `store_friction`.
 
-    A joint that sticks with a torque within T_C (GEAR.free = 1) has residual 0 for any other forces. The cotangent of
-    such a joint therefore vanishes. For all other joints friction is +-T_C. The cotangent of joints with friction +-T_C
-    does not change, and is added to the cotangent of T_C in par_bar.
+    A joint that sticks with a torque within T_C (GEAR.free = 1) has residual 0 for any other forces. The cotangent of a
+    joint that sticks within T_C therefore vanishes. For all other joints friction is +-T_C. The cotangent of joints
+    with friction +-T_C does not change, and is added to the cotangent of T_C in par_bar.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):

@@ -251,7 +251,7 @@ def joint_placement(lane, model, q: Lanes, v: Lanes, k, tip):
 def joint_kinematics(lane, model, state: State, k, tip, weights):
     """Return the `Hinge` of joint k: motion of its link's first section, from the preceding section's `Vertex` tip.
 
-    alpha_L = E^T alpha + axis theta'' + w_L x axis theta' (root axes; alpha: of tip; rest: `joint_placement`). weights:
+    alpha_L = E^T alpha + axis theta'' + w_L x axis theta' (root axes; for the symbols see `joint_placement`). weights:
     factors of mass, damping and stiffness (`Weights`). The field `own` of the root's `Vertex` is weights.newton_share
     times the joint's rate, or 0 if strains are coordinates. See theory, (9.1).
     """

@@ -267,9 +267,9 @@ def _handed(lane, model, u: Lanes, weights, r: Lanes, S: Lanes, k, force, moment
 
     force (N, inertial) and moment m (N m, root axes) act on the link's first section. The force does not change; the
     moment becomes E m + s x A^T force (axes of the section before); row = axis . m + (axis x o) . E^T A^T force - u_k
-    (N m), u_k: joint torque. E: axes of the root to those of the section before; A: those to inertial axes; s: lever
-    from that section to the link's first, o its part beyond the joint. With weights.with_matrix the `HINGE` gets what
-    `elimination` needs. See theory, (9.1).
+    (N m), u_k: joint torque. E maps root axes to axes of the section before, A maps these axes to inertial axes. s is
+    the lever from the section before to the link's first section, o its part beyond the joint. With weights.with_matrix
+    the `HINGE` gets what `elimination` needs. See theory, (9.1).
     """
     h, axis = hinge_at(k), three_of(lane, model.joints, J.end * k + J.axis)
     turn = matrix_in(lane, S, h + H.now_turn)

@@ -3,8 +3,8 @@
 A segment has `inner_of(model)` inner modes. Each mode has an amplitude (rad) about x, y and z of the frame. The rows of
 these amplitudes follow the rows of the chain. Inner modes are eliminated within their segment before the Newton matrix
 is condensed along the chain. A `FRAME` record contains tables of three numbers (for x, y, z) for each pair of
-coordinates. Row i of such a table is for inner mode i. The columns are for the left end, the right end, the frame (only
-in `inner_rotary`) and the inner modes.
+coordinates. Row i of a table is for inner mode i. The columns are for the left end, the right end, the frame (only in
+`inner_rotary`) and the inner modes.
 """
 
 from __future__ import annotations

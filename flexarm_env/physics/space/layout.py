@@ -169,7 +169,7 @@ LOAD = Layout(
     "SpatialLoad", "",
     Field("link", (), "", "index of the loaded link"),
     Field("at_tip", (), "", "1: on the link's last section; 0: on its first section"),
-    Field("lever", (3,), "m", "from that section's origin to the loaded point, section axes"),
+    Field("lever", (3,), "m", "lever from the section's origin to the loaded point, section axes"),
 )  # fmt: skip
 
 GAUGE = Layout(
