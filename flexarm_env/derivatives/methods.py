@@ -28,9 +28,10 @@ class Method(NamedTuple):
     """Choices that determine how control periods are differentiated.
 
     by_equations: True if Jacobians follow from the equations of steps and jumps (`runtime.implicit`). False if every
-    operation is differentiated when it is executed (`runtime.derivative`). backwards: True if `runtime.adjoint`
-    computes cotangents, False if cotangents are computed from Jacobians. passes: number of linear solutions for the
-    derivative of a step. One solution suffices if the step's matrix is the exact derivative of the residual.
+    operation is differentiated when it is executed (`runtime.derivative`).
+    backwards: True if `runtime.adjoint` computes cotangents, False if cotangents are computed from Jacobians.
+    passes: number of linear solutions for the derivative of a step. One solution suffices if the step's matrix is the
+    exact derivative of the residual.
     """
 
     by_equations: bool
@@ -41,8 +42,10 @@ class Method(NamedTuple):
 def method_of(model: Any, program: Any, extras: Any, kept: bool, alone: str) -> Method:
     """Return the `Method` by which the control periods of a model are differentiated.
 
-    program: the batch's program. extras: sensors, motors and payload changes of the batch. kept: whether motions are
-    prescribed. alone: "all" if each arm is computed alone.
+    program: the batch's program.
+    extras: sensors, motors and payload changes of the batch.
+    kept: whether motions are prescribed.
+    alone: "all" if each arm is computed alone.
     """
     # what a period does beside the equations of its steps and jumps
     beside = (

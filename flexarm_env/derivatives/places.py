@@ -40,9 +40,10 @@ def places_of(
 ) -> tuple[Any, tuple[str, ...], int]:
     """Return the offsets and names of a state's entries in a memory block, and the number of entries that move.
 
-    stride: distance between two elements of the block. layout: offsets of the block's sections. parameters: whether the
-    state contains parameters as moving entries. kept: whether to include accelerations and torques even if periods
-    begin by solving for accelerations.
+    stride: distance between two elements of the block.
+    layout: offsets of the block's sections.
+    parameters: whether the state contains parameters as moving entries.
+    kept: whether to include accelerations and torques even if periods begin by solving for accelerations.
     """
     task, extras = batch.task, batch.extras
     rows, links = int(size(model.n)), len(task.links)

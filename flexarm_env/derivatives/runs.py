@@ -144,8 +144,8 @@ class Run:
     def moved(self, other: Simulation, change: Array, places: bool = True) -> Trajectory:
         """Return the trajectory of another arm: the run's q and v plus the changes `change` (samples, 2, n).
 
-        other: Simulation of the other arm. places: whether to recompute tip, joints and motors as well. All other
-        fields are those of this run.
+        other: Simulation of the other arm.
+        places: whether to recompute tip, joints and motors as well. All other fields are those of this run.
         """
         q, v = self.trajectory.q + change[:, 0], self.trajectory.v + change[:, 1]
         found: dict[str, Any] = {}

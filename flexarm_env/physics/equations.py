@@ -153,7 +153,7 @@ def _add_direction(lane, model, directions, j, i, w):
 def read_gauges(model, q, rows, out):
     """Compute the strain gauge readings out (m, G), 1/m, of m configurations q (m, n), in one lane.
 
-    rows (G, ...): one row per gauge, from `gauges.curvature_rows`. q: coordinates.
+    rows (G, ...): one row per gauge, from `gauges.curvature_rows`. q: coordinates of the arm.
     """
     for i in range(q.shape[0]):
         for g in range(rows.shape[0]):

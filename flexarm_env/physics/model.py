@@ -413,11 +413,14 @@ def fixed_rows(scene: Scene, coordinates: Mapping[str, int]) -> NDArray[np.int64
 class System:
     """An assembled scene: its Model, the arm's parameters, the start state, and the rows of named coordinates.
 
-    par (4,), in space (6,): parameters of the arm (see PAYLOAD_MASS). q0, v0 (n,): state at t = 0 (m, rad; m/s, rad/s).
+    par (4,), in space (6,): parameters of the arm (see PAYLOAD_MASS).
+    q0, v0 (n,): state at t = 0 (m, rad; m/s, rad/s).
     coordinates: rows of "joint0" ..., "root_x", "root_y"; a negative entry -1 - j means that multiplier j prescribes
-    the coordinate. names (n,): names of the coordinates. vectors (k, 2): rows of x and y of vectors in inertial axes
-    that rotate with the arm. absolute (k,): rows of angles from the inertial x axis. All other rows stay the same if
-    the whole arm rotates. notes: error estimates of the formulation by name, as fractions of the arm's length.
+    the coordinate.
+    names (n,): names of the coordinates.
+    vectors (k, 2): rows of x and y of vectors in inertial axes that rotate with the arm.
+    absolute (k,): rows of angles from the inertial x axis. All other rows stay the same if the whole arm rotates.
+    notes: error estimates of the formulation by name, as fractions of the arm's length.
     """
 
     model: Any

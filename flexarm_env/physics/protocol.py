@@ -33,7 +33,7 @@ Residual and Newton matrix
         start to q. Then r <- M a, unless r is None. Only with `NewtonPolicy.period_correction`: M is constant.
     constraint_residual(lane, model, psi, state, level, scale, r)
         Rows of multipliers of r <- scale * Phi (level 0), its first (1) or second (2) time derivative, equation [65].
-        psi: prescribed motions.
+        psi: values and rates of prescribed motions.
     factor(lane, model, S), solve(lane, model, S, x)
         Factor S in place; x <- S^-1 x in place.
     add_stiffness(lane, model, S, k, x)
@@ -250,7 +250,8 @@ def _everywhere(lane, model, par, q):
 def _by_assembling(lane, model, par, state, u, r, S):
     """Default of `residual`: compute the residual r, equation [64], by `assemble` without a matrix.
 
-    r <- M a + h(q, v) + Phi_q^T lambda - B u, n rows (N, N m). state: q, v, a. u: inputs. S: scratch memory.
+    r <- M a + h(q, v) + Phi_q^T lambda - B u, n rows (N, N m). state: q, v, a. u: inputs, i.e. joint torques (N m),
+    then point loads. S: scratch memory.
     """
     assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
 
@@ -302,7 +303,7 @@ def _product(lane, model, par, state, u, weights, x, y: Lanes, S):
     """Assemble the matrix S at `state` and compute y <- S x (n rows).
 
     S <- weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq, with the residual r of equation [64]. u:
-    inputs.
+    inputs, i.e. joint torques (N m), then point loads.
     """
     assemble(lane, model, par, state, u, weights, y, S)
     for k in range(size(model.n)):

@@ -50,8 +50,10 @@ def obstacle_rows(scene: Scene) -> dict[str, TimeFunction]:
 def touching(scene: Scene, inner: Any, entry: int, at: int, rows: int) -> tuple[Touching, Watch, int]:
     """Return the contribution of contacts, its `Watch` for the integrator, and the number of its entries in S.
 
-    inner: Model of the arm alone. entry: index in the inputs u of the first point's entries. at: offset of the
-    contribution's entries in S. rows: number of rows of the Model; the last rows are those of moving obstacles.
+    inner: Model of the arm alone.
+    entry: index in the inputs u of the first point's entries.
+    at: offset of the contribution's entries in S.
+    rows: number of rows of the Model; the last rows are those of moving obstacles.
     """
     arm, contacts, links = scene.arm, scene.contacts, links_of(scene)
     space = 3 if scene.spatial else 2

@@ -18,7 +18,8 @@ def least_contraction(lane, contact, S: Lanes, first, increment, theta):
 
     S contains the gaps before the increment. A point moves by at most `reach` times the weighted increment. In the
     first iteration of a step (first True) theta is also at least 1/2 if a point touches, because the remaining error is
-    not known. contact: `Watch`, or None in a model without contacts; theta is then returned unchanged.
+    not known.
+    contact: `Watch`, or None in a model without contacts; theta is then returned unchanged.
     """
     if contact is None:
         return theta

@@ -69,8 +69,9 @@ def less_obstacle(lane, part, o, rows: Lanes, vector):
 def meeting(lane, part, p, o, q: Lanes, v: Lanes, place, velocity, spin):
     """Return the `Meeting` of point p with obstacle o, from the point's motion relative to the obstacle.
 
-    place (m), velocity (m/s), spin (rad/s): motion of the point, inertial axes. q: coordinates. v: rates of
-    coordinates.
+    place (m), velocity (m/s), spin (rad/s): motion of the point, inertial axes.
+    q: coordinates of the arm.
+    v: rates of coordinates.
     """
     place, velocity = less_obstacle(lane, part, o, q, place), less_obstacle(lane, part, o, v, velocity)
     return meet(part, p, o, place, velocity, spin)

@@ -71,8 +71,9 @@ def phase_correction(
 
         C = D^T ((a + b / a) (k^-1 + a F)^-1 - b / a k) D,   a = 2 kappa h^2, b = h^4 / 60
 
-    payload: mass of the payload, kg. arm (Nn,): weights from `payload_arm`, m. rest: stress-free node angles (Nn,),
-    rad, or None if links are straight.
+    payload: mass of the payload, kg.
+    arm (Nn,): weights from `payload_arm`, m.
+    rest: stress-free node angles (Nn,), rad, or None if links are straight.
     """
     n, C = parts.n, np.zeros_like(parts.R)
     lengthening, share = 2.0 * settings.period_error * h * h, HEAVIER * h**4

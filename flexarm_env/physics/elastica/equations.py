@@ -37,8 +37,10 @@ def assemble(lane, model, par, state, u, weights, r, S):
     """Write the residual r [64] and, with weights.with_matrix, the Newton matrix S (dense, row-major, model.n rows).
 
     r = M a + h(q, v) - B u: moments (N m) in rows of angles, forces (N, inertial axes) in the two rows of a root that
-    moves. S = weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq. par: payload mass (kg) and inertia
-    (kg m^2), EI factor, tau_d (s). state: q, v, a. u: joint torques (N m), then force and torque of each point load.
+    moves. S = weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq.
+    par: payload mass (kg) and inertia (kg m^2), EI factor, tau_d (s).
+    state: q, v, a.
+    u: joint torques (N m), then force and torque of each point load.
     """
     on = Nodes(
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
@@ -53,9 +55,10 @@ def assemble(lane, model, par, state, u, weights, r, S):
 def residual(lane, model, par, state, u, r, S):
     """Write the residual r = M a + h(q, v) - B u, equation [64], without a matrix.
 
-    r: moments (N m) in rows of angles, forces (N, inertial axes) in the two rows of a root that moves. par: payload
-    mass (kg) and inertia (kg m^2), EI factor, tau_d (s). state: q, v, a. u: joint torques (N m), then force and torque
-    of each point load. S is not used.
+    r: moments (N m) in rows of angles, forces (N, inertial axes) in the two rows of a root that moves.
+    par: payload mass (kg) and inertia (kg m^2), EI factor, tau_d (s).
+    state: q, v, a.
+    u: joint torques (N m), then force and torque of each point load. S is not used.
     """
     on = Nodes(
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
@@ -265,8 +268,8 @@ def _subtract_load_torques(lane, model, u: Lanes, r: Lanes):
 def _payload_turns(lane, model, inertia, z: Lanes, r: Lanes):
     """Add the moment of the payload's rotary inertia, J_p l(L) (l(L) . phi''), to the last link's rows of r (N m).
 
-    inertia: J_p, kg m^2. z: second rates of all node angles. l(L) = DATA.tips: weights of node angles in the tip's
-    angle.
+    inertia: J_p, kg m^2.
+    z: second rates of all node angles. l(L) = DATA.tips: weights of node angles in the tip's angle.
     """
     D = model.data
     at = constants(model)
@@ -285,8 +288,8 @@ def _payload_turns(lane, model, inertia, z: Lanes, r: Lanes):
 def _payload_turns_tangent(lane, model, inertia, cm, S: Lanes):
     """Add the payload's rotary inertia, cm J_p l(L) l(L)^T, to the last link's block of S (row-major, node angles).
 
-    inertia: J_p, kg m^2. cm: weight of the mass matrix in S. l(L) = DATA.tips: weights of the node angles in the tip's
-    angle.
+    inertia: J_p, kg m^2.
+    cm: weight of the mass matrix in S. l(L) = DATA.tips: weights of the node angles in the tip's angle.
     """
     D = model.data
     at = constants(model)

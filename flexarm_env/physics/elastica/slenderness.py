@@ -122,8 +122,8 @@ def _response(square: float, tau_d: float, force: Array, t: Array) -> Array:
 def along_the_arm(scene: Scene, rate: float) -> float:
     """Estimate the stretch of the arm as a fraction of its length L, from root motion, rotation and weight.
 
-    The model is a spring of stiffness EA / L. The elbows, the payload and half of the links' mass are at its tip. rate:
-    largest angular velocity, rad/s. For an arm that swings as a pendulum, the model uses three times the weight.
+    The model is a spring of stiffness EA / L. The elbows, the payload and half of the links' mass are at its tip.
+    rate: largest angular velocity, rad/s. For an arm that swings as a pendulum, the model uses three times the weight.
     """
     arm, end = scene.arm, scene.duration
     length = arm.total_length
@@ -147,9 +147,13 @@ def along_the_arm(scene: Scene, rate: float) -> float:
 class _Modes:
     """Flexible modes of a chain about the scene's initial configuration, including the payload.
 
-    omega (f,): angular frequencies, rad/s. shapes (Nn, f): node angles in each mode, normalized to u^T M u = 1. rigid
-    (Nn, r): node angles of motions without strain. along, across (2, Nn): unit tangents and normals of the nodes,
-    inertial axes. M (Nn, Nn): mass matrix, kg m^2. b (Nn,): first moments, kg m. mass: total mass, kg.
+    omega (f,): angular frequencies, rad/s.
+    shapes (Nn, f): node angles in each mode, normalized to u^T M u = 1.
+    rigid (Nn, r): node angles of motions without strain.
+    along, across (2, Nn): unit tangents and normals of the nodes, inertial axes.
+    M (Nn, Nn): mass matrix, kg m^2.
+    b (Nn,): first moments, kg m.
+    mass: total mass, kg.
     """
 
     def __init__(self, scene: Scene, chain: Chain) -> None:

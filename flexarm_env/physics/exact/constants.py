@@ -84,7 +84,8 @@ def bending_entries(section: Any, t: Tables, share: Any) -> Any:
     """Return a function (node, node) -> entry of the bending stiffness (N m) times share; None stands for 0.
 
     Nodes 0 and 1 are the left and right vertex, whose shape functions have opposite slopes. Nodes from 2 on are
-    interior. share: factor on the stiffness, composed of the weights of stiffness K and damping C.
+    interior.
+    share: factor on the stiffness, composed of the weights of stiffness K and damping C.
     """
     p = len(t.weights)
     if hasattr(section, "kb"):

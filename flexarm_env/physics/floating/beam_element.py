@@ -30,9 +30,10 @@ FINER = np.polynomial.legendre.leggauss(8)
 class Element:
     """A piece of a link as one finite element.
 
-    link: the piece as a `Link`. start: distance of the piece's start from the body's root, m. number: index of the
-    element in a mesh of equal elements, otherwise None. If sections vary, the shape functions are those of the mean
-    section, while the stiffness and the mass matrix are integrals over the actual sections.
+    link: the piece as a `Link`.
+    start: distance of the piece's start from the body's root, m.
+    number: index of the element in a mesh of equal elements, otherwise None. If sections vary, the shape functions are
+    those of the mean section, while the stiffness and the mass matrix are integrals over the actual sections.
     """
 
     link: Link
@@ -129,8 +130,9 @@ def shear_factor(section: Section, length: float) -> float:
 def shape_functions(xi: float, length: float, mu: float) -> Array:
     """Return the shape functions of u, v (m, along and across the element's axis) and phi (rad) at xi = x/l: (3, 6).
 
-    The columns are for u1, v1, phi1, u2, v2, phi2. length: l (m). mu: shear factor 1 / (1 + 12 EI / (C l^2)); 1 without
-    shear. The functions are equation [41] of the paper.
+    The columns are for u1, v1, phi1, u2, v2, phi2.
+    length: l (m).
+    mu: shear factor 1 / (1 + 12 EI / (C l^2)); 1 without shear. The functions are equation [41] of the paper.
     """
     eta, half = 1.0 - xi, 0.5 * length
     return np.array(

@@ -44,9 +44,10 @@ def dot(lane, model, D, at, x: Lanes):
 def along(lane, model, D, at, x):
     """Return sum_j D[at + j] x_j of a shape function along the axis of the body's frame (m for coordinates x).
 
-    D: constants of the body. at: offset of the shape function in D. x: elastic coordinates, rates or accelerations.
-    Bodies reduced to modes have no shape functions along the axis. For them the result is -0.0, because x + -0.0 is x
-    to the last bit.
+    D: constants of the body.
+    at: offset of the shape function in D.
+    x: elastic coordinates, rates or accelerations. Bodies reduced to modes have no shape functions along the axis. For
+    them the result is -0.0, because x + -0.0 is x to the last bit.
     """
     if model.modal is not None:
         return -0.0
@@ -76,8 +77,8 @@ def in_window(lane, model, D, at, x: Lanes, first):
 def tip(lane, model, D, x):
     """Return (u, v, phi)'x at the body's tip: displacement (m) along and across the frame's axis, section angle (rad).
 
-    Foreshortening of bodies reduced to modes is not included. x: elastic coordinates of the body, or their rates or
-    accelerations.
+    Foreshortening of bodies reduced to modes is not included.
+    x: elastic coordinates of the body, or their rates or accelerations.
     """
     own = constants(model)
     return along(lane, model, D, own.tip_u, x), dot(lane, model, D, own.tip_v, x), dot(lane, model, D, own.tip_phi, x)
@@ -98,8 +99,11 @@ def propagate_to_tip(lane, model, D, q, v, a, pose, S):
 
         theta = angle - rho'q,   r''_tip = R'' + A (t'' + 2 w E t' + alpha E t - w^2 t)       (theory, eq. 3.1)
 
-    A: rotation by the frame's angle theta. E: rotation by 90 deg. w, alpha: theta', theta''. t: position of the tip in
-    frame axes. R: position of the frame's origin.
+    A: rotation by the frame's angle theta.
+    E: matrix of a rotation by 90 deg.
+    w, alpha: theta', theta''.
+    t: position of the tip in frame axes.
+    R: position of the frame's origin.
 
     # state    q, v, a: elastic coordinates, rates, accelerations
     # in, out  pose (5,), `PASSED`: at the root section, then at the tip section; inertial axes
@@ -191,8 +195,10 @@ def forces(
         M_b = f_theta + (E t)'g + M,  r = f_q + K q + (dt/dq)'g + phi_t M - rho M_b,  G_b = f_R + G   (theory, eq. 3.2)
 
     f: inertia forces with gravity, equations [61]-[63] (theory, 2.4). K q: elastic forces [44], [45] with damping. t,
-    phi_t'q: position and angle of the tip in frame axes. rho'q: angle of the root section relative to the frame. E:
-    rotation by 90 deg. G, M: force and moment required at the tip. g: the force G in frame axes.
+    phi_t'q: position and angle of the tip in frame axes. rho'q: angle of the root section relative to the frame.
+    E: matrix of a rotation by 90 deg.
+    G, M: force and moment required at the tip.
+    g: the force G in frame axes.
 
     # model    D; par: the arm's parameters (factor on bending stiffness, tau_d)
     # state    q, v, a: elastic coordinates, rates, accelerations; S: `NOW`, written by `propagate_to_tip`
@@ -301,9 +307,10 @@ def forces(
 def _mass_damping(lane, model, D, carried: Lanes, v: Lanes, vectors: Lanes, r: Lanes):
     """Add mass-proportional damping to the body's rows of r: r += drag (M_ff + m J'J + J_p phi phi') v.
 
-    drag: 1/s. M_ff: the body's mass matrix. v: elastic rates, relative to the frame. m, J_p = `carried`: mass (kg) and
-    inertia (kg m^2) at the tip. J = dt/dq and phi: derivatives of the tip's position and of its angle by q, frame axes.
-    `vectors` contains the x row of J.
+    drag: coefficient of mass-proportional damping, 1/s.
+    M_ff: the body's mass matrix.
+    v: elastic rates, relative to the frame. m, J_p = `carried`: mass (kg) and inertia (kg m^2) at the tip. J = dt/dq
+    and phi: derivatives of the tip's position and of its angle by q, frame axes. `vectors` contains the x row of J.
     """
     own, n, px = constants(model), size(model.n), vectors_at(0, size(model.n)).px
     mass, inertia = carried[0] * D[own.drag], carried[1] * D[own.drag]

@@ -214,8 +214,10 @@ def _block(
 ) -> NDArray[np.float64]:
     """Return the block of a body in `data`, packed as `layout.BODY`.
 
-    drag: mass-proportional damping, 1/s. damped: the body's share of tau_d. offset: angle (rad) of the rigid joint at
-    its tip. most_lost: largest loss of inertia, kg m^2.
+    drag: mass-proportional damping, 1/s.
+    damped: the body's share of tau_d.
+    offset: angle (rad) of the rigid joint at its tip.
+    most_lost: largest loss of inertia, kg m^2.
     """
     n, elements = body.n, len(mesh.elements)
     # field by field in groups of lanes, because the kernel draws a group of stations at once

@@ -66,8 +66,9 @@ def _joint_at(k):
 def frame_at(lane, model, state: State, i, pose):
     """Write the motion of the frame in rows i, i + 1, i + ANGLE of state into pose (5,), the `PASSED` of its origin.
 
-    The three rows of `state` (q, v, a of the arm) are x, y (inertial axes) and angle. pose: angle (rad), its rate and
-    acceleration, then the acceleration of the origin minus gravity (m/s^2, inertial axes).
+    The three rows of `state` (q, v, a of the arm) are x, y (inertial axes) and angle.
+    pose: angle (rad), its rate and acceleration, then the acceleration of the origin minus gravity (m/s^2, inertial
+    axes).
     """
     q, v, a = state
     store_vector(lane, pose, PASSED.angle, (q[i + ANGLE], v[i + ANGLE], a[i + ANGLE]))
@@ -79,8 +80,8 @@ def frame_at(lane, model, state: State, i, pose):
 def subtract_loads(lane, model, link, end, u: Lanes, force: Lanes):
     """Subtract the point loads at an end (0 root, 1 tip) of a link from the force and moment in `force` (3,).
 
-    force: components along inertial axes (N), then the moment (N m). u: inputs, i.e. joint torques of all links, then
-    x, y and torque of each load (`LOAD`).
+    force: components along inertial axes (N), then the moment (N m).
+    u: inputs, i.e. joint torques of all links, then x, y and torque of each load (`LOAD`).
     """
     if model.loads is not None:
         for f in range(model.loads.shape[0] // LOADED.end):
@@ -106,9 +107,10 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
     """Compute the residual r of equation [64] and, with weights.with_matrix, the blocks of the Newton matrix.
 
     Rows of r are force (N, inertial axes) and moment (N m) at the root minus the hub's torque, then each body's elastic
-    coordinates (theory, 3.2), then at each elbow the moment minus the elbow's torque, N m. u: joint torques (N m), then
-    point loads. weights: `Weights` of dr/da, dr/dv, dr/dq. S receives the bodies' `FACTORS.matrix` and lever arms,
-    which `factor` eliminates. See `protocol.assemble`.
+    coordinates (theory, 3.2), then at each elbow the moment minus the elbow's torque, N m.
+    u: joint torques (N m), then point loads.
+    weights: `Weights` of dr/da, dr/dv, dr/dq. S receives the bodies' `FACTORS.matrix` and lever arms, which `factor`
+    eliminates. See `protocol.assemble`.
     """
     q, v, a = state
     cm, cc, ck, with_matrix = weights.mass, weights.damping, weights.stiffness, weights.with_matrix

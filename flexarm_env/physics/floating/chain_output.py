@@ -59,8 +59,8 @@ def place(lane, model, D, q, v, pose: Lanes, frame: Lanes):
 
         r_tip = R + A t(q),   r'_tip = R' + A (t' + w E t),   angle = theta + phi_t'q                 (theory, eq. 3.1)
 
-    R: position of the frame's origin. A: rotation by the frame's angle theta. w: theta'. t: position of the tip in
-    frame axes. E: rotation by 90 deg.
+    R: position of the frame's origin. A: rotation by the frame's angle theta. w: angular velocity theta' of the frame.
+    t: position of the tip in frame axes. E: matrix of a rotation by 90 deg.
 
     # state    q, v: the body's elastic coordinates and rates
     # in, out  pose (6,): x, y, angle and their rates, inertial axes
@@ -95,8 +95,11 @@ def place(lane, model, D, q, v, pose: Lanes, frame: Lanes):
 def _visit(lane, model, q: Lanes, v: Lanes, tell, out):
     """Call tell(lane, model, k, end, pose, out) at the root and at the tip of each link k, along the chain.
 
-    pose (6,), `POSE`: x, y, angle and rates of the section at the joint, beyond rigid ends; inertial axes. end:
-    ROOT_END or TIP_END. q: coordinates. v: rates. out: array that is passed to `tell`.
+    pose (6,), `POSE`: x, y, angle and rates of the section at the joint, beyond rigid ends; inertial axes.
+    end: ROOT_END or TIP_END.
+    q: coordinates of the arm.
+    v: rates of the coordinates.
+    out: array that is passed to `tell`.
     """
     pose, frame = stack(lane, SIX), stack(lane, SIX)
     for k in range(model.links):
@@ -198,8 +201,10 @@ def _payload_drag(lane, model, D, par: Lanes, q, v, x):
         drag (m_p x_t.v_t + J_p (phi_t'x) (phi_t'v))
 
     v_t, x_t: velocities of the tip relative to the last body's frame, in its axes, for elastic rates v and x. For modes
-    they include the rate of foreshortening, -q'H v. J_p, m_p: inertia and mass of the payload. phi_t: derivative of the
-    tip section's angle by q. drag: 1/s.
+    they include the rate of foreshortening, -q'H v.
+    J_p, m_p: inertia and mass of the payload.
+    phi_t: derivative of the tip section's angle by q.
+    drag: coefficient of mass-proportional damping, 1/s.
     """
     own = constants(model)
     vx, vy, turning = tip(lane, model, D, v)
@@ -215,7 +220,9 @@ def _payload_drag(lane, model, D, par: Lanes, q, v, x):
 def damping_power(lane, model, par, q: Lanes, v: Lanes, x: Lanes):
     """Return x'C(q) v, the power (W) of the damping forces at virtual rates x; for x = v the dissipated power.
 
-    The elastic coordinates and the payload are damped; rigid motion is not damped. q: coordinates. v: rates of the arm.
+    The elastic coordinates and the payload are damped; rigid motion is not damped.
+    q: coordinates of the arm.
+    v: rates of the arm.
     """
     total, mesh, last = 0.0, model.mesh, model.links * model.segments - 1
     for b in range(last + 1):
@@ -234,8 +241,9 @@ def _energies(lane, model, D, par: Lanes, q: Lanes, v, frame):
 
         T = m_t |R'|^2 / 2 + R'.(s_bar' + w E s_bar) + w^2 I / 2 + w (c + B q)'v + v'M_ff v / 2     (theory, eq. 2.3)
 
-    R: origin of the frame. w: angular velocity of the frame. s_bar(q): first moment. I(q): inertia about the origin. E:
-    rotation by 90 deg.
+    R: origin of the frame.
+    w: angular velocity of the frame. s_bar(q): first moment. I(q): inertia about the origin.
+    E: matrix of a rotation by 90 deg.
 
     # state    q, v: elastic coordinates and rates; frame: `FRAME` of the body, velocity R' in frame axes
     """
@@ -286,7 +294,9 @@ def _energies(lane, model, D, par: Lanes, q: Lanes, v, frame):
 def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
     """Return the arm's (kinetic, strain, gravitational) energy, J. Gravitational energy is 0 at the inertial origin.
 
-    q: coordinates. v: rates of the arm. par: payload mass and inertia, factor on bending stiffness. See theory, (2.3).
+    q: coordinates of the arm.
+    v: rates of the arm.
+    par: payload mass and inertia, factor on bending stiffness. See theory, (2.3).
     """
     pose, frame, ends = stack(lane, SIX), stack(lane, SIX), stack(lane, (0, 0, 0))
     zero = 0.0
@@ -351,9 +361,10 @@ def _ranges(lane, model, D, payload, q):
 def out_of_range(lane, model, par: Lanes, q: Lanes):
     """Return a status code per lane: 0.0, DIVERGED or OUT_OF_RANGE.
 
-    DIVERGED: a body's tip deflects by its length or more, or the deflection is NaN. OUT_OF_RANGE (only for modes): the
-    deflection exceeds `model.bound`, or the inertia about the root is so small that the mass matrix is nearly
-    indefinite. If several bodies are out of range, the body nearest to the root determines the code.
+    DIVERGED: a body's tip deflects by its length or more, or the deflection is NaN.
+    OUT_OF_RANGE (only for modes): the deflection exceeds `model.bound`, or the inertia about the root is so small that
+    the mass matrix is nearly indefinite. If several bodies are out of range, the body nearest to the root determines
+    the code.
     """
     status, payload = 0.0, par[PAYLOAD_MASS]
     for b in range(model.links * model.segments - 1, -1, -1):

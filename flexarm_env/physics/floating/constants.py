@@ -167,8 +167,8 @@ def _bending_moments(parts: list[Element]) -> Array:
 def _natural(link: Link, parts: list[Element], k_bend: Array, stretching: Any, free: Any) -> Array:
     """Return `Body.moment` and `Body.q0` of the stress-free shape, which has no stretch, as an array (2, n).
 
-    stretching: `coupling_matrix` or `geometric_matrix`. free: indices of the elastic coordinates. The results are zero
-    for straight links.
+    stretching: `coupling_matrix` or `geometric_matrix`.
+    free: indices of the elastic coordinates. The results are zero for straight links.
     """
     if not link.curved:
         return np.zeros((2, len(free)))

@@ -24,7 +24,7 @@ def tangent(lane, model, D, par: Lanes, carried, cm, cc, ck, v, a: Lanes, known,
 
     The columns are derivatives by the elastic coordinates q, by the acceleration of the frame's origin (x, y, frame
     axes) and by the frame's angle. Forces at the tip are constant here; `add_outboard` adds the effect of their change.
-    E: rotation by 90 deg. t: position of the tip relative to the origin.
+    E: matrix of a rotation by 90 deg. t: position of the tip relative to the origin.
 
     # model    D; par: the arm's parameters; cm, cc, ck: `Weights`
     # state    v, a; S: `NOW`; known, vectors, strains: written by `body.forces`; carried (2,): kg, kg m^2 at the tip
@@ -128,8 +128,11 @@ def _stretching(lane, model, D, tau, cc, ck, strains: Lanes, S: Lanes):
 
         gradient_i (ck EA/l + cc tau_d EA/l) gradient_j + ck gradient_i tau_d EA/l (H v)_j + ck N H_ij
 
-    i, j: coordinates of an element's window. gradient: derivative of the element's stretch. N: axial force. H:
-    `SPAN.H`. v: rates.
+    i, j: coordinates of an element's window.
+    gradient: derivative of the element's stretch.
+    N: axial force.
+    H: `SPAN.H`.
+    v: rates of the coordinates.
 
     # in       tau: tau_d, s; cc, ck: weights of damping and stiffness; strains: a `STRAIN` per element
     # out      S: added to `FACTORS.matrix`
@@ -165,7 +168,8 @@ def _drag_tangent(lane, model, D, carried: Lanes, cc, ck, v: Lanes, vectors: Lan
 
         cc drag (m J'J + J_p phi phi') - ck drag m (terms of the change of J with q, modes alone)
 
-    m, J_p = carried. J = dt/dq, phi: derivatives of the tip's position and of its angle by q. drag: 1/s.
+    m, J_p = carried. J = dt/dq, phi: derivatives of the tip's position and of its angle by q.
+    drag: coefficient of mass-proportional damping, 1/s.
 
     # in       carried (2,): mass (kg), inertia (kg m^2) at the tip; v: elastic rates; vectors: x row of J
     #          cc, ck: weights of dr/dv, dr/dq

@@ -176,9 +176,12 @@ def constraint_residual(lane, model, psi: Lanes, state: State, level, scale, r: 
 
         Phi = (R_b + A t_b - R_{b+1},  angle of the tip section + psi - theta_{b+1})                   (theory, eq. 3.4)
 
-    R, theta: origin (inertial axes) and angle of the frame of body b and of the next body. A: rotation by theta_b. t_b:
-    tip in frame axes. level: 0 for Phi (m, rad), 1 and 2 for its time derivatives. psi: angles, rates and accelerations
-    of prescribed joints (`MOTION`). A rigid joint has a constant angle instead. A free elbow has no row for the angle.
+    R, theta: origin (inertial axes) and angle of the frame of body b and of the next body.
+    A: rotation by theta_b.
+    t_b: tip in frame axes.
+    level: 0 for Phi (m, rad), 1 and 2 for its time derivatives.
+    psi: angles, rates and accelerations of prescribed joints (`MOTION`). A rigid joint has a constant angle instead. A
+    free elbow has no row for the angle.
     """
     q, v, a = state
     table, n = model.table, size(model.mesh.n)

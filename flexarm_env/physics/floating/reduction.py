@@ -180,8 +180,10 @@ def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, 
     angle, while all other parts are free to move. The other parts are the link's other bodies, all modes and, unless
     held, the root. The margin is the reciprocal of the angle's diagonal entry in the inverse mass matrix.
 
-    bodies: rigidly joined bodies of one link, from root to tip. payload: body at the tip of the last body. root_moves:
-    whether the root moves freely across the link. held: whether the root's angle is prescribed.
+    bodies: rigidly joined bodies of one link, from root to tip.
+    payload: body at the tip of the last body.
+    root_moves: whether the root moves freely across the link.
+    held: whether the root's angle is prescribed.
     """
     size = 2 + sum(body.n for body in bodies)  # the root's y and angle, the modes of all
     mass, angles = np.zeros((size, size)), []

@@ -72,8 +72,9 @@ def _lever_at(lane, along, across, angle):
 def propagate_outward(lane, lever, pose, S, first):
     """Replace the near point's acceleration a in pose by the far point's acceleration a + alpha n - w^2 e of a lever.
 
-    e: lever. n: lever rotated by 90 deg. w, alpha: angular velocity and acceleration of the section. If `lever` is
-    None, do nothing.
+    e: vector of the lever, m.
+    n: lever rotated by 90 deg.
+    w, alpha: angular velocity and acceleration of the section. If `lever` is None, do nothing.
 
     # in, out  pose (5,), `PASSED`: the acceleration is replaced, angle and rates do not change; inertial axes
     # out      S: ex, ey, rates and near acceleration in `LEVER_FACTORS`; first: index in S of the first `LEVER_FACTORS`
@@ -94,8 +95,11 @@ def transmit_inward(lane, lever, force, weights, S: Lanes, first):
 
         f_near = f + m_far a_far + m a_mid,   M_near = M + e x (f + m_far a_far) + (e/2) x m a_mid + J alpha
 
-    e: lever, from near to far point. J: inertia of the lever's own mass m. alpha: angular acceleration. a_far, a_mid:
-    accelerations minus gravity at e and e/2. Vectors are in inertial axes. If `lever` is None, do nothing.
+    e: lever, from near to far point.
+    J: inertia of the lever's own mass m.
+    alpha: angular acceleration.
+    a_far, a_mid: accelerations minus gravity at e and e/2. Vectors are in inertial axes. If `lever` is None, do
+    nothing.
 
     # in       S: values of `propagate_outward`; weights: `Weights`; first: index in S of the first `LEVER_FACTORS`
     # in, out  force (3,): force (N) and moment (N m) required at the far point, then at the near point
@@ -133,8 +137,9 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
         tail <- N' (tail + m_far) W + own mass at e/2,   N = [1, 0, nx; 0, 1, ny; 0, 0, 1], W: with (wx, wy)
 
     (nx, ny): derivative of the far point by the angle. (wx, wy): derivative of its acceleration by the angle, weighted
-    by cm, cc, ck (`Weights`). e: lever. m_far: mass at the far point. If `lever` is None, do nothing. Vectors are in
-    inertial axes.
+    by cm, cc, ck (`Weights`).
+    e: vector of the lever, m.
+    m_far: mass at the far point. If `lever` is None, do nothing. Vectors are in inertial axes.
 
     # in       S: `LEVER_FACTORS`, written by `transmit_inward`; first: index in S of the first `LEVER_FACTORS`
     # in, out  tail (9,), by rows: force x, y, moment; columns: acceleration x, y (weighted), angle
@@ -170,7 +175,8 @@ def with_moment(lane, lever, S, first, arm, flow: Lanes):
 
     n: derivative of the far point's position by the section's angle, inertial axes. If `lever` is None, do nothing.
     arm: ACROSS selects n. SWEPT is for the transposed matrix, in which n and the derivative of the far point's
-    acceleration are exchanged. first: index in S of the first `LEVER_FACTORS`.
+    acceleration are exchanged.
+    first: index in S of the first `LEVER_FACTORS`.
     """
     if lever is not None:
         x, y = load_pair(lane, S, _factors_at(first, lever) + arm)
@@ -183,8 +189,9 @@ def far_point_change(lane, lever, S, first, arm, flow: Lanes):
 
         (x, y) += angle times the derivative of the far point's weighted acceleration by the angle
 
-    Vectors are in inertial axes. arm: SWEPT selects this derivative. ACROSS (n) is for solutions with the transposed
-    matrix. first: index in S of the first `LEVER_FACTORS`. If `lever` is None, do nothing.
+    Vectors are in inertial axes.
+    arm: SWEPT selects this derivative. ACROSS (n) is for solutions with the transposed matrix.
+    first: index in S of the first `LEVER_FACTORS`. If `lever` is None, do nothing.
     """
     if lever is not None:
         x, y = load_pair(lane, S, _factors_at(first, lever) + arm)

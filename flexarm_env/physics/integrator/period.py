@@ -31,8 +31,10 @@ such as vibrations after a jump of the root's velocity. It would add energy."""
 def _filtered(lane, model, drive, par, w, c_m, turn, x, y: Lanes):
     """Apply the low-pass filter of equation (6.2) to accelerations: y <- S^-1 c_m M x, (n,) lanes; 0 in known rows.
 
-    w.S: factors of the Newton matrix S. M: constant mass matrix. c_m = da/dq of the step, 1/s^2. turn: None, or (start,
-    q, share): the vectors in x are then first rotated by `share` times the rotation of their section from start to q.
+    w.S: factors of the Newton matrix S.
+    M: constant mass matrix. c_m = da/dq of the step, 1/s^2.
+    turn: None, or (start, q, share): the vectors in x are then first rotated by `share` times the rotation of their
+    section from start to q.
     drive: `Drive`, whose prescribed rows are known, or None. Joints that stick by Coulomb friction remain at rest.
     """
     inertia_forces(lane, model, par, turn, x, y)

@@ -75,8 +75,10 @@ def copy_state(lane, wide, model, w, x):
 def solve_tangents(lane, wide, model, parx, w, x, weights, ahead, free):
     """Solve for the tangents of the unknown with the factors w.S: tangents of x.r <- -S^-1 (tangents of x.r).
 
-    Known rows become 0. weights, ahead: the rate on which friction acts (`friction.apply_friction`), here applied to
-    the tangents of x.v and x.a. free: scratch memory, n dual rows.
+    Known rows become 0.
+    weights, ahead: the rate on which friction acts (`friction.apply_friction`), here applied to the tangents of x.v and
+    x.a.
+    free: scratch memory, n dual rows.
     """
     n, many = size(model.n), len(wide) // len(lane)
     step = n * len(lane)

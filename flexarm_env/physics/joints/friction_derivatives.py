@@ -26,7 +26,9 @@ from .layout import GEAR, LAWS, PLACE, PLACES
 def store_branch(lane, model, par, state, weights, ahead, r, S: Lanes):
     """Store in S which joints stick at the end of a step, and the direction (slides = +-1) in which the others slide.
 
-    S: factors of the step's matrix. r: residual at the step's end, overwritten. weights, ahead: as in `apply_friction`.
+    S: factors of the step's matrix.
+    r: residual at the step's end, overwritten.
+    weights, ahead: as in `apply_friction`.
     """
     if model.newton.friction is not None:
         protocol.solve(lane, model, S, r)
@@ -104,8 +106,9 @@ def change_friction(lane, model, par, weight, S: Lanes):
 def friction_tangents(lane, model, change, weights, ahead, S: Lanes, x):
     """Add friction to the tangents x (n,) of an increment: the linearized `apply_friction` for the stored joint states.
 
-    change: `State` of tangents of q, v, a. weights, ahead: as in `apply_friction` (rate v + ahead a). `bound` in S
-    contains tangents of the torques of sliding joints; it is set to 0.
+    change: `State` of tangents of q, v, a.
+    weights, ahead: as in `apply_friction` (rate v + ahead a). `bound` in S contains tangents of the torques of sliding
+    joints; it is set to 0.
     """
     if model.newton.friction is not None:
         find_gaps(lane, model, change, weights, ahead, S, x)

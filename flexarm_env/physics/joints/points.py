@@ -36,8 +36,9 @@ class Point(NamedTuple):
 class AtPoint:
     """A kind of point force, such as a spring. An arm has the point force if one of `fields` differs from its default.
 
-    fields: names of fields of `Arm`. place: function that returns (link, end) of the point for an arm. make: function
-    that returns the contribution's record.
+    fields: names of fields of `Arm`.
+    place: function that returns (link, end) of the point for an arm.
+    make: function that returns the contribution's record.
     """
 
     fields: tuple[str, ...]
@@ -58,7 +59,7 @@ def numbers_in_matrix(rows: int, axes: int) -> int:
 def point_displacement(lane, point, model, par, q, y):
     """Write the arm's input displacements to y; the point's displacement (m, inertial axes) begins at `point.input`.
 
-    point: the `Point`. q: coordinates. y: array with one entry per input of the arm.
+    point: the `Point`. q: coordinates of the arm. y: array with one entry per input of the arm.
     """
     protocol.input_displacements(lane, model.arm, par, q, y)
 

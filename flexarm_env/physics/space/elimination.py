@@ -86,8 +86,9 @@ def _rows(model):
 def _to_last(lane, S, to, a, b):
     """Return the motion of a link's last section that the motion (a, b) of its root causes at constant strains.
 
-    a is a displacement (inertial axes), b a rotation (root axes). Result: displacement (inertial axes), rotation (axes
-    of the last section). to: `noted_at`, offsets of the link's stored kinematics in S.
+    a is a displacement (inertial axes), b a rotation (root axes).
+    Result: displacement (inertial axes), rotation (axes of the last section).
+    to: `noted_at`, offsets of the link's stored kinematics in S.
     """
     return a + matrix_in(lane, S, to.shift) @ b, matrix_in(lane, S, to.last_turn).T @ b
 

@@ -308,8 +308,7 @@ def _momenta(lane, model, at, a, b, c, x, row):
 
     a, b, c: angular velocities of left section, right section and frame (rad/s, own axes). x: rates; the inner modes
     begin at row `row`. at: offsets of the segment's `FRAME` record (`frame_at`). Given accelerations for a, b, c and x,
-    the function returns inertia moments (N m) without gyroscopic terms.
-    """
+    the function returns inertia moments (N m) without gyroscopic terms."""
     l, r = product(lane, model, at.rotary, a, b)
     lc, rc = constant(lane, model, at.rotary, 3), constant(lane, model, at.rotary, 4)
     own = scale(a, lc) + scale(b, rc) + scale(c, constant(lane, model, at.rotary, 5))
@@ -326,7 +325,8 @@ def _momenta(lane, model, at, a, b, c, x, row):
 def _rotary(lane, model, at, left, right, frame, state, row):
     """Return the rotary inertia moments (N m) on left section, right section and frame, each in its own axes.
 
-    The moments are d(momentum)/dt + w x momentum. at: offsets of the `FRAME` record. left, right: `Vertex` of each end.
+    The moments are d(momentum)/dt + w x momentum. at: offsets of the `FRAME` record. left, right: kinematic states
+    (`Vertex`) of the two ends.
     frame: angular velocity and angular acceleration of the frame. The rates and accelerations of the segment's inner
     modes begin at row `row` of state."""
     wl, wr, (spin, alpha) = left.place.spin, right.place.spin, frame

@@ -137,8 +137,8 @@ def _symmetric(weights: Array, rows: Array) -> Array:
 def _frame(link: Link, plane: Element, across: Element, start: float, modes: int | None) -> tuple[Array, Natural]:
     """Return the packed `FRAME` record and the `Natural` (stress-free shape) of the segment that begins at `start` (m).
 
-    plane, across: the segment's planar elements in the x-y and in the x-z plane. modes: number of shapes per plane, or
-    None for the two static shapes.
+    plane, across: the segment's planar elements in the x-y and in the x-z plane.
+    modes: number of shapes per plane, or None for the two static shapes.
     """
     l, n = plane.length, modes or 2
     inner, both = n - 2, (_Plane(across, modes), _Plane(plane, modes))
