@@ -160,8 +160,10 @@ class Team:
     def run(self, step: Callable[..., int], function: int, address: int, groups: int) -> int:
         """Step all groups by calls of step(address, first, last) on the threads; return the sum of the calls' results.
 
-        step: compiled function that advances groups first ... last - 1. function: address of the machine code of
-        `step`, which the threads call. address: address of the program data. groups: number of groups.
+        step: compiled function that advances groups first ... last - 1.
+        function: address of the machine code of `step`, which the threads call.
+        address: address of the program data.
+        groups: number of groups.
         """
         if self.pace is None:
             return self._crew.run(function, address, groups)

@@ -66,8 +66,10 @@ MAIN = "flexarm_main"
 class Program:
     """Machine code of one kernel for one specialization.
 
-    address: address of the machine code. call: the machine code as a Python function of three integers. words: number
-    of 8-byte words of the result. made: True if compiled by this process, False if loaded from disk.
+    address: address of the machine code.
+    call: the machine code as a Python function of three integers.
+    words: number of 8-byte words of the result.
+    made: True if compiled by this process, False if loaded from disk.
     """
 
     def __init__(self, code: bytes, spec: Any, made: bool) -> None:
