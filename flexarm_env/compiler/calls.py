@@ -13,10 +13,12 @@ from .words import WORDS
 def call(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) -> Any:
     """Emit a call in a kernel and return the item of its result.
 
-    writer: writer of the calling kernel. function: the called object, known at compile time. items: positional
-    arguments of the call. named: keyword arguments of the call, by name. A built-in function emits its instructions. A
-    named tuple class makes a `Record`. A kernel is called (or inlined in reverse mode). A member of a `Family` is
-    chosen by the class of an argument. Straight-line code is traced into the calling kernel.
+    writer: writer of the calling kernel.
+    function: the called object, known at compile time.
+    items: positional arguments of the call.
+    named: keyword arguments of the call, by name. A built-in function emits its instructions. A named tuple class makes
+    a `Record`. A kernel is called (or inlined in reverse mode). A member of a `Family` is chosen by the class of an
+    argument. Straight-line code is traced into the calling kernel.
     """
     try:
         # unhashable callees are no words

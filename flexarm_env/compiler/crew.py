@@ -175,8 +175,10 @@ def serve(boards, k, rounds):
     """Help with tasks as worker k; return SLEEP after `rounds` polls without a task, WAKE or END.
 
     boards: int64 array of shared memory, with BOARD numbers for each worker thread, then BOARD numbers for the calling
-    thread. SLEEP: the worker is marked asleep and has to block. WAKE: this worker finished a task whose calling thread
-    blocks on its lock. END: the threads have to stop, because the task OVER was published.
+    thread.
+    SLEEP: the worker is marked asleep and has to block.
+    WAKE: this worker finished a task whose calling thread blocks on its lock.
+    END: the threads have to stop, because the task OVER was published.
     """
     at, head = k * BOARD, boards.shape[0] - BOARD
     while True:
@@ -205,11 +207,15 @@ def lead(boards, task, function, address, groups, rounds, stage):
     """Call function(address, first, last) for all groups, in parts shared with the workers; return the sum of results.
 
     boards: int64 array of shared memory, with BOARD numbers for each worker thread, then BOARD numbers for the calling
-    thread. task: number of the task. function: address of the machine code. address: argument of the function. groups:
-    number of groups of arms. rounds: number of polls before the caller blocks. stage: GIVE (publish the task and
-    compute the caller's own part), RUN (compute the own part) or LOOK (only wait for the end). The result CALL or WAIT
-    (negative) means that Python has to wake workers or to block, and then to call `lead` again. The result FAILED means
-    that a call of the function returned a negative number.
+    thread.
+    task: number of the task.
+    function: address of the machine code.
+    address: argument of the function.
+    groups: number of groups of arms.
+    rounds: number of polls before the caller blocks.
+    stage: GIVE (publish the task and compute the caller's own part), RUN (compute the own part) or LOOK (only wait for
+    the end). The result CALL or WAIT (negative) means that Python has to wake workers or to block, and then to call
+    `lead` again. The result FAILED means that a call of the function returned a negative number.
     """
     workers = boards.shape[0] // BOARD - 1
     head = workers * BOARD

@@ -38,8 +38,9 @@ class Kernel:
     """A compiled function of numbers, NumPy arrays and named tuples of numbers and arrays (docs: The compiler).
 
     function: the Python function. attributes: LLVM attributes of the function. often: True if the kernel is an
-        `entry_point`. superword: True if the kernel has the decorator `superword`. forms: compiled versions of the
-        kernel, by the types of the arguments.
+        `entry_point`.
+        superword: True if the kernel has the decorator `superword`.
+        forms: compiled versions of the kernel, by the types of the arguments.
     """
 
     run: ClassVar[Callable[[Kernel, Sequence[Any]], Any]]  # the function `entry.call`

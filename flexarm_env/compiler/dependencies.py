@@ -67,9 +67,10 @@ class Description:
     def made(cls, root: Any, shapes: Sequence[Any], used: Reads) -> Description:
         """Describe a program that has just been compiled.
 
-        root: the program's kernel. shapes: the kernel's argument types (`kinds.described_as`). used: functions of the
-        program with the global names that they read. Raises Indescribable for a value that processes cannot compare, or
-        for a function that no other function refers to by a global name.
+        root: the program's kernel.
+        shapes: the kernel's argument types (`kinds.described_as`).
+        used: functions of the program with the global names that they read. Raises Indescribable for a value that
+        processes cannot compare, or for a function that no other function refers to by a global name.
         """
         found = cls(used, ())
         picked = [_plain(function) for _, function in choices() if _plain(function) in used]
@@ -83,9 +84,11 @@ class Description:
     def now(cls, root: Any, shapes: Sequence[Any], chosen: Sequence[str], guide: Sequence[Any]) -> Description:
         """Describe the same program from the objects of this process, for comparison with the stored words.
 
-        root: the program's kernel. shapes: the kernel's argument types. chosen: names of the functions in the program
-        that `Family` chose by class. guide: `Description.guide` of the stored description. Raises LookupError or
-        AttributeError if a function or name no longer exists.
+        root: the program's kernel.
+        shapes: the kernel's argument types.
+        chosen: names of the functions in the program that `Family` chose by class.
+        guide: `Description.guide` of the stored description. Raises LookupError or AttributeError if a function or name
+        no longer exists.
         """
         places = dict(choices())
         found = cls(None, guide)

@@ -50,8 +50,8 @@ class Family:
     the keyword's name. `family.delegate(Class, part, function, ...)` registers for a class the kernels of the class of
     its field `part`. `family.function(name, arguments)` returns the function that other kernels (and Python) call.
 
-    argument: name of the argument whose class selects the kernel. defaults: kernels for classes without a registered
-    kernel.
+    argument: name of the argument whose class selects the kernel.
+    defaults: kernels for classes without a registered kernel.
     """
 
     def __init__(self, argument: str, **defaults: Callable[..., Any]) -> None:

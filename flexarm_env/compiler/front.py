@@ -37,10 +37,11 @@ SPARED = "noimplicitfloat"
 class Module:
     """LLVM module of one program, with one function for each kernel and combination of argument types.
 
-    call: the function `calls.call`, which emits calls. often: True if the program's kernel is an `entry_point`, whose
-    loops LLVM may unroll. made: dict from (function, argument kinds) to (LLVM function, template of its result). used:
-    set of the global names that each Python function reads, for the cache key. invariant: LLVM metadata that marks
-    loads from memory that nobody writes to.
+    call: the function `calls.call`, which emits calls.
+    often: True if the program's kernel is an `entry_point`, whose loops LLVM may unroll.
+    made: dict from (function, argument kinds) to (LLVM function, template of its result).
+    used: set of the global names that each Python function reads, for the cache key.
+    invariant: LLVM metadata that marks loads from memory that nobody writes to.
     """
 
     def __init__(self, name: str, call: Any, often: bool) -> None:

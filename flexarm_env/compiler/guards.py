@@ -60,8 +60,9 @@ class Live:
 class Guards:
     """Paths (conditions) of all nodes of a `Tape`, and the guards that the reverse sweep needs.
 
-    paths: dict from the id of a node to the guards on its path. used: set of the guards on paths of nodes whose
-    pullback may turn 0 into NaN. A guard is needed only in front of such a pullback.
+    paths: dict from the id of a node to the guards on its path.
+    used: set of the guards on paths of nodes whose pullback may turn 0 into NaN. A guard is needed only in front of
+    such a pullback.
     """
 
     def __init__(self, nodes: Iterable[Any], names: set[int]) -> None:

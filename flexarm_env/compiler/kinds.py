@@ -65,9 +65,9 @@ class Array:
     """A C-contiguous array at run time.
 
     data: LLVM pointer to the first element. shape: one LLVM i64 per dimension. letter: element type, a key of NUMBERS.
-    fixed: True if writing is refused, because the array is a global constant or read-only in NumPy. lane: the lane tag
-    of an array of lanes, whose indices count elements of all lanes (`lane_arrays`). If lane is None, indices count
-    single numbers.
+    fixed: True if writing is refused, because the array is a global constant or read-only in NumPy.
+    lane: the lane tag of an array of lanes, whose indices count elements of all lanes (`lane_arrays`). If lane is None,
+    indices count single numbers.
     """
 
     data: Any
@@ -116,9 +116,10 @@ RUN_TIME = (Value, *SCALARS, Array, *RECORDS)
 class Layout:
     """Memory layout of a named tuple in 8-byte words.
 
-    instance_class: the named tuple's class. parts: dict from field name to (description by `described_as`, offset of
-    the field's first word). words: length of the layout in 8-byte words. There is one Layout for each combination of
-    class and field types, so that layouts are compared by identity.
+    instance_class: the named tuple's class.
+    parts: dict from field name to (description by `described_as`, offset of the field's first word).
+    words: length of the layout in 8-byte words. There is one Layout for each combination of class and field types, so
+    that layouts are compared by identity.
     """
 
     _known: dict[Any, Layout] = {}  # noqa: RUF012
@@ -157,7 +158,8 @@ def described_as(part: Any, name: str) -> Any:
     described by (letter, number of dimensions), with "fixed" as a third entry if it is read-only. A lane tag or size is
     described by ("tag", length), and a tuple by ("tuple", descriptions of its parts). A named tuple is described by its
     Layout. If a tuple contains a named tuple, the words of the named tuple are a part of the tuple's words. Raises
-    TypeError for any other type. name: field name for the error message.
+    TypeError for any other type.
+    name: field name for the error message.
     """
     if part is None:
         return "none"
@@ -222,8 +224,8 @@ def words_of(value: Any) -> list[int]:
 def declared(item: Any, holds: bool | None, lane: Any) -> Any:
     """Return an argument or field as annotated: its indices count elements of all lanes, or single numbers.
 
-    holds: True if the argument's annotation is `Lanes`, False for another type, None without annotation. lane: the
-    kernel's lane tag, or None. Raises a compile error (`Refused`) if `Lanes` annotates an item other than a
+    holds: True if the argument's annotation is `Lanes`, False for another type, None without annotation.
+    lane: the kernel's lane tag, or None. Raises a compile error (`Refused`) if `Lanes` annotates an item other than a
     one-dimensional float64 array, None or a size.
     """
     if isinstance(item, Array):

@@ -28,9 +28,10 @@ def limits_of(node: ast.For, limits: list[Any], keywords: bool) -> tuple[str, An
 class Loop:
     """Targets of `continue` and `break` in a loop, with the kernel's names and their values at each jump to a target.
 
-    nxt: basic block to which `continue` jumps. end: basic block to which `break` jumps. nexts: for each jump to nxt, a
-    dict from the kernel's names to their items (values during compilation) at the jump. ends: for each jump to end, a
-    dict from the kernel's names to their items at the jump.
+    nxt: basic block to which `continue` jumps.
+    end: basic block to which `break` jumps.
+    nexts: for each jump to nxt, a dict from the kernel's names to their items (values during compilation) at the jump.
+    ends: for each jump to end, a dict from the kernel's names to their items at the jump.
     """
 
     def __init__(self, nxt: Any, end: Any) -> None:

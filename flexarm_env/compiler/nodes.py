@@ -12,8 +12,9 @@ class Pull(NamedTuple):
     parent: the operand's `Node`. It is None if the operand is in memory; `apply` itself then increments the cotangents
         of this memory. apply:
     function that writes the instructions of the pullback: it maps the node's cotangent (LLVM value) to its contribution
-    to the operand's cotangent. first: True or False if the node is a select and the operand its first or second choice;
-    otherwise None. gathers: True if the pullback mixes lanes (sum of all lanes, insertion or extraction of one lane).
+    to the operand's cotangent.
+    first: True or False if the node is a select and the operand its first or second choice; otherwise None.
+    gathers: True if the pullback mixes lanes (sum of all lanes, insertion or extraction of one lane).
     """
 
     parent: Any
@@ -25,11 +26,15 @@ class Pull(NamedTuple):
 class Node:
     """A float64 LLVM value that depends on a differentiated input, with its edges to the operands.
 
-    value: the LLVM value. pulls: edges to the operands that depend on a differentiated input. region: the `Region` of
-    the instruction. test: condition (LLVM i1) of a select. risky: whether the pullback may turn a cotangent of 0 into
-    NaN (0 * inf). steep: whether the slope may be infinite at finite operands (quotient, square root). base: id of the
-    array that a load reads. stored: ids of the arrays in which the value is stored. cotangent: LLVM value of the
-    cotangent, the sum of the contributions so far in the reverse sweep.
+    value: the LLVM value.
+    pulls: edges to the operands that depend on a differentiated input.
+    region: the `Region` of the instruction.
+    test: condition (LLVM i1) of a select.
+    risky: whether the pullback may turn a cotangent of 0 into NaN (0 * inf).
+    steep: whether the slope may be infinite at finite operands (quotient, square root).
+    base: id of the array that a load reads.
+    stored: ids of the arrays in which the value is stored.
+    cotangent: LLVM value of the cotangent, the sum of the contributions so far in the reverse sweep.
     """
 
     def __init__(

@@ -65,9 +65,11 @@ _sentences: set[str] = set()
 class Key(NamedTuple):
     """Key by which a compiled program is found in the cache.
 
-    base: first part of the file name, made of module, kernel name and line number. stamp: hash of the package's
-    sources. text: description of all other dependencies. function: the kernel's Python function. shapes: argument types
-    (`kinds.described_as`).
+    base: first part of the file name, made of module, kernel name and line number.
+    stamp: hash of the package's sources.
+    text: description of all other dependencies.
+    function: the kernel's Python function.
+    shapes: argument types (`kinds.described_as`).
     """
 
     base: str
@@ -95,8 +97,10 @@ def source_hash() -> str:
 def key_of(function: Any, shapes: Sequence[Any], direct: bool, *target: str) -> Key:
     """Return the cache key of a function's program.
 
-    function: the kernel's Python function. shapes: argument types (`kinds.described_as`). direct: whether the kernel is
-    called with one named tuple and integers (`entry`). target: LLVM's target triple, processor and processor features.
+    function: the kernel's Python function.
+    shapes: argument types (`kinds.described_as`).
+    direct: whether the kernel is called with one named tuple and integers (`entry`).
+    target: LLVM's target triple, processor and processor features.
     """
     name = "".join(c for c in function.__qualname__ if c not in "<>")
     base = f"{function.__module__.rpartition('.')[2]}.{name}-{function.__code__.co_firstlineno}"
@@ -210,9 +214,10 @@ def save(key: Key, code: bytes, result: Any, used: dict[Any, set[str]]) -> None:
     """Store a program atomically: write a partial file, then rename it. If a program cannot be stored, a warning
     appears once per process.
 
-    code: the object file. result: type of the result. used: functions in the program with the global names that each
-    function reads. A program with a dependency that cannot be described is not stored, and a log message names the
-    reason.
+    code: the object file.
+    result: type of the result.
+    used: functions in the program with the global names that each function reads. A program with a dependency that
+    cannot be described is not stored, and a log message names the reason.
     """
     try:
         head = json.dumps({"key": key.text, "result": _in_words(result), "depends": _depends(key, used)})

@@ -133,8 +133,8 @@ class Pace:
     def _choose(self, threads: int) -> None:
         """Use the chosen number of threads until the next trial.
 
-        The pause until the next trial doubles, up to SELDOM, each time that a trial confirms the number of threads. It
-        returns to RARELY when the number changes.
+        The pause until the next trial doubles, up to SELDOM, each time that a trial confirms the number of threads. The
+        pause returns to RARELY when the number changes.
         """
         self._pause = min(2.0 * self._pause, SELDOM) if threads == self._chosen else RARELY
         self.threads = self._chosen = threads
@@ -160,8 +160,10 @@ class Team:
     def run(self, step: Callable[..., int], function: int, address: int, groups: int) -> int:
         """Step all groups by calls of step(address, first, last) on the threads; return the sum of the calls' results.
 
-        step: compiled function that advances groups first ... last - 1. function: address of the machine code of
-        `step`, which the threads call. address: address of the program data. groups: number of groups.
+        step: compiled function that advances groups first ... last - 1.
+        function: address of the machine code of `step`, which the threads call.
+        address: address of the program data.
+        groups: number of groups.
         """
         if self.pace is None:
             return self._crew.run(function, address, groups)

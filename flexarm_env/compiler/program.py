@@ -66,8 +66,10 @@ MAIN = "flexarm_main"
 class Program:
     """Machine code of one kernel for one specialization.
 
-    address: address of the machine code. call: the machine code as a Python function of three integers. words: number
-    of 8-byte words of the result. made: True if compiled by this process, False if loaded from disk.
+    address: address of the machine code.
+    call: the machine code as a Python function of three integers.
+    words: number of 8-byte words of the result.
+    made: True if compiled by this process, False if loaded from disk.
     """
 
     def __init__(self, code: bytes, spec: Any, made: bool) -> None:
@@ -152,7 +154,8 @@ def linkable(kernel: Kernel, layout: Layout, name: str, cpu: str | None) -> byte
 def _uncollected() -> Iterator[None]:
     """Pause Python's garbage collection while LLVM code is built, because its many objects are all in use.
 
-    It would double the compile time. Afterwards garbage is collected once and tens of MB of memory become free.
+    The collection would double the compile time. After compilation Python's garbage is collected once, which frees tens
+    of MB of memory.
     """
     before = gc.isenabled()
     gc.disable()
@@ -277,7 +280,7 @@ def engine(code: bytes) -> Any:
 
 
 class _Method(ctypes.Structure):
-    """PyMethodDef of Python's C API."""
+    """The structure PyMethodDef of Python's C API."""
 
     _fields_ = [("name", ctypes.c_char_p), ("call", ctypes.c_void_p), ("flags", ctypes.c_int), ("doc", ctypes.c_char_p)]
 

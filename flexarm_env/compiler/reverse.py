@@ -288,7 +288,7 @@ class _Turns(Region):
     def go_back(self) -> None:
         """Emit the reverse of the loop, from the last iteration to the first.
 
-        Afterwards the frame size is known: the saves are inserted at the end of each forward iteration.
+        When the frame size is known, the code that saves values is inserted at the end of each forward iteration.
         """
         tape, code, one = self.tape, self._writer.code, ir.Constant(WORD, 1)
         turns, frames = tape.back(self._turns), tape.back(self._frames)

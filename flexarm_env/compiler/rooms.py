@@ -38,7 +38,8 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
     def at(self, block: Any, start: bool = False) -> Iterator[None]:
         """Context manager that writes code into another basic block: at its start, or at its end before a terminator.
 
-        Instructions written within the context are not recorded. Afterwards the builder returns to its previous block.
+        Instructions written within the context are not recorded. When the context ends, the builder returns to its
+        previous block.
 
         start: True to write at the start of the block.
         """

@@ -48,8 +48,11 @@ class Slot:
 class Writer(Expressions):
     """Writes one specialization of a kernel into an LLVM function.
 
-    module: the program's `front.Module`. code: the LLVM function. wide: types of names whose slots were too narrow in
-    an earlier attempt. names: dict from each name to its present item. result: item of the returned type.
+    module: the program's `front.Module`.
+    code: the LLVM function.
+    wide: types of names whose slots were too narrow in an earlier attempt.
+    names: dict from each name to its present item.
+    result: item of the returned type.
     """
 
     def __init__(self, module: Any, code: Any, function: Any, wide: Names) -> None:

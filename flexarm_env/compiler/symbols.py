@@ -38,8 +38,9 @@ def broadcast(builder: Any, value: Any, count: int) -> Any:
 class Value:
     """A float64 (count = 1) or a vector of `count` lanes at run time.
 
-    builder: LLVM IR builder that the operations use. value: the LLVM value. tangents: one Value for each direction of
-    differentiation; empty for a constant.
+    builder: LLVM IR builder that the operations use.
+    value: the LLVM value.
+    tangents: one Value for each direction of differentiation; empty for a constant.
     """
 
     def __init__(self, builder: Any, value: Any, count: int, tangents: Sequence[Value] = ()) -> None:

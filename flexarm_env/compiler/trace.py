@@ -85,8 +85,8 @@ class Registers(list[Any]):
 class Tracer:
     """Runs a function on symbolic values in the kernel that `writer` writes, for the lanes of one tag.
 
-    count, tangents: numbers of lanes and of tangents of an array element. words: dict that replaces each function of
-    lanes.py and each traced function by a function of symbolic values.
+    count, tangents: numbers of lanes and of tangents of an array element.
+    words: dict that replaces each function of lanes.py and each traced function by a function of symbolic values.
     """
 
     def __init__(self, writer: Any, lane: tuple[int, ...]) -> None:
@@ -238,7 +238,8 @@ class Straight:
     """A function that is traced, and therefore inlined, at each call by a kernel.
 
     when: function when(arguments by name, writer) that returns the condition. If the condition is False, `function` is
-    a kernel and is called instead of traced. traits: strings that are part of the cache key.
+    a kernel and is called instead of traced.
+    traits: strings that are part of the cache key.
     """
 
     def __init__(self, function: Any, when: Callable[[dict[str, Any], Any], bool] | None = None) -> None:

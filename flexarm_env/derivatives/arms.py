@@ -14,10 +14,11 @@ from .rollouts import Rollout, rollout
 
 
 class Part(NamedTuple):
-    """A group of arms that are advanced together.
+    """A group of arms of an environment that are advanced together.
 
-    read, write: indices of the arms' rows in the input arrays and in the output arrays. periods: the `Periods` that
-    advance the arms. places: indices of the numbers of the arms' states within a full state.
+    read, write: indices of the arms' rows in the input arrays and in the output arrays
+    periods: the `Periods` object that advances the arms
+    places: indices, within a full state, of the numbers of these arms' states
     """
 
     read: Any
@@ -27,33 +28,39 @@ class Part(NamedTuple):
 
 
 _STATE_OF = {"step": (0, "state"), "jacobians": (0, "state"), "vjp": (0, "state_bar"), "observe_jacobian": (1, "")}
-"""For each method: index of the result with a state's length, and the argument from which missing entries are copied.
-"""
+"""For each method: index of the result whose length is that of a state, and the argument from which its missing entries
+are copied."""
 
 
 class Arms(Periods):
     """n arms of an environment, advanced by one control period at a time, with exact derivatives.
 
     A state is a row of numbers that determines the arm's future. From a state, a period computes the same numbers as
-    the environment, to the last bit, except that actions are float64. Episodes do not end and nothing is drawn at
-    random: sensors have no noise, commands have no jitter, and a state contains only the present or next push. The
-    caller handles time limits, joint limits and resets. If the solver fails, results are NaN.
+    the environment, to the last bit, except that actions are float64. Episodes do not end, and nothing is drawn at
+    random. Sensors have no noise and commands have no jitter. A state contains only the present push or, without a
+    present push, the next one. The caller handles time limits, joint limits and resets. If the solver fails, the
+    results are NaN.
 
     Args:
-        id: id of an environment of this package. n: number of arms. threads: largest number of threads, or None for the
-            vector environment's choice. parameters: whether to differentiate also with respect to parameters. The
-            parameters are payload mass and inertia, factors on EI (in space also on EI_y and GJ), tau_d, and the factor
-            on the torque constant. Joints that are not ideal add stiffness, damping, rotor, friction and backlash
-            (`stiffness[0]`, ...). In a state the parameters follow the numbers that change with time and precede stored
-            observations.
-        keywords: keywords of the environment and its solver.
+        id: id of an environment of this package.
+        n: number of arms.
+        threads: largest number of threads. With None, the vector environment chooses the number.
+        parameters: whether to differentiate also with respect to parameters. The parameters are payload mass and
+            inertia, factors on EI (in space also on EI_y and GJ), tau_d, and the factor on the torque constant. Joints
+            that are not ideal add stiffness, damping, rotor, friction and backlash (`stiffness[0]`, ...). In a state
+            the parameters follow the numbers that change with time and precede stored observations.
+        keywords: keywords of the environment and of its solver.
     Attributes:
-        n, state_size, action_size, observation_size: numbers of arms, of numbers in a state and in an action, and of
-            observed entries. observation_space, action_space: spaces of one arm.
+        n: number of arms.
+        state_size: number S of entries of a state.
+        action_size: number A of entries of an action.
+        observation_size: number O of entries of an observation.
+        observation_space, action_space: Gymnasium spaces of one arm.
         moving: number of a state's leading entries that change with time or are differentiated. The remaining entries
-            are constants (targets, number of periods). names: names of a state's entries. failed (n,): whether the
-            solver failed in the last call. past (n,): whether a joint was beyond its limits at the end of the last
-            call.
+            are constants, such as targets and the number of periods.
+        names: names of a state's entries.
+        failed: array (n,), True for arms whose solver failed in the last call.
+        past: array (n,), True for arms with a joint beyond its limits at the end of the last call.
     Raises:
         ValueError: the environment belongs to another package, a size is invalid, or a feature has no derivatives:
             `reward.cost`; prescribed motions together with `step_tolerance`; prescribed motions of different joints in
@@ -93,7 +100,7 @@ class Arms(Periods):
         """Start episodes as the vector environment does with the same seed and options; return the states (n, S).
 
         With prescribed motions, states contain accelerations and torques in every formulation. A reset may therefore
-        change `names`, `moving` and `state_size`.
+        change the attributes `names`, `moving` and `state_size`.
         """
         if (options or {}).get("motion") is not None:
             self._not_fitted()
@@ -108,7 +115,7 @@ class Arms(Periods):
             raise check.InvalidValue("step_tolerance", tolerance, what)
 
     def _arrange(self) -> None:
-        """Make one part for each arm that follows a motion, and one for all other arms."""
+        """Make one part for each arm that follows a prescribed motion, and one part for all other arms."""
         batch, guides, had = self.environment.batch, self.environment.guides, self._parts
         self._parts, self._led = [], list(guides.values())
         for part in had:
@@ -139,7 +146,7 @@ class Arms(Periods):
         self.failed, self.past = np.zeros(self.n, np.bool_), np.zeros(self.n, np.bool_)
 
     def _each(self, name: str, **rows: Any) -> Any:
-        """Call a method of each part and combine the results; rows: the method's arguments, (n, ...)."""
+        """Call a method of each part and combine the results; rows: arguments of the method, arrays (n, ...)."""
         widths = {"action": (self.action_size,), "observation_bar": (self.observation_size,), "reward_bar": ()}
         given = {key: checked(key, x, (self.n, *widths.get(key, (self.state_size,)))) for key, x in rows.items()}
         made: list[Array] = []
@@ -177,9 +184,9 @@ class Arms(Periods):
         return self._each("observe", state=state) if self._parts else super().observe(state)
 
     def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
-        """Return state (n, S), observation (n, O) and reward (n,) after a period.
+        """Return state (n, S), observation (n, O) and reward (n,) after one control period.
 
-        action (n, A) is clipped to +-1.
+        The action (n, A) is clipped to +-1.
         """
         return self._each("step", state=state, action=action) if self._parts else super().step(state, action)
 
@@ -188,16 +195,16 @@ class Arms(Periods):
         return rollout(self, state, actions)
 
     def jacobians(self, state: Array, action: Array) -> Jacobians:
-        """Return the results of `step` and the results' derivatives. Derivatives by a clipped action are zero."""
+        """Return the results of `step` and their derivatives. Derivatives by a clipped action are zero."""
         return self._each("jacobians", state=state, action=action) if self._parts else super().jacobians(state, action)
 
     def vjp(
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
     ) -> tuple[Array, Array]:
-        """Return the cotangents (n, S) of the state and (n, A) of the action.
+        """Return the cotangents (n, S) of the state and (n, A) of the action before a control period.
 
         state_bar (n, S), observation_bar (n, O), reward_bar (n,): cotangents of state, observation and reward after the
-        period.
+        control period.
         """
         if not self._parts:
             return super().vjp(state, action, state_bar, observation_bar, reward_bar)
@@ -210,7 +217,7 @@ class Arms(Periods):
         return self._each("observe_jacobian", state=state) if self._parts else super().observe_jacobian(state)
 
     def close(self) -> None:
-        """Stop the threads."""
+        """Stop the threads that advance the arms."""
         for part in self._parts:
             part.periods.close()
         if not self._parts:

@@ -1,8 +1,9 @@
-"""Observations that depend on the past: delayed and stacked observations, and readings of sensors with memory.
+"""Observations that depend on the past: delayed or stacked observations, and readings of sensors with memory.
 
-A state then contains the latest `frames` observations of E entries, the oldest first. If observations are delayed, the
-observation consists of the oldest stored entries. A period drops the oldest observation and appends the new one; the
-derivatives of all other stored observations are therefore only shifted.
+To compute delayed or stacked observations, a state contains the latest `frames` observations of E entries each, the
+oldest first. If observations are delayed, the current observation consists of the oldest stored entries. A control
+period drops the oldest observation and appends the new one. The derivatives of all other stored observations are
+therefore only shifted.
 """
 
 from typing import Any
@@ -16,14 +17,17 @@ from ..validation import Array
 
 
 class Memory:
-    """Stored past observations of a batch's arms, which are part of the arms' states.
+    """Stored past observations of the arms of a batch; they are part of the arms' states.
 
     Args:
-        batch: the `Batch` of arms. moving: X, the number of a state's moving entries without stored observations.
+        batch: the `Batch` of arms.
+        moving: number X of a state's moving entries, without stored observations.
     Attributes:
-        chosen (E,): indices of the observed entries. size: O, the length of an observation. moving: X plus the number
-            of stored entries. frames: number of observations stored in a state; 0 if the remaining numbers of the state
-            determine the observation.
+        chosen: array (E,), indices of the observed entries.
+        size: length O of an observation.
+        moving: X plus the number of stored entries.
+        frames: number of observations stored in a state. It is 0 if the other numbers of the state determine the
+            observation.
     """
 
     def __init__(self, batch: Any, moving: int) -> None:
@@ -39,26 +43,26 @@ class Memory:
         self._batch, self._first, self.moving = batch, moving, moving + self.frames * self.entries
 
     def names(self, own: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the names of a state's entries: `own`, with the names of stored observations inserted."""
+        """Return the names of a state's entries: `own` with the names of the stored observations inserted."""
         seen = tuple(f"seen[{k}]" for k in range(self.frames * self.entries))
         return own[: self._first] + seen + own[self._first :]
 
     # --- states ----------------------------------------------------------------------------------
     def parts(self, state: Array) -> tuple[Array, Array]:
-        """Split states (n, S) into the numbers without stored observations and the stored observations."""
+        """Split states (n, S) into the numbers that are no stored observations, and the stored observations."""
         x, y = self._first, self.moving
         if self.frames == 0:
             return state, state[:, x:y]
         return np.concatenate([state[:, :x], state[:, y:]], axis=1), state[:, x:y]
 
     def joined(self, own: Array, past: Array) -> Array:
-        """Return states (n, S) made of the numbers `own` and the stored observations `past`: inverse of `parts`."""
+        """Return states (n, S) made of the numbers `own` and the stored observations `past`; the inverse of `parts`."""
         if self.frames == 0:
             return own
         return np.concatenate([own[:, : self._first], past, own[:, self._first :]], axis=1)
 
     def with_past(self, own: Array, first: int = 0) -> Array:
-        """Add the stored observations of the batch's arms, starting with arm `first`, to the arms' states."""
+        """Return states made of `own` and the present stored observations of the batch's arms; first: the first arm."""
         if self.frames == 0:
             return own
         batch, late = self._batch, np.zeros((len(own), self._age, self.entries))
@@ -70,11 +74,11 @@ class Memory:
         return self.joined(own, np.concatenate([told, late.reshape(len(own), -1)], axis=1))
 
     def shown(self, past: Array) -> Array:
-        """Return the observation (n, O) that the stored observations `past` determine."""
+        """Return the observation (n, O) that follows from the stored observations `past`."""
         return past[:, : self.size].copy()
 
     def after(self, past: Array, seen: Array) -> tuple[Array, Array]:
-        """Append new entries `seen` (n, E) to the stored observations `past`; return past and the observation."""
+        """Append new entries `seen` (n, E) to the stored observations `past`; return new `past` and observation."""
         if self.frames == 0:
             return past, seen
         past = np.concatenate([past[:, self.entries :], seen], axis=1)
@@ -82,7 +86,7 @@ class Memory:
 
     # --- derivatives -----------------------------------------------------------------------------
     def whole(self, moved: Array) -> Array:
-        """Extend a period's Jacobian by the stored observations; return it with the shape (n, X + O + 1, X + A)."""
+        """Extend the Jacobian of a control period by the stored observations, to the shape (n, X + O + 1, X + A)."""
         if self.frames == 0:
             return moved
         x, y, entries = self._first, self.moving, self.entries
@@ -101,10 +105,10 @@ class Memory:
         return full
 
     def vjp(self, state: Array, seen: Array) -> tuple[Array, Array, Array]:
-        """Split the cotangents of states (n, S) and observations (n, O) after a period.
+        """Split the cotangents of states (n, S) and observations (n, O) after a control period into three arrays.
 
-        Returns the cotangents of states without stored observations, of the observations stored before the period, and
-        of the new entries.
+        The arrays are the cotangents of the states without stored observations, of the observations stored before the
+        period, and of the new entries.
         """
         own, past = self.parts(state)
         if self.frames == 0:

@@ -1,4 +1,4 @@
-"""Choice of the method by which a batch's control periods are differentiated.
+"""Choice of the method that differentiates the control periods of a batch.
 
 | transition | by its equation, forward and backward | as executed, in dual lanes |
 |---|---|---|
@@ -8,8 +8,8 @@
 | change of the payload | – | `integrator.impact`: a fixed number of solutions |
 | kinks of prescribed motions | – | `runtime.guided`, as in the environment |
 
-The computations between two transitions (commands, motors, observation, reward) have no unknown. Dual lanes or
-`compiler.vjp_of` differentiate these computations.
+The computations between two transitions (commands, motors, observation, reward) are explicit. Dual lanes or
+`compiler.vjp_of` differentiate them.
 """
 
 from typing import Any, NamedTuple
@@ -18,19 +18,20 @@ from ..physics.model import Elastica, ExactBeam, Floating, FloatingChain
 from ..physics.space.chain import SpatialBeam, SpatialElastica
 
 PASSES, MOST_PASSES = 5, 20
-"""PASSES: number of iterations for a step's tangents if the step's matrix differs from the derivative by about a
-thousandth (exact beams in the plane, elasticas in space, contact). MOST_PASSES: largest number for exact beams in
-space, which iterate to convergence.
+"""PASSES is the number of iterations for a step's tangents if the step's matrix differs from the derivative by about a
+thousandth (exact beams in the plane, elasticas in space, contact). MOST_PASSES is the largest number for exact beams in
+space, whose iteration runs to convergence.
 """
 
 
 class Method(NamedTuple):
-    """How periods are differentiated.
+    """Choices that determine how control periods are differentiated.
 
-    by_equations: True if Jacobians follow from the equations of steps and jumps (`runtime.implicit`), False if every
-    operation is differentiated when it is executed (`runtime.derivative`). backwards: True if `runtime.adjoint`
-    computes cotangents, False if cotangents are computed from Jacobians. passes: number of linear solutions for a
-    step's derivative; 1 if the step's matrix is the exact derivative of the residual.
+    by_equations: True if Jacobians follow from the equations of steps and jumps (`runtime.implicit`). False if every
+    operation is differentiated when it is executed (`runtime.derivative`).
+    backwards: True if `runtime.adjoint` computes cotangents, False if cotangents are computed from Jacobians.
+    passes: number of linear solutions for the derivative of a step. One solution suffices if the step's matrix is the
+    exact derivative of the residual.
     """
 
     by_equations: bool
@@ -39,10 +40,12 @@ class Method(NamedTuple):
 
 
 def method_of(model: Any, program: Any, extras: Any, kept: bool, alone: str) -> Method:
-    """Return the method by which the control periods of a model are differentiated.
+    """Return the `Method` by which the control periods of a model are differentiated.
 
-    program, extras: the batch's program and its sensors, motors and payload changes. kept: whether motions are
-    prescribed. alone: "all" if each arm is computed alone.
+    program: the batch's program.
+    extras: sensors, motors and payload changes of the batch.
+    kept: whether motions are prescribed.
+    alone: "all" if each arm is computed alone.
     """
     # what a period does beside the equations of its steps and jumps
     beside = (
@@ -72,8 +75,8 @@ def _passes(model: Any) -> int:
 def _goes_back(model: Any) -> bool:
     """Return whether a model has kernels for cotangents.
 
-    Large elasticas and floating frames in the plane have loops that are not written out, without reverse derivatives of
-    their own.
+    Large elasticas and floating frames in the plane have no such kernels: the loops of their kernels are not unrolled,
+    and these formulations register no reverse derivatives of their own.
     """
     arm = getattr(model, "arm", model)
     if isinstance(arm, Elastica):

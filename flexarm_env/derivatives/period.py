@@ -25,8 +25,8 @@ from .methods import method_of
 from .places import laws_of, places_of
 
 MOST_AT_ONCE = 3
-"""Largest number of Jacobian columns that one pass computes. More columns would not reduce the cost of a column but
-would lengthen compilation.
+"""Largest number of Jacobian columns that one pass computes. More columns would lengthen compilation without reducing
+the cost per column.
 """
 
 
@@ -46,10 +46,10 @@ class Jacobians(NamedTuple):
     these entries are zero.
     """
 
-    state: Array  # (n, S), a period later
-    observation: Array  # (n, O)
-    reward: Array  # (n,)
-    moved: Array  # (n, X + O + 1, X + A): rows of state, observation, reward; columns of state, action
+    state: Array  # (n, S): state one control period later
+    observation: Array  # (n, O): observation one control period later
+    reward: Array  # (n,): reward of the control period
+    moved: Array  # (n, X + O + 1, X + A): rows for state, observation, reward; columns for state, action
 
     @property
     def _sizes(self) -> tuple[int, int, int, int]:
@@ -58,7 +58,7 @@ class Jacobians(NamedTuple):
         return moving, entries, self.state.shape[1], self.moved.shape[2] - moving
 
     def _whole(self, part: Array, *axes: int) -> Array:
-        """Return the derivative with zeros inserted along its state axes for entries that do not move."""
+        """Return a derivative with zeros inserted along its state axes for entries that do not move."""
         x, _, size, _ = self._sizes
         return np.pad(part, [(0, size - x if axis in axes else 0) for axis in range(part.ndim)])
 
@@ -99,7 +99,7 @@ class Jacobians(NamedTuple):
         return self.moved[:, -1, self._sizes[0] :]
 
     def jvp(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
-        """Map tangents (n, S), (n, A) of state and action to tangents of the next state, observation and reward."""
+        """Map tangents of state (n, S) and action (n, A) to tangents of next state, observation and reward."""
         x, entries, _, _ = self._sizes
         both = np.concatenate([state[:, :x], action], axis=1)
         out = (self.moved @ both[:, :, None])[:, :, 0]
@@ -129,10 +129,11 @@ class Differentiable(Protocol):
     """n arms whose control periods have derivatives: `Arms`, `Periods`, or a class with the same methods.
 
     Attributes:
-        n: number of arms. state_size (S), action_size (A), observation_size (O): lengths of a state, an action and an
-            observation. moving: number of a state's leading entries that are not constant. failed (n,): whether the
-            solver failed in the last call. past (n,): whether a joint was beyond its limits at the end of the last
-            call.
+        n: number of arms. state_size, action_size, observation_size: lengths S, A, O of a state, an action and an
+            observation.
+        moving: number of a state's leading entries that are not constant.
+        failed: array (n,), True for arms whose solver failed in the last call.
+        past: array (n,), True for arms with a joint beyond its limits at the end of the last call.
     """
 
     n: int
@@ -162,18 +163,17 @@ class Differentiable(Protocol):
 
 
 class Periods:
-    """Control periods of a batch's arms, with exact derivatives; see `Arms` for states, steps and failures.
+    """Control periods of the arms of a batch, with exact derivatives; see `Arms` for states, steps and failures.
 
     Args:
-        batch: the `Batch` of arms. parameters: whether to differentiate with respect to parameters, too. kept: whether
-            states contain accelerations and torques even if periods begin by solving for accelerations. guided: (index,
-            `envs.motion.Guide`) of a single arm with prescribed motion, or None for all arms of the batch. alone: arms
-            that are computed one at a time, with halved steps if Newton's iteration fails: "failed" (arms that failed
-            in their lane, as in the environment), "all" or "none". whole: include the terms of all parameters
-            (`physics.model.complete`).
+        batch: the `Batch` of arms. parameters: whether to differentiate with respect to parameters as well.
+        kept: whether states contain accelerations and torques even if periods begin by solving for accelerations.
+        guided: (index, `envs.motion.Guide`) of a single arm with prescribed motion, or None for all arms of the batch.
+        alone: which arms are computed one at a time, with halved steps if Newton's iteration fails: "failed" (arms that
+            failed in their lane, as in the environment), "all" or "none". whole: include the terms of all parameters.
     Attributes:
-        n, state_size, action_size, observation_size, moving, names, failed, past: see `Arms`. backwards: whether
-            separate kernels compute cotangents (`vjp`).
+        n, state_size, action_size, observation_size, moving, names, failed, past: as in `Arms`.
+        backwards: whether separate kernels compute cotangents (`vjp`).
     """
 
     def __init__(
@@ -282,15 +282,14 @@ class Periods:
         return self._rows("observation", self.observation_size)
 
     def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
-        """Return state (n, S), observation (n, O) and reward (n,) after a period with an action (n, A), clipped to
-        +-1."""
+        """Return state (n, S), observation (n, O) and reward (n,) after a period with actions (n, A) clipped to +-1."""
         self._put(state, action)
         self._run(derivative.step)
         return self._with_halved("step", self._outcome(), state, action)
 
     # --- derivatives -----------------------------------------------------------------------------
     def jacobians(self, state: Array, action: Array) -> Jacobians:
-        """Return the results of `step` and the results' derivatives. Derivatives by a clipped action are zero."""
+        """Return the results of `step` and their derivatives. Derivatives by a clipped action are zero."""
         given = self._put(state, action)
         self._run(self._derivative)
         moved = self._program.jacobian.reshape(self._shape).copy()
@@ -302,13 +301,13 @@ class Periods:
     def vjp(
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
     ) -> tuple[Array, Array]:
-        """Return cotangents (n, S) of states and (n, A) of actions from cotangents of a period's results.
+        """Return the cotangents of states (n, S) and actions (n, A), given the cotangents of the results of `step`.
 
         state_bar (n, S), observation_bar (n, O), reward_bar (n,): cotangents of state, observation and reward after the
-        period.
+        control period.
 
-        If the model has kernels for cotangents (`backwards`), the call costs a few times as much as a period. Otherwise
-        cotangents are computed from the Jacobians.
+        If the model has kernels for cotangents (`backwards`), the call costs a few times as much as a period. Without
+        such kernels the cotangents are computed from the Jacobians.
         """
         given = checked("state_bar", state_bar, (self.n, self.state_size))
         seen = checked("observation_bar", observation_bar, (self.n, self.observation_size))
@@ -348,7 +347,7 @@ class Periods:
         return self._rows("observation", entries), slopes
 
     def close(self) -> None:
-        """Stop the threads."""
+        """Stop the threads that advance the arms."""
         self._crew.close()
         if self._one is not None:
             self._one.close()
@@ -369,8 +368,9 @@ class Periods:
         return given
 
     def _carried(self, rows: Array) -> None:
-        """Raise ValueError if a parameter is infinite or too stiff for double precision, or if a factor is not
-        positive. Masses and tau_d near 0 may be negative, because differences need such values.
+        """Raise ValueError for an infinite parameter, one too stiff for double precision, or a factor <= 0.
+
+        Masses and tau_d near 0 may be negative, because differences need such values.
         """
         least = np.fmin.reduce(rows[:, self._least], axis=0)
         for k, value in zip(self._least, least.tolist(), strict=True):
@@ -412,8 +412,9 @@ class Periods:
             self._stuck[:] = False
 
     def _with_halved(self, name: str, found: Found, *rows: Any) -> Found:
-        """Return what a method found for these rows. If an arm's Newton iteration failed beside others, the method
-        repeats it alone with halved steps, as in the environment.
+        """Return the results `found` of a method, repeated alone for arms whose Newton iteration failed beside others.
+
+        The repetition halves steps, as the environment does.
         """
         for i in np.flatnonzero(self._stuck).tolist():
             if self._one is None:

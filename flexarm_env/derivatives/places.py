@@ -1,4 +1,4 @@
-"""Offsets of a state's numbers in an arm's memory block, and the names of these numbers."""
+"""Offsets of a state's numbers in the memory block of an arm, and the names of these numbers."""
 
 from typing import Any, NamedTuple
 
@@ -32,7 +32,7 @@ _JOINT, _LAW = JOINT_LAW.places, LAW.places
 
 class _Place(NamedTuple):
     name: str
-    at: int  # in a block
+    at: int  # offset of the number in a memory block
 
 
 def places_of(
@@ -40,9 +40,10 @@ def places_of(
 ) -> tuple[Any, tuple[str, ...], int]:
     """Return the offsets and names of a state's entries in a memory block, and the number of entries that move.
 
-    stride: distance between two elements of the block. layout: offsets of the block's sections. parameters: whether
-    parameters move. kept: whether to include accelerations and torques even if periods begin by solving for
-    accelerations.
+    stride: distance between two elements of the block.
+    layout: offsets of the block's sections.
+    parameters: whether the state contains parameters as moving entries.
+    kept: whether to include accelerations and torques even if periods begin by solving for accelerations.
     """
     task, extras = batch.task, batch.extras
     rows, links = int(size(model.n)), len(task.links)
@@ -107,7 +108,7 @@ def places_of(
 
 
 def _laws(model: Any) -> list[tuple[int, str, float]]:
-    """Return index, name and value of the joint laws' numbers that are not 0, if each arm has its own laws."""
+    """Return index, name and value of the nonzero numbers of the joint laws, if each arm has laws of its own."""
     if getattr(model, "own", None) is None:
         return []
     found = []
@@ -130,9 +131,9 @@ def laws_of(model: Any, names: tuple[str, ...]) -> tuple[list[int], list[float]]
 
 
 def _of_sensors(instruments: Any, first: int, recorded: Any, own: Any) -> tuple[list[_Place], list[_Place]]:
-    """Return the sensors' memory that affects their readings, and their numbers that are drawn or counted.
+    """Return two lists: the sensors' memory that affects readings, and sensor numbers that are drawn or counted.
 
-    own: list of parameters to which gains and biases are added, or None.
+    own: list of the parameters to which gains and biases are added, or None.
     """
     if instruments is None:
         return [], []

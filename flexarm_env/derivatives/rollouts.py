@@ -33,14 +33,17 @@ class Gradient(NamedTuple):
 class Rollout:
     """T control periods of n arms under given actions.
 
-    Only states are stored; `jvp` and `vjp` compute the derivatives of each period from the states. Episodes do not end:
-    `failed` and `past` mark periods at which an environment would end the episode. After a solver failure an arm's
-    numbers are NaN. A rollout lies within one episode, so no derivative crosses a reset.
+    Only states are stored. `jvp` and `vjp` compute the derivatives of each period from the stored states. Episodes do
+    not end; `failed` and `past` mark periods at which an environment would end the episode. After a solver failure an
+    arm's numbers are NaN. A rollout lies within one episode, so that no derivative crosses a reset.
 
     Attributes:
-        arms: the arms. states (T + 1, n, S): the initial states, then the states after each period. actions (T, n, A):
-            the actions of all periods. observations (T, n, O), rewards (T, n): results of each period. failed (T, n):
-            whether the solver failed. past (T, n): whether a joint was beyond its limits.
+        arms: the arms, an object with the methods of `Differentiable`.
+        states: array (T + 1, n, S), the initial states, then the states after each period.
+        actions: array (T, n, A), the actions of all periods.
+        observations, rewards: arrays (T, n, O) and (T, n), results of each period.
+        failed: array (T, n), True if the solver failed in this period.
+        past: array (T, n), True if a joint was beyond its limits at the end of this period.
     """
 
     arms: Differentiable
@@ -54,7 +57,8 @@ class Rollout:
     def jvp(self, state: Any = None, actions: Any = None) -> Outcome:
         """Return the tangents of the rollout's results, given tangents of initial states and actions.
 
-        state (n, S), actions (T, n, A): tangents of initial states and actions; None stands for zero tangents.
+        state (n, S), actions (T, n, A): tangents of the initial states and of the actions; None stands for zero
+        tangents.
         """
         count = len(self.actions)
         moved = np.zeros_like(self.states)

@@ -1,4 +1,4 @@
-"""Derivatives of a scene's run with respect to parameters of the scene or the arm."""
+"""Derivatives of the results of a scene's run with respect to parameters of the scene or the arm."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from ..validation import Array
 from .methods import PASSES
 
 MOST = 4_000_000
-"""Largest number of float64 entries of factored matrices that are stored at the same time."""
+"""Largest number of float64 entries of factored matrices that are stored at a time."""
 
 PASSES_IN_SPACE = 10
-"""Number of iterations for a step's tangents in space, where the step's matrix is less accurate than in the plane."""
+"""Number of iterations for the tangents of a step in space. The step's matrix is less accurate than in the plane."""
 
 MOST_ROWS = 1_000_000
 """Largest number of steps in a run whose states are all stored."""
@@ -38,9 +38,12 @@ class Run:
     """A run in equal steps, with its states stored for differentiation.
 
     Attributes:
-        simulation: the simulation at the end of the run. trajectory: the samples. start (4, n): initial q, v, a, b. q,
-            v, a (steps, n): coordinates, velocities and accelerations at the ends of steps. t (steps,): ends of steps,
-            s. every: number of steps between two samples.
+        simulation: the simulation at the end of the run.
+        trajectory: the samples of the run.
+        start: array (4, n), initial q, v, a, b.
+        q, v, a: arrays (steps, n), coordinates, velocities and accelerations at the ends of steps.
+        t: array (steps,), times of the ends of steps, s.
+        every: number of steps between two samples.
     """
 
     simulation: Simulation
@@ -92,9 +95,9 @@ class Run:
     def slopes(self, neighbours: Sequence[tuple[Simulation, float, float]]) -> Array:
         """Return the derivatives of q and v by a parameter, at the start and at the samples: (samples, 2, n).
 
-        neighbours: two Simulations of the scene with the parameter changed by an offset e, as (simulation, offset,
-        weight in the derivative). A central difference has (a, e, 1 / 2e) and (b, -e, -1 / 2e), a one-sided difference
-        (a, e, 2 / e) and (b, 2 e, -1 / 2e).
+        neighbours: two triples (simulation, offset, weight in the derivative). Each contains a Simulation of the scene
+        with the parameter changed by the offset. For an offset e, a central difference has (a, e, 1 / 2e) and (b, -e,
+        -1 / 2e), a one-sided difference (a, e, 2 / e) and (b, 2 e, -1 / 2e).
 
         Raises:
             NotDifferentiable: the steps cannot be differentiated (`check`), or the parameter changes the structure of
@@ -139,10 +142,10 @@ class Run:
         return np.concatenate([tangent[:2].reshape(1, -1), out[self.every - 1 :: self.every]]).reshape(-1, 2, n)
 
     def moved(self, other: Simulation, change: Array, places: bool = True) -> Trajectory:
-        """Return the trajectory of the neighbor's arm, with changes (samples, 2, n) added to q and v.
+        """Return the trajectory of another arm: the run's q and v plus the changes `change` (samples, 2, n).
 
-        other: the neighbor's Simulation. places: whether to recompute tip, joints and motors, too. All other fields are
-        unchanged.
+        other: Simulation of the other arm.
+        places: whether to recompute tip, joints and motors as well. All other fields are those of this run.
         """
         q, v = self.trajectory.q + change[:, 0], self.trajectory.v + change[:, 1]
         found: dict[str, Any] = {}
@@ -157,7 +160,7 @@ class Run:
         return replace(self.trajectory, scene=other.scene, q=q, v=v, **found)
 
     def _factored(self, k: int, steps: Steps) -> Array:
-        """Return the factored matrices of the steps from k on; only the last ones are stored."""
+        """Return the factored matrices of the steps from k on. Only the last computed matrices are stored."""
         own = self.simulation
         if self._kept.get("at") != k:
             factors = np.empty(len(steps.h) * int(size(own.model.n_factor)))
@@ -167,14 +170,14 @@ class Run:
         return np.asarray(self._kept["factors"])
 
     def _driven(self, of: Simulation) -> tuple[Array, Array]:
-        """Return the inputs (steps, inputs) and prescribed values (steps, motions, 3) of a scene."""
+        """Return the inputs (steps, inputs) and the prescribed values (steps, motions, 3) of a scene at all steps."""
         u, psi = np.zeros((len(self.t), len(of.work.u))), np.zeros((len(self.t), OF_MOTION.end * of.n_motions))
         sensitivity.drive_rows(SINGLE, of.drive, self.t, np.diff(self.t, prepend=0.0), u, psi)
         return u, psi.reshape(len(self.t), of.n_motions, OF_MOTION.end)
 
 
 def _state(of: Simulation) -> Array:
-    """Return the present q, v, a, b."""
+    """Return the present q, v, a, b of a simulation."""
     w = of.work
     return np.array([w.q, w.v, w.a, w.b])
 
@@ -184,7 +187,7 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def _kind(model: Any) -> Any:
-    """Return the properties that determine the compiled code: a model's sizes, tags and optional parts."""
+    """Return the properties that determine the compiled code of a model: sizes, tags and optional parts."""
     if isinstance(model, np.ndarray):
         return model.dtype, model.shape
     if hasattr(model, "_fields"):

@@ -1,5 +1,4 @@
-"""Assemble a scene: its System, with the `build` module of its formulation, and its Drive (loads, motions over
-time)."""
+"""Assemble a scene: its System, with the `build` module of its formulation, and its Drive (loads and motions)."""
 
 import dataclasses
 from typing import Any
@@ -116,8 +115,10 @@ out of the plane."""
 def _check_honoured(part: Any, path: str, formulation: str, honours: Honours) -> None:
     """Raise ValueError if a field of `part`, or of an object within it, is set although `honours` does not contain it.
 
-    A field is set if it differs from its default. part: an Arm or an object within it, at key path `path`. honours: for
-    each class, the fields that the formulation models. A subclass that `honours` does not name is rejected as well.
+    A field is set if it differs from its default.
+    part: an Arm or an object within it, at key path `path`.
+    honours: for each class, the fields that the formulation models. A subclass that `honours` does not name is rejected
+    as well.
     """
     if isinstance(part, tuple | list):
         for i, entry in enumerate(part):
@@ -243,9 +244,9 @@ def room_for_points(settings: Settings, n_links: int) -> int:
 def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Array:
     """Return the table (n, 1 + 3 N) with q = table @ (1, alpha_k, cos alpha_k, sin alpha_k) for straight links.
 
-    n: number of coordinates of the planar arm in the formulation of the settings. N: number of links. alpha_k (rad), k
-    < N: angle of link k from the inertial x axis. gravity: m/s^2 or None. Entries within 1e-12 of an integer are
-    rounded to the integer.
+    n: number of coordinates of the planar arm in the formulation of the settings.
+    N: number of links. alpha_k (rad), k < N: angle of link k from the inertial x axis.
+    gravity: m/s^2 or None. Entries within 1e-12 of an integer are rounded to the integer.
     """
     assert settings.dt is not None
     count = arm.n_links

@@ -54,7 +54,7 @@ def slopes_room(lane, model, n_par, n_motions):
 
 @kernel
 def residual_slopes(lane, model, par, state, u, psi, directions, level, room, r, slopes):
-    """Compute the residual of eq. [64] of one arm and its derivatives along directions; return a status code.
+    """Compute the residual of equation [64] of one arm and its derivatives along directions; return a status code.
 
     # in        state: q, v, a (n,); u: inputs (N m, N); psi: prescribed motions, a `MOTION` each; par: parameters
     #           directions: `Directions`; level: rows of multipliers of r are the constraints Phi (0) or their first (1)
@@ -153,7 +153,7 @@ def _add_direction(lane, model, directions, j, i, w):
 def read_gauges(model, q, rows, out):
     """Compute the strain gauge readings out (m, G), 1/m, of m configurations q (m, n), in one lane.
 
-    rows (G, ...): one row per gauge, from `gauges.curvature_rows`. q: coordinates.
+    rows (G, ...): one row per gauge, from `gauges.curvature_rows`. q: coordinates of the arm.
     """
     for i in range(q.shape[0]):
         for g in range(rows.shape[0]):

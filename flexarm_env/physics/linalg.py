@@ -58,9 +58,9 @@ def band_lu(lane, A: Lanes, pivot, n, below, above):
 
     Entry (i, j) is A[i * width + j - i + below], width = 2 below + above + 1. The extra `below` columns receive the
     fill-in of row exchanges. U replaces the upper part of A; the factors of L replace the eliminated entries. pivot[i]
-    is the index (as float64) of the row that is exchanged with row i. A zero pivot causes inf or NaN entries. lane:
-    lane tag of one arm, with or without tangents (derivatives along directions). Only values, not tangents, select the
-    rows.
+    is the index (as float64) of the row that is exchanged with row i. A zero pivot causes inf or NaN entries.
+    lane: lane tag of one arm, with or without tangents (derivatives along directions). Only values, not tangents,
+    select the rows.
     """
     width = 2 * below + above + 1
     for k in range(n):
@@ -95,8 +95,9 @@ def band_lu(lane, A: Lanes, pivot, n, below, above):
 def band_lu_solve(lane, A: Lanes, pivot, x: Lanes, n, below, above):
     """Solve A x = b in place: on entry x (n,) contains b, on return the solution.
 
-    A, pivot: factors and row exchanges from `band_lu`. below, above: half widths of the band. Row i of A begins at A[i
-    * width], width = 2 below + above + 1; its diagonal entry is A[i * width + below].
+    A, pivot: factors and row exchanges from `band_lu`.
+    below, above: half widths of the band. Row i of A begins at A[i * width], width = 2 below + above + 1; its diagonal
+    entry is A[i * width + below].
     """
     width = 2 * below + above + 1
     # x <- L^-1 P x

@@ -55,7 +55,9 @@ bending: Any = None
 def viscoelastic(force, rate, tau):
     """Return force + tau * rate: a stress resultant with Kelvin-Voigt damping, divided by its stiffness.
 
-    force: `Answer.force`, in the unit of the strain e. rate: rate of e, per s. tau: tau_d (s), or None without damping.
+    force: `Answer.force`, in the unit of the strain e.
+    rate: rate of e, per s.
+    tau: tau_d (s), or None without damping.
     """
     if tau is None:
         return force
@@ -66,8 +68,9 @@ def viscoelastic(force, rate, tau):
 def viscoelastic_slope(slope, tau, damping, stiffness):
     """Return stiffness df/de + damping df/d(rate) for f + tau_d d(e)/dt: the weighted derivative of a law in a matrix.
 
-    slope: df/de, the field `slope` of an `Answer`; None stands for 1. tau: tau_d (s), or None without damping. damping,
-    stiffness: weights of the derivatives by rates and by coordinates (`protocol.Weights`).
+    slope: df/de, the field `slope` of an `Answer`; None stands for 1.
+    tau: tau_d (s), or None without damping.
+    damping, stiffness: weights of the derivatives by rates and by coordinates (`protocol.Weights`).
     """
     own = stiffness
     if slope is not None:

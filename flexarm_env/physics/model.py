@@ -82,7 +82,7 @@ def levers(arm: Arm) -> NDArray[np.float64]:
 
 
 class Scheme(NamedTuple):
-    """Coefficients of the generalized-alpha or Newmark method, eq. (6.1), and limits of the Newton iteration."""
+    """Coefficients of the generalized-alpha or Newmark method, equation (6.1), and limits of the Newton iteration."""
 
     alpha_m: float
     alpha_f: float
@@ -104,7 +104,8 @@ def scheme(
 ) -> Scheme:
     """Return the `Scheme` for a spectral radius rho_inf at infinite frequency, or for Newmark's method.
 
-    The coefficients are those of Arnold & Bruels 2007. newmark: (beta, gamma) of eq. [66], used instead of rho_inf.
+    The coefficients are those of Arnold & Bruels 2007. newmark: (beta, gamma) of equation [66], used instead of
+    rho_inf.
     modified: True for a modified Newton iteration, with one matrix per step.
     """
     if newmark is not None:
@@ -164,7 +165,7 @@ class FloatingFrame(NamedTuple):
     """Bodies of a `FloatingChain`, each with its own frame, joined by multipliers (3.4). Kernels compute a single arm.
 
     `protocol` explains the fields from n to newton; `data`, `gravity` and `loads` are those of `FloatingChain`.
-    table  int64 (bodies, 5), one row per body: `physics.floating.layout.ROW`
+    table: int64 (bodies, 5), one row of `physics.floating.layout.ROW` per body
     """
 
     n: int
@@ -275,7 +276,7 @@ class Elastica(NamedTuple):
     the kernel is compiled for that size. One array contains all constants, because each array argument of a kernel
     costs time at compilation and at each call.
 
-    data: float64, `physics.elastica.layout.DATA`
+    data: float64, constants of the chain (`physics.elastica.layout.DATA`)
     loads: float64, one `physics.elastica.layout.LOAD` per point load, or None
     eccentric: float64, `physics.elastica.layout.ECCENTRIC` if the payload's center is not at the tip, otherwise None
     rest: float64 (N k,), stress-free angles (rad) of nodes relative to their link's root; None for straight links
@@ -306,7 +307,7 @@ class Elastica(NamedTuple):
 
 
 class Floating(NamedTuple):
-    """A base that carries an arm and floats freely in the plane. Its mass acts at the arm's root. SI units.
+    """A base that carries an arm and floats freely in the plane; the base's mass acts at the arm's root. SI units.
 
     row: row of the base's attitude (rad) from the inertial x axis, 0 at the start
     inertia: moment of inertia (kg m^2) of the base about its center of mass
@@ -412,11 +413,14 @@ def fixed_rows(scene: Scene, coordinates: Mapping[str, int]) -> NDArray[np.int64
 class System:
     """An assembled scene: its Model, the arm's parameters, the start state, and the rows of named coordinates.
 
-    par (4,), in space (6,): parameters of the arm (see PAYLOAD_MASS). q0, v0 (n,): state at t = 0 (m, rad; m/s, rad/s).
+    par (4,), in space (6,): parameters of the arm (see PAYLOAD_MASS).
+    q0, v0 (n,): state at t = 0 (m, rad; m/s, rad/s).
     coordinates: rows of "joint0" ..., "root_x", "root_y"; a negative entry -1 - j means that multiplier j prescribes
-    the coordinate. names (n,): names of the coordinates. vectors (k, 2): rows of x and y of vectors in inertial axes
-    that rotate with the arm. absolute (k,): rows of angles from the inertial x axis. All other rows stay the same if
-    the whole arm rotates. notes: error estimates of the formulation by name, as fractions of the arm's length.
+    the coordinate.
+    names (n,): names of the coordinates.
+    vectors (k, 2): rows of x and y of vectors in inertial axes that rotate with the arm.
+    absolute (k,): rows of angles from the inertial x axis. All other rows stay the same if the whole arm rotates.
+    notes: error estimates of the formulation by name, as fractions of the arm's length.
     """
 
     model: Any

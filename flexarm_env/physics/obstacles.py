@@ -90,8 +90,8 @@ def _of_corner(a, b, c):
 def distance_and_normal(table, s, x, y, z):
     """Return the signed distance (m), negative inside, of (x, y, z) from shape s, and the unit vector of its gradient.
 
-    x, y, z: coordinates of the point (m, inertial axes). table: one `OBSTACLE` per shape. The unit vector is in
-    inertial axes.
+    x, y, z: coordinates of the point (m, inertial axes).
+    table: one `OBSTACLE` per shape. The unit vector is in inertial axes.
     """
     o = O.end * s
     kind, p, A, h = table[o + O.kind], o + O.place, o + O.axes, o + O.sizes

@@ -33,8 +33,9 @@ def product(lane, n, x: Lanes, y: Lanes):
 def store_columns(lane, model, par, state, u: Lanes, first, axes, room, S: Lanes, B):
     """Store B in S: column i is the amount by which a unit of force component i lowers the arm's residual.
 
-    u: inputs. first: index of the point's first entry in u. The residual is linear in the inputs, so that its
-    difference between u and u + e_i is exact.
+    u: inputs, i.e. joint torques (N m), then point loads.
+    first: index of the point's first entry in u. The residual is linear in the inputs, so that its difference between u
+    and u + e_i is exact.
     """
     n, rows = size(model.arm.n), size(room)
     inputs, still, moved = stack(lane, model.points), stack(lane, room), stack(lane, room)

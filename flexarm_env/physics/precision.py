@@ -77,8 +77,9 @@ def stiffnesses(
 ) -> list[Stiffness]:
     """Return one `Stiffness` for every stiffness in the forces of the formulation that the settings name.
 
-    factors: factors on EI, in space also on EI_y and GJ. damping: factor on tau_d. space: whether the scene is in
-    space.
+    factors: factors on EI, in space also on EI_y and GJ.
+    damping: factor on tau_d.
+    space: whether the scene is in space.
     """
     found, bending = [], factors.get("EI", 1.0)
     assert settings.dt is not None

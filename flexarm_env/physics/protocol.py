@@ -1,7 +1,7 @@
 """The contract of a formulation: the functions of a Model that integrator, runtime and derivatives call.
 
 A formulation consists of a NamedTuple class, the Model, and of kernels registered for this class (`register`). The
-compiler selects the kernels by the type of the Model. A Model contains arrays and numbers. It does not change after
+compiler selects the kernels by the type of the Model. A Model contains arrays and numbers that do not change after
 assembly.
 
 Fields of every Model
@@ -23,17 +23,17 @@ Recurring arguments
 
 Residual and Newton matrix
     residual(lane, model, par, state, u, r, S)
-        r <- M(q) a + h(q, v) + Phi_q^T lambda - B u, eq. [64]. S is scratch.
+        r <- M(q) a + h(q, v) + Phi_q^T lambda - B u, equation [64]. S is scratch.
     assemble(lane, model, par, state, u, weights, r, S)
-        The same r, and S <- weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq, eqs. [72]-[78].
+        The same r, and S <- weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq, equations [72]-[78].
         Columns of multipliers are scaled by weights.mass; `constraint_residual` writes their rows of r. With
         weights.with_matrix False only r is computed, and `solve` can still use the factors in S.
     inertia_forces(lane, model, par, turn, a, r)
         With turn = (start, q, share) first rotate the vectors in a by `share` times the rotation of their section from
         start to q. Then r <- M a, unless r is None. Only with `NewtonPolicy.period_correction`: M is constant.
     constraint_residual(lane, model, psi, state, level, scale, r)
-        Rows of multipliers of r <- scale * Phi (level 0), its first (1) or second (2) time derivative, eq. [65].
-        psi: prescribed motions.
+        Rows of multipliers of r <- scale * Phi (level 0), its first (1) or second (2) time derivative, equation [65].
+        psi: values and rates of prescribed motions.
     factor(lane, model, S), solve(lane, model, S, x)
         Factor S in place; x <- S^-1 x in place.
     add_stiffness(lane, model, S, k, x)
@@ -194,7 +194,7 @@ def added(lane, q: Lanes, share, d: Lanes, more: Lanes | None, k):
 
 @inlined
 def _add(lane, model, q: Lanes, share, d, more):
-    """Move coordinates without rotations by an increment: q <- q + share d + more (m, rad). Default of `retract`.
+    """Default of `retract`: move coordinates without rotations by an increment, q <- q + share d + more (m, rad).
 
     q, d, more: arrays of n rows; more = None means zero. share: factor on d.
     """
@@ -204,7 +204,7 @@ def _add(lane, model, q: Lanes, share, d, more):
 
 @inlined
 def _subtract(lane, model, start: Lanes, q: Lanes, d: Lanes):
-    """Compute the increment d <- q - start of coordinates without rotations. Default of `local_difference`.
+    """Default of `local_difference`: compute the increment d <- q - start of coordinates without rotations.
 
     start, q, d: n rows (m, rad).
     """
@@ -217,9 +217,9 @@ def mean_damping_power(lane, model, par, start, v0, end, v, x, h, S):
     """Return (mean dissipated power, excess or None), W, of a step of h (s); excess: see the last sentence.
 
     The step leads from coordinates `start` with rates v0 to `end` with rates v. x: mean rates. If q contains rotations,
-    the formulation's `damping_power` integrates over the step. Otherwise strains are nearly linear in q. The dissipated
-    power is then the mean of x^T C v at both ends, and the excess is None. S: matrix array of the step, in which
-    contacts store whether points touch, or None. The excess is the mean power of the damping forces minus the
+    the formulation's `damping_power` integrates over the step. Without rotations strains are nearly linear in q. The
+    dissipated power is then the mean of x^T C v at both ends, and the excess is None. S: matrix array of the step, in
+    which contacts store whether points touch, or None. The excess is the mean power of the damping forces minus the
     dissipated power.
     """
     if model.newton.rotations is not None or model.newton.contact is not None:
@@ -230,7 +230,7 @@ def mean_damping_power(lane, model, par, start, v0, end, v, x, h, S):
 
 @inlined
 def _linear_gauge(lane, model, q: Lanes, row):
-    """Return the reading of a strain gauge in the plane, the curvature row . q (1/m). Default of `strain_gauge`.
+    """Default of `strain_gauge`: return the reading of a strain gauge in the plane, the curvature row . q (1/m).
 
     row: weight of each coordinate in the curvature (from `gauges.curvature_rows`). q: coordinates (m, rad).
     """
@@ -242,22 +242,23 @@ def _linear_gauge(lane, model, q: Lanes, row):
 
 @kernel
 def _everywhere(lane, model, par, q):
-    """Return 0.0, the status of a valid state. Default of `out_of_range` for formulations that any deflection suits."""
+    """Default of `out_of_range`: return 0.0, the status of a valid state, for formulations valid at any deflection."""
     return 0.0
 
 
 @kernel
 def _by_assembling(lane, model, par, state, u, r, S):
-    """Compute the residual r, eq. [64], by `assemble` without a matrix. Default of `residual`.
+    """Default of `residual`: compute the residual r, equation [64], by `assemble` without a matrix.
 
-    r <- M a + h(q, v) + Phi_q^T lambda - B u, n rows (N, N m). state: q, v, a. u: inputs. S: scratch memory.
+    r <- M a + h(q, v) + Phi_q^T lambda - B u, n rows (N, N m). state: q, v, a. u: inputs, i.e. joint torques (N m),
+    then point loads. S: scratch memory.
     """
     assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
 
 
 @kernel
 def _transposed(lane, model, S, x):
-    """Solve S^T y = x in place, x <- y (n rows), with the factors in S. Default of `solve_transposed`.
+    """Default of `solve_transposed`: solve S^T y = x in place, x <- y (n rows), with the factors in S.
 
     The compiler derives this function from `solve`: the reverse derivative of a linear map is its transpose.
     """
@@ -301,8 +302,8 @@ def _vjp_product(lane, model, par, par_bar, state, u, weights, x, S, bar, u_bar,
 def _product(lane, model, par, state, u, weights, x, y: Lanes, S):
     """Assemble the matrix S at `state` and compute y <- S x (n rows).
 
-    S <- weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq, with the residual r of eq. [64]. u:
-    inputs.
+    S <- weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq, with the residual r of equation [64]. u:
+    inputs, i.e. joint torques (N m), then point loads.
     """
     assemble(lane, model, par, state, u, weights, y, S)
     for k in range(size(model.n)):

@@ -24,7 +24,7 @@ from .layout import READ
 
 @kernel
 def energy(lane, part, model, par, q, v, sums):
-    """Return sums (kinetic, strain, gravitational, J) plus the energy k d^(n + 1) / (n + 1) stored in contacts."""
+    """Return the energies `sums` (kinetic, strain, gravitational; J) plus k d^(n + 1) / (n + 1) of each contact."""
     kinetic, strain, gravity = sums
     y = stack(lane, model.points)
     protocol.input_displacements(lane, model.arm, par, q, y)
@@ -40,7 +40,7 @@ def energy(lane, part, model, par, q, v, sums):
 
 @kernel
 def damping_power(lane, part, model, par, q, v, x, total):
-    """Return total (W) plus the power, at virtual rates x, of the contacts' damping and friction forces at rates v."""
+    """Return total (W) plus the power, at virtual rates x, of damping and friction forces of contacts at rates v."""
     y = stack(lane, model.points)
     protocol.input_displacements(lane, model.arm, par, q, y)
     least = 1e300
@@ -68,10 +68,10 @@ def damping_power(lane, part, model, par, q, v, x, total):
 # --- readings ------------------------------------------------------------------------------------------
 @kernel
 def after_step(lane, part, model, par, q, v, S: Lanes, h):
-    """Store the `READING` of each point in S and add the forces times h (s) to its impulses.
+    """Store the `READING` of each point in S, and add the contact forces times h (s) to the point's impulses.
 
-    The forces at the end of a step count for the whole step. For a force that begins and ends at 0 the sum over the
-    steps equals the trapezoidal rule.
+    The forces at the end of a step count for the whole step. If a force begins and ends at 0, the sum over the steps
+    equals the trapezoidal rule.
     """
     if h == 0.0 or may_touch(lane, part, model, S):
         y, poses = stack(lane, model.points), stack(lane, part.poses)
@@ -91,7 +91,7 @@ def after_step(lane, part, model, par, q, v, S: Lanes, h):
 
 @kernel
 def _store_reading(lane, part, p, q, v, y: Lanes, poses: Lanes, h, S: Lanes):
-    """Store the `READING` of point p from input displacements y and task poses; add forces times h (s) to impulses."""
+    """Store the `READING` of point p from input displacements y and task poses; add forces * h (s) to its impulses."""
     velocity, spin = motion_of(lane, part, poses, p)
     least, normal, sliding = 1e300, 0.0, 0.0
     total, friction = Vector(0.0, 0.0, 0.0), Vector(0.0, 0.0, 0.0)
@@ -117,7 +117,7 @@ def _store_reading(lane, part, p, q, v, y: Lanes, poses: Lanes, h, S: Lanes):
 # --- assembly ------------------------------------------------------------------------------------------
 @kernel
 def respond(lane, model, par, state, u: Lanes, weights, part, r: Lanes, S, out):
-    """Write to out, for each point and axis, the generalized force of 1 N on the point and S^-1 times that force.
+    """Write to out, for each point and axis, the generalized force b of 1 N on the point and the solution S^-1 b.
 
     The function is not compiled. S: Newton matrix of the arm alone with fixed coordinates; out (points, axes, 2, n).
     """

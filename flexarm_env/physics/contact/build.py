@@ -1,4 +1,4 @@
-"""Assembly of contact: the record `Touching` of a scene's contacts, and whether the time step resolves them."""
+"""Assembly of contact: the record `Touching` of a scene's contacts, and a check that time steps resolve them."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def links_of(scene: Scene) -> list[int]:
 
 
 def loads_of(scene: Scene) -> list[PointLoad]:
-    """Return one point load of zero force for each point that may touch; its inputs receive the obstacles' forces."""
+    """Return one point load of zero force for each point that may touch; obstacles act through the loads' inputs."""
     return [PointLoad(k, "tip", constant(0.0)) for k in links_of(scene)]
 
 
 def obstacle_rows(scene: Scene) -> dict[str, TimeFunction]:
-    """Return the names of the rows for moving obstacles, in order, and the displacement (m) of each over time."""
+    """Return the displacement (m) over time of each moving obstacle, by the name of its row, in the order of rows."""
     return {
         f"obstacle{i}_{'xyz'[axis]}": function
         for i, contact in enumerate(scene.contacts)
@@ -48,10 +48,12 @@ def obstacle_rows(scene: Scene) -> dict[str, TimeFunction]:
 
 
 def touching(scene: Scene, inner: Any, entry: int, at: int, rows: int) -> tuple[Touching, Watch, int]:
-    """Return the contribution of the contacts, its `Watch` for the integrator, and the number of its entries in S.
+    """Return the contribution of contacts, its `Watch` for the integrator, and the number of its entries in S.
 
-    inner: Model of the arm alone. entry: index in the inputs u of the first point's entries. at: offset of the
-    contribution's entries in S. rows: number of rows of the Model; the last rows are those of moving obstacles.
+    inner: Model of the arm alone.
+    entry: index in the inputs u of the first point's entries.
+    at: offset of the contribution's entries in S.
+    rows: number of rows of the Model; the last rows are those of moving obstacles.
     """
     arm, contacts, links = scene.arm, scene.contacts, links_of(scene)
     space = 3 if scene.spatial else 2
@@ -87,11 +89,11 @@ def touching(scene: Scene, inner: Any, entry: int, at: int, rows: int) -> tuple[
 
 
 def _levers(inner: Any, count: int, rows: int, moving: int) -> Array | None:
-    """Return `Touching.levers` of an elastica in the plane, whose last `count` point loads are the contact points.
+    """Return `Touching.levers` for an elastica in the plane; its last `count` point loads are the contact points.
 
-    With unit tangents e_j of the nodes a point is at (x, y) + sum_j (arm_j - beta_j) e_j, and e_j moves by at most the
+    With the unit tangents e_j of the nodes, a point is at (x, y) + sum_j (arm_j - beta_j) e_j. e_j moves by at most the
     change of its angle. (x, y) are the last two rows of an arm whose root can move. The last `moving` of all rows are
-    displacements of obstacles. None for other formulations.
+    displacements of obstacles. For other formulations the result is None.
     """
     if not isinstance(inner, Elastica) or inner.loads is None:
         return None
@@ -116,24 +118,24 @@ def _levers(inner: Any, count: int, rows: int, moving: int) -> Array | None:
 
 
 def _extent(scene: Scene) -> float:
-    """Return `Touching.extent`: a bound of the coordinates (m) of points and obstacles."""
+    """Return `Touching.extent`, an upper bound (m) of the coordinates of points and obstacles."""
     place = np.concatenate([np.ravel(scene.position), *(contact.obstacle.place for contact in scene.contacts)])
     return float(scene.arm.total_length + np.abs(place).sum())
 
 
 STEPS = 8.0
-"""Least number of time steps in an impact at `Contact.speed`."""
+"""Smallest allowed number of time steps during an impact at `Contact.speed`."""
 
 
 RELEASE = 20.0
-"""Largest speed, as a multiple of `Contact.speed`, with which an obstacle may eject an arm that begins inside it."""
+"""Largest speed, as a multiple of `Contact.speed`, with which an obstacle may eject an arm that starts inside it."""
 
 
 def duration(contact: Contact, mass: float) -> float:
-    """Return the duration (s) of the undamped impact of a mass (kg) that hits the obstacle at `contact.speed`.
+    """Return the duration (s) of an undamped impact, in which a mass (kg) hits the obstacle at `contact.speed`.
 
-    T = c d / v with the largest penetration d = ((n + 1) m v^2 / (2 k))^(1 / (n + 1)) and c = 2 int_0^1 (1 - x^(n +
-    1))^(-1/2) dx: pi for n = 1, 2.94 for n = 1.5 (Hertz).
+    T = c d / v with the largest penetration d = ((n + 1) m v^2 / (2 k))^(1 / (n + 1)). The factor c = 2 int_0^1 (1 -
+    x^(n + 1))^(-1/2) dx is pi for n = 1 and 2.94 for n = 1.5 (Hertz).
     """
     power = contact.exponent + 1.0
     depth = (0.5 * power * mass * contact.speed**2 / contact.stiffness) ** (1.0 / power)
@@ -142,16 +144,16 @@ def duration(contact: Contact, mass: float) -> float:
 
 
 def largest_stiffness(contact: Contact, mass: float, dt: float) -> float:
-    """Return the stiffness (N/m^n) with which an impact (`duration`) lasts `STEPS` time steps of dt (s)."""
+    """Return the stiffness (N/m^n) for which an impact (see `duration`) lasts `STEPS` time steps of dt (s)."""
     return float(contact.stiffness * (duration(contact, mass) / (STEPS * dt)) ** (contact.exponent + 1.0))
 
 
 def effective_masses(system: System, dt: float) -> Array:
-    """Return the smallest effective mass (kg), in any direction, of each point that may touch, for a step dt (s).
+    """Return the effective mass (kg) of each point that may touch: the smallest over all directions, for a step dt (s).
 
-    The mass is 1 / (c_m b^T S^-1 b) with the generalized force b of 1 N on the point and the Newton matrix S = c_m M +
-    c_v C + K of the arm at its start. The effective mass is the inertia that a point shows in one step. Links bend away
-    from a sudden force, so the mass is less than with rigid links, and a shorter step gives a smaller mass.
+    The mass is 1 / (c_m b^T S^-1 b), with the generalized force b of 1 N on the point and the Newton matrix S = c_m M +
+    c_v C + K of the arm at its start. The effective mass is the inertia of the point in one step. Links bend away from
+    a sudden force. The mass is therefore smaller than with rigid links, and decreases with the step.
     """
     model = system.model
     part = _touching_part(system)
@@ -167,12 +169,12 @@ def effective_masses(system: System, dt: float) -> Array:
 
 
 def _touching_part(system: System) -> Touching:
-    """Return the contribution of contacts of an assembled scene that has them."""
+    """Return the contribution of contacts in an assembled scene with contacts."""
     return next(part for part in system.model.contributions if isinstance(part, Touching))
 
 
 def with_masses(scene: Scene, settings: Settings, system: System) -> System:
-    """Return the System with its points' effective masses filled in; without contacts return `system` itself."""
+    """Return the System with the effective masses of its contact points; without contacts return `system` itself."""
     if not scene.contacts:
         return system
     assert settings.dt is not None
@@ -182,14 +184,14 @@ def with_masses(scene: Scene, settings: Settings, system: System) -> System:
 
 
 def largest_speed(contact: Contact, end: float) -> float:
-    """Return the largest speed (m/s) of the obstacle from 0 to `end` (s), at 1000 instants; 0 if it does not move."""
+    """Return the largest speed (m/s) of an obstacle from 0 to `end` (s), sampled at 1000 instants; 0 if it is fixed."""
     t = np.linspace(0.0, end, 1000)
     rates = [np.asarray(function(t, 1)) for _, function in contact.displacements]
     return float(np.sqrt(sum((rate**2 for rate in rates), np.zeros(1))).max())
 
 
 def start_depths(system: System) -> Array:
-    """Return the penetration (m) of each point into each obstacle at the start; 0 without contact."""
+    """Return the penetration (m) of each point into each obstacle at the start; 0 for points without contact."""
     model, part = system.model, _touching_part(system)
     n, y = size(model.arm.n), np.zeros(size(model.n_inputs))
     uncompiled(protocol.input_displacements)(SINGLE, model.arm, system.par, system.q0[:n].copy(), y)
@@ -202,15 +204,15 @@ def start_depths(system: System) -> Array:
 
 
 def check_steps(scene: Scene, settings: Settings, system: System, start: bool = False) -> None:
-    """Check that time steps resolve all contacts of an assembled scene: an impact lasts at least `STEPS` of them.
+    """Check that time steps resolve all contacts of an assembled scene: an impact lasts at least `STEPS` steps.
 
     Steps fitted to a tolerance (`step_tolerance`) are not checked.
 
     start: True to check also points that are inside an obstacle at the start. The energy k d^(n + 1) / (n + 1) of their
-        penetration d is that of an impact at the speed with which they leave.
+        penetration d determines the speed of the corresponding impact, with which they leave.
 
     Raises:
-        ValueError: names the contact, the largest stiffness and the longest step.
+        ValueError: the steps are too long. The message names the contact, the largest stiffness and the longest step.
     """
     if not scene.contacts or settings.step_tolerance is not None:
         return

@@ -1,12 +1,12 @@
-"""Clearance: tests that no point touches an obstacle, without computing the points' distances.
+"""Clearance: tests that show, without computing the points' distances, that no point touches an obstacle.
 
 A lower bound of the distances at coordinates q follows from the distances at reference coordinates q_r:
 
     d(q) >= min d(q_r) - sum_k levers_k |q_k - q_r,k|
 
-A point moves by at most levers_k for a change of coordinate k by 1, and distances change by at most the motion of the
-point. Where the bound is positive all forces of obstacles are exactly 0. Results therefore have the same bits with and
-without these tests.
+If coordinate k changes by 1, a point moves by at most levers_k. A distance changes by at most the motion of the point.
+If the bound is positive, all forces of obstacles are exactly 0. Results therefore have the same bits with and without
+these tests.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ _reference = kernel(REFERENCE.offsets)
 _here = kernel(HERE.offsets)
 
 _FAR = 1e-3
-"""A point whose gap in the last Newton iterate exceeds this share of `Watch.reach` does not touch at the end of the
-step. `Watch.reach` bounds a point's displacement per weighted increment of 1."""
+"""If the gap of a point in the last Newton iterate exceeds this fraction of `Watch.reach`, the point does not touch at
+the end of the step. `Watch.reach` bounds a point's displacement for a weighted increment of 1."""
 _ROUND_OFF = 1e-12
-"""Round-off of a distance as a share of the distance and of `Touching.extent`: at least a thousand units."""
+"""Round-off of a distance as a fraction of the distance and of `Touching.extent`: at least a thousand units."""
 
 
 @kernel
 def _reference_of(part):
-    """Return the offsets in S of the fields of `REFERENCE`, which follow those of the points."""
+    """Return the offsets in S of the fields of `REFERENCE`, which follow the fields of the points."""
     n = size(part.room)
     return _reference(part.at + len(part.points) * _here(0, len(part.axes), n).end, n)
 
 
 @kernel
 def forget_clearance(lane, part, S: Lanes):
-    """Discard the reference: the next test computes the points' distances."""
+    """Discard the reference, so that the next test computes the points' distances."""
     if part.levers is not None:
         S[_reference_of(part).clearance] = 0.0
 
 
 @kernel
 def _measure(lane, part, model, par, q: Lanes, S: Lanes):
-    """Store the gaps of all points at q in S and make q the reference; return the least gap, m."""
+    """Store the gaps of all points at q in S, make q the reference, and return the smallest gap, m."""
     y, least = stack(lane, model.points), 1e300
     protocol.input_displacements(lane, model.arm, par, q, y)
     for p in range(len(part.points)):
@@ -61,7 +61,7 @@ def _measure(lane, part, model, par, q: Lanes, S: Lanes):
 
 @kernel
 def _clearance(lane, part, q: Lanes, S: Lanes):
-    """Return a lower bound (m) of the points' distances from obstacles at q; not positive without a reference."""
+    """Return a lower bound (m) of the points' distances from obstacles at q, not positive without a reference."""
     at = _reference_of(part)
     far = S[at.clearance]
     for k in range(size(part.room)):
@@ -71,7 +71,7 @@ def _clearance(lane, part, q: Lanes, S: Lanes):
 
 @kernel
 def _is_clear(lane, part, q, S: Lanes):
-    """Return whether no point touches in any lane, by the bound, which is then stored as the gap of all points."""
+    """Return whether the bound shows that no point touches in any lane; then store the bound as gap of all points."""
     if part.levers is None:
         return False
     far = _clearance(lane, part, q, S)
@@ -96,7 +96,7 @@ def may_touch(lane, part, model, S: Lanes):
 
 @kernel
 def _start_account(lane, part, model, par, q, S: Lanes):
-    """Store the penetration of each point at coordinates q in S, or a bound of it where no point touches."""
+    """Store the penetration of each point at coordinates q in S, or a bound of it if no point touches."""
     if not _is_clear(lane, part, q, S):
         _measure(lane, part, model, par, q, S)
     for p in range(len(part.points)):
@@ -107,9 +107,11 @@ def _start_account(lane, part, model, par, q, S: Lanes):
 def acts(lane, part, model, par, q, S, instant):
     """Return whether a point may touch in any lane at coordinates q.
 
-    instant: None: True. ITERATE: by the clearance; then the gaps in S are distances or a lower bound of the distances.
-    STEP_START: by the readings in S, which are those of the step before until `after_step`. STEP_END: by the gaps of
-    the last iterate. STEPS_START: by the clearance, or the distances; stores the readings for STEP_START.
+    The value of `instant` selects the test. None: always True.
+    ITERATE: by the clearance; the gaps in S are then distances or a lower bound of distances.
+    STEP_START: by the readings in S, which are those of the previous step until `after_step`.
+    STEP_END: by the gaps of the last iterate.
+    STEPS_START: by the clearance or the distances; stores the readings for STEP_START.
     """
     if instant is None:
         return True
@@ -144,7 +146,7 @@ def _touched(lane, part, S: Lanes):
 
 @kernel
 def measure_near(lane, part, model, par, q, S: Lanes, increment):
-    """Store the gaps at the iterate q if the gaps in S are a bound and a point may reach an obstacle by the increment.
+    """Store the gaps at iterate q if the gaps in S are a bound and the increment may bring a point to an obstacle.
 
     `least_contraction` compares the gaps with `Watch.reach` times the increment.
     """

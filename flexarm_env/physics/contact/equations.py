@@ -1,10 +1,10 @@
-"""Contact as a contribution (`physics.contributions`): forces at points, their block of the matrix, energy, damping.
+"""Contact as a contribution (`physics.contributions`): forces at points, matrix block, energy and damping.
 
 The forces of all obstacles on a point act through the point's entries in the arm's inputs. The derivative of the forces
 adds the block B K B^T to the matrix, which is applied to solutions (`physics.point_block`).
 
-While no point touches, only the points' places and distances are computed. In lanes, arms that do not touch get
-forces and blocks of 0.
+While no point touches, only the points' positions and distances are computed. In lanes, arms without contact get forces
+and blocks of 0.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def point_forces(lane, part, model, par, state, S: Lanes, inputs: Lanes):
 
 @kernel
 def _store_friction(lane, part, p, o, met, S: Lanes):
-    """Store bound mu F_n, normal and sliding velocity of obstacle o where its bound is the largest for point p."""
+    """Store friction bound mu F_n, normal, sliding velocity of obstacle o if its bound is the largest for point p."""
     at = here_of(part, p)
     bound, before = met.grip * met.regular, S[at.bound]
     for k in range(3):
@@ -60,9 +60,10 @@ def _store_friction(lane, part, p, o, met, S: Lanes):
 
 @kernel
 def _store_reactions(lane, part, model, par, state, r: Lanes, S: Lanes):
-    """Write the rows of moving obstacles in r: the sum of the obstacle's forces on the arm, N.
+    """Write the rows of moving obstacles in r: the sum (N) of the forces that the obstacle exerts on the arm.
 
-    The rows are prescribed, so the energy account finds the work of these forces as that of other motions.
+    Rows of moving obstacles are prescribed. The energy account therefore adds the work of these forces like that of
+    other motions.
     """
     for i in range(part.moving.shape[0]):
         if part.moving[i] >= 0:
@@ -94,7 +95,7 @@ def inertia_forces(lane, part, model, par, a: Lanes, r: Lanes):
 # --- the block of the matrix ---------------------------------------------------------------------------
 @kernel
 def assemble(lane, part, model, par, state, u: Lanes, weights, r, S: Lanes):
-    """With weights.with_matrix store B and K of each point that touches; `point_forces` has stored the gaps.
+    """With weights.with_matrix, store B and K of each touching point. `point_forces` has stored the gaps before.
 
     Rows of moving obstacles in r receive the forces that move the obstacles.
     """
@@ -119,12 +120,12 @@ def assemble(lane, part, model, par, state, u: Lanes, weights, r, S: Lanes):
 
 @kernel
 def _store_stiffness(lane, part, p, weights, q, v, y: Lanes, poses: Lanes, S: Lanes):
-    """Store K of point p: minus the derivative of its force by its displacement, including its rate.
+    """Store K of point p: minus the derivative of its force by its displacement, including the rate of displacement.
 
-    With N the normal, A the map from the point's motion to the sliding velocity w and e = w / sqrt(|w|^2 + v_s^2), each
+    N is the normal, A the map from the point's motion to the sliding velocity w, and e = w / sqrt(|w|^2 + v_s^2). Each
     obstacle adds k' N N^T - mu k' A^T e N^T + c A^T (1 - e e^T) A, where k' = weights.stiffness dF_n/dd +
-    weights.damping dF_n/d(dd/dt) and c = weights.damping mu F_n / sqrt(|w|^2 + v_s^2). With weights.friction_apart the
-    obstacle with the largest friction adds the first term alone, and `friction.solve_friction` solves for its friction.
+    weights.damping dF_n/d(dd/dt) and c = weights.damping mu F_n / sqrt(|w|^2 + v_s^2). With weights.friction_apart, the
+    obstacle with the largest friction adds only the first term. `friction.solve_friction` solves for its friction.
     """
     at, axes = here_of(part, p), len(part.axes)
     for j in range(axes * axes):
@@ -162,7 +163,7 @@ def _store_stiffness(lane, part, p, weights, q, v, y: Lanes, poses: Lanes, S: La
 
 @kernel
 def _tangential(part, p, normal, i, j):
-    """Return entry (i, j) of A^T A."""
+    """Return entry (i, j) of A^T A, where A maps the point's motion to the sliding velocity."""
     return dot(column_of_slip(part, p, normal, i), column_of_slip(part, p, normal, j))
 
 
@@ -192,9 +193,9 @@ def before_factor(lane, part, model, S: Lanes):
 
 @kernel
 def after_factor(lane, part, model, S: Lanes):
-    """Compute W = S^-1 B and C = (1 + K B^T W)^-1 K of each touching point.
+    """Compute W = S^-1 B and C = (1 + K B^T W)^-1 K for each touching point.
 
-    For each point, the solution with S already includes the blocks of the points before it.
+    For each point, the solution with S already includes the blocks of the preceding points.
     """
     for p in range(len(part.points)):
         at = here_of(part, p)
@@ -245,9 +246,9 @@ def after_solve(lane, part, model, S: Lanes, x, transposed):
 
 @kernel
 def correct_increment(lane, part, model, S: Lanes, x: Lanes, fresh):
-    """Correct x = S^-1 r by the friction of each touching point in turn (`friction.solve_friction`).
+    """Correct x = S^-1 r by the friction of each touching point, one after another (`friction.solve_friction`).
 
-    fresh: True if S has new factors; V = S^-1 B and D = B^T V are then computed first.
+    fresh: True if S has new factors. V = S^-1 B and D = B^T V are then computed first.
     """
     axes, n = len(part.axes), size(part.room)
     for p in range(len(part.points)):

@@ -1,13 +1,13 @@
-"""Friction of a point on an obstacle, solved for in each Newton iteration beside the linear system (theory, (6.9)).
+"""Friction of a point on an obstacle, which each Newton iteration solves separately from the linear system (6.9).
 
-Near rest the regularized law is so steep that Newton's iteration with the law's derivative alternates between both
+Near rest the regularized law is so steep that Newton's iteration with the law's derivative would alternate between both
 directions of sliding. Therefore the residual contains the friction force F_k of the present iterate, but the matrix S
-does not contain its derivative. The solution x = S^-1 r is linear in a change of the force. The remaining sliding
-velocity w follows from the force F(w) on the point:
+does not contain the force's derivative. The solution x = S^-1 r is linear in a change of the force. The remaining
+sliding velocity w follows from the force F(w) on the point:
 
     w = w_k - c_v A B^T x + c_v G (F(w) - F_k),   G = A B^T S^-1 B A^T,   F(w) = -mu F_n w / sqrt(|w|^2 + v_s^2)
 
-The equation for the three components of w has one solution, which bisection for s = sqrt(|w|^2 + v_s^2) finds.
+The equation for the three components of w has a unique solution. Bisection for s = sqrt(|w|^2 + v_s^2) finds it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _NINE = (0,) * 9
 
 @kernel
 def component(part, force, moment, i):
-    """Return component i of the generalized force (force, moment) on a point, in the order of the arm's inputs."""
+    """Return component i of the generalized force (force, moment) on a point; order: that of the arm's inputs."""
     axes = len(part.space)
     if i < axes:
         return force[0] if i == 0 else (force[1] if i == 1 else force[2])
@@ -34,7 +34,7 @@ def component(part, force, moment, i):
 
 @kernel
 def unit_entry(i, k):
-    """Return 1.0 where i = k, otherwise 0.0."""
+    """Return 1.0 if i = k, otherwise 0.0."""
     return 1.0 if i == k else 0.0
 
 
@@ -46,7 +46,7 @@ def unit_vector(i):
 
 @kernel
 def column_of_slip(part, p, n, i):
-    """Return column i of A, a `Vector`: the sliding velocity when component i of the point's motion has rate 1."""
+    """Return column i of A as a `Vector`: the sliding velocity if component i of the point's motion has rate 1."""
     axes, radius = len(part.space), part.radii[p]
     if i < axes:
         normal = n[0] if i == 0 else (n[1] if i == 1 else n[2])
@@ -57,7 +57,7 @@ def column_of_slip(part, p, n, i):
 
 @kernel
 def _velocity(u0, u1, u2, i1, i2, i3, stiffness):
-    """Return (1 + c G)^-1 p at c = stiffness; u0, u1, u2: p, tr(G) p - G p, adj(G) p; i1, i2, i3: invariants of G.
+    """Return (1 + c G)^-1 p for c = stiffness; u0, u1, u2: p, tr(G) p - G p, adj(G) p; i1, i2, i3: invariants of G.
 
     By Cayley and Hamilton (1 + c G)^-1 = (1 + c (tr(G) - G) + c^2 adj(G)) / (1 + c i1 + c^2 i2 + c^3 i3).
     """
@@ -68,7 +68,7 @@ def _velocity(u0, u1, u2, i1, i2, i3, stiffness):
 
 @kernel
 def solve_friction(lane, part, p, at, S: Lanes, change: Lanes):
-    """Solve for the friction of point p; change holds B^T x, then the change of the generalized force on the point.
+    """Solve for the friction of point p. `change` contains B^T x, then the change of the generalized force on p.
 
     # in        at: offsets in S of the point's `HERE`: D, bound, creep, normal, slip, rate
     """

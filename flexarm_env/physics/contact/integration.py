@@ -1,6 +1,6 @@
 """Functions of contacts that integrator and runtime call (`NewtonPolicy.contact`); no-ops without contacts.
 
-Near an obstacle the residual is not smooth; `least_contraction` accounts for this in the convergence test. At the end
+Near an obstacle the residual is not smooth. `least_contraction` accounts for this in the convergence test. At the end
 of each step `record_contacts` stores readings and adds up impulses.
 """
 
@@ -14,11 +14,12 @@ from .layout import READ
 
 @kernel
 def least_contraction(lane, contact, S: Lanes, first, increment, theta):
-    """Return the contraction theta of an iteration, at least 1/2 where the increment may change which points touch.
+    """Return the contraction theta of an iteration, but at least 1/2 if the increment may change which points touch.
 
-    S holds the gaps before the increment. A point moves by at most `reach` times the weighted increment. In the first
-    iteration of a step (first True) theta is at least 1/2 also where a point touches, because the remaining error is
-    not known. contact: `Watch`, or None in a model without contacts, for which theta is returned unchanged.
+    S contains the gaps before the increment. A point moves by at most `reach` times the weighted increment. In the
+    first iteration of a step (first True) theta is also at least 1/2 if a point touches, because the remaining error is
+    not known.
+    contact: `Watch`, or None in a model without contacts; theta is then returned unchanged.
     """
     if contact is None:
         return theta
@@ -32,9 +33,9 @@ def least_contraction(lane, contact, S: Lanes, first, increment, theta):
 
 @kernel
 def measure_near_contacts(lane, model, par, q, S, increment):
-    """Replace lower bounds of distances in S by the distances at the iterate q where `least_contraction` needs them.
+    """Replace lower bounds of distances in S by the distances at iterate q, if `least_contraction` needs distances.
 
-    increment: weighted increment, which is applied next.
+    increment: weighted increment that will be applied next.
     """
     if model.newton.contact is not None:
         for part in model.contributions:
@@ -43,7 +44,7 @@ def measure_near_contacts(lane, model, par, q, S, increment):
 
 @kernel
 def apply_contact_friction(lane, model, S, x, fresh):
-    """Correct a Newton iteration's solution x = S^-1 r by the friction of contacts; fresh: True for new factors S."""
+    """Correct a Newton iteration's solution x = S^-1 r by friction of contacts; fresh: True if S has new factors."""
     if model.newton.contact is not None:
         for part in model.contributions:
             contributions.correct_increment(lane, part, model, S, x, fresh)
@@ -51,7 +52,7 @@ def apply_contact_friction(lane, model, S, x, fresh):
 
 @kernel
 def record_contacts(lane, model, par, q, v, S, h):
-    """Store the `READING` of each point at the state q, v in S; add the forces times h (s) to its impulses.
+    """Store the `READING` of each point at the state q, v in S; add contact forces times h (s) to the impulses.
 
     The integrator calls the function after each step h. With h = 0 it stores the readings of a state between steps.
     """
@@ -62,7 +63,7 @@ def record_contacts(lane, model, par, q, v, S, h):
 
 @kernel
 def start_contact_account(lane, model, par, q, S):
-    """Store the penetrations of all points at coordinates q in S: the start of the energy account's first step."""
+    """Store the penetrations of all points at coordinates q in S, at the start of the energy account's first step."""
     if model.newton.contact is not None:
         for part in model.contributions:
             contributions.acts(lane, part, model, par, q, S, STEPS_START)

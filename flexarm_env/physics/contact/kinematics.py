@@ -1,4 +1,4 @@
-"""Points that may touch: their offsets in S, position and motion, distance from obstacles, and an obstacle's force."""
+"""Points that may touch: their offsets in S, position, motion, distance from obstacles, and the obstacles' forces."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _here = kernel(HERE.offsets)
 
 @kernel
 def here_of(part, p):
-    """Return the offsets in S of the fields of point p's `HERE` (gap, forces and matrix entries of the point)."""
+    """Return the offsets in S of the fields of point p's record `HERE` (gap, forces and matrix entries)."""
     axes, n = len(part.axes), size(part.room)
     first = _here(0, axes, n)
     return _here(part.at + p * first.end, axes, n)
@@ -22,7 +22,7 @@ def here_of(part, p):
 
 @kernel
 def obstacle_count(part):
-    """Return the number of obstacles in the contribution `part`."""
+    """Return the number of obstacles in the contribution `part` of contacts."""
     return part.meets.shape[0] // len(part.points)
 
 
@@ -51,10 +51,10 @@ def motion_of(lane, part, poses: Lanes, p):
 
 @kernel
 def less_obstacle(lane, part, o, rows: Lanes, vector):
-    """Return `vector` less the displacement or velocity of obstacle o, whose components are entries of `rows`.
+    """Return `vector` minus the displacement or velocity of obstacle o, whose components are entries of `rows`.
 
-    rows: q if `vector` is a position (m), v if `vector` is a velocity (m/s). If no obstacle moves (part.moving is
-    None), `vector` is returned.
+    rows: q if `vector` is a position (m), v if `vector` is a velocity (m/s). If part.moving is None (no obstacle
+    moves), the function returns `vector`.
     """
     if part.moving is None:
         return vector
@@ -67,9 +67,11 @@ def less_obstacle(lane, part, o, rows: Lanes, vector):
 
 @kernel
 def meeting(lane, part, p, o, q: Lanes, v: Lanes, place, velocity, spin):
-    """Return the `Meeting` of point p with obstacle o, with the point's motion relative to the obstacle.
+    """Return the `Meeting` of point p with obstacle o, from the point's motion relative to the obstacle.
 
-    place (m), velocity (m/s), spin (rad/s): motion of the point, inertial axes; q, v: coordinates and rates.
+    place (m), velocity (m/s), spin (rad/s): motion of the point, inertial axes.
+    q: coordinates of the arm.
+    v: rates of coordinates.
     """
     place, velocity = less_obstacle(lane, part, o, q, place), less_obstacle(lane, part, o, v, velocity)
     return meet(part, p, o, place, velocity, spin)
@@ -116,7 +118,7 @@ def any_touches(lane, part, S: Lanes):
 
 @kernel
 def wrench(part, p, met):
-    """Return force (N) and moment about the point (N m) of a `Meeting` on the arm, two `Vector`s in inertial axes."""
+    """Return the force (N) and the moment about the point (N m) of a `Meeting` on the arm, in inertial axes."""
     friction = met.slip * -met.grip
     # the friction force acts on the sphere's surface, at -r n
     return met.normal * met.force + friction, cross(met.normal, friction) * -part.radii[p]

@@ -2,8 +2,8 @@
 
     F_n = max(0, k d^n (1 + 3/2 alpha dd/dt)),    F_t = -mu F_n w / sqrt(|w|^2 + v_s^2)          theory, (6.8)
 
-d: penetration, w: sliding velocity of the sphere's surface in the tangent plane. Vectors (`space.rotations.Vector`)
-are in inertial axes, in the plane with z = 0.
+d is the penetration, w the sliding velocity of the sphere's surface in the tangent plane. Vectors
+(`space.rotations.Vector`) are in inertial axes; in the plane z = 0.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from .layout import LAWS
 class Meeting(NamedTuple):
     """Contact of a point and an obstacle: geometry, rates, and forces on the arm (0 in lanes without contact)."""
 
-    gap: Any  # m, signed distance of the sphere's surface, negative where it penetrates
-    normal: Any  # `Vector` out of the obstacle
-    slip: Any  # `Vector`, m/s: sliding velocity w
+    gap: Any  # m: signed distance of the sphere's surface, negative if it penetrates
+    normal: Any  # `Vector`: unit normal that points out of the obstacle
+    slip: Any  # m/s, `Vector`: sliding velocity w
     force: Any  # N: normal force F_n
-    elastic: Any  # N: its part k d^n, the derivative of the stored energy
-    stored: Any  # J: k d^(n + 1) / (n + 1)
-    stiffness: Any  # N/m: derivative of F_n by d
-    damper: Any  # N s/m: derivative of F_n by dd/dt
-    grip: Any  # N s/m: mu F_n / sqrt(|w|^2 + v_s^2), so that F_t = -grip w
-    sliding: Any  # m/s: |w|
-    regular: Any  # m/s: sqrt(|w|^2 + v_s^2)
+    elastic: Any  # N: elastic part k d^n of F_n, the derivative of the stored energy
+    stored: Any  # J: stored energy k d^(n + 1) / (n + 1)
+    stiffness: Any  # N/m: derivative of F_n by the penetration d
+    damper: Any  # N s/m: derivative of F_n by the rate dd/dt
+    grip: Any  # N s/m: mu F_n / sqrt(|w|^2 + v_s^2), so that the friction is F_t = -grip w
+    sliding: Any  # m/s: sliding speed |w|
+    regular: Any  # m/s: regularized sliding speed sqrt(|w|^2 + v_s^2)
 
 
 @kernel
 def _power(x, root, halves):
-    """Return x^(halves / 2) for an integer `halves` from 0 to 6, x >= 0; root: the square root of x."""
+    """Return x^(halves / 2) for x >= 0 and an integer `halves` from 0 to 6; root: the square root of x."""
     y = x * 0.0 + 1.0
     for _ in range(halves // 2):
         y = y * x
@@ -45,13 +45,13 @@ def _power(x, root, halves):
 
 @kernel
 def slip_velocity(radius, normal, velocity, spin):
-    """Return the velocity (m/s) of the sphere's lowest point -r n in the tangent plane, v - n (n . v) + r n x omega."""
+    """Return the velocity (m/s) of the sphere's lowest point -r n in the tangent plane: v - n (n . v) + r n x omega."""
     return velocity - normal * dot(normal, velocity) + cross(normal, spin) * radius
 
 
 @kernel
 def meet(part, p, o, place, velocity, spin):
-    """Return the `Meeting` of point p with obstacle o; place (m), velocity (m/s) and spin (rad/s) of the point."""
+    """Return the `Meeting` of point p with obstacle o. place (m), velocity (m/s), spin (rad/s): motion of the point."""
     law, radius = LAWS.end * o, part.radii[p]
     far, nx, ny, nz = distance_and_normal(part.shapes, o, place[0], place[1], place[2])
     gap, normal = far - radius, Vector(nx, ny, nz)
@@ -78,5 +78,5 @@ def meet(part, p, o, place, velocity, spin):
 
 @kernel
 def gap_of(part, p, o, place):
-    """Return the signed distance (m) of the sphere of point p at `place` (m) from obstacle o."""
+    """Return the signed distance (m) of obstacle o from the sphere about point p; the point is at `place` (m)."""
     return distance_and_normal(part.shapes, o, place[0], place[1], place[2])[0] - part.radii[p]

@@ -10,9 +10,9 @@ from ...layout import Field, Layout
 
 LAW = Layout(
     "ContactLaw", "",
-    Field("stiffness", (), "N/m^n", "k of the normal force k d^n (1 + 3/2 alpha dd/dt) at penetration d"),
-    Field("halves", (), "", "2 n, twice the exponent: 2, 3, 4, 5 or 6"),
-    Field("damping", (), "s/m", "alpha"),
+    Field("stiffness", (), "N/m^n", "k of the normal force k d^n (1 + 3/2 alpha dd/dt); d: penetration"),
+    Field("halves", (), "", "2 n, twice the exponent n: 2, 3, 4, 5 or 6"),
+    Field("damping", (), "s/m", "alpha, damping coefficient of the normal force"),
     Field("friction", (), "", "mu, coefficient of friction"),
     Field("creep", (), "m/s", "v_s, sliding speed at which friction reaches 0.71 mu times the normal force"),
 )  # fmt: skip
@@ -21,10 +21,10 @@ LAWS = LAW.places
 READING = Layout(
     "ContactReading", "",
     Field("normal", (), "N", "sum of the normal forces of all obstacles on the point"),
-    Field("tangential", (), "N", "magnitude of the sum of the friction forces"),
-    Field("penetration", (), "m", "largest penetration; negative: at most the least distance from obstacles"),
-    Field("sliding", (), "m/s", "sliding speed on the obstacle that is penetrated most, or is nearest"),
-    Field("force", (3,), "N", "force on the arm, inertial axes"),
+    Field("tangential", (), "N", "magnitude of the sum of the friction forces of all obstacles"),
+    Field("penetration", (), "m", "largest penetration; if negative, a bound of minus the least distance"),
+    Field("sliding", (), "m/s", "sliding speed on the obstacle that is penetrated most or is nearest"),
+    Field("force", (3,), "N", "force of all obstacles on the arm, inertial axes"),
     Field("impulse", (), "N s", "time integral of the normal force since `reset_impulses`"),
     Field("friction", (), "N s", "time integral of the friction force's magnitude since `reset_impulses`"),
     Field("peak", (), "N", "largest normal force at the end of a step since `reset_impulses`"),
@@ -34,15 +34,15 @@ READ = READING.places
 
 HERE = Layout(
     "ContactPoint", "axes, n",
-    Field("reading", (READING.length,), "", "a `READING`"),
-    Field("gap", (), "m", "distance between point and nearest obstacle, negative where they touch"),
-    Field("bound", (), "N", "largest mu F_n of all obstacles; `solve_friction` solves for that friction"),
-    Field("creep", (), "m/s", "v_s of that obstacle"),
-    Field("normal", (3,), "", "its normal"),
-    Field("slip", (3,), "m/s", "sliding velocity w on it"),
+    Field("reading", (READING.length,), "", "readings of the point, a `READING`"),
+    Field("gap", (), "m", "distance between point and nearest obstacle, negative if they touch"),
+    Field("bound", (), "N", "largest mu F_n over all obstacles; `solve_friction` solves for this friction"),
+    Field("creep", (), "m/s", "v_s of the obstacle with the largest mu F_n"),
+    Field("normal", (3,), "", "normal of this obstacle"),
+    Field("slip", (3,), "m/s", "sliding velocity w on this obstacle"),
     Field("active", (), "", "1: the matrix has a block of this point"),
-    Field("rate", (), "1/s", "c_v of the matrix where it lacks that friction; 0: the matrix has it"),
-    Field("K", ("axes", "axes"), "N/m", "minus the derivative of the force by the point's displacement, with weights"),
+    Field("rate", (), "1/s", "c_v of the matrix if it does not contain this friction; otherwise 0"),
+    Field("K", ("axes", "axes"), "N/m", "minus the derivative of the force by the point's displacement, times weights"),
     Field("C", ("axes", "axes"), "N/m", "(1 + K B^T W)^-1 K"),
     Field("work", ("axes", "axes"), "", "scratch"),
     Field("B", ("axes", "n"), "", "columns: generalized forces on the arm of a unit force on the point"),
@@ -57,32 +57,32 @@ rows of the Model."""
 REFERENCE = Layout(
     "ClearanceReference", "n",
     Field("bounded", (), "", "1: the gaps of the points are a lower bound of their distances"),
-    Field("clearance", (), "m", "least distance of a point from an obstacle at q, less round-off; 0: no reference"),
+    Field("clearance", (), "m", "least distance of a point from an obstacle at q, minus round-off; 0: no reference"),
     Field("q", ("n",), "m, rad", "reference coordinates"),
 )  # fmt: skip
-"""`REFERENCE`: entries behind those of the points in S, from which `clearance` bounds distances."""
+"""`REFERENCE`: entries after those of the points in S, from which `clearance` computes bounds of distances."""
 
 
 class Touching(NamedTuple):
-    """Points of an arm that may touch obstacles: a contribution. The sizes are tuples of zeros, compile-time constants.
+    """Points of an arm that may touch obstacles: a contribution. Sizes are tuples of zeros (compile-time constants).
 
-    input     first entry of the points in the arm's inputs; `entries` for each point: force (N), moment (N m)
-    at        offset in S of the first point's `HERE`
-    points    one zero for each point of the arm that may touch obstacles
-    entries   one zero for each entry of a point in the inputs: 3 in the plane, 6 in space
-    space     one zero per axis of the obstacles: 2 in the plane, 3 in space
-    axes      one zero per component of the force that is used: `space`, with friction on a sphere also the moment
-    room      one zero for each row (coordinate) of the Model
-    poses     one zero per number that `protocol.task_poses` writes for the arm
-    links     int64 (points,): the points are the tips of these links
-    radii     float64 (points,): radius of the sphere about each point, m
-    meets     float64 (points * obstacles,): 1 where the point may touch the obstacle, otherwise 0
-    shapes    float64: one `physics.obstacles.OBSTACLE` per obstacle; laws: one `LAW` per obstacle
-    moving    int64 (obstacles * 3,): row of each obstacle's displacement along x, y, z, or -1; None: no obstacle moves
-    masses    float64 (points,): effective mass of the point in a step, kg (`build.effective_masses`)
-    levers    float64 (n,), m, or m/m: largest displacement of a point for a change of each coordinate by 1; None:
-              not known, distances are computed in each Newton iteration
-    extent    largest coordinate of an obstacle or point that distances are computed from, m
+    input: index in the arm's inputs of the first point's entries; each point has `entries`: force (N), moment (N m)
+    at: offset in S of the first point's `HERE`
+    points: one zero for each point of the arm that may touch obstacles
+    entries: one zero for each entry of a point in the inputs: 3 in the plane, 6 in space
+    space: one zero per axis of the obstacles: 2 in the plane, 3 in space
+    axes: one zero per component of the force that is used: as `space`; with friction on a sphere also the moment
+    room: one zero for each row (coordinate) of the Model
+    poses: one zero per number that `protocol.task_poses` writes for the arm
+    links: int64 (points,), indices of the links whose tips are the points
+    radii: float64 (points,), radius of the sphere about each point, m
+    meets: float64 (points * obstacles,), 1 if the point may touch the obstacle, otherwise 0
+    shapes: float64, one `physics.obstacles.OBSTACLE` per obstacle. laws: one `LAW` per obstacle
+    moving: int64 (obstacles * 3,), row of each obstacle's displacement along x, y, z, or -1; None if no obstacle moves
+    masses: float64 (points,), effective mass of each point in a step, kg (`build.effective_masses`)
+    levers: float64 (n,), m or m/m, largest displacement of a point if a coordinate changes by 1. None: it is not known,
+        and distances are computed in each Newton iteration
+    extent: largest coordinate (m) of an obstacle or point from which distances are computed
     """
 
     input: int
@@ -105,11 +105,11 @@ class Touching(NamedTuple):
 
 
 class Watch(NamedTuple):
-    """Where the integrator finds the gaps of a model with contacts (`NewtonPolicy.contact`)."""
+    """Locations of the gaps of a model with contacts in S, for the integrator (`NewtonPolicy.contact`)."""
 
-    points: tuple[int, ...]  # one zero per point
-    at: int  # offset in S of the first `HERE`
-    gap: int  # offset of the gap (m) in it
-    stride: int  # numbers from one `HERE` to the next
-    reach: float  # m: largest motion of a point per weighted increment of 1 in every row
-    free: tuple[int, ...] | None = None  # a tag where no support holds the arm
+    points: tuple[int, ...]  # one zero per point that may touch
+    at: int  # offset in S of the first point's `HERE`
+    gap: int  # offset of the gap (m) within a `HERE`
+    stride: int  # number of entries from one `HERE` to the next
+    reach: float  # m: largest motion of a point for a weighted increment of 1 in every row
+    free: tuple[int, ...] | None = None  # a tag if no support holds the arm, otherwise None

@@ -61,18 +61,19 @@ def phase_correction(
     C is subtracted from the rotary inertia. The integrator lengthens a period by the fraction kappa (omega h)^2. In
     modes that the step resolves, the inertia M - 2 kappa h^2 K compensates this error. The correction makes all other
     modes heavier. Otherwise kinks and centrifugal forces of a swinging arm would excite noise of growing energy in
-    them. No mode keeps an omega h much above sqrt(120 kappa), which is 3.2 for trapezoidal steps. With the mass matrix
-    M of one link, including the masses at its tip,
+    these modes. No mode keeps an omega h much above sqrt(120 kappa), which is 3.2 for trapezoidal steps. With the mass
+    matrix M of one link, including the masses at its tip,
 
         C = M - (M + h^4 / 60 K M^-1 K) (M + 2 kappa h^2 K)^-1 M
 
-    does not affect rigid motion, momentum or statics. In very stiff links rounding would violate this property. C is
-    then computed from differences of angles, K = D^T k D, with F = D M^-1 D^T:
+    The correction C does not affect rigid motion, momentum or statics. In very stiff links rounding would violate this
+    property. C is then computed from differences of angles, K = D^T k D, with F = D M^-1 D^T:
 
         C = D^T ((a + b / a) (k^-1 + a F)^-1 - b / a k) D,   a = 2 kappa h^2, b = h^4 / 60
 
-    payload: mass of the payload, kg. arm (Nn,): weights from `payload_arm`, m. rest: stress-free node angles (Nn,),
-    rad, or None if links are straight.
+    payload: mass of the payload, kg.
+    arm (Nn,): weights from `payload_arm`, m.
+    rest: stress-free node angles (Nn,), rad, or None if links are straight.
     """
     n, C = parts.n, np.zeros_like(parts.R)
     lengthening, share = 2.0 * settings.period_error * h * h, HEAVIER * h**4

@@ -7,9 +7,9 @@ then has the equations of a pendulum of nodes,
     sum_j [P_ij cos(phi_i - phi_j) + R_ij] phi_j'' + P_ij sin(phi_i - phi_j) phi_j'^2 + K_ij (phi_j + tau_d phi_j')
         + b_i (a_root - g) . (-sin phi_i, cos phi_i) = generalized loads
 
-with the constant matrices of :class:`Chain`. Links that carry another link have Lobatto nodes, with a node at the tip,
-to which the next link is attached. The last link has Radau nodes, with a node at the root and none at the tip. s is the
-arc length from the link's root, m; e_j = (cos phi_j, sin phi_j) is the unit tangent at node j.
+The constant matrices are those of :class:`Chain`. Links that carry another link have Lobatto nodes, with a node at the
+tip, to which the next link is attached. The last link has Radau nodes, with a node at the root and none at the tip. s
+is the arc length from the link's root, m; e_j = (cos phi_j, sin phi_j) is the unit tangent at node j.
 """
 
 from __future__ import annotations
@@ -251,7 +251,7 @@ class Chain:
 def chain(arm: Arm, n: int) -> Chain:
     """Compute the matrices (theory, 5.2) of an arm whose links have n nodes each.
 
-    The result is cached, because arms are used repeatedly. It is therefore read-only.
+    The result is cached, because arms are used repeatedly. A cached result is read-only.
     """
     return chain_of(arm, [Line.of(link, n, k < arm.n_links - 1) for k, link in enumerate(arm.links)])
 

@@ -57,9 +57,9 @@ def payload_position(lane, model, x, y):
 def add_payload_lever(lane, model, i, force_x, force_y, x, y):
     """Return (x, y) + conj(w_i) F: the sum A_i (N m) of node i, plus the force F (N, inertial axes) on the payload.
 
-    (x, y): A_i without F. The moment on node i is (-sin phi_i, cos phi_i) . A_i. w_i (m): complex weight of the node's
-    unit tangent in the vector from the root to the payload; real for a payload at the tip. Vectors are written as
-    complex numbers x + i y.
+    (x, y): A_i without F. The moment on node i is (-sin phi_i, cos phi_i) . A_i.
+    w_i (m): complex weight of the node's unit tangent in the vector from the root to the payload; real for a payload at
+    the tip. Vectors are written as complex numbers x + i y.
     """
     if model.eccentric is None:
         w = constants(model).w + i
@@ -73,9 +73,9 @@ def add_payload_lever(lane, model, i, force_x, force_y, x, y):
 def root_position(lane, model, q: Lanes, x, y):
     """Return the root's position (m, inertial axes): the last two rows of q, minus sum_j beta_j (x_j + i y_j).
 
-    (x_j, y_j): unit tangent of node j. beta_j (m): real weight from DATA; for an eccentric payload it also has the
-    imaginary part ECCENTRIC.beta. With rates of q and of the tangents the function returns the root's velocity, with
-    second rates the root's acceleration.
+    (x_j, y_j): unit tangent of node j.
+    beta_j (m): real weight from DATA; for an eccentric payload it also has the imaginary part ECCENTRIC.beta. With
+    rates of q and of the tangents the function returns the root's velocity, with second rates the root's acceleration.
     """
     D, m, at = model.data, _nodes(model), constants(model)
     root_x = q[m + X] - weighted_sum(lane, D, at.beta, x, m)
@@ -93,9 +93,9 @@ def root_position(lane, model, q: Lanes, x, y):
 def subtract_root_lever(lane, model, r: Lanes, fx: Lanes, fy: Lanes):
     """Subtract from the sums A_i (fx, fy; N m) the part of conj(beta_i) F that stems from the imaginary part of beta.
 
-    F: force on the root, the last two rows of r (N, inertial axes). beta_i (m): complex weight of node i's unit tangent
-    in the root's position x - sum_i beta_i e_i. The caller subtracts the real part. Without an eccentric payload, do
-    nothing.
+    F: force on the root, the last two rows of r (N, inertial axes).
+    beta_i (m): complex weight of node i's unit tangent in the root's position x - sum_i beta_i e_i. The caller
+    subtracts the real part. Without an eccentric payload, do nothing.
     """
     if model.eccentric is not None:
         m = _nodes(model)
@@ -122,8 +122,8 @@ def _bending_law(lane, model, g, x):
 def add_nonlinear_moments(lane, model, factor, q, r: Lanes):
     """Add to r (N m), in the rows of node angles, the moments of a nonlinear law M(kappa) in excess of EI kappa.
 
-    factor: the arm's own factor on EI. q: coordinates. r already contains the moments of EI kappa. For a linear law, do
-    nothing.
+    factor: the arm's own factor on EI.
+    q: coordinates of the arm. r already contains the moments of EI kappa. For a linear law, do nothing.
     """
     if model.bends is not None:
         x, m = stack(lane, model.scratch), _nodes(model)
@@ -142,8 +142,8 @@ def add_nonlinear_moments(lane, model, factor, q, r: Lanes):
 def add_nonlinear_stiffness(lane, model, factor, q, S: Lanes):
     """Add to S (row-major, node angles) the stiffness of a nonlinear law M(kappa) in excess of EI; 0 for a linear law.
 
-    factor: product of the arm's own factor on EI and the weight of the stiffness in the matrix. q: coordinates. See
-    theory, section 5, "Eccentric payload".
+    factor: product of the arm's own factor on EI and the weight of the stiffness in the matrix.
+    q: coordinates of the arm. See theory, section 5, "Eccentric payload".
     """
     if model.bends is not None:
         x, m, rows = stack(lane, model.scratch), _nodes(model), size(model.n)
@@ -190,9 +190,9 @@ def add_offset_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
     # out       S[i, j] += Re p_ij d + Im p_ij d', where d and d' are the parts of that derivative across and along e_i
 
     p_ij (kg m^2) is the complex coefficient of masses minus the real coefficient that is in S already. The complex
-    coefficient is conj(w_i) w_j m_p plus, if the root moves, the terms of beta. w_j (m): complex weight of e_j in the
-    payload's position from the root; -beta_j (m): complex weight of e_j in the root's position. Do nothing without an
-    eccentric payload. See theory, section 5, "Eccentric payload".
+    coefficient is conj(w_i) w_j m_p plus, if the root moves, the terms of beta.
+    w_j (m): complex weight of e_j in the payload's position from the root; -beta_j (m): complex weight of e_j in the
+    root's position. Do nothing without an eccentric payload. See theory, section 5, "Eccentric payload".
     """
     if model.eccentric is not None:
         D, m, rows = model.data, _nodes(model), size(model.n)

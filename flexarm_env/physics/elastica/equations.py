@@ -5,12 +5,12 @@ inertial axes and e_j'' its second time derivative. The inertia moment on node i
 
     A_i = sum_j P_ij e_j'' + b_i (a_root - g) - loads    (N m, inertial axes),
 
-in which no sine of a difference of angles occurs. The derivative of the moment by phi_j is (-sin phi_i, cos phi_i) .
-P_ij d e_j''. For j = i the term -e_i . A_i is added. The payload adds m_p w w^T to P, m_p w to b and J_p l(L) l(L)^T to
-the last link's R. `eccentric` adds the terms of a payload whose center is off the tip. A root that can move is at x -
-sum_j beta_j e_j, where x is the last two rows of q. For a prescribed root beta = 0. In free flight x is the center of
-mass, so that steps conserve momentum to round-off. The coordinates are the angles of the nodes, with one exception. The
-first coordinate of a link k > 0 is the joint's angle: phi of the link's first node minus phi of the previous tip.
+No sine of a difference of angles occurs in A_i. The derivative of the moment by phi_j is (-sin phi_i, cos phi_i) . P_ij
+d e_j''. For j = i the term -e_i . A_i is added. The payload adds m_p w w^T to P, m_p w to b and J_p l(L) l(L)^T to the
+last link's R. `eccentric` adds the terms of a payload whose center is off the tip. A root that can move is at x - sum_j
+beta_j e_j, where x is the last two rows of q. For a prescribed root beta = 0. In free flight x is the center of mass,
+so that steps conserve momentum to round-off. The coordinates are the angles of the nodes, with one exception. The first
+coordinate of a link k > 0 is the joint's angle: phi of the link's first node minus phi of the previous tip.
 """
 
 from ...compiler import Lanes, kernel, sincos, size, stack, unrolled, vjp_of
@@ -37,8 +37,10 @@ def assemble(lane, model, par, state, u, weights, r, S):
     """Write the residual r [64] and, with weights.with_matrix, the Newton matrix S (dense, row-major, model.n rows).
 
     r = M a + h(q, v) - B u: moments (N m) in rows of angles, forces (N, inertial axes) in the two rows of a root that
-    moves. S = weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq. par: payload mass (kg) and inertia
-    (kg m^2), EI factor, tau_d (s). state: q, v, a. u: joint torques (N m), then force and torque of each point load.
+    moves. S = weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq.
+    par: payload mass (kg) and inertia (kg m^2), EI factor, tau_d (s).
+    state: q, v, a.
+    u: joint torques (N m), then force and torque of each point load.
     """
     on = Nodes(
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
@@ -51,11 +53,12 @@ def assemble(lane, model, par, state, u, weights, r, S):
 
 @kernel
 def residual(lane, model, par, state, u, r, S):
-    """Write the residual r = M a + h(q, v) - B u, eq. [64], without a matrix.
+    """Write the residual r = M a + h(q, v) - B u, equation [64], without a matrix.
 
-    r: moments (N m) in rows of angles, forces (N, inertial axes) in the two rows of a root that moves. par: payload
-    mass (kg) and inertia (kg m^2), EI factor, tau_d (s). state: q, v, a. u: joint torques (N m), then force and torque
-    of each point load. S is not used.
+    r: moments (N m) in rows of angles, forces (N, inertial axes) in the two rows of a root that moves.
+    par: payload mass (kg) and inertia (kg m^2), EI factor, tau_d (s).
+    state: q, v, a.
+    u: joint torques (N m), then force and torque of each point load. S is not used.
     """
     on = Nodes(
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
@@ -265,8 +268,8 @@ def _subtract_load_torques(lane, model, u: Lanes, r: Lanes):
 def _payload_turns(lane, model, inertia, z: Lanes, r: Lanes):
     """Add the moment of the payload's rotary inertia, J_p l(L) (l(L) . phi''), to the last link's rows of r (N m).
 
-    inertia: J_p, kg m^2. z: second rates of all node angles. l(L) = DATA.tips: weights of node angles in the tip's
-    angle.
+    inertia: J_p, kg m^2.
+    z: second rates of all node angles. l(L) = DATA.tips: weights of node angles in the tip's angle.
     """
     D = model.data
     at = constants(model)
@@ -285,8 +288,8 @@ def _payload_turns(lane, model, inertia, z: Lanes, r: Lanes):
 def _payload_turns_tangent(lane, model, inertia, cm, S: Lanes):
     """Add the payload's rotary inertia, cm J_p l(L) l(L)^T, to the last link's block of S (row-major, node angles).
 
-    inertia: J_p, kg m^2. cm: weight of the mass matrix in S. l(L) = DATA.tips: weights of the node angles in the tip's
-    angle.
+    inertia: J_p, kg m^2.
+    cm: weight of the mass matrix in S. l(L) = DATA.tips: weights of the node angles in the tip's angle.
     """
     D = model.data
     at = constants(model)
@@ -333,7 +336,8 @@ def _to_relative(lane, model, S: Lanes):
     """Transform S in place from the node angles to the coordinates, T^T S T.
 
     The angle of the first node of link k > 0 is the joint's angle plus phi of the previous link's tip node, whose row
-    precedes. Therefore each such column, then each such row, is added to the preceding one.
+    precedes. Therefore the column of each such first node is added to the preceding column, then its row to the
+    preceding row.
     """
     n, rows = size(model.nodes), size(model.n)
     for k in range(size(model.links) - 1, 0, -1):

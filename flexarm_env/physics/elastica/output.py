@@ -29,7 +29,7 @@ def _tangents(lane, model, q, x: Lanes, c: Lanes, s: Lanes):
 def _moving_tangents(lane, model, q, v, x, y: Lanes, c: Lanes, s: Lanes, ex: Lanes, ey: Lanes):
     """Write the node angles x (rad), their rates y (rad/s), unit tangents (c, s) and rates of tangents (ex, ey; 1/s).
 
-    q: coordinates. v: rates of the coordinates. Vectors are in inertial axes.
+    q: coordinates of the arm. v: rates of the coordinates. Vectors are in inertial axes.
     """
     _tangents(lane, model, q, x, c, s)
     node_angles(lane, model, v, y)
@@ -43,7 +43,8 @@ def _moving_tangents(lane, model, q, v, x, y: Lanes, c: Lanes, s: Lanes, ex: Lan
 def _root(lane, model, q, c, s):
     """Return the position (x, y) of the root, m, inertial axes; (c, s): unit tangents of the nodes.
 
-    The position of a root that cannot move is a constant of the model. Otherwise the last two rows of q determine it.
+    The position of a root that cannot move is a constant of the model. If the root can move, the last two rows of q
+    determine its position.
     """
     D = model.data
     at = constants(model)
@@ -56,8 +57,9 @@ def _root(lane, model, q, c, s):
 def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
     """Write the displacements on which inputs do work to y: joint angles (rad), then x, y, angle of each load point.
 
-    q: coordinates. Positions (m, inertial axes) are root + sum_j arm_j e_j, with the load's weights arm_j (m) and the
-    nodes' unit tangents e_j. par and since are not used, because angles in the plane add up. See theory, section 5.
+    q: coordinates of the arm. Positions (m, inertial axes) are root + sum_j arm_j e_j, with the load's weights arm_j
+    (m) and the nodes' unit tangents e_j. par and since are not used, because angles in the plane add up. See theory,
+    section 5.
     """
     n, links = size(model.nodes), size(model.links)
     m = n * links
@@ -78,9 +80,9 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
 def _bending(lane, model, shares, x: Lanes, y: Lanes):
     """Return sum_k share_k x^T K_k y over links k; x, y: node angles or rates. Unit: N m times the units of x and y.
 
-    K_k: bending stiffness of link k (N m) for an EI factor of 1. shares: one number per link; None or a tag stands for
-    1. The sum uses differences from the angle of the link's root node. Because K 1 = 0, a rigid rotation contributes
-    exactly 0. See theory, (5.2).
+    K_k: bending stiffness of link k (N m) for an EI factor of 1.
+    shares: one number per link; None or a tag stands for 1. The sum uses differences from the angle of the link's root
+    node. Because K 1 = 0, a rigid rotation contributes exactly 0. See theory, (5.2).
     """
     D = model.data
     at = constants(model)
@@ -115,9 +117,9 @@ def damping_power(lane, model, par: Lanes, q, v, x):
 def energy(lane, model, par: Lanes, q, v):
     """Return (kinetic, strain, gravitational) energy, J. Gravitational energy is measured from the inertial origin.
 
-    par: the arm's payload mass (kg), payload inertia (kg m^2) and EI factor. q: coordinates. v: rates of the
-    coordinates.
-    See theory, (5.2).
+    par: the arm's payload mass (kg), payload inertia (kg m^2) and EI factor.
+    q: coordinates of the arm.
+    v: rates of the coordinates. See theory, (5.2).
     """
     D = model.data
     at = constants(model)
@@ -170,7 +172,9 @@ def link_poses(lane, model, par, q, v, out, tasks=None):
     """Write `layout.POSES` of each link to out: x, y (m), angle (rad) and their rates at the root, then at the tip.
 
     Vectors are in inertial axes. Root and tip are the joints, so that rigid ends lie between them. The angles are those
-    of the beam's end tangents. q: coordinates. v: rates of q. par and tasks are not used. See theory, section 5.
+    of the beam's end tangents.
+    q: coordinates of the arm.
+    v: rates of q. par and tasks are not used. See theory, section 5.
     """
     D = model.data
     at = constants(model)
@@ -202,8 +206,10 @@ def link_poses(lane, model, par, q, v, out, tasks=None):
 def centerline(model, q, points):
     """Write positions along the chain, root + sum_j weight_pj e_j, to points[:, :2] (m); return their number.
 
-    The kernel has one lane. q: coordinates. e_j: unit tangent of node j, inertial axes. DATA.points contains the
-    weights of the drawn points p. Writing stops when `points` (n, 2) is full.
+    The kernel has one lane.
+    q: coordinates of the arm.
+    e_j: unit tangent of node j, inertial axes. DATA.points contains the weights of the drawn points p. Writing stops
+    when `points` (n, 2) is full.
     """
     D = model.data
     lane = (0,)

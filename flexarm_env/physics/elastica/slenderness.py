@@ -5,14 +5,15 @@ cause section forces N and Q along the chain. The work of these section forces i
 
     epsilon_k = omega_k^2 int N^2 / EA + Q^2 / C ds / (u' M u)
 
-to the mode's bending flexibility (to first order; Grammel). It divides the square of the mode's frequency by 1 +
-epsilon. Each mode's response to the scene's loads and motions is computed in time with and without epsilon. The
-estimate is a sum of three terms. The first is the largest distance between the two tip motions. The second is a
-fraction of the distance between the deflections; this fraction grows with the arm's rotation. The third is the stretch
-along the arm (theory, section 5). The model is linear about the initial configuration. The estimate is right within a
-factor of about 3 for one link and of 4 for several links that do not swing far. A small error (below 0.3 % of the
-length) is mostly overestimated. The estimate does not cover links in fast rotation. For such links a run's error
-estimate uses the distance to a softer companion run (`Notes.softer`), if that distance is larger.
+to the mode's bending flexibility (to first order; Grammel). The added flexibility divides the square of the mode's
+frequency by 1 + epsilon. Each mode's response to the scene's loads and motions is computed in time with and without
+epsilon. The estimate is a sum of three terms. The first is the largest distance between the two tip motions. The second
+is a fraction of the distance between the deflections; this fraction grows with the arm's rotation. The third is the
+stretch along the arm (theory, section 5). The model is linear about the initial configuration. The estimate is right
+within a factor of about 3 for one link and of 4 for several links that do not swing far. A small error (below 0.3 % of
+the length) is mostly overestimated. The estimate does not cover links in fast rotation. For links in fast rotation a
+run's error estimate uses the distance to a softer companion run (`Notes.softer`), if this distance exceeds the
+estimate.
 """
 
 from collections.abc import Iterator, Mapping
@@ -121,8 +122,8 @@ def _response(square: float, tau_d: float, force: Array, t: Array) -> Array:
 def along_the_arm(scene: Scene, rate: float) -> float:
     """Estimate the stretch of the arm as a fraction of its length L, from root motion, rotation and weight.
 
-    The model is a spring of stiffness EA / L. The elbows, the payload and half of the links' mass are at its tip. rate:
-    largest angular velocity, rad/s. For an arm that swings as a pendulum, the model uses three times the weight.
+    The model is a spring of stiffness EA / L. The elbows, the payload and half of the links' mass are at its tip.
+    rate: largest angular velocity, rad/s. For an arm that swings as a pendulum, the model uses three times the weight.
     """
     arm, end = scene.arm, scene.duration
     length = arm.total_length
@@ -146,9 +147,13 @@ def along_the_arm(scene: Scene, rate: float) -> float:
 class _Modes:
     """Flexible modes of a chain about the scene's initial configuration, including the payload.
 
-    omega (f,): angular frequencies, rad/s. shapes (Nn, f): node angles in each mode, normalized to u^T M u = 1. rigid
-    (Nn, r): node angles of motions without strain. along, across (2, Nn): unit tangents and normals of the nodes,
-    inertial axes. M (Nn, Nn): mass matrix, kg m^2. b (Nn,): first moments, kg m. mass: total mass, kg.
+    omega (f,): angular frequencies, rad/s.
+    shapes (Nn, f): node angles in each mode, normalized to u^T M u = 1.
+    rigid (Nn, r): node angles of motions without strain.
+    along, across (2, Nn): unit tangents and normals of the nodes, inertial axes.
+    M (Nn, Nn): mass matrix, kg m^2.
+    b (Nn,): first moments, kg m.
+    mass: total mass, kg.
     """
 
     def __init__(self, scene: Scene, chain: Chain) -> None:

@@ -1,9 +1,9 @@
 """Constants of an element for its traced functions; the calls are the same for one section and for varying sections.
 
 `section` is a `layout.Section` or a `layout.Varying`, or the symbolic form of one of them while a kernel is traced.
-Both classes have the same fields as their symbolic forms. `hasattr` selects the class at compile time. The functions of
-this module are not compiled; the products that they return are compiled. The polynomial order p equals the number of
-Gauss points.
+Each class has the same fields as its symbolic form. `hasattr` selects the class at compile time. The functions of this
+module are not compiled; the products that they return are compiled. The polynomial order p equals the number of Gauss
+points.
 """
 
 from typing import Any
@@ -84,7 +84,8 @@ def bending_entries(section: Any, t: Tables, share: Any) -> Any:
     """Return a function (node, node) -> entry of the bending stiffness (N m) times share; None stands for 0.
 
     Nodes 0 and 1 are the left and right vertex, whose shape functions have opposite slopes. Nodes from 2 on are
-    interior. share: factor on the stiffness, composed of the weights of stiffness K and damping C.
+    interior.
+    share: factor on the stiffness, composed of the weights of stiffness K and damping C.
     """
     p = len(t.weights)
     if hasattr(section, "kb"):

@@ -2,18 +2,18 @@
 
 An element of order p and length l joins two vertices (x, y, psi). The p - 1 interior functions of an element vanish at
 both ends and have the Legendre polynomials P_1 ... P_{p-1} (scaled to a largest value of 1 at the Gauss points) as
-derivatives. With the linear functions they span the space of p + 1 Lagrange nodes. With their amplitudes as interior
+derivatives. Linear and interior functions span the space of p + 1 Lagrange nodes. With their amplitudes as interior
 coordinates the bending stiffness is diagonal and the sums below are short. With d = l r' (twice the derivative on [-1,
 1]), inertial axes, (c, s) = (cos psi, sin psi) and g = (c d_x + s d_y, -s d_x + c d_y), section axes, all in m, the
 strains are Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = psi', and with p Gauss points of weights w the energy is
 
     sum_g w/2 [k1 (g_1 - l)^2 + k2 g_2^2 + kb (l kappa)^2],   k1 = EA/2l, k2 = C/2l, kb = EI/2l,
 
-with the laws of `materials` in place of the squares. Inertia: ml = m l/2, jl = J l/2. If sections vary within the
-element (`layout.Varying`), k1 and k2 differ between points, and bending and inertia have full matrices (`constants`).
-Arrays of coordinates begin at the left vertex (`layout.ELEMENT`); lists of nodes have the order left, right, interior.
-`order`: p zeros. All functions run when a kernel is compiled; `compiler.trace` records their operations on values.
-"""
+The laws of `materials` replace the squares. Inertia: ml = m l/2, jl = J l/2. If sections vary within the element
+(`layout.Varying`), k1 and k2 differ between points, and bending and inertia have full matrices (`constants`). Arrays of
+coordinates begin at the left vertex (`layout.ELEMENT`); lists of nodes have the order left, right, interior. The
+argument `order` is a tuple of p zeros. All functions run when a kernel is compiled; `compiler.trace` records their
+operations on values."""
 
 from typing import Any, NamedTuple
 

@@ -236,7 +236,7 @@ def _eliminate(lane, S, o, tail):
 
     S[o]: the element's `CONDENSED` record with blocks LL, LR, RR of left and right vertex. RR becomes the factors L D
     L^T of RR + tail; LR becomes LR L^-T D^-1. tail: symmetric 3x3 matrix (xx, xy, xt, yy, yt, tt; t for psi) of all
-    elements beyond the right vertex. The result has the same form."""
+    elements beyond the right vertex. The result is a matrix in the form of tail."""
     xx, xy, xt, yy, yt, tt = _six(lane, S, o + RR)
     i0, l1, l2, i1, l3, i2 = _factor_three(
         lane, S, o + RR, xx + tail[0], xy + tail[1], xt + tail[2], yy + tail[3], yt + tail[4], tt + tail[5]
@@ -283,7 +283,7 @@ def _eliminate_hinge_angle(lane, model, S: Lanes, h, tail):
     """Eliminate the section angle behind a free hinge; return the 3x3 matrix on (x, y, psi) before the hinge.
 
     tail: symmetric matrix on (x, y, psi + delta) of all elements beyond the hinge. The `HINGE` at S[h] receives the
-    inverse pivot and the couplings over the pivot. In a jointed arm, its joint stiffness on delta is added."""
+    inverse pivot and the couplings divided by the pivot. In a jointed arm, its joint stiffness on delta is added."""
     xx, xy, xt, yy, yt, tt = tail
     zero = 0.0
     # ideal hinge: psi + delta is coupled with x and y alone, so no moment reaches psi

@@ -1,5 +1,4 @@
-"""Kernels of the period correction (theory, 6.2) for chains of geometrically exact beams: M a, rotated
-accelerations."""
+"""Kernels of the period correction (theory, 6.2) for chains of exact beams: M a, rotated accelerations."""
 
 from ...compiler import Lanes, kernel
 from ..arithmetic import load_vector, store_vector
@@ -12,10 +11,12 @@ from .layout import AXES, T, elbow_of, next_section, rows_of, section_of
 def inertia_forces(lane, model, par: Lanes, turn, a: Lanes, r: Lanes):
     """Rotate the accelerations a by `turn`, then compute the inertia forces r <- M a (unless r is None).
 
-    M is the constant mass matrix. turn: None, or (start, q, share). Each node's vector is then rotated by `share` times
-    the rotation of the node's section from coordinates start to q. a: accelerations in the rows of CHAIN (m/s^2,
-    inertial axes; rad/s^2). r: forces (N) and moments (N m) in the same rows. The model has no rigid ends, because
-    models with rigid ends have no period correction.
+    M is the constant mass matrix.
+    turn: None, or (start, q, share). Each node's vector is then rotated by `share` times the rotation of the node's
+    section from coordinates start to q.
+    a: accelerations in the rows of CHAIN (m/s^2, inertial axes; rad/s^2).
+    r: forces (N) and moments (N m) in the same rows. The model has no rigid ends, because models with rigid ends have
+    no period correction.
     """
     if turn is not None:
         rotate_vectors(lane, model, turn[0], turn[1], turn[2], a)
@@ -27,8 +28,9 @@ def inertia_forces(lane, model, par: Lanes, turn, a: Lanes, r: Lanes):
 def _multiply_mass(lane, model, par: Lanes, a: Lanes, r: Lanes):
     """Compute r <- M a with the mass matrix of elements, hub, elbows and payload.
 
-    a: accelerations in the rows of CHAIN (m/s^2, inertial axes; rad/s^2). r: forces (N) and moments (N m) in the same
-    rows. par: contains the payload's mass (kg) and inertia (kg m^2). See theory, (6.2).
+    a: accelerations in the rows of CHAIN (m/s^2, inertial axes; rad/s^2).
+    r: forces (N) and moments (N m) in the same rows.
+    par: contains the payload's mass (kg) and inertia (kg m^2). See theory, (6.2).
     """
     rows, zero = rows_of(model), 0.0
     # left: (a_x, a_y, a_psi) of the current vertex and the rows of r that it has so far

@@ -132,7 +132,8 @@ def link_poses(lane, model, par, q: Lanes, v: Lanes, out, tasks=None):
     """Write `layout.POSES` of each link to out: x, y (m), angle (rad) and their rates at the root, then at the tip.
 
     Vectors are in inertial axes. Root and tip are the joints, so that rigid ends lie between them. The angles are those
-    of the beam's end sections. q, v: coordinates and their rates. par and tasks are not used.
+    of the beam's end sections.
+    q, v: coordinates and their rates. par and tasks are not used.
     """
     for k in range(model.links + 1):
         # r, psi and their rates at joint k (inertial axes): the root of link k and the tip of link k - 1
@@ -156,8 +157,10 @@ for _order in range(2, 4):
 @kernel
 def centerline(model, q, points):
     """Write positions along the chain (m, inertial axes) to points, p per element; return the number of positions.
-The kernel has one lane. q: coordinates. p is the polynomial order. Writing stops when `points` (n, 2) is full. The
-first point of a link is its joint; the last point of all is the arm's tip.
+
+    The kernel has one lane.
+    q: coordinates of the arm. p is the polynomial order. Writing stops when `points` (n, 2) is full. The first point of
+    a link is its joint; the last point of all is the arm's tip.
     """
     p, rows = len(model.order), rows_of(model)
     at = element_at(0, p)
@@ -210,8 +213,9 @@ def restore_strains(lane, model, start: Lanes, q: Lanes):
 def correct_positions(lane, model, par, w, active, slopes, predicted):
     """Replace the predicted positions in w.q (m): compute them from the strains of w.q0, the start of the step.
 
-    w.v, w.a and w.b change by `slopes` (`NewmarkSlopes`) times the change of position. predicted: a compile-time tag
-    after a prediction, None after a Newton increment. If it is None nothing changes. active is not used.
+    w.v, w.a and w.b change by `slopes` (`NewmarkSlopes`) times the change of position.
+    predicted: a compile-time tag after a prediction, None after a Newton increment. If it is None nothing changes.
+    active is not used.
 
     # scratch   w.r
     """

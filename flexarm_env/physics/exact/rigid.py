@@ -64,8 +64,9 @@ def _store_lever_factors(lane, S, at, lever, far, mass, turn):
 def payload_place(lane, model, psi, spin, x, y, vx, vy):
     """Return (x, y, vx, vy; inertial axes) of the payload's center of mass, given x, y, vx, vy of the tip.
 
-    Units are m and m/s. psi, spin: angle (rad) and rate (rad/s) of the tip section. If the payload is at the tip, the
-    function returns the arguments of the tip.
+    Units are m and m/s.
+    psi, spin: angle (rad) and rate (rad/s) of the tip section. If the payload is at the tip, the function returns the
+    arguments of the tip.
     """
     if model.eccentric is None:
         return x, y, vx, vy
@@ -76,9 +77,11 @@ def payload_place(lane, model, psi, spin, x, y, vx, vy):
 def _payload_force(lane, model, psi, motion, mass, weights, S):
     """Return the payload's inertia force at the tip and its moment about the tip: (fx, fy, moment, mass).
 
-    Units are N (inertial axes), N m, kg. psi: angle of the tip section. motion: rate and second rate of psi, then the
-    tip's acceleration (x, y) minus gravity. mass: mass of the payload, kg. The returned mass is the mass at the tip in
-    the matrix. It is 0 if the payload has a lever; the lever's factors are then written to S with weights.with_matrix.
+    Units are N (inertial axes), N m, kg.
+    psi: angle of the tip section.
+    motion: rate and second rate of psi, then the tip's acceleration (x, y) minus gravity.
+    mass: mass of the payload, kg. The returned mass is the mass at the tip in the matrix. The returned mass is 0 if the
+    payload has a lever; the lever's factors are then written to S with weights.with_matrix.
     """
     rate, second, ax, ay = motion
     if model.eccentric is None:
@@ -98,8 +101,9 @@ def _payload_force(lane, model, psi, motion, mass, weights, S):
 def lever_end_velocity(lane, lever, rate, x, y, vx, vy):
     """Return position (m) and velocity (m/s) of a lever's far point, (x, y, vx, vy), inertial axes.
 
-    lever: vector from near to far point, m. rate: rate of the lever's angle, rad/s. x, y, vx, vy: position and velocity
-    of the near point.
+    lever: vector from near to far point, m.
+    rate: rate of the lever's angle, rad/s.
+    x, y, vx, vy: position and velocity of the near point.
     """
     ax, ay = lever
     return x + ax, y + ay, vx - rate * ay, vy + rate * ax
@@ -110,8 +114,8 @@ def _lever_acceleration(lever, rate, second, ax, ay, share):
     """Return the acceleration (x, y; m/s^2) of a point on a lever e: a + share (second e' - rate^2 e).
 
     e' is the vector (-e_y, e_x), a = (ax, ay) the acceleration of the near point. share is 0 at the near point, 1/2 in
-    the middle, 1 at the far point. rate, second: first and second rate of the lever's angle, rad/s and rad/s^2. Vectors
-    are in inertial axes.
+    the middle, 1 at the far point.
+    rate, second: first and second rate of the lever's angle, rad/s and rad/s^2. Vectors are in inertial axes.
     """
     ex, ey = lever
     square = rate * rate
@@ -122,10 +126,10 @@ def _lever_acceleration(lever, rate, second, ax, ay, share):
 def beam_start(lane, model, state: State, k, tip, i):
     """Return the `Vertex` at which the beam of link k begins, beyond levers and hinge; tip: vertex before, row i.
 
-    For k = 0 `tip` is the joint at the chain's root. The force components of the new vertex are 0. Its moment is the
-    hub's inertia torque minus the hub torque (k = 0), or the inertia torque of the elbow part beyond the hinge.
-    `beam_start_rows` later transmits the beam's force to `tip`. state: q, v, a of the arm. See theory, section 5,
-    "Rigid ends".
+    For k = 0 `tip` is the joint at the chain's root. The force components of the new vertex are 0. The new vertex's
+    moment is the hub's inertia torque minus the hub torque (k = 0), or the inertia torque of the elbow part beyond the
+    hinge. `beam_start_rows` later transmits the beam's force to `tip`.
+    state: q, v, a of the arm. See theory, section 5, "Rigid ends".
     """
     (x, y, psi), (vx, vy, turning), (ax, ay, alpha), (_, _, moment) = tip.place, tip.rate, tip.acceleration, tip.force
     # omega is for centripetal terms, `turning` for strain rates, which a damped model alone reads
@@ -151,10 +155,13 @@ def beam_start(lane, model, state: State, k, tip, i):
 def _through(lane, model, k, end, lever, motion, force, moment, far, weights, S):
     """Return (fx, fy, moment) at a lever's near point, given the force and moment at the lever's far point.
 
-    The lever's own inertia is included. k, end: link and end of the lever. lever: vector e, m, inertial axes. motion:
-    rate and second rate of the lever's angle, then acceleration (x, y) of the near point minus gravity. force (N),
-    moment (N m): at the far point. far: mass at the far point, kg, used only in the matrix. With weights.with_matrix
-    the lever's factors are written to S. See theory, section 5, "Rigid ends".
+    The lever's own inertia is included.
+    k, end: link and end of the lever.
+    lever: vector e, m, inertial axes.
+    motion: rate and second rate of the lever's angle, then acceleration (x, y) of the near point minus gravity. force
+    (N), moment (N m): at the far point.
+    far: mass at the far point, kg, used only in the matrix. With weights.with_matrix the lever's factors are written to
+    S. See theory, section 5, "Rigid ends".
     """
     rate, second, ax, ay = motion
     ex, ey = lever
@@ -179,8 +186,8 @@ def beam_start_rows(lane, model, state: State, u: Lanes, k, tip, i, r: Lanes, we
 
     On entry r[i : i + 3] is the force (N, inertial axes) and moment (N m) on the start of link k's beam. On return
     these rows are those of the vertex `tip`: the near point of the preceding tip lever, or of the root lever for k = 0.
-    The hinge's row is the moment minus the joint torque u[k]. state: q, v, a of the arm. With weights.with_matrix the
-    levers' factors are written to S.
+    The hinge's row is the moment minus the joint torque u[k].
+    state: q, v, a of the arm. With weights.with_matrix the levers' factors are written to S.
     """
     _, _, psi = tip.place
     (ax, ay, alpha), (gx, gy, moment) = tip.acceleration, tip.force
@@ -235,10 +242,10 @@ def last_vertex_force(lane, model, par: Lanes, state: State, tip, i, weights, S)
 def condense_to_near_point(lane, model, S, k, end, tail):
     """Return the symmetric 3x3 matrix on (x, y, psi) of a lever's near point, given the far point's matrix `tail`.
 
-    Matrices are tuples (xx, xy, xt, yy, yt, tt), with t for psi. k, end: link and end of the lever; its `LEVER_FACTORS`
-    are in S. With n = (-e_y, e_x), the far point moves by dx + n dpsi (a linear map T), the lever's middle by dx + n/2
-    dpsi. The result is T^T (tail + far mass) T, plus the lever's own mass and `turn` on psi. Without levers the
-    function returns `tail`. See theory, section 5, "Rigid ends".
+    Matrices are tuples (xx, xy, xt, yy, yt, tt), with t for psi.
+    k, end: link and end of the lever; its `LEVER_FACTORS` are in S. With n = (-e_y, e_x), the far point moves by dx + n
+    dpsi (a linear map T), the lever's middle by dx + n/2 dpsi. The result is T^T (tail + far mass) T, plus the lever's
+    own mass and `turn` on psi. Without levers the function returns `tail`. See theory, section 5, "Rigid ends".
     """
     if model.rigid is None:
         return tail
@@ -283,9 +290,9 @@ def moment_about(lane, model, S, k, end, x, y):
 def far_point_increment(lane, model, S, k, end, x, y, turn):
     """Return the increment (x, y), m, of a lever's far point, given the increments of its near point and angle.
 
-    x, y: increment of the near point (m, inertial axes). turn: increment of the lever's angle (rad). The result is (x,
-    y) + n turn. S contains n = (-e_y, e_x) of the lever e at this end of link k. Without levers the function returns
-    (x, y).
+    x, y: increment of the near point (m, inertial axes).
+    turn: increment of the lever's angle (rad). The result is (x, y) + n turn. S contains n = (-e_y, e_x) of the lever e
+    at this end of link k. Without levers the function returns (x, y).
     """
     if model.rigid is None:
         return x, y
@@ -298,9 +305,11 @@ def about_root(lane, model, S, k, x: Lanes, i, tx, ty, taken, tt):
     """Transfer the elimination's result from the start of link k's beam to the joint before it; return (taken, tt).
 
     In `solve`, rows i and i + 1 of x contain the original right side of rows x and y; (tx, ty) is their right side
-    after elimination. The difference is a force at the far point of the root lever. Its moment about the joint is added
-    to `taken` and subtracted from `tt`. taken: amount that elimination has subtracted from the row of psi. tt:
-    remaining right side of the row of psi. S: factors. Without levers (taken, tt) is returned unchanged.
+    after elimination. The difference is a force at the far point of the root lever. The moment of this force about the
+    joint is added to `taken` and subtracted from `tt`.
+    taken: amount that elimination has subtracted from the row of psi.
+    tt: remaining right side of the row of psi.
+    S: array of the matrix factors. Without levers (taken, tt) is returned unchanged.
     """
     if model.rigid is None:
         return taken, tt
@@ -313,8 +322,8 @@ def about_tip(lane, model, S, k, x: Lanes, i, tx, ty, tt):
     """Return tt minus the moment of the force that elimination subtracted; tt: remaining right side of psi (row i + 2).
 
     In `solve`, rows i and i + 1 of x contain the original right side of rows x and y; (tx, ty) is their right side
-    after elimination. The difference is a force at the far point of link k's tip lever. S: factors. Without levers tt
-    is returned unchanged.
+    after elimination. The difference is a force at the far point of link k's tip lever.
+    S: array of the matrix factors. Without levers tt is returned unchanged.
     """
     if model.rigid is None:
         return tt

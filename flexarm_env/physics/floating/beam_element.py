@@ -1,7 +1,7 @@
 """The paper's two-node planar Timoshenko element: shape functions [41], stiffness [44], [45], mass [52].
 
-Nodal coordinates (u1, v1, phi1, u2, v2, phi2) in the body frame (m, m, rad), length l (m), shear factor
-mu = 1 / (1 + 12 EI / (C l^2)); mu = 1 is Euler-Bernoulli (theory, section 1).
+The nodal coordinates are (u1, v1, phi1, u2, v2, phi2) in the body frame (m, m, rad). The element has length l (m) and
+shear factor mu = 1 / (1 + 12 EI / (C l^2)). mu = 1 is the Euler-Bernoulli element (theory, section 1).
 """
 
 from dataclasses import dataclass
@@ -23,16 +23,17 @@ QUADRATURE = (0.5 * (1.0 + _GAUSS_X), 0.5 * _GAUSS_W)
 
 
 FINER = np.polynomial.legendre.leggauss(8)
-"""Gauss points in (-1, 1) and weights on each smooth piece of an element whose sections vary."""
+"""Gauss points in (-1, 1) and weights for each smooth piece of an element whose section varies."""
 
 
 @dataclass(frozen=True)
 class Element:
     """A piece of a link as one finite element.
 
-    link: the piece as a link of its own. start: distance of the piece's start from the body's root, m. number: index of
-    the element in a mesh of equal elements, otherwise None. Where sections vary, the shape functions are those of the
-    mean section; the stiffness and the mass matrix are integrals over these sections.
+    link: the piece as a `Link`.
+    start: distance of the piece's start from the body's root, m.
+    number: index of the element in a mesh of equal elements, otherwise None. If sections vary, the shape functions are
+    those of the mean section, while the stiffness and the mass matrix are integrals over the actual sections.
     """
 
     link: Link
@@ -41,22 +42,22 @@ class Element:
 
     @property
     def length(self) -> float:
-        """Return the element's length l, m."""
+        """Return the length l of the element, m."""
         return self.link.length
 
     @cached_property
     def section(self) -> Section:
-        """Return the section, or the mean section where sections vary."""
+        """Return the section of the element; if sections vary, return the mean section."""
         return self.link.mean
 
     @cached_property
     def mu(self) -> float:
-        """Return the shear factor mu of the shape functions, dimensionless."""
+        """Return the dimensionless shear factor mu of the shape functions."""
         return shear_factor(self.section, self.length)
 
     @cached_property
     def points(self) -> list[tuple[float, float, Section]]:
-        """Return quadrature points xi in (0, 1), their weights (sum 1) and the sections there."""
+        """Return quadrature points xi in (0, 1), their weights (sum 1) and the sections at these points."""
         if self.link.uniform is not None:
             return [(x, weight, self.link.uniform) for x, weight in zip(*QUADRATURE, strict=True)]
         # Gauss points piece by piece, because EI, m jump between pieces and no rule is exact across a jump
@@ -77,7 +78,7 @@ class Element:
         return shape_functions(xi, self.length, self.mu)
 
     def stiffness(self) -> Array:
-        """Return the axial and bending stiffness (6, 6): eq. [44], or its integral where the section varies."""
+        """Return the axial and bending stiffness (6, 6), equation [44]; if the section varies, its integral."""
         if self.link.uniform is not None:
             return linear_stiffness(self.link.uniform, self.length)
         l, total = self.length, np.zeros((6, 6))
@@ -98,7 +99,7 @@ class Element:
         return np.array([0.0, -a, (-1.0 - b + 2.0 * b * xi) / l, 0.0, a, (1.0 - b + 2.0 * b * xi) / l])
 
     def mass(self) -> Array:
-        """Return the consistent mass matrix with rotary inertia, eq. [52], (6, 6)."""
+        """Return the consistent mass matrix (6, 6) with rotary inertia, equation [52]."""
         mass = np.zeros((6, 6))
         for xi, weight, at in self.points:
             n_u, n_v, n_phi = self.shapes(xi)
@@ -109,7 +110,7 @@ class Element:
 
 
 def mesh(link: Link, n: int, option: str) -> list[Element]:
-    """Cut a link, or a piece of a link, into n elements from root to tip; elements end where sections jump.
+    """Divide a link, or a piece of a link, into n elements from root to tip; elements end where sections jump.
 
     option: name of the setting that determines n, such as "segments", for the message of a ValueError.
     """
@@ -122,15 +123,16 @@ def mesh(link: Link, n: int, option: str) -> list[Element]:
 
 
 def shear_factor(section: Section, length: float) -> float:
-    """Return the shear factor mu = 1 / (1 + 12 EI / (C l^2)) of eq. [41], dimensionless."""
+    """Return the dimensionless shear factor mu = 1 / (1 + 12 EI / (C l^2)) of equation [41]."""
     return float(1.0 / (1.0 + 12.0 * section.EI / (section.C * length**2)))
 
 
 def shape_functions(xi: float, length: float, mu: float) -> Array:
     """Return the shape functions of u, v (m, along and across the element's axis) and phi (rad) at xi = x/l: (3, 6).
 
-    The columns belong to u1, v1, phi1, u2, v2, phi2. length: l (m). mu: shear factor 1 / (1 + 12 EI / (C l^2)), 1
-    without shear. The functions are the paper's eq. [41].
+    The columns are for u1, v1, phi1, u2, v2, phi2.
+    length: l (m).
+    mu: shear factor 1 / (1 + 12 EI / (C l^2)); 1 without shear. The functions are equation [41] of the paper.
     """
     eta, half = 1.0 - xi, 0.5 * length
     return np.array(
@@ -149,7 +151,7 @@ def shape_functions(xi: float, length: float, mu: float) -> Array:
 
 
 def linear_stiffness(section: Section, length: float) -> Array:
-    """Return the axial and bending stiffness, eq. [44], on (u1, v1, phi1, u2, v2, phi2), shape (6, 6)."""
+    """Return the axial and bending stiffness, equation [44], on (u1, v1, phi1, u2, v2, phi2), shape (6, 6)."""
     mu, l = shear_factor(section, length), length
     stiffness = np.zeros((6, 6))
     # EA/l on (u_1, u_2), eq. [44]
@@ -163,7 +165,7 @@ def linear_stiffness(section: Section, length: float) -> Array:
 
 
 def geometric_matrix(section: Section, length: float) -> Array:
-    """Return G (4, 4), 1/m, of the geometric stiffness P G [45]: w'Gw = int v'^2 dx, w = (v1, phi1, v2, phi2)."""
+    """Return G (4, 4), 1/m, of the geometric stiffness P G [45]: w'Gw = int v'^2 dx with w = (v1, phi1, v2, phi2)."""
     mu, l = shear_factor(section, length), length
     a, b = 60 + 12 * mu**2, 6 * mu**2 * l
     c, d = (5 + 3 * mu**2) * l**2, (-5 + 3 * mu**2) * l**2
@@ -171,14 +173,14 @@ def geometric_matrix(section: Section, length: float) -> Array:
 
 
 def coupling_matrix(section: Section, length: float) -> Array:
-    """Return H of von Karman's energy EA / 2l (u2 - u1 + w'Hw / 2)^2 on w = (v1, phi1, v2, phi2), shape (4, 4), 1/m.
+    """Return H (4, 4), 1/m, of von Karman's energy EA / 2l (u2 - u1 + w'Hw / 2)^2 on w = (v1, phi1, v2, phi2).
 
         w'Hw = int v'^2 - gamma^2 - 2 (Q / EA) phi dx                                  (theory, eq. 1.2)
 
-    The energy's derivative is the exact beam's force along the frame. The exact beam's stretch, along the section's
-    normal, is u' + phi v' - phi^2 / 2 to second order. The exact beam's shear force Q = C gamma turns with the section,
-    which subtracts Q phi from the axial force. The shear strain gamma = v' - phi is constant in the element. The matrix
-    G of [45] instead of H would take the stretch along the tangent, with an error of gamma^2 / 2 on any mesh.
+    The energy's derivative is the exact beam's force along the frame. The exact beam's stretch, along the normal of the
+    section, is u' + phi v' - phi^2 / 2 to second order. The exact beam's shear force Q = C gamma rotates with the
+    section, which subtracts Q phi from the axial force. The shear strain gamma = v' - phi is constant in the element.
+    The matrix G of [45] would measure the stretch along the tangent instead, with an error of gamma^2 / 2 on any mesh.
     """
     mu, l = shear_factor(section, length), length
     # Q, gamma and the mean of phi over the element, as rows on w

@@ -1,13 +1,13 @@
-"""Kernels of one floating-frame body: motion of its tip, inertia forces [57]-[63], elastic and damping forces.
+"""Kernels of one body with a floating frame: motion of its tip, inertia forces [57]-[63], elastic and damping forces.
 
 A body's frame has origin R and angle theta. In frame axes the body's tip has the position t(q). The body's root section
 is rotated by the angle rho'q relative to the frame. Gravity enters as an acceleration of the frame, so positions R are
 not needed. The sweep from root to tip therefore transmits only a section's angle, its rates and its acceleration. The
 sweep from tip to root transmits a force and a moment (theory, section 3).
 
-Arguments that recur: `model` is the `Mesh`, common to all bodies. `D` is one body's block of constants (`layout.BODY`).
+Recurring arguments. `model` is the `Mesh`, common to all bodies. `D` is one body's block of constants (`layout.BODY`).
 q, v, a begin at the body's n elastic coordinates. E = [[0, -1], [1, 0]] rotates a vector by 90 deg. In a frame that
-spins at w the derivative of a vector y is y' + w E y.
+rotates at w the derivative of a vector y is y' + w E y.
 """
 
 from ...compiler import Lanes, kernel, sincos, size, unrolled
@@ -44,9 +44,10 @@ def dot(lane, model, D, at, x: Lanes):
 def along(lane, model, D, at, x):
     """Return sum_j D[at + j] x_j of a shape function along the axis of the body's frame (m for coordinates x).
 
-    D, at: the body's constants and the offset of the function; x: elastic coordinates, rates or accelerations. Bodies
-    reduced to modes have no shape functions along the axis. For these bodies -0.0 is returned, because x + -0.0 is x to
-    the last bit.
+    D: constants of the body.
+    at: offset of the shape function in D.
+    x: elastic coordinates, rates or accelerations. Bodies reduced to modes have no shape functions along the axis. For
+    them the result is -0.0, because x + -0.0 is x to the last bit.
     """
     if model.modal is not None:
         return -0.0
@@ -65,7 +66,7 @@ def product(lane, model, D, at, x: Lanes, y):
 
 @kernel
 def in_window(lane, model, D, at, x: Lanes, first):
-    """Return sum_j D[at + j] x[first + j], summed over the elastic coordinates of one element (its window)."""
+    """Return sum_j D[at + j] x[first + j] over the elastic coordinates of one finite element (its window)."""
     total = x[first] * D[at]
     for j in range(1, len(model.window)):
         total = total + x[first + j] * D[at + j]
@@ -76,8 +77,8 @@ def in_window(lane, model, D, at, x: Lanes, first):
 def tip(lane, model, D, x):
     """Return (u, v, phi)'x at the body's tip: displacement (m) along and across the frame's axis, section angle (rad).
 
-    Foreshortening of bodies reduced to modes is not included. x: the body's elastic coordinates (or their rates or
-    accelerations).
+    Foreshortening of bodies reduced to modes is not included.
+    x: elastic coordinates of the body, or their rates or accelerations.
     """
     own = constants(model)
     return along(lane, model, D, own.tip_u, x), dot(lane, model, D, own.tip_v, x), dot(lane, model, D, own.tip_phi, x)
@@ -85,7 +86,7 @@ def tip(lane, model, D, x):
 
 @kernel
 def turn_of_root(lane, model, D, x):
-    """Return the root section's angle rho'x (rad) relative to the body's frame; 0 for frames clamped to the root."""
+    """Return the root section's angle rho'x (rad) relative to the body's frame; 0 for a frame clamped to the root."""
     if model.chord is None:
         return 0.0
     return dot(lane, model, D, constants(model).root, x)
@@ -98,8 +99,11 @@ def propagate_to_tip(lane, model, D, q, v, a, pose, S):
 
         theta = angle - rho'q,   r''_tip = R'' + A (t'' + 2 w E t' + alpha E t - w^2 t)       (theory, eq. 3.1)
 
-    A: rotation by the frame's angle theta; E: rotation by 90 deg; w, alpha: theta', theta''; t: tip's position in frame
-    axes; R: position of the frame's origin.
+    A: rotation by the frame's angle theta.
+    E: matrix of a rotation by 90 deg.
+    w, alpha: theta', theta''.
+    t: position of the tip in frame axes.
+    R: position of the frame's origin.
 
     # state    q, v, a: elastic coordinates, rates, accelerations
     # in, out  pose (5,), `PASSED`: at the root section, then at the tip section; inertial axes
@@ -141,12 +145,12 @@ def propagate_to_tip(lane, model, D, q, v, a, pose, S):
 
 @kernel
 def _strains(lane, model, D, tau, q: Lanes, v: Lanes, strains: Lanes):
-    """Compute each finite element's axial force (N), and the gradient of its stretch by its window's coordinates.
+    """Compute each element's axial force (N), and the gradient of its stretch by the coordinates of its window.
 
         von Karman:  stretch = g'q + q'Hq / 2,  gradient = g + H q,  its rate H v        (theory, eq. 1.2)
-        paper:       stretch = g'q, "gradient" = G q of eq. [45], whose force has no potential
+        paper:       stretch = g'q, "gradient" = G q of equation [45], whose force has no potential
 
-    g, H (G): `SPAN.stretch`, `SPAN.H`; window: the element's elastic coordinates, from `window` on.
+    g, H (G) are `SPAN.stretch` and `SPAN.H`. The window is the element's elastic coordinates, from `window` on.
 
     # in       tau: tau_d, s; q, v: elastic coordinates and rates; EA has no factor
     # out      strains: a `STRAIN` per element; `rate` only with damping and von Karman
@@ -190,9 +194,11 @@ def forces(
 
         M_b = f_theta + (E t)'g + M,  r = f_q + K q + (dt/dq)'g + phi_t M - rho M_b,  G_b = f_R + G   (theory, eq. 3.2)
 
-    f: inertia forces with gravity, eqs. [61]-[63] (theory, eq. 2.4). K q: elastic forces [44], [45] with damping. t,
-    phi_t'q: position and angle of the tip in frame axes. rho'q: angle of the root section relative to the frame. E:
-    rotation by 90 deg. G, M: force and moment required at the tip; g: the force G in frame axes.
+    f: inertia forces with gravity, equations [61]-[63] (theory, 2.4). K q: elastic forces [44], [45] with damping. t,
+    phi_t'q: position and angle of the tip in frame axes. rho'q: angle of the root section relative to the frame.
+    E: matrix of a rotation by 90 deg.
+    G, M: force and moment required at the tip.
+    g: the force G in frame axes.
 
     # model    D; par: the arm's parameters (factor on bending stiffness, tau_d)
     # state    q, v, a: elastic coordinates, rates, accelerations; S: `NOW`, written by `propagate_to_tip`
@@ -301,9 +307,10 @@ def forces(
 def _mass_damping(lane, model, D, carried: Lanes, v: Lanes, vectors: Lanes, r: Lanes):
     """Add mass-proportional damping to the body's rows of r: r += drag (M_ff + m J'J + J_p phi phi') v.
 
-    drag: 1/s; M_ff: the body's mass matrix; v: elastic rates, relative to the frame. m, J_p = `carried`: mass (kg) and
-    inertia (kg m^2) at the tip; J = dt/dq, phi: the tip's place and the tip section's angle by q, frame axes. `vectors`
-    holds the x row of J.
+    drag: coefficient of mass-proportional damping, 1/s.
+    M_ff: the body's mass matrix.
+    v: elastic rates, relative to the frame. m, J_p = `carried`: mass (kg) and inertia (kg m^2) at the tip. J = dt/dq
+    and phi: derivatives of the tip's position and of its angle by q, frame axes. `vectors` contains the x row of J.
     """
     own, n, px = constants(model), size(model.n), vectors_at(0, size(model.n)).px
     mass, inertia = carried[0] * D[own.drag], carried[1] * D[own.drag]

@@ -1,6 +1,7 @@
 """Assembly of a scene's links as floating-frame bodies: a `FloatingChain`, or a `FloatingFrame` with multipliers.
 
-Each link is cut into `segments` bodies that are joined rigidly, of finite elements or reduced to `modes`.
+Each link is divided into `segments` bodies that are joined rigidly. A body has finite elements or is reduced to
+`modes`.
 """
 
 import itertools
@@ -37,21 +38,21 @@ from .layout import (
 from .reduction import inertia_margins, modal_body
 
 HONOURS = {**BEAM, Arm: (*BEAM[Arm], "mass_damping")}
-"""Classes and fields of an arm that this formulation takes into account; `assembly` rejects arms with other fields."""
+"""For each class of an arm's description, the fields that this formulation models; `assembly` rejects other fields."""
 
 WRITTEN_OUT = 8
-"""Largest number of elastic coordinates of a body whose kernels are unrolled, with constant indices."""
+"""Largest number of elastic coordinates of a body for which kernels are unrolled, with constant indices."""
 
 MARGIN_LOST = 0.5
-"""A run ends as out of range when bending has consumed this fraction of a reduced body's inertia margin
+"""A run ends as out of range if bending has used up this fraction of the inertia margin of a body reduced to modes
 (`inertia_margins`)."""
 
 
 def carried(arm: Arm, link: int, rest: float = 0.0) -> tuple[float, float]:
     """Return the mass (kg) and inertia (kg m^2) of all parts beyond a point that is `rest` (m) before a link's tip.
 
-    The parts are the rest of the link, its rigid end, elbows, later links and the payload. They count as straight and
-    rigid. The inertia is about the point.
+    The parts are the rest of the link, its rigid end, elbows, later links and the payload. The function treats all
+    parts as straight and rigid. The inertia is about the point.
     """
     own, mass, inertia, distance = arm.links[link], 0.0, 0.0, rest + arm.links[link].tip_offset
     # m and I = int m (s - s_0)^2 + J of the link's own rest behind the point
@@ -87,16 +88,16 @@ def _rigid(arm: Arm) -> bool:
 
 
 ROUNDED = 1e-9
-"""The end of an even segment is moved to a jump of the section that is within this fraction of the link's length."""
+"""The end of an equal segment is moved to a jump of the section if the jump is within this fraction of the link."""
 
 
 def _cut(link: Link, settings: Settings) -> list[Link]:
-    """Cut a link into segments.
+    """Divide a link into segments.
 
-    If there are more segments than jumps of the section, segments end at the jumps. Otherwise all are equally long and
-    jumps lie inside.
+    If there are more segments than jumps of the section, segments end at the jumps. If there are fewer segments, all
+    are equally long, with the jumps inside.
 
-    Raises ValueError if a segment has too few elements for an element to end at each jump inside it.
+    Raises ValueError if a segment has too few elements for elements to end at each jump inside the segment.
     """
     segments = settings.segments or 1
     if segments > len(link.jumps):
@@ -116,9 +117,9 @@ def _cut(link: Link, settings: Settings) -> list[Link]:
 
 
 def bodies_of(arm: Arm, settings: Settings) -> list[Body]:
-    """Return the bodies of all links from root to tip, the same number per link, with hub and elbow inertia lumped.
+    """Return the bodies of all links from root to tip, with lumped inertia of hub and elbows; equal numbers per link.
 
-    The payload is not lumped, because its mass is a parameter that may differ between the arms of a batch.
+    The payload is not lumped, because its mass may differ between the arms of a batch.
     """
     bodies: list[Body] = []
     frame, segments = settings.frame or "root", settings.segments or 1
@@ -149,7 +150,7 @@ def bodies_of(arm: Arm, settings: Settings) -> list[Body]:
 def _limits(scene: Scene, bodies: list[Body], reduced: bool) -> list[float]:
     """Return each body's largest allowed loss of inertia about its root, kg m^2; inf for finite elements.
 
-    The limit is a fraction of the body's `inertia_margins`. The limit is infinite for a body whose angle is prescribed.
+    The limit is a fraction of the body's `inertia_margins`. If the body's angle is prescribed, the limit is infinite.
     """
     if not reduced:
         return [np.inf] * len(bodies)
@@ -168,9 +169,9 @@ def build(scene: Scene, settings: Settings) -> System:
 
 
 def _span(body: Body, e: int, n: int, mesh: Mesh, frame: str) -> NDArray[np.float64]:
-    """Return the `SPAN` of finite element e: EA/l, and the stretch and the matrix H on the coordinates of its window.
+    """Return the `SPAN` of finite element e: EA/l, and stretch and matrix H on the coordinates of its window.
 
-    n: elastic coordinates of a body. frame: "root" or "chord".
+    n: number of elastic coordinates of a body. frame: "root" or "chord".
     """
     elements = len(mesh.elements)
     free, wide = list(free_coordinates(elements, frame)), len(mesh.window)
@@ -188,7 +189,7 @@ def _span(body: Body, e: int, n: int, mesh: Mesh, frame: str) -> NDArray[np.floa
 
 
 def _mesh(bodies: list[Body], arm: Arm, settings: Settings) -> Mesh:
-    """Return the `Mesh` that all bodies share: the bodies' sizes, and a tag for each term that the kernels compile."""
+    """Return the `Mesh` of all bodies: the bodies' sizes, and a tag for each term that the kernels contain."""
     n = bodies[0].n
     # coupling "linear" has no term (1.2) per element; a window has the free ones of an element's 6 coordinates
     elements, wide = bodies[0].element_ea.size if settings.coupling != "linear" else 0, min(n, 6)
@@ -211,9 +212,12 @@ def _mesh(bodies: list[Body], arm: Arm, settings: Settings) -> Mesh:
 def _block(
     body: Body, mesh: Mesh, frame: str, drag: float, damped: float, offset: float, most_lost: float
 ) -> NDArray[np.float64]:
-    """Return a body's block of `data`, packed as `layout.BODY`.
+    """Return the block of a body in `data`, packed as `layout.BODY`.
 
-    drag: 1/s; damped: the body's share of tau_d; offset: rad, of the rigid joint at its tip; most_lost: kg m^2.
+    drag: mass-proportional damping, 1/s.
+    damped: the body's share of tau_d.
+    offset: angle (rad) of the rigid joint at its tip.
+    most_lost: largest loss of inertia, kg m^2.
     """
     n, elements = body.n, len(mesh.elements)
     # field by field in groups of lanes, because the kernel draws a group of stations at once
@@ -307,10 +311,10 @@ def _chain(scene: Scene, settings: Settings) -> System:
 
 
 def _sizes(body: Body, settings: Settings, arm: Arm) -> NDArray[np.float64]:
-    """Return the reciprocal of each elastic coordinate's characteristic size (n,).
+    """Return the reciprocal of each elastic coordinate's characteristic size, (n,).
 
-    Finite elements: u and v are lengths (1 over the arm's length), phi is an angle (1). A mode: the larger of the tip
-    deflection that the mode causes, over the arm's length, and the angles of its ends.
+    For finite elements u and v are lengths (1 over the arm's length), and phi is an angle (1). For a mode, use the
+    larger of the tip deflection over the arm's length and the angles of the ends.
     """
     if settings.modes is not None:
         moved = np.maximum(np.abs(body.tip[1]) / arm.total_length, np.abs(body.root))
@@ -322,7 +326,7 @@ def _sizes(body: Body, settings: Settings, arm: Arm) -> NDArray[np.float64]:
 
 
 def _joined(scene: Scene, settings: Settings) -> System:
-    """Assemble the scene's bodies joined by multipliers, the paper's own form: rows body 0, its joint, body 1, ..."""
+    """Assemble the scene's bodies joined by multipliers (the paper's form): rows body 0, its tip joint, body 1, ..."""
     arm, bodies, segments = scene.arm, bodies_of(scene.arm, settings), settings.segments or 1
     n, count = bodies[0].n, len(bodies)
     links = np.arange(count) // segments

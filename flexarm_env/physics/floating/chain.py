@@ -1,14 +1,14 @@
 """A chain of floating frames without multipliers: residual, Newton matrix and its factors (theory, section 3).
 
-Model: `physics.model.FloatingChain`. A body's frame begins at the end of the body before. The frame's origin and angle
-therefore follow from the elastic coordinates of the bodies before, and rigid joints between segments need no rows. Rows
-of q: x, y, angle of the root; elastic coordinates of all bodies from root to tip; angles of the elbows.
+Model: `physics.model.FloatingChain`. A body's frame begins at the end of the preceding body. The frame's origin and
+angle are therefore functions of the elastic coordinates of the preceding bodies, and rigid joints between segments need
+no rows. Rows of q: x, y, angle of the root; elastic coordinates of all bodies from root to tip; angles of the elbows.
 
-One sweep from root to tip computes the motion of every frame, and one sweep from tip to root the forces. The matrix is
-never formed: its blocks are eliminated body by body from the tip. The method is that of articulated-body inertias,
+One sweep from root to tip computes the motion of every frame, one sweep from tip to root the forces. The matrix is
+never formed; its blocks are eliminated body by body from the tip. The elimination is the articulated-body method,
 applied to the whole tangent. The cost is linear in the number of bodies.
 
-S holds `ROOT`, a `JOINT` per elbow, `FACTORS` per body, `LEVER_FACTORS` of rigid ends and of the payload's lever.
+S contains `ROOT`, a `JOINT` per elbow, `FACTORS` per body, and `LEVER_FACTORS` of rigid ends and payload lever.
 """
 
 from ...compiler import Lanes, kernel, load_lane, size, stack
@@ -40,7 +40,7 @@ NUMBERS = (0,) * KNOWN.end
 
 @kernel
 def _stride(model):
-    """Return the number of entries in S per body."""
+    """Return the number of entries of S for each body."""
     return factors_at(0, size(model.mesh.n)).end
 
 
@@ -66,8 +66,9 @@ def _joint_at(k):
 def frame_at(lane, model, state: State, i, pose):
     """Write the motion of the frame in rows i, i + 1, i + ANGLE of state into pose (5,), the `PASSED` of its origin.
 
-    The three rows of `state` (q, v, a of the arm) are x, y (inertial axes) and angle. pose: angle (rad), its rate and
-    acceleration, then the origin's acceleration less gravity (m/s^2, inertial axes).
+    The three rows of `state` (q, v, a of the arm) are x, y (inertial axes) and angle.
+    pose: angle (rad), its rate and acceleration, then the acceleration of the origin minus gravity (m/s^2, inertial
+    axes).
     """
     q, v, a = state
     store_vector(lane, pose, PASSED.angle, (q[i + ANGLE], v[i + ANGLE], a[i + ANGLE]))
@@ -79,8 +80,8 @@ def frame_at(lane, model, state: State, i, pose):
 def subtract_loads(lane, model, link, end, u: Lanes, force: Lanes):
     """Subtract the point loads at an end (0 root, 1 tip) of a link from the force and moment in `force` (3,).
 
-    force: components along inertial axes (N), then the moment (N m). u: inputs, which are the joint torques of all
-    links, then x, y and torque of each load (`LOAD`).
+    force: components along inertial axes (N), then the moment (N m).
+    u: inputs, i.e. joint torques of all links, then x, y and torque of each load (`LOAD`).
     """
     if model.loads is not None:
         for f in range(model.loads.shape[0] // LOADED.end):
@@ -103,12 +104,13 @@ def payload_force(lane, par: Lanes, pose: Lanes, force, carried):
 
 @kernel
 def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
-    """Compute the residual r of eq. [64] and, with weights.with_matrix, the blocks of the Newton matrix.
+    """Compute the residual r of equation [64] and, with weights.with_matrix, the blocks of the Newton matrix.
 
-    Rows of r: force (N, inertial axes) and moment (N m) at the root less the hub's torque; each body's elastic
-    coordinates (theory, eq. 3.2); at each elbow the moment less the elbow's torque, N m. u: joint torques (N m), then
-    point loads; weights: `Weights` of dr/da, dr/dv, dr/dq. S receives the bodies' `FACTORS.matrix` and lever arms;
-    `factor` eliminates them. See `protocol.assemble`.
+    Rows of r are force (N, inertial axes) and moment (N m) at the root minus the hub's torque, then each body's elastic
+    coordinates (theory, 3.2), then at each elbow the moment minus the elbow's torque, N m.
+    u: joint torques (N m), then point loads.
+    weights: `Weights` of dr/da, dr/dv, dr/dq. S receives the bodies' `FACTORS.matrix` and lever arms, which `factor`
+    eliminates. See `protocol.assemble`.
     """
     q, v, a = state
     cm, cc, ck, with_matrix = weights.mass, weights.damping, weights.stiffness, weights.with_matrix
@@ -169,10 +171,10 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Add x (N m/rad) to the stiffness that `factor` adds to the diagonal of row k, the hub's or an elbow's angle.
+    """Add x (N m/rad) to the stiffness for row k, the angle of hub or elbow, which `factor` adds to the diagonal.
 
-    If x is None, row k, of the root (0 to 2) or of an elbow, is fixed: `factor` and `solve` then use the row of the
-    identity matrix.
+    If x is None, row k of the root (0 to 2) or of an elbow is fixed: `factor` and `solve` then use the row of the
+    identity matrix instead.
     """
     elbow = _joint_at(k - elbow_row(model, 0))
     if x is None:
@@ -183,7 +185,7 @@ def add_stiffness(lane, model, S: Lanes, k, x):
 
 @kernel
 def _with_own(lane, model, S: Lanes, at, x, y):
-    """Return x + S[at] y in an arm with joint models (`model.jointed`), otherwise x; at: a joint's or root's `own`."""
+    """Return x + S[at] y in a jointed arm (`model.jointed`), otherwise x; at: index of `own` of a joint or the root."""
     if model.jointed is None:
         return x
     return x + S[at] * y
@@ -191,9 +193,9 @@ def _with_own(lane, model, S: Lanes, at, x, y):
 
 @kernel
 def diagonal(lane, tail, zero, mass, inertia):
-    """Write the matrix diag(mass, mass, inertia) of a rigid body (rows: force, moment) into tail (9,), row by row.
+    """Write the matrix diag(mass, mass, inertia) of a rigid body (rows: force, moment) by rows into tail (9,).
 
-    inertia: already multiplied by the weight cm of accelerations in the Newton matrix. zero: 0.0 in every lane.
+    inertia: inertia times cm, the weight of accelerations in the Newton matrix. zero: 0.0 in every lane.
     """
     store_vector(lane, tail, cell(0, 0), (mass, zero, zero))
     store_vector(lane, tail, cell(1, 0), (zero, mass, zero))
@@ -204,10 +206,11 @@ def diagonal(lane, tail, zero, mass, inertia):
 def factor(lane, model, S: Lanes):
     """Factor S in place: eliminate the bodies and elbows from tip to root, then factor the root's 3 x 3 matrix.
 
-    `tail` (9,) is a 3 x 3 matrix, row by row, in inertial axes: the change of force and moment at a section by the
-    section's weighted acceleration (x, y) and angle, for all bodies beyond the section. Pivots are stored inverted. At
-    a free elbow the angle of the section beyond is eliminated. The moment there is the joint's torque, so the elbow
-    transmits no change of moment. A fixed elbow transmits the whole change. See theory, (3.3).
+    `tail` (9,) is a 3 x 3 matrix by rows, in inertial axes, which represents all bodies beyond a section. `tail` maps
+    the section's weighted acceleration (x, y) and angle to the change of force and moment at the section. Pivots are
+    stored inverted. At a free elbow the angle of the section beyond the elbow is eliminated. The moment at this elbow
+    is the joint's torque, so the elbow transmits no change of moment. A fixed elbow transmits the whole change. See
+    theory, (3.3).
     """
     stride, first = _stride(model), _bodies_at(model)
     tail, (inertia, mass) = stack(lane, NINE), load_pair(lane, S, ROOT.tail)
@@ -272,11 +275,11 @@ def factor(lane, model, S: Lanes):
 
 @kernel
 def solve(lane, model, S: Lanes, x: Lanes):
-    """Replace x by S^-1 x with the factors of `factor`: right sides in, increments out, for all rows of the arm.
+    """Replace the right sides x by the increments S^-1 x in all rows of the arm; S contains the factors from `factor`.
 
-    The order is forward from tip to root, then the root's 3 x 3 system, then back from root to tip. flow (3,) is in
-    inertial axes. On the way to the root, flow is the force and moment at a section that the reduced right sides of the
-    bodies beyond it cause. On the way back, flow is the section's weighted acceleration and angle. See theory, (3.3).
+    The order is from tip to root, then the root's 3 x 3 system, then back from root to tip. flow (3,) is in inertial
+    axes. On the way to the root, flow is the force and moment at a section that result from the reduced right sides of
+    the bodies beyond. On the way back, flow is the weighted acceleration and angle of the section. See theory, (3.3).
     """
     mesh, stride, first = model.mesh, _stride(model), _bodies_at(model)
     flow, levers, zero = stack(lane, THREE), _levers_at(model), 0.0

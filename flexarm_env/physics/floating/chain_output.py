@@ -1,8 +1,8 @@
 """Outputs of floating frames, with or without multipliers: input displacements, energies, poses, range, centerline.
 
 The Model is `physics.model.FloatingChain`, whose table is None, or `FloatingFrame`, in which each body has rows for its
-frame. `D` is one body's block of constants (`layout.BODY`). The `Mesh` of all bodies is called `mesh`, and `model` in
-kernels of one body.
+frame. `D` is one body's block of constants (`layout.BODY`). The argument for the `Mesh` of all bodies is called `mesh`,
+in kernels of a single body `model`.
 """
 
 from ...compiler import WIDEST, Lanes, absolute, kernel, load, select_lt, sincos, size, stack, store, unrolled
@@ -26,11 +26,11 @@ SIX = (0,) * 6
 
 @kernel
 def _enter(lane, model, q: Lanes, v: Lanes, k, b, pose: Lanes):
-    """Write the pose (6,) of the root section of body b, of link k: position, angle and their rates, inertial axes.
+    """Write the pose (6,) of the root section of body b of link k: position, angle and their rates, inertial axes.
 
-    At entry, pose is that of the tip section before body b. The pose of the first body, or of a body with its own frame
-    (multipliers), is read from q, v, rows of the system. For the first body of a later link the elbow's angle and rate
-    are added. Otherwise the pose stays.
+    On entry, pose is that of the tip section before body b. The pose of the first body, or of a body with its own frame
+    (multipliers), is read from q, v. For the first body of a later link, the elbow's angle and rate are added. In all
+    other cases the pose does not change.
     """
     at = 0
     if model.table is not None:
@@ -46,7 +46,7 @@ def _enter(lane, model, q: Lanes, v: Lanes, k, b, pose: Lanes):
 
 @kernel
 def _elastic(model, b):
-    """Return the row of body b's first elastic coordinate, in a chain or with multipliers (`model.table` not None)."""
+    """Return the row of body b's first elastic coordinate, in a chain or with multipliers (model.table is not None)."""
     if model.table is None:
         return elastic_row(model, b)
     return model.table[b, START] + ELASTIC
@@ -59,8 +59,8 @@ def place(lane, model, D, q, v, pose: Lanes, frame: Lanes):
 
         r_tip = R + A t(q),   r'_tip = R' + A (t' + w E t),   angle = theta + phi_t'q                 (theory, eq. 3.1)
 
-    R: position of the frame's origin, A: rotation by the frame's angle theta, w: theta'; t: tip's position in frame
-    axes; E: rotation by 90 deg.
+    R: position of the frame's origin. A: rotation by the frame's angle theta. w: angular velocity theta' of the frame.
+    t: position of the tip in frame axes. E: matrix of a rotation by 90 deg.
 
     # state    q, v: the body's elastic coordinates and rates
     # in, out  pose (6,): x, y, angle and their rates, inertial axes
@@ -93,10 +93,13 @@ def place(lane, model, D, q, v, pose: Lanes, frame: Lanes):
 
 @kernel
 def _visit(lane, model, q: Lanes, v: Lanes, tell, out):
-    """Walk along the chain and call tell(lane, model, k, end, pose, out) at the root and the tip of each link k.
+    """Call tell(lane, model, k, end, pose, out) at the root and at the tip of each link k, along the chain.
 
-    pose (6,), `POSE`: x, y, angle and rates of the section at the joint, rigid ends included; inertial axes. end:
-    ROOT_END or TIP_END. q, v: rows of the system; out: passed to `tell`.
+    pose (6,), `POSE`: x, y, angle and rates of the section at the joint, beyond rigid ends; inertial axes.
+    end: ROOT_END or TIP_END.
+    q: coordinates of the arm.
+    v: rates of the coordinates.
+    out: array that is passed to `tell`.
     """
     pose, frame = stack(lane, SIX), stack(lane, SIX)
     for k in range(model.links):
@@ -113,14 +116,14 @@ def _visit(lane, model, q: Lanes, v: Lanes, tell, out):
 
 @kernel
 def _to_pose(lane, model, link, end, pose: Lanes, out: Lanes):
-    """Copy a pose (6,) into a link's `POSE` in out, at its root (end 0) or tip (end 1); a `tell` of `_visit`."""
+    """Copy a pose (6,) into the `POSE` of a link in out: at its root (end 0) or tip (end 1). Argument of `_visit`."""
     for i in range(6):
         out[POSE.end * link + POSE.tip_x * end + i] = pose[i]
 
 
 @kernel
 def link_poses(lane, model, par, q, v, out, tasks=None):
-    """Write x, y (m), angle (rad) and their rates of each link's root, then of its tip; inertial axes.
+    """Write x, y (m), angle (rad) and their rates of each link's root, then of its tip, in inertial axes.
 
     out: one `layout.POSES` record for each link. q, v: coordinates and rates of the arm.
     """
@@ -129,7 +132,7 @@ def link_poses(lane, model, par, q, v, out, tasks=None):
 
 @kernel
 def _to_loads(lane, model, link, end, pose, y):
-    """Write x, y (m) and angle (rad) of a pose into the rows of y of the point loads there; a `tell` of `_visit`."""
+    """Write x, y (m), angle (rad) of a pose to the rows of y for point loads at this end; an argument of `_visit`."""
     for f in range(model.loads.shape[0] // LOADED.end):
         if acts_at(model.loads, f, link, end):
             store_vector(lane, y, model.links + OF_LOAD.end * f, load_vector(lane, pose, POSE.x))
@@ -137,17 +140,17 @@ def _to_loads(lane, model, link, end, pose, y):
 
 @kernel
 def ports_of_loads(lane, model, q, y):
-    """Write position (m, inertial axes) and section angle (rad) at each point load into y, after the joint angles."""
+    """Write the position (m, inertial axes) and section angle (rad) at each point load to y, after the joint angles."""
     if model.loads is not None:
         _visit(lane, model, q, q, _to_loads, y)
 
 
 @kernel
 def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
-    """Write the displacements conjugate to the inputs into y: joint angles, then x, y, angle at each point load.
+    """Write the displacements on which inputs do work to y: joint angles, then x, y, angle at each point load.
 
-    Joint angles (rad) are the root's angle and the elbows' relative angles. Positions (m) are in inertial axes; section
-    angles are in rad. since: not read, because angles in the plane add up.
+    Joint angles (rad) are the root's angle and the elbows' relative angles. Positions (m) are in inertial axes, section
+    angles in rad. since is not read, because angles in the plane add up.
     """
     y[0] = q[ANGLE]
     for k in range(1, model.links):
@@ -158,7 +161,7 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
 @unrolled
 @kernel
 def _damping(lane, model, D, par: Lanes, q, v: Lanes, x: Lanes, total):
-    """Return total + x'C(q) v of one body, as a tuple of one (W for x = v); C: Kelvin-Voigt and mass-proportional.
+    """Return total + x'C(q) v of one body as a tuple of one number; C: Kelvin-Voigt and mass-proportional damping.
 
     # model    D: constants; par: the arm's parameters (factor on bending stiffness, tau_d)
     # state    q, v: elastic coordinates and rates; x: rates that are multiplied from the left
@@ -197,8 +200,11 @@ def _payload_drag(lane, model, D, par: Lanes, q, v, x):
 
         drag (m_p x_t.v_t + J_p (phi_t'x) (phi_t'v))
 
-    v_t, x_t: velocities of the tip relative to the last body's frame, in its axes, for elastic rates v and x; modes
-    include the rate of foreshortening, -q'H v. J_p, m_p: payload; phi_t: tip section's angle by q; drag: 1/s.
+    v_t, x_t: velocities of the tip relative to the last body's frame, in its axes, for elastic rates v and x. For modes
+    they include the rate of foreshortening, -q'H v.
+    J_p, m_p: inertia and mass of the payload.
+    phi_t: derivative of the tip section's angle by q.
+    drag: coefficient of mass-proportional damping, 1/s.
     """
     own = constants(model)
     vx, vy, turning = tip(lane, model, D, v)
@@ -214,7 +220,9 @@ def _payload_drag(lane, model, D, par: Lanes, q, v, x):
 def damping_power(lane, model, par, q: Lanes, v: Lanes, x: Lanes):
     """Return x'C(q) v, the power (W) of the damping forces at virtual rates x; for x = v the dissipated power.
 
-    The elastic coordinates and the payload are damped; rigid motion is not. q, v: coordinates and rates of the arm.
+    The elastic coordinates and the payload are damped; rigid motion is not damped.
+    q: coordinates of the arm.
+    v: rates of the arm.
     """
     total, mesh, last = 0.0, model.mesh, model.links * model.segments - 1
     for b in range(last + 1):
@@ -233,7 +241,9 @@ def _energies(lane, model, D, par: Lanes, q: Lanes, v, frame):
 
         T = m_t |R'|^2 / 2 + R'.(s_bar' + w E s_bar) + w^2 I / 2 + w (c + B q)'v + v'M_ff v / 2     (theory, eq. 2.3)
 
-    R: origin, w: rate of the frame; s_bar(q): first moment, I(q): inertia about the origin; E turns by 90 deg.
+    R: origin of the frame.
+    w: angular velocity of the frame. s_bar(q): first moment. I(q): inertia about the origin.
+    E: matrix of a rotation by 90 deg.
 
     # state    q, v: elastic coordinates and rates; frame: `FRAME` of the body, velocity R' in frame axes
     """
@@ -282,10 +292,11 @@ def _energies(lane, model, D, par: Lanes, q: Lanes, v, frame):
 
 @kernel
 def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
-    """Return the arm's (kinetic, strain, gravitational) energy, J; gravitational energy is 0 at the inertial origin.
+    """Return the arm's (kinetic, strain, gravitational) energy, J. Gravitational energy is 0 at the inertial origin.
 
-    q, v: coordinates and rates of the arm; par: payload mass and inertia, factor on bending stiffness. See theory,
-    (2.3).
+    q: coordinates of the arm.
+    v: rates of the arm.
+    par: payload mass and inertia, factor on bending stiffness. See theory, (2.3).
     """
     pose, frame, ends = stack(lane, SIX), stack(lane, SIX), stack(lane, (0, 0, 0))
     zero = 0.0
@@ -322,11 +333,11 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
 @unrolled
 @kernel
 def _ranges(lane, model, D, payload, q):
-    """Return one body's tip deflection over its length, and its loss of root inertia over the largest allowed loss.
+    """Return two ratios of one body: tip deflection to length, and loss of root inertia to the largest allowed loss.
 
-    The deflection is measured from the tangent at the root. The loss counts foreshortening alone (theory, section 4):
-    q'(D - M_uv)q = -q'G q (`BODY.G`) and the payload's part m_p (L q'H q - y^2), with length L, `BODY.tip_H` H and
-    deflection y of the tip; it is 0 for finite elements.
+    The deflection is measured from the tangent at the root. The loss counts only foreshortening (theory, section 4).
+    The loss is q'(D - M_uv)q = -q'G q (`BODY.G`), plus the payload's part m_p (L q'H q - y^2) with length L, H =
+    `BODY.tip_H` and the tip's deflection y. The loss is 0 for finite elements.
 
     # in       payload: m_p, kg, mass at the body's tip; q: elastic coordinates
     """
@@ -350,9 +361,10 @@ def _ranges(lane, model, D, payload, q):
 def out_of_range(lane, model, par: Lanes, q: Lanes):
     """Return a status code per lane: 0.0, DIVERGED or OUT_OF_RANGE.
 
-    DIVERGED: a body's tip deflects by its length or more, or is NaN. OUT_OF_RANGE (modes only): the deflection exceeds
-    `model.bound`, or the inertia about the root is so small that the mass matrix is nearly indefinite. If several
-    bodies are out of range, the body nearest to the root determines the code.
+    DIVERGED: a body's tip deflects by its length or more, or the deflection is NaN.
+    OUT_OF_RANGE (only for modes): the deflection exceeds `model.bound`, or the inertia about the root is so small that
+    the mass matrix is nearly indefinite. If several bodies are out of range, the body nearest to the root determines
+    the code.
     """
     status, payload = 0.0, par[PAYLOAD_MASS]
     for b in range(model.links * model.segments - 1, -1, -1):
@@ -368,7 +380,7 @@ def out_of_range(lane, model, par: Lanes, q: Lanes):
 
 @kernel
 def _sum(D, at, x, n):
-    """Return sum_j D[at + j] x_j for len(WIDEST) stations at once; D: lanes of stations; x (n,): one arm's."""
+    """Return sum_j D[at + j] x_j for len(WIDEST) stations at once; D: lanes of stations; x (n,): numbers of one arm."""
     total = load(WIDEST, D, at) * x[0]
     for j in range(1, n):
         total = total + load(WIDEST, D, at + j) * x[j]
@@ -377,7 +389,7 @@ def _sum(D, at, x, n):
 
 @kernel
 def _draw(mesh, D, q, x0, y0, frame, line):
-    """Write x, then y (m, inertial axes) of a group of len(WIDEST) drawing stations of one body into line (2 lanes).
+    """Write x, then y (m, inertial axes) of a group of len(WIDEST) drawing stations of one body to line (2 lanes).
 
     # in       D: a `STATION`, each entry for all stations of the group; q: elastic coordinates; x0, y0: origin (m);
     #          frame: `FRAME`
@@ -403,7 +415,7 @@ def _draw(mesh, D, q, x0, y0, frame, line):
 
 @kernel
 def centerline(model, q, points):
-    """Write positions (m, inertial axes) along one arm into points (n_points, 2) and return the number of positions.
+    """Write points (m, inertial axes) along one arm to `points` (n_points, 2) and return the number of points.
 
     The points are the root, then the drawing stations of all bodies from root to tip, until `points` is full. The last
     point of a link with rigid ends is its joint at the tip.

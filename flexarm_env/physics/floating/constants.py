@@ -1,9 +1,9 @@
-"""Constants of a link, or of a piece of a link, as a floating-frame body with elastic coordinates q, eqs. [20]-[27].
+"""Constants of a link, or a piece of it, as a floating-frame body with elastic coordinates q, equations [20]-[27].
 
-Frame "root" is clamped to the body's first node. The node's (u, v, phi) vanish, so the frame's angle is the root
-section's angle. The x axis of frame "chord" passes through both ends of the body. All inertia enters through constants
-(theory, eq. 2.1) that this module computes once and that kernels read. A body reduced to modes has, in addition, the
-constants of its foreshortening (`reduction`).
+Frame "root" is clamped to the body's first node. The node's (u, v, phi) vanish, so the frame's angle is the angle of
+the root section. The x axis of frame "chord" passes through both ends of the body. All inertia terms are expressed by
+constants (theory, 2.1) that this module computes once and that kernels read. A body reduced to modes has additional
+constants for its foreshortening (`reduction`).
 """
 
 from dataclasses import dataclass, field
@@ -27,27 +27,27 @@ class Body:
     1/2 m_t |R'|^2 + R''A (w S~ s_bar + s_bar') + 1/2 w^2 I + w (c + B q)'q' + 1/2 q''M_ff q'  (theory, eq. 2.3).
     """
 
-    length: float  # m, undeformed
-    mass: float  # m_t, kg
-    s0: float  # S0, first moment along the axis, kg m
-    i0: float  # I0, inertia about the frame's origin, kg m^2
-    s_bar: Array  # (2, n) kg: S_bar, elastic part of the first moment, x and y
-    g: Array  # (n, n) kg: M_uv, less the foreshortening term D for modes
-    m_ff: Array  # (n, n) kg: elastic mass matrix, rotary inertia included
-    b: Array  # (n, n) kg: B, skew
-    c_u: Array  # (n,) kg m: int m x N_u
-    c: Array  # (n,) kg m: int m x N_v + J N_phi
-    k_axial: Array  # (n, n) N/m: linear stiffness [44], stretching part
-    k_bend: Array  # (n, n) N/m: bending part
-    d0: Array  # (n, n) kg: foreshortening in the first moment, zero for finite elements
-    tip: Array  # (3, n) shape functions of u, v, phi at the tip
+    length: float  # m: undeformed length
+    mass: float  # kg: mass m_t
+    s0: float  # kg m: S0, first moment along the axis
+    i0: float  # kg m^2: I0, inertia about the frame's origin
+    s_bar: Array  # (2, n) kg: S_bar, elastic part of the first moment, rows x and y
+    g: Array  # (n, n) kg: M_uv; for modes minus the foreshortening term D
+    m_ff: Array  # (n, n) kg: elastic mass matrix, including rotary inertia
+    b: Array  # (n, n) kg: skew-symmetric matrix B
+    c_u: Array  # (n,) kg m: integral of m x N_u
+    c: Array  # (n,) kg m: integral of m x N_v + J N_phi
+    k_axial: Array  # (n, n) N/m: stretching part of the linear stiffness [44]
+    k_bend: Array  # (n, n) N/m: bending part of the linear stiffness [44]
+    d0: Array  # (n, n) kg: foreshortening in the first moment; zero for finite elements
+    tip: Array  # (3, n): shape functions of u, v, phi at the tip
     tip_h: Array  # (n, n) 1/m: foreshortening of the tip, u -= q'H q / 2; zero for finite elements
-    root: Array  # (n,) rho: the root section is turned by rho'q against the frame; zero where it is clamped to it
-    shapes: Array  # (s, 3, n) shape functions of u, v, phi at drawing stations
-    stations: Array  # (s,) m: x of those stations
-    station_h: Array  # (s, n, n) foreshortening there
-    moment: Array  # (n,): K_bend q0, bending forces subtracted for the shape without stress
-    q0: Array  # (n,): elastic coordinates of the shape without stress; zero for straight links
+    root: Array  # (n,): rho; the root section is rotated by rho'q relative to the frame; zero if clamped
+    shapes: Array  # (s, 3, n): shape functions of u, v, phi at drawing stations
+    stations: Array  # (s,) m: positions x of the drawing stations
+    station_h: Array  # (s, n, n): foreshortening at the drawing stations
+    moment: Array  # (n,): K_bend q0, bending forces subtracted for the stress-free shape
+    q0: Array  # (n,): elastic coordinates of the stress-free shape; zero for straight links
     element_ea: Array = field(default_factory=lambda: np.zeros(0))  # EA / l of each element, N/m
     element_g: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))  # 1/m: G of [45]; H for von Karman
 
@@ -57,7 +57,7 @@ class Body:
         return self.c.size
 
     def add_tip_mass(self, mass: float, inertia: float) -> None:
-        """Lump a mass (kg) and an inertia (kg m^2) at the tip, such as an elbow's (theory, eq. 2.6)."""
+        """Lump a mass (kg) and an inertia (kg m^2), such as those of an elbow, at the tip (theory, 2.6)."""
         n_u, n_v, n_phi = self.tip
         length = self.length
         # eq. (2.1) of a point mass: S_bar; G = M_uv - D and M_ff, because foreshortening takes D from the inertia; c_u,
@@ -75,7 +75,7 @@ class Body:
         self.i0 += mass * length**2 + inertia
 
     def add_root_inertia(self, inertia: float) -> None:
-        """Lump an inertia (kg m^2), the hub's or an elbow's, at the root section, whose angle is theta + rho'q."""
+        """Lump an inertia (kg m^2), of the hub or an elbow, at the root section, whose angle is theta + rho'q."""
         self.i0 += inertia
         self.c += inertia * self.root
         self.m_ff += inertia * np.outer(self.root, self.root)
@@ -84,17 +84,17 @@ class Body:
 def free_coordinates(elements: int, frame: str) -> NDArray[np.int64]:
     """Return the indices of a body's elastic coordinates among (u, v, phi) of its elements + 1 nodes.
 
-    A frame "root" is clamped to the first node, and that node has no elastic coordinates. A frame "chord" passes
-    through both ends, and u, v of the first node and v of the last node are no elastic coordinates.
+    Frame "root" is clamped to the first node, which therefore has no elastic coordinates. Frame "chord" passes through
+    both ends. Therefore u and v of the first node and v of the last node are not elastic coordinates.
     """
     last = 3 * elements + 3
     return np.arange(3, last) if frame == "root" else np.r_[2 : last - 2, last - 1]
 
 
 def finite_element_body(link: Link, elements: int, coupling: str, frame: str = "root") -> Body:
-    """Return the `Body` of a link, or of a piece of a link, in finite elements, with n = 3 elements coordinates.
+    """Return the `Body` of a link, or of a piece of a link, with finite elements; it has n = 3 elements coordinates.
 
-    coupling: how stretch and bending are coupled, one of COUPLINGS. frame: "root" or "chord".
+    coupling: coupling of stretch and bending, one of COUPLINGS. frame: "root" or "chord".
     """
     parts = mesh(link, elements, "elements")
     n_all = 3 * (elements + 1)
@@ -165,10 +165,10 @@ def _bending_moments(parts: list[Element]) -> Array:
 
 
 def _natural(link: Link, parts: list[Element], k_bend: Array, stretching: Any, free: Any) -> Array:
-    """Return `Body.moment` and `Body.q0`, (2, n), of the shape without stress, which has no stretch.
+    """Return `Body.moment` and `Body.q0` of the stress-free shape, which has no stretch, as an array (2, n).
 
-    stretching: `coupling_matrix` or `geometric_matrix`; free: indices of the elastic coordinates. `moment` and `q0` are
-    zero for straight links.
+    stretching: `coupling_matrix` or `geometric_matrix`.
+    free: indices of the elastic coordinates. The results are zero for straight links.
     """
     if not link.curved:
         return np.zeros((2, len(free)))
@@ -184,7 +184,7 @@ def _natural(link: Link, parts: list[Element], k_bend: Array, stretching: Any, f
 
 
 def _drawing_stations(parts: list[Element]) -> tuple[Array, Array]:
-    """Return shape functions (s, 3, nodal coordinates) and x (s,) in m at eight points of each element."""
+    """Return shape functions (s, 3, nodal coordinates) and positions x (s,), m, at eight points of each element."""
     rows, places = [], []
     for e, part in enumerate(parts):
         for xi in np.arange(1, 9) / 8:

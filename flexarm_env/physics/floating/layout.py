@@ -1,6 +1,6 @@
-"""Layouts of a floating-frame Model's arrays: `table` (a row per body), `data` (a block per body), factors S, scratch.
+"""Layouts of a floating-frame Model's arrays: `table` (row per body), `data` (block per body), factors in S, scratch.
 
-Components that kernels read together (`arithmetic.load_pair`, `load_vector`) are neighboring fields, in that order.
+Components that kernels read together (`arithmetic.load_pair`, `load_vector`) are adjacent fields in the loaded order.
 Symbols are those of docs/theory.md, sections 1 to 3. Frame axes are the axes of a body's floating frame.
 """
 
@@ -9,16 +9,17 @@ from ...layout import Field, Layout
 
 ROW = Layout(
     "Row", "",
-    Field("start", (), "", "first row of the body in the system"),
-    Field("size", (), "", "number n of elastic coordinates"),
+    Field("start", (), "", "index of the body's first row in the system"),
+    Field("size", (), "", "number n of elastic coordinates of the body"),
     Field("link", (), "", "index of the link that the body is part of"),
-    Field("multipliers", (), "", "number of the joint at the tip: 0 (last body), 2 (hinge), 3 (angle constrained too)"),
-    Field("motion", (), "", "index of the motion that prescribes that joint's angle; -1: constant angle or hinge"),
+    Field("multipliers", (), "",
+          "number of multipliers of the joint at the tip: 0 (last body), 2 (hinge), 3 (no hinge)"),
+    Field("motion", (), "", "index of the motion that prescribes this joint's angle; -1: constant angle or hinge"),
 )  # fmt: skip
 START, SIZE, LINK, MULTIPLIERS, MOTION, _ = ROW.places
 
 ANGLE, ELASTIC = 2, 3
-"""Offsets of angle and elastic coordinates in a body's rows, which begin with x and y of the frame's origin."""
+"""Offsets of the angle and the elastic coordinates in a body's rows, which begin with x and y of the frame's origin."""
 
 # in S: n and the weighted derivative w of a lever's far point by theta, and its geometric term (inertial axes)
 LEVER_FACTORS = Layout(
@@ -27,36 +28,36 @@ LEVER_FACTORS = Layout(
     *(Field(name, (), "", "near point: w, alpha, acceleration - g") for name in ("rate", "second", "ax", "ay")),
     *(Field(name, (), "m", "E lever: change of the far point by the angle, last matrix") for name in ("nx", "ny")),
     *(Field(name, (), "", "weighted change of the far point's acceleration by the angle") for name in ("wx", "wy")),
-    Field("turn", (), "", "weighted derivative of the near point's moment by the angle, forces constant"),
+    Field("turn", (), "", "weighted derivative of the near point's moment by the angle at constant forces"),
 )  # fmt: skip
-"""Terms of the Newton matrix for each rigid end and for the payload's lever, stored in S after the bodies' factors."""
+"""Terms of the Newton matrix for each rigid end and for the payload's lever. They follow the bodies' factors in S."""
 
 # in `data`: EA/l, g and H of one finite element (1.2), on the coordinates of its window
 SPAN = Layout(
     "Span", "window",
-    Field("stiffness", (), "N/m", "EA / l"),
-    Field("stretch", ("window",), "", "g: linear stretch u2 - u1 (m) of a finite element is g'q, q of its window"),
+    Field("stiffness", (), "N/m", "axial stiffness EA / l"),
+    Field("stretch", ("window",), "", "g: linear stretch u2 - u1 (m) of an element is g'q, with q of its window"),
     Field("H", ("window", "window"), "1/m", "H: stretch q'H q / 2 of second order (von Karman); G of [45] (paper)"),
 )  # fmt: skip
 # in `data`: N_u, N_v (m) at a point where the centerline is drawn (frame axes)
 STATION = Layout(
     "Station", "n",
-    Field("x", (), "m", "place of the drawing station along the axis"),
+    Field("x", (), "m", "position of the drawing station along the axis"),
     Field("u", ("n",), "", "shape functions along the axis"),
-    Field("v", ("n",), "", "shape functions across it"),
+    Field("v", ("n",), "", "shape functions across the axis"),
     Field("H", ("n", "n"), "1/m", "foreshortening: u -= q'H q / 2"),
 )  # fmt: skip
 # in `data`: the constants (2.1) of one body, frame axes
 BODY = Layout(
     "Body", "n, window, elements, stations",
     Field("length", (), "m", "undeformed length of the body"),
-    Field("mass", (), "kg", "m_t, eq. 2.1"),
+    Field("mass", (), "kg", "m_t (theory, 2.1): mass of the body"),
     Field("S0", (), "kg m", "S_0: first moment along the axis, undeformed"),
     Field("I0", (), "kg m^2", "I_0: inertia about the frame's origin, undeformed"),
-    Field("offset", (), "rad", "angle of the rigid joint at the tip"),
-    Field("most_lost", (), "kg m^2", "largest loss of inertia about the root by foreshortening; inf: no limit"),
+    Field("offset", (), "rad", "angle of the rigid joint at the body's tip"),
+    Field("most_lost", (), "kg m^2", "largest allowed loss of inertia about the root by foreshortening; inf: no limit"),
     Field("S_bar_x", ("n",), "kg", "S_bar, x row: elastic part of the first moment along the axis"),
-    Field("S_bar_y", ("n",), "kg", "S_bar, y row: across the axis"),
+    Field("S_bar_y", ("n",), "kg", "S_bar, y row: elastic part of the first moment across the axis"),
     Field("c_u", ("n",), "kg m", "c_u of the inertia I = I0 + 2 c_u'q + q'G q, eq. 2.2"),
     Field("c", ("n",), "kg m", "c of the elastic angular momentum (c + B q)'q', eq. 2.3"),
     Field("tip_u", ("n",), "", "shape functions along the axis at the tip"),
@@ -69,10 +70,10 @@ BODY = Layout(
     Field("K_bend", ("n", "n"), "N/m", "linear stiffness [44], bending part (with shear)"),
     Field("D0", ("n", "n"), "kg", "D_0: foreshortening in the first moment, s_bar_x -= q'D0 q / 2"),
     Field("tip_H", ("n", "n"), "1/m", "H(L): foreshortening of the tip, t_x -= q'H q / 2"),
-    Field("drag", (), "1/s", "alpha: mass-proportional damping"),
-    Field("damped", (), "", "the body's share of the arm's tau_d, read where links differ"),
-    Field("root", ("n",), "", "rho: the root section is turned by rho'q (rad) against the frame"),
-    Field("moment", ("n",), "", "K_bend q0: bending forces subtracted for a shape q0 without stress"),
+    Field("drag", (), "1/s", "alpha: coefficient of mass-proportional damping"),
+    Field("damped", (), "", "the body's share of the arm's tau_d, read if tau_d differs between links"),
+    Field("root", ("n",), "", "rho: the root section is rotated by rho'q (rad) relative to the frame"),
+    Field("moment", ("n",), "", "K_bend q0: bending forces subtracted for a stress-free shape q0"),
     Field("spent", (), "J", "q0'K_bend q0 / 2: bending energy at q = 0"),
     Field("spans", ("elements", SPAN.length), "", "a `SPAN` per finite element"),
     Field("stations", ("stations", STATION.length), "", "a `STATION` per drawing station, in lanes of len(WIDEST)"),
@@ -85,11 +86,11 @@ span_at = kernel(SPAN.offsets)
 NOW = Layout(
     "Now", "",
     Field("cos", (), "", "cos theta of the body's frame"),
-    Field("sin", (), "", "sin theta"),
-    Field("a", (2,), "m/s^2", "R'' - g: acceleration of the origin less gravity, frame axes"),
-    Field("rate", (), "rad/s", "w = theta'"),
-    Field("second", (), "rad/s^2", "alpha = theta''"),
-    Field("tip", (2,), "m", "t: the tip relative to the origin, frame axes"),
+    Field("sin", (), "", "sin theta of the body's frame"),
+    Field("a", (2,), "m/s^2", "R'' - g: acceleration of the origin minus gravity, frame axes"),
+    Field("rate", (), "rad/s", "w = theta', angular velocity of the frame"),
+    Field("second", (), "rad/s^2", "alpha = theta'', angular acceleration of the frame"),
+    Field("tip", (2,), "m", "t: position of the tip relative to the origin, frame axes"),
     Field("tip_rate", (2,), "m/s", "t' + w E t: velocity of the tip relative to the origin, frame axes"),
     Field("tip_second", (2,), "m/s^2", "acceleration of the tip relative to the origin, frame axes"),
 ).places  # fmt: skip
@@ -97,26 +98,26 @@ NOW = Layout(
 PASSED = Layout(
     "Passed", "",
     Field("angle", (), "rad", "angle of a section from the inertial x axis"),
-    Field("rate", (), "rad/s", "its angular velocity"),
-    Field("second", (), "rad/s^2", "its angular acceleration"),
-    Field("ax", (), "m/s^2", "acceleration of the section's center less gravity, inertial axes, x"),
-    Field("ay", (), "m/s^2", "the same, y"),
+    Field("rate", (), "rad/s", "angular velocity of the section"),
+    Field("second", (), "rad/s^2", "angular acceleration of the section"),
+    Field("ax", (), "m/s^2", "x of the section center's acceleration minus gravity, inertial axes"),
+    Field("ay", (), "m/s^2", "y of the section center's acceleration minus gravity, inertial axes"),
 ).places  # fmt: skip
 # on the stack: theta, its rate and the origin's velocity (frame axes) of a body, for energies and poses
 FRAME = Layout(
     "Frame", "",
-    Field("cos", (), "", "cos theta of a body's frame; for output, where accelerations are not known"),
-    Field("sin", (), "", "sin theta"),
-    Field("vx", (), "m/s", "velocity of the frame's origin, frame axes, x"),
-    Field("vy", (), "m/s", "the same, y"),
-    Field("rate", (), "rad/s", "w = theta'"),
+    Field("cos", (), "", "cos theta of a body's frame"),
+    Field("sin", (), "", "sin theta of a body's frame"),
+    Field("vx", (), "m/s", "x of the origin's velocity, frame axes"),
+    Field("vy", (), "m/s", "y of the origin's velocity, frame axes"),
+    Field("rate", (), "rad/s", "w = theta', angular velocity of the frame"),
 ).places  # fmt: skip
 # on the stack: n-vectors Gamma, c + B q, c_u + G q of one body (2.4), from `body.forces` to `matrix.tangent`
 VECTORS = Layout(
     "Vectors", "n",
     Field("gq", ("n",), "kg m", "c_u + G q: half the gradient of the inertia I by q"),
-    Field("cb", ("n",), "kg m", "c + B q: elastic angular momentum by q'"),
-    Field("bv", ("n",), "kg m/s", "B q', half the Coriolis force over w"),
+    Field("cb", ("n",), "kg m", "c + B q: derivative of the elastic angular momentum by q'"),
+    Field("bv", ("n",), "kg m/s", "B q': half the Coriolis force divided by w"),
     Field("gsx", ("n",), "kg", "Gamma, x row: derivative of the first moment along the axis by q"),
     Field("px", ("n",), "", "dt/dq, x row: derivative of the tip's x by q"),
 )  # fmt: skip
@@ -124,8 +125,8 @@ VECTORS = Layout(
 STRAIN = Layout(
     "Strain", "window",
     Field("force", (), "N", "axial force of a finite element"),
-    Field("slope", ("window",), "", "gradient of its stretch (m) by its window's coordinates"),
-    Field("rate", ("window",), "1/s", "time derivative of that gradient, H q' (von Karman with damping)"),
+    Field("slope", ("window",), "", "gradient of the element's stretch (m) by its window's coordinates"),
+    Field("rate", ("window",), "1/s", "time derivative of the gradient, H q' (von Karman with damping)"),
 )  # fmt: skip
 vectors_at = kernel(VECTORS.offsets)
 strain_at = kernel(STRAIN.offsets)
@@ -134,17 +135,17 @@ KNOWN = Layout(
     "Known", "",
     Field("d", (2,), "N", "f_R - m_t (R'' - g), eq. 2.4, frame axes"),
     Field("s", (2,), "kg m", "s_bar(q): first moment, frame axes"),
-    Field("t", (2,), "kg m/s", "s_bar': its rate in the frame, frame axes"),
-    Field("inertia", (), "kg m^2", "I(q) about the origin"),
+    Field("t", (2,), "kg m/s", "s_bar': time derivative of the first moment in the frame, frame axes"),
+    Field("inertia", (), "kg m^2", "I(q): inertia about the origin"),
     Field("spin_rate", (), "kg m^2/s", "I'/2 = (c_u + G q)'q'"),
-    Field("g", (2,), "N", "force required at the tip by all beyond, frame axes"),
+    Field("g", (2,), "N", "force required at the tip by all bodies beyond, frame axes"),
 ).places  # fmt: skip
 # in S: d(r_q, f_R, f_theta) by (q, R'', theta) of one body, frame axes, then its factors
 FACTORS = Layout(
     "Factors", "n",
-    Field("now", (NOW.end,), "", "a `NOW`, of the last residual"),
-    Field("frame", (2,), "", "cos theta, sin theta; this and the rest: of the last matrix, not the last residual"),
-    Field("arm", ("n + 1", 2), "", "J: derivative of the tip's place by q, then by theta; frame axes"),
+    Field("now", (NOW.end,), "", "`NOW` of the last residual"),
+    Field("frame", (2,), "", "cos theta, sin theta; this and all later fields: of the last matrix"),
+    Field("arm", ("n + 1", 2), "", "J: derivative of the tip's position by q, then by theta; frame axes"),
     Field("swept", ("n + 1", 2), "", "weighted derivative of the tip's acceleration by q, theta, eq. 3.3"),
     Field("matrix", ("n + 3", "n + 3"), "", "Newton matrix of q, origin's acceleration, theta; then its factors"),
 )  # fmt: skip
@@ -160,18 +161,19 @@ def cell(i, j):
 JOINT = Layout(
     "Joint", "",
     Field("pinned", (), "", "1: the elbow's angle is fixed or prescribed, 0: free"),
-    Field("column", (2,), "", "force by the angle of the section after the elbow, of all beyond, over the pivot"),
-    Field("row", (2,), "", "moment by acceleration along x and y, of all beyond, over the pivot"),
-    Field("inverse", (), "", "reciprocal of the pivot: moment by angle of all beyond, plus `own`"),
-    Field("own", (), "", "N m: from `add_stiffness`; after `factor`: divided by the pivot"),
+    Field("column", (2,), "",
+          "force by the angle of the section beyond the elbow, for all bodies beyond, over the pivot"),
+    Field("row", (2,), "", "moment by acceleration along x and y, for all bodies beyond, over the pivot"),
+    Field("inverse", (), "", "reciprocal of the pivot: moment by angle for all bodies beyond, plus `own`"),
+    Field("own", (), "", "stiffness (N m) from `add_stiffness`; `factor` divides it by the pivot"),
 ).places  # fmt: skip
 # in S: the 3 x 3 matrix of the root's x, y, theta (inertial axes)
 ROOT = Layout(
     "Root", "",
-    Field("pinned", (3,), "", "x, y, angle of the root: 1 fixed or prescribed, 0 free"),
-    Field("scale", (2,), "", "cm and 1/cm: place of the root and its weighted acceleration"),
-    Field("tail", (2,), "", "payload: cm times its inertia, and its mass"),
-    Field("own", (), "", "N m: `add_stiffness` at the hub"),
+    Field("pinned", (3,), "", "1: x, y or angle of the root is fixed or prescribed; 0: free"),
+    Field("scale", (2,), "", "cm and 1/cm: ratio of the root's weighted acceleration to its position"),
+    Field("tail", (2,), "", "of the payload: cm times its inertia, and its mass"),
+    Field("own", (), "", "stiffness (N m) from `add_stiffness` at the hub"),
     Field("factors", (3, 3), "", "LU of the whole chain condensed to x, y, angle of the root; inverted pivots"),
 ).places  # fmt: skip
 # a point load acts on a link's root or tip (side 0 or 1)
@@ -183,18 +185,18 @@ factors_at = kernel(FACTORS.offsets)
 
 @kernel
 def acts_at(loads, f, link, end):
-    """Return whether point load f acts at end `end` (0 root, 1 tip) of a link; `loads`: a `LOADED` per load."""
+    """Return whether point load f acts at an end (0 root, 1 tip) of a link; `loads` contains one `LOADED` per load."""
     at = LOADED.end * f
     return loads[at + LOADED.link] == link and loads[at + LOADED.side] == end
 
 
 @kernel
 def window(model, n, e):
-    """Return the first elastic coordinate in the window of element e; a window holds its two nodes' free coordinates.
+    """Return the first elastic coordinate in the window of element e: the free coordinates of the element's two nodes.
 
-    `model`: a `Mesh` of n elastic coordinates. Each node has (u, v, phi). A frame clamped to the root fixes these three
-    at the first node. A frame through both ends fixes u, v at the first node and v at the last. Windows at the ends are
-    moved inwards, so that all windows have the same width.
+    `model` is a `Mesh` with n elastic coordinates. Each node has (u, v, phi). A frame clamped to the root fixes all
+    three at the first node. A frame through both ends fixes u and v at the first node and v at the last node. Windows
+    at the ends are shifted inwards, so that all windows have the same width.
     """
     first = 3 * e - 3
     if model.chord is not None:

@@ -1,13 +1,13 @@
 """A body's Newton matrix, cm dr/da + cc dr/dv + ck dr/dq, and its elimination from a chain (theory, section 3).
 
-A body's matrix has n + 3 rows and columns. The first n rows and columns belong to the elastic coordinates. The next two
-rows are the force at the root, and their columns the acceleration of the frame's origin (frame axes). The last row is
-the moment at the root, and its column the frame's angle.
+A body's matrix has n + 3 rows and columns. The first n rows and columns are for the elastic coordinates. The next two
+rows are the force at the root; their columns are for the acceleration of the frame's origin (frame axes). The last row
+is the moment at the root; its column is for the frame's angle.
 
-A change of the coordinates before a body acts on the body through three numbers: the change of the acceleration at its
-root (two components) and of its angle. The change of acceleration is weighted: it is the sum of cm, cc, ck times the
-changes by accelerations, rates, coordinates. `tail` (9,) is the 3 x 3 matrix, stored row by row, of the change of force
-and moment by these three numbers. `tail` represents all bodies beyond a section.
+A change of the preceding coordinates acts on the body through three numbers: the change of its root's acceleration (two
+components) and of its root's angle. The change of acceleration is weighted: it is the sum of cm, cc, ck times the
+changes by accelerations, rates, coordinates. `tail` (9,) is the 3 x 3 matrix, by rows, that maps these three numbers to
+the change of force and moment. `tail` represents all bodies beyond a section.
 """
 
 from ...compiler import Lanes, kernel, size, unrolled
@@ -20,11 +20,11 @@ from .layout import KNOWN, NOW, cell, factors_at, span_at, strain_at, vectors_at
 @unrolled
 @kernel
 def tangent(lane, model, D, par: Lanes, carried, cm, cc, ck, v, a: Lanes, known, vectors: Lanes, strains, S: Lanes):
-    """Compute the body's matrix cm dr/da + cc dr/dv + ck dr/dq, eqs. [72]-[78], derivative of `body.forces`.
+    """Compute the body's matrix cm dr/da + cc dr/dv + ck dr/dq, equations [72]-[78], derivative of `body.forces`.
 
     The columns are derivatives by the elastic coordinates q, by the acceleration of the frame's origin (x, y, frame
-    axes) and by the frame's angle. Forces at the tip count as constant here; `add_outboard` adds the effect of their
-    change. E: rotation by 90 deg; t: position of the tip relative to the origin.
+    axes) and by the frame's angle. Forces at the tip are constant here; `add_outboard` adds the effect of their change.
+    E: matrix of a rotation by 90 deg. t: position of the tip relative to the origin.
 
     # model    D; par: the arm's parameters; cm, cc, ck: `Weights`
     # state    v, a; S: `NOW`; known, vectors, strains: written by `body.forces`; carried (2,): kg, kg m^2 at the tip
@@ -128,7 +128,11 @@ def _stretching(lane, model, D, tau, cc, ck, strains: Lanes, S: Lanes):
 
         gradient_i (ck EA/l + cc tau_d EA/l) gradient_j + ck gradient_i tau_d EA/l (H v)_j + ck N H_ij
 
-    i, j: coordinates of an element's window; gradient: of its stretch; N: its axial force; H: `SPAN.H`; v: rates.
+    i, j: coordinates of an element's window.
+    gradient: derivative of the element's stretch.
+    N: axial force.
+    H: `SPAN.H`.
+    v: rates of the coordinates.
 
     # in       tau: tau_d, s; cc, ck: weights of damping and stiffness; strains: a `STRAIN` per element
     # out      S: added to `FACTORS.matrix`
@@ -164,7 +168,8 @@ def _drag_tangent(lane, model, D, carried: Lanes, cc, ck, v: Lanes, vectors: Lan
 
         cc drag (m J'J + J_p phi phi') - ck drag m (terms of the change of J with q, modes alone)
 
-    m, J_p = carried; J = dt/dq, phi: the tip's place and the tip section's angle by q; drag: 1/s.
+    m, J_p = carried. J = dt/dq, phi: derivatives of the tip's position and of its angle by q.
+    drag: coefficient of mass-proportional damping, 1/s.
 
     # in       carried (2,): mass (kg), inertia (kg m^2) at the tip; v: elastic rates; vectors: x row of J
     #          cc, ck: weights of dr/dv, dr/dq
@@ -196,9 +201,9 @@ def _drag_tangent(lane, model, D, carried: Lanes, cc, ck, v: Lanes, vectors: Lan
 def add_outboard(lane, model, D, S: Lanes, tail: Lanes):
     """Add the matrix of all bodies beyond the tip to the body's matrix: arm' tail swept. See theory, (3.3).
 
-    arm: derivatives of the tip section's displacement and rotation by each coordinate. swept: derivatives of the tip
-    section's weighted acceleration (cm, cc, ck times the derivatives by accelerations, rates, coordinates) and of its
-    rotation. Both are in frame axes.
+    arm contains the derivatives of the tip section's displacement and rotation by each coordinate. swept contains the
+    derivatives of the tip section's weighted acceleration (cm, cc, ck times the derivatives by accelerations, rates,
+    coordinates) and of its rotation. arm and swept are in frame axes.
 
     # in       tail (9,): change of force (N) and moment (N m) at the tip section by its weighted acceleration and its
     #          angle, inertial axes; overwritten by the same matrix in the axes of the body's frame
@@ -240,11 +245,11 @@ def add_outboard(lane, model, D, S: Lanes, tail: Lanes):
 @unrolled
 @kernel
 def condense(lane, model, D, S: Lanes, tail: Lanes):
-    """Eliminate a body's elastic coordinates and return the remaining matrix as `tail` of the body before.
+    """Eliminate a body's elastic coordinates; return the remaining matrix as `tail` of the preceding body.
 
-    The remaining matrix is the change of force and moment at the body's root by the acceleration (weighted by cm, cc,
-    ck, as in `add_outboard`) and the angle of the root section. The factors L and U, with inverted pivots, stay in S.
-    No pivoting is needed, because the positive definite cm M outweighs the other terms.
+    The remaining matrix maps the acceleration (weighted by cm, cc, ck, as in `add_outboard`) and the angle of the root
+    section to the change of force and moment at the root. The factors L and U, with inverted pivots, remain in S. No
+    pivoting is needed, because the positive definite cm M outweighs the other terms.
 
     # in, out  tail (9,): matrix of force and moment by acceleration and angle (inertial axes), at the tip section of
     #          the body for all bodies beyond, then at its root section: the Schur complement of the elastic rows
@@ -299,9 +304,9 @@ def _times(lane, tail, x, y, turn):
 
 @kernel
 def _turn_matrix(lane, tail: Lanes, c, s):
-    """Rotate the 3 x 3 matrix `tail` in place: Q tail Q', where Q turns x and y by the angle with cosine c and sine s.
+    """Rotate the 3 x 3 matrix `tail` in place: Q tail Q'. Q rotates x and y by the angle with cosine c and sine s.
 
-    (c, s) of a frame: from its axes to inertial ones; (c, -s): the other way.
+    With (c, s) of a frame, Q maps frame axes to inertial axes; with (c, -s), inertial axes to frame axes.
     """
     # A T: rows x, y
     for j in range(3):

@@ -1,13 +1,13 @@
-"""Floating frames joined by Lagrange multipliers, the paper's own form: eqs. [34]-[38], [64], [65], [72]-[78].
+"""Floating frames joined by Lagrange multipliers, the paper's own form: equations [34]-[38], [64], [65], [72]-[78].
 
 Each body has its own rows: R_x, R_y (inertial axes) and theta of its frame, then its elastic coordinates q. The
-constraints Phi (theory, eq. 3.4) require that the body's tip is the origin of the next frame. If the joint is rigid or
-prescribed, Phi also requires that the tip section has the next frame's angle. Order of rows: body 0, multipliers of the
-joint at its tip, body 1, ...; the matrix is banded. The kernels of module `body` compute the forces and the matrix of
-each body. For a body, the multipliers of the joint at the tip are a force at the tip like any other force.
+constraints Phi (theory, 3.4) require that the body's tip is the origin of the next frame. If the joint is rigid or
+prescribed, Phi also requires that the angle of the tip section equals the next frame's angle. Order of rows: body 0,
+multipliers of the joint at its tip, body 1, .... The matrix is banded. The kernels of module `body` compute the forces
+and the matrix of each body. For a body, the multipliers of the joint at its tip are a force at the tip like any other.
 
-S holds the band, the pivots of its factors, and one body's `FACTORS` as scratch. The kernels solve for one arm at a
-time, because pivoting exchanges rows.
+S contains the band, the pivots of its factors, and the `FACTORS` of one body as scratch memory. The kernels compute one
+arm at a time, because pivoting exchanges rows.
 """
 
 from ...compiler import Lanes, kernel, size, stack
@@ -28,20 +28,20 @@ NUMBERS, MOVES = (0,) * KNOWN.end, (0,) * NOW.end
 
 @kernel
 def band_width(half):
-    """Return the entries per row that store a band matrix with `half` diagonals on each side, fill-in included."""
+    """Return the number of entries per row of a band matrix with `half` diagonals on each side, including fill-in."""
     return 3 * half + 1
 
 
 @kernel
 def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
-    """Compute the residual r of eq. [64] and the banded matrix of eqs. [72]-[78]; arguments as in `protocol.assemble`.
+    """Compute the residual r of equation [64] and the banded matrix of equations [72]-[78] (see `protocol.assemble`).
 
-    Rows of r: force (inertial axes) and moment of each body's frame, its elastic coordinates; rows of multipliers are 0
-    here (`constraint_residual` writes them). Entry (i, j) of the matrix is S[i band_width + j - i + half].
+    Rows of r: force (inertial axes) and moment of each body's frame, then its elastic coordinates. Rows of multipliers
+    are set to 0; `constraint_residual` writes them later. Entry (i, j) of the matrix is S[i band_width + j - i + half].
 
-    The local array `held` (3,) is the force and moment lambda of the joint between two bodies, with an elbow's torque.
-    Force and moment act at the tip of the body before the joint and, with opposite sign, at the root of the body after
-    the joint. Without weights.with_matrix S is not changed.
+    The local array `held` (3,) contains the force and moment lambda of the joint between two bodies, plus an elbow's
+    torque. Force and moment act at the tip of the body before the joint and, with opposite sign, at the root of the
+    body after the joint. Without weights.with_matrix S does not change.
     """
     q, v, a = state
     cm, cc, ck, with_matrix = weights.mass, weights.damping, weights.stiffness, weights.with_matrix
@@ -102,7 +102,7 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
 
 @kernel
 def _to_band(lane, mesh, own: Lanes, at, cm, half, S: Lanes):
-    """Write a body's matrix into its rows and columns of the band, those of R in inertial axes. See theory, (3.5).
+    """Write a body's matrix to its rows and columns of the band; those of R are in inertial axes. See theory, (3.5).
 
     Columns of the origin's acceleration are multiplied by cm, because R enters the residual only through its
     acceleration.
@@ -134,9 +134,10 @@ def _to_band(lane, mesh, own: Lanes, at, cm, half, S: Lanes):
 
 @kernel
 def _join(lane, mesh, D, own, at, rows, scale, half, S):
-    """Write Phi_q and its transpose of the joint at a body's tip into the band, both times `scale` (theory, eq. 3.5).
+    """Write Phi_q of the joint at a body's tip, and its transpose, to the band, both times `scale` (theory, 3.5).
 
-    Phi: constraints of `constraint_residual`; their rows and columns are those of the joint's multipliers.
+    Phi are the constraints of `constraint_residual`. Rows and columns of the constraints are those of the joint's
+    multipliers.
 
     # in       own: `FACTORS` of the body (`frame`, `arm`); at: its first row; rows: 2 for a hinge, 3 with the angle;
     #          half: half-width of the band
@@ -171,13 +172,16 @@ def _both(lane, S: Lanes, half, i, j, x):
 
 @kernel
 def constraint_residual(lane, model, psi: Lanes, state: State, level, scale, r: Lanes):
-    """Write the constraints [34]-[38], or their time derivatives, times `scale` into the rows of multipliers of r.
+    """Write the constraints [34]-[38], or their time derivatives, times `scale` to the rows of multipliers of r.
 
         Phi = (R_b + A t_b - R_{b+1},  angle of the tip section + psi - theta_{b+1})                   (theory, eq. 3.4)
 
-    R, theta: origin (inertial axes) and angle of the frame of body b and of the next body; A: rotation by theta_b; t_b:
-    tip in frame axes. level: 0 for Phi (m, rad), 1 and 2 for its time derivatives. psi: angles, rates and accelerations
-    of prescribed joints (`MOTION`). A rigid joint has a constant angle instead. A free elbow has no row for the angle.
+    R, theta: origin (inertial axes) and angle of the frame of body b and of the next body.
+    A: rotation by theta_b.
+    t_b: tip in frame axes.
+    level: 0 for Phi (m, rad), 1 and 2 for its time derivatives.
+    psi: angles, rates and accelerations of prescribed joints (`MOTION`). A rigid joint has a constant angle instead. A
+    free elbow has no row for the angle.
     """
     q, v, a = state
     table, n = model.table, size(model.mesh.n)
@@ -210,7 +214,7 @@ def constraint_residual(lane, model, psi: Lanes, state: State, level, scale, r: 
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Add the stiffness x (N m/rad) to diagonal entry k of the band matrix; if x is None, fix row and column k."""
+    """Add the stiffness x (N m/rad) to diagonal entry k of the band matrix. If x is None, fix row and column k."""
     half, zero = model.half, 0.0
     width = band_width(half)
     if x is not None:
@@ -238,10 +242,10 @@ def solve(lane, model, S: Lanes, x):
 
 @kernel
 def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
-    """Write the displacements conjugate to the inputs into y: joint angles, then x, y and angle at each point load.
+    """Write the displacements on which inputs do work to y: joint angles, then x, y and angle at each point load.
 
     The hub's joint angle is the angle of the first frame. The angle of elbow k is the angle of link k's first frame
-    less the angle of the tip section before the elbow (rad). Positions (m) are along inertial axes. since: not read,
+    minus the angle of the tip section before the elbow (rad). Positions (m) are in inertial axes. since is not read,
     because angles in the plane add up.
     """
     segments = model.segments

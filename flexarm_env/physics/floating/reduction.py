@@ -1,9 +1,8 @@
-"""Reduction of a link, or of a piece of a link, to a few bending modes with foreshortening (the paper's
-substructuring).
+"""Reduction of a link, or of a piece of a link, to a few bending modes with foreshortening (substructuring).
 
-The deformed shape is s = (x - p'H(x)p / 2, v(x)'p). Sections turn by phi(x)'p, and p'H(x)p = int_0^x v'^2 - (v' -
-phi)^2 dx (theory, eq. 4.1). The line that follows the sections' normals keeps its length, like the axis of an exact
-beam. The modes are those of the clamped link, with the mass and inertia that the link carries lumped at its tip.
+The deformed shape is s = (x - p'H(x)p / 2, v(x)'p). Sections rotate by phi(x)'p, and p'H(x)p = int_0^x v'^2 - (v' -
+phi)^2 dx (theory, 4.1). The line along the sections' normals keeps its length, like the axis of an exact beam. The
+modes are those of the clamped link with the carried mass and inertia lumped at its tip.
 """
 
 from collections.abc import Sequence
@@ -20,11 +19,11 @@ from .constants import Body
 Array = NDArray[np.float64]
 
 MESH = 32
-"""Number of elements of the mesh on which modes are computed; the fourth frequency has an error below 1e-5."""
+"""Number of elements of the mesh on which modes are computed. The error of the fourth frequency is below 1e-5."""
 
 
 def _bending_matrices(link: Link) -> tuple[Array, Array]:
-    """Assemble stiffness and mass of a free link's mesh on (v, phi) of its nodes, (2 (MESH + 1), 2 (MESH + 1)) each."""
+    """Return stiffness and mass matrix, both (2 (MESH + 1), 2 (MESH + 1)), of a free link on (v, phi) of its nodes."""
     size = 2 * (MESH + 1)
     stiffness, mass = np.zeros((size, size)), np.zeros((size, size))
     for e, part in enumerate(mesh(link, MESH, "elements")):
@@ -37,8 +36,8 @@ def _bending_matrices(link: Link) -> tuple[Array, Array]:
 def _lowest(stiffness: Array, mass: Array, n: int) -> tuple[Array, Array]:
     """Return the n lowest frequencies (rad/s) and mass-normalized shapes (columns) of a stiffness and a mass matrix.
 
-    The eigenproblem is solved for 1 / omega^2: the stiffness matrix is well conditioned, but sections with very small
-    rotary inertia make the mass matrix nearly singular.
+    The eigenproblem is solved for 1 / omega^2, because the stiffness matrix is well conditioned. The mass matrix is
+    nearly singular if the rotary inertia of sections is very small.
     """
     from scipy.linalg import eigh
 
@@ -91,12 +90,12 @@ def modal_body(
 ) -> Body:
     """Return the `Body` of a link, or of a piece of a link (whole=False), reduced to n shapes.
 
-    frame="root": clamped modes with tip_mass (kg) and tip_inertia (kg m^2) at the tip. The tip mass and the tip inertia
-    affect the modes but are not part of the body's inertia. frame="chord": a whole link has the same modes, relative to
-    the line through both ends. A piece of a link has `pinned_modes`, because neighboring pieces bend it by moments at
-    both ends; with n = 1 the piece has the clamped mode.
+    frame="root": clamped modes with tip_mass (kg) and tip_inertia (kg m^2) at the tip. Tip mass and tip inertia affect
+    the modes but are not part of the body's inertia. frame="chord": a whole link has the same modes, relative to the
+    line through both ends. A piece of a link has `pinned_modes`, because neighboring pieces bend it by moments at both
+    ends. With n = 1 the piece has the clamped mode.
 
-    The result is cached and shared: copy it before a change.
+    The result is cached and shared. Copy it before you change it.
     """
     length, parts = link.length, mesh(link, MESH, "elements")
     frequencies, nodal = clamped_modes(link, n, tip_mass, tip_inertia)
@@ -175,14 +174,16 @@ def _beyond(link: Link, x: float) -> tuple[float, float]:
 
 
 def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, held: bool) -> list[float]:
-    """Return each body's margin of inertia (kg m^2): how far a straight link's mass matrix is from indefinite.
+    """Return each body's margin of inertia (kg m^2), which shows how far a mass matrix is from being indefinite.
 
-    The margin is mu of theory, section 4: the body's effective inertia for a torque on the body's angle. All other
-    parts are free to move: the link's other bodies, all modes and, unless held, the root. The margin is the reciprocal
-    of the angle's diagonal entry in the inverse mass matrix.
+    The link is straight. The margin is mu of theory, section 4: the body's effective inertia for a torque on the body's
+    angle, while all other parts are free to move. The other parts are the link's other bodies, all modes and, unless
+    held, the root. The margin is the reciprocal of the angle's diagonal entry in the inverse mass matrix.
 
-    bodies: rigidly joined bodies of one link, from root to tip. payload: body at the tip of the last body. root_moves:
-    whether the root moves freely across the link. held: whether the root's angle is prescribed.
+    bodies: rigidly joined bodies of one link, from root to tip.
+    payload: body at the tip of the last body.
+    root_moves: whether the root moves freely across the link.
+    held: whether the root's angle is prescribed.
     """
     size = 2 + sum(body.n for body in bodies)  # the root's y and angle, the modes of all
     mass, angles = np.zeros((size, size)), []
@@ -216,7 +217,7 @@ def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, 
 
 
 def _slope(xi: float, l: float, mu: float) -> Array:
-    """Return dv/dx (4,) of the element's shape function [41] at xi = x/l, on (v1, phi1, v2, phi2)."""
+    """Return dv/dx (4,) of the element's shape functions [41] at xi = x/l, for (v1, phi1, v2, phi2)."""
     eta = 1.0 - xi
     # d/dxi of eta (1 + mu xi (eta - xi)) etc.; d(xi eta)/dxi = eta - xi, d(eta - xi)/dxi = -2
     p, q = xi * eta, eta - xi

@@ -1,10 +1,10 @@
 """Rigid levers in a chain of floating frames: rigid ends of links, and the offset from the tip to the payload's center.
 
-A rigid end lies between a joint and the link's first or last body. The lever e = (ex, ey), along inertial axes, leads
-from its near point (the end nearer to the arm's root) to its far point. The lever turns with the section to which the
-lever is fixed (angle, w, alpha). The far point's acceleration is a + alpha n - w^2 e, where a is the near point's
-acceleration and n = E e is e rotated by 90 deg. A force f at the far point acts at the near point with the moment n.f.
-The lever's own mass lies at e/2, an elbow's mass at the far point.
+A rigid end lies between a joint and the link's first or last body. The lever e = (ex, ey), in inertial axes, leads from
+its near point (the end nearer to the arm's root) to its far point. The lever rotates with the section to which it is
+fixed (angle, w, alpha). The far point's acceleration is a + alpha n - w^2 e, where a is the near point's acceleration
+and n = E e is the lever rotated by 90 deg. A force f at the far point exerts the moment n.f on the near point. The
+lever's own mass is at e/2, the mass of an elbow at the far point.
 """
 
 from typing import Any, NamedTuple
@@ -17,23 +17,23 @@ from .layout import LEVER_FACTORS, PASSED, cell
 OF_LEVER, OF_FACTORS = LEVER.places, LEVER_FACTORS.places
 ROOT_END, TIP_END = range(2)
 ACROSS, SWEPT = OF_FACTORS.nx, OF_FACTORS.wx
-"""Indices in `LEVER_FACTORS` of the derivatives by the angle of the far point's position and weighted acceleration."""
+"""Indices in `LEVER_FACTORS` of two derivatives by the angle: of the far point's position and weighted acceleration."""
 
 
 class Lever(NamedTuple):
     """A rigid lever: the rigid end of a link, or the lever from the arm's tip to the payload's center."""
 
-    number: int  # index of its `LEVER_FACTORS` in S
-    along: float  # m, from the near point to the far one, along the section's tangent
-    across: Any  # m, across it, or None
-    mass: float  # kg, in the middle of the lever
-    inertia: float  # kg m^2, about the middle
-    far: float  # kg, mass at the far point
+    number: int  # index of the lever's `LEVER_FACTORS` in S
+    along: float  # m: component of the lever, from near to far point, along the section's tangent
+    across: Any  # m: component of the lever across the section's tangent, or None
+    mass: float  # kg: mass in the middle of the lever
+    inertia: float  # kg m^2: moment of inertia about the middle
+    far: float  # kg: mass at the far point
 
 
 @kernel
 def end_of(model, k, end):
-    """Return the `Lever` of link k's rigid end at its root or tip (end: ROOT_END, TIP_END); None without rigid ends."""
+    """Return the `Lever` of link k's rigid end; end: ROOT_END or TIP_END. None if links have no rigid ends."""
     if model.rigid is None:
         return None
     at = OF_LEVER.end * (2 * k + end)
@@ -51,15 +51,15 @@ def to_payload(model):
 
 @kernel
 def _factors_at(first, lever):
-    """Return the index in S of a lever's `LEVER_FACTORS`; `first`: index of the first lever's."""
+    """Return the index in S of a lever's `LEVER_FACTORS`; `first`: index of the first lever's `LEVER_FACTORS`."""
     return first + OF_FACTORS.end * lever.number
 
 
 @kernel
 def _lever_at(lane, along, across, angle):
-    """Return the vector (along, across; section axes) in inertial axes, m.
+    """Return the vector (along, across) in inertial axes, m; along, across: components in section axes.
 
-    angle: angle of the section, rad; across may be None.
+    angle: angle of the section, rad. If across is None, it counts as 0.
     """
     sine, cosine = sincos(angle)
     ex, ey = cosine * along, sine * along
@@ -72,8 +72,9 @@ def _lever_at(lane, along, across, angle):
 def propagate_outward(lane, lever, pose, S, first):
     """Replace the near point's acceleration a in pose by the far point's acceleration a + alpha n - w^2 e of a lever.
 
-    e: lever; n: lever rotated by 90 deg; w, alpha: angular velocity and acceleration of the section. Nothing is done if
-    `lever` is None.
+    e: vector of the lever, m.
+    n: lever rotated by 90 deg.
+    w, alpha: angular velocity and acceleration of the section. If `lever` is None, do nothing.
 
     # in, out  pose (5,), `PASSED`: the acceleration is replaced, angle and rates do not change; inertial axes
     # out      S: ex, ey, rates and near acceleration in `LEVER_FACTORS`; first: index in S of the first `LEVER_FACTORS`
@@ -90,12 +91,15 @@ def propagate_outward(lane, lever, pose, S, first):
 
 @kernel
 def transmit_inward(lane, lever, force, weights, S: Lanes, first):
-    """Transmit a force and a moment from a lever's far to its near point, and add the inertia forces of its masses.
+    """Transmit a force and a moment from a lever's far point to its near point, adding inertia forces of its masses.
 
         f_near = f + m_far a_far + m a_mid,   M_near = M + e x (f + m_far a_far) + (e/2) x m a_mid + J alpha
 
-    e: lever, near to far point; J: inertia of the lever's own mass m; alpha: angular acceleration; a_far, a_mid:
-    accelerations less gravity at e and e/2. Vectors are in inertial axes. Do nothing without a lever (None).
+    e: lever, from near to far point.
+    J: inertia of the lever's own mass m.
+    alpha: angular acceleration.
+    a_far, a_mid: accelerations minus gravity at e and e/2. Vectors are in inertial axes. If `lever` is None, do
+    nothing.
 
     # in       S: values of `propagate_outward`; weights: `Weights`; first: index in S of the first `LEVER_FACTORS`
     # in, out  force (3,): force (N) and moment (N m) required at the far point, then at the near point
@@ -132,9 +136,10 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
 
         tail <- N' (tail + m_far) W + own mass at e/2,   N = [1, 0, nx; 0, 1, ny; 0, 0, 1], W: with (wx, wy)
 
-    (nx, ny): derivative of the far point by the angle; (wx, wy): derivative of its acceleration, weighted by cm, cc, ck
-    (`Weights`); e: lever; m_far: mass at the far point. Do nothing without a lever (None). Vectors are in inertial
-    axes.
+    (nx, ny): derivative of the far point by the angle. (wx, wy): derivative of its acceleration by the angle, weighted
+    by cm, cc, ck (`Weights`).
+    e: vector of the lever, m.
+    m_far: mass at the far point. If `lever` is None, do nothing. Vectors are in inertial axes.
 
     # in       S: `LEVER_FACTORS`, written by `transmit_inward`; first: index in S of the first `LEVER_FACTORS`
     # in, out  tail (9,), by rows: force x, y, moment; columns: acceleration x, y (weighted), angle
@@ -166,11 +171,12 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
 
 @kernel
 def with_moment(lane, lever, S, first, arm, flow: Lanes):
-    """Transmit a force f and a moment, `flow` (3,), from a lever's far to its near point: moment += n.f.
+    """Transmit a force f and a moment, `flow` (3,), from a lever's far point to its near point: moment += n.f.
 
-    n: derivative of the far point's position by the section's angle, inertial axes. Nothing is done if `lever` is None.
+    n: derivative of the far point's position by the section's angle, inertial axes. If `lever` is None, do nothing.
     arm: ACROSS selects n. SWEPT is for the transposed matrix, in which n and the derivative of the far point's
-    acceleration are exchanged. first: index in S of the first `LEVER_FACTORS`.
+    acceleration are exchanged.
+    first: index in S of the first `LEVER_FACTORS`.
     """
     if lever is not None:
         x, y = load_pair(lane, S, _factors_at(first, lever) + arm)
@@ -179,12 +185,13 @@ def with_moment(lane, lever, S, first, arm, flow: Lanes):
 
 @kernel
 def far_point_change(lane, lever, S, first, arm, flow: Lanes):
-    """Propagate a weighted change of acceleration and angle, `flow` (3,), from a lever's near to its far point.
+    """Propagate a weighted change of acceleration and angle, `flow` (3,), from a lever's near point to its far point.
 
         (x, y) += angle times the derivative of the far point's weighted acceleration by the angle
 
-    Vectors are in inertial axes. arm: SWEPT selects that derivative; ACROSS (n) is for solutions with the transposed
-    matrix. first: index in S of the first `LEVER_FACTORS`. Nothing is done if `lever` is None.
+    Vectors are in inertial axes.
+    arm: SWEPT selects this derivative. ACROSS (n) is for solutions with the transposed matrix.
+    first: index in S of the first `LEVER_FACTORS`. If `lever` is None, do nothing.
     """
     if lever is not None:
         x, y = load_pair(lane, S, _factors_at(first, lever) + arm)
@@ -195,11 +202,11 @@ def far_point_change(lane, lever, S, first, arm, flow: Lanes):
 
 @kernel
 def _move_pose(lane, along, across, pose: Lanes):
-    """Move a pose by a lever that turns with its section.
+    """Move a pose by a lever that rotates with the section of the pose.
 
-    along, across: the lever, m, section axes; across may be None.
+    along, across: components of the lever (m) in section axes; across may be None (0).
 
-    pose (6,), `POSE` from x to rate: position (m) and velocity (m/s) change, angle and rate stay; inertial axes.
+    pose (6,) is a `POSE` from x to rate, inertial axes. Position (m) and velocity (m/s) change; angle and rate do not.
     """
     w = pose[POSE.rate]
     ex, ey = _lever_at(lane, along, across, pose[POSE.angle])
@@ -211,14 +218,14 @@ def _move_pose(lane, along, across, pose: Lanes):
 
 @kernel
 def far_point_pose(lane, lever, pose):
-    """Move a pose (6,), inertial axes, from a lever's near to its far point; do nothing if lever is None."""
+    """Move a pose (6,), inertial axes, from a lever's near point to its far point. If `lever` is None, do nothing."""
     if lever is not None:
         _move_pose(lane, lever.along, lever.across, pose)
 
 
 @kernel
 def _body(lane, pose: Lanes, mass, inertia, totals: Lanes):
-    """Add a rigid body's kinetic energy (J) and first moments m x, m y (kg m) to totals (3,); pose: its center's."""
+    """Add a rigid body's kinetic energy (J) and first moments m x, m y (kg m) to totals (3,); pose: of its center."""
     vx, vy, w = load_vector(lane, pose, POSE.vx)
     totals[0] += ((vx * vx + vy * vy) * mass + (w * w) * inertia) * 0.5
     totals[1] += pose[POSE.x] * mass
@@ -227,9 +234,9 @@ def _body(lane, pose: Lanes, mass, inertia, totals: Lanes):
 
 @kernel
 def add_rigid_end(lane, lever, pose, totals):
-    """Move a pose (6,) from a rigid end's near to its far point and add the energy and first moments of its masses.
+    """Move a pose (6,) from a rigid end's near to its far point; add the energy and first moments of its masses.
 
-    totals (3,): kinetic energy (J), first moments m x, m y (kg m, inertial axes). Do nothing without a lever.
+    totals (3,): kinetic energy (J) and first moments m x, m y (kg m, inertial axes). If `lever` is None, do nothing.
     """
     if lever is not None:
         _move_pose(lane, lever.along * 0.5, None, pose)

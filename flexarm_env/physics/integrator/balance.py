@@ -25,11 +25,12 @@ TOLERANCE = 0.05
 def refuse_step(lane, model, drive, par, w: Work, active, h):
     """Flag lanes whose computed step violates the energy balance dE = W - D; return whether any lane is flagged.
 
-    h: step (s). W, D: work and dissipation of mean forces (J). For linear vibrations the trapezoidal rule satisfies the
-    balance exactly for any h. A violation is therefore an error of inertia forces that rotate with the nodes. In fast
-    rotation Newton's iteration may have converged to a solution far from the motion. The check requires a model whose
-    motion the steps resolve (the elastica), no loads or motions in time (drive None), and a coordinate that changes by
-    TURN. active: values above 1/2 mark lanes whose iteration has not converged; they are not flagged here.
+    h: step (s).
+    W, D: work and dissipation of mean forces (J). For linear vibrations the trapezoidal rule satisfies the balance
+    exactly for any h. A violation is therefore an error of inertia forces that rotate with the nodes. In fast rotation
+    Newton's iteration may have converged to a solution far from the motion. The check requires a model whose motion the
+    steps resolve (the elastica), no loads or motions in time (drive None), and a coordinate that changes by TURN.
+    active: values above 1/2 mark lanes whose iteration has not converged; they are not flagged here.
 
     # state     w.q0, w.v0 at the start of the step; w.q, w.v, w.u at its end
     # out       w.flag <- NEWTON_FAILED.   # scratch  w.r, w.y, w.y0
@@ -49,11 +50,14 @@ def refuse_step(lane, model, drive, par, w: Work, active, h):
 def _flag_unbalanced(lane, model, par, w: Work, active, turn, h):
     """Flag lanes with |dE - W + D| > TOLERANCE max(T + U) over a step of h (s) under constant inputs.
 
-    dE: change of the energy. W: work of the inputs. D: dissipation of mean forces (J). T, U: kinetic and strain energy,
-    at the start or end of the step. active: values above 1/2 mark lanes whose iteration has not converged; they are not
-    flagged. turn: largest change of a coordinate, rad. Lanes with a turn below TURN are not flagged, as for a single
-    arm. D does not contain the loss by Coulomb friction. With friction, therefore, only a gain of energy counts.
-    Returns whether a lane is flagged.
+    dE: change of the energy.
+    W: work of the inputs.
+    D: dissipation of mean forces (J).
+    T, U: kinetic and strain energy, at the start or end of the step.
+    active: values above 1/2 mark lanes whose iteration has not converged; they are not flagged.
+    turn: largest change of a coordinate, rad. Lanes with a turn below TURN are not flagged, as for a single arm. D does
+    not contain the loss by Coulomb friction. With friction, therefore, only a gain of energy counts. Returns whether a
+    lane is flagged.
 
     # state     w.q0, w.v0 at the start of the step; w.q, w.v, w.u at its end
     # out       w.flag <- NEWTON_FAILED.   # scratch  w.r, w.y, w.y0

@@ -34,8 +34,9 @@ def evaluate(drive, f, t, side):
 
         value = c0 + c1 s + c2 s^2 + c3 s^3 + A sin(w s + p),    s = t - t0
 
-    The values are in the function's unit (N, N m, m, rad). side: time (s) by which the piece is selected. It is
-    slightly before or after t, which matters if the function jumps at t.
+    The values are in the function's unit (N, N m, m, rad).
+    side: time (s) by which the piece is selected. This time is slightly before or after t, which matters if the
+    function jumps at t.
     """
     at = PIECE * piece_at(drive, f, side)
     p = drive.pieces[at : at + PIECE]
@@ -70,8 +71,9 @@ def set_inputs(lane, drive, u: Lanes, t, side):
 def set_motions(lane, drive, psi: Lanes, t, side):
     """Write value, rate and second rate of each prescribed coordinate at time t (s) to psi, one `MOTION` each.
 
-    drive: `Drive` of the scene. psi: array of n_motions * 3 lanes (m or rad, with rates). side: time (s) slightly
-    before or after t. It selects the piece of a function that jumps at t.
+    drive: `Drive` of the scene.
+    psi: array of n_motions * 3 lanes (m or rad, with rates).
+    side: time (s) slightly before or after t. It selects the piece of a function that jumps at t.
     """
     for i in range(drive.motions.shape[0]):
         value, rate, second = evaluate(drive, drive.motions[i], t, side)

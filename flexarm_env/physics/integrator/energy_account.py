@@ -1,5 +1,4 @@
-"""The energy account: work of inputs and motions, and energy dissipated by damping, computed with mean forces of
-steps."""
+"""The energy account: work of inputs and motions and energy dissipated by damping, with mean forces of steps."""
 
 from __future__ import annotations
 
@@ -35,8 +34,8 @@ def account_for_step(lane, model, drive, par, w: Work, h):
 
     The dissipation is the power of damping at the step's mean strain rates. Rates at the ends of the step differ from
     the mean by second order of h. In very stiff strains this difference exceeds the rates themselves. The damping
-    forces then do additional work, entry BEYOND of w.books, which the strain energy absorbs and returns. drive:
-    `Drive`, or None without motions in time.
+    forces then do additional work, entry BEYOND of w.books, which the strain energy absorbs and returns.
+    drive: `Drive`, or None without motions in time.
 
     # state     w.q0, w.v0, w.u0, w.y0, w.psi0, w.reaction0 at the start; w.q, w.v, w.u, w.psi, w.reaction at the end
     # out       w.books (energy account); w.u0, w.y0, w.psi0, w.reaction0 <- values at the end, for the next step

@@ -17,9 +17,10 @@ def change_payload(lane, model, resting, par, new, live: Lanes, w: Work, h, book
     resting: a compile-time tag if the gripped object is at rest, otherwise None. An object at rest instantly takes the
     arm's velocity. Torques, springs, dampers and friction are finite and have no impulse. The coordinates q and the
     momentum therefore do not change: M+ v+ + Phi_q^T Lambda = M- v-. M-, M+: mass matrix with the old and the new
-    payload. Lambda: impulses of the constraints Phi = 0. If resting is None, or if an object is released, the object
-    moves with the tip and v does not change. Damping ends a part e of the jump dv within less than a step. This part is
-    removed at once, as after a jump of a motion (see `start`): e = (1 - s)^3 (1 + 3 s) dv with s = (M+ + h/2 C)^-1 M+.
+    payload.
+    Lambda: impulses of the constraints Phi = 0. If resting is None, or if an object is released, the object moves with
+    the tip and v does not change. Damping ends a part e of the jump dv within less than a step. This part is removed at
+    once, as after a jump of a motion (see `start`): e = (1 - s)^3 (1 + 3 s) dv with s = (M+ + h/2 C)^-1 M+.
 
     The accelerations a and the auxiliary accelerations b jump by the same da, because the residual changes from r- to
     r+:
@@ -31,7 +32,8 @@ def change_payload(lane, model, resting, par, new, live: Lanes, w: Work, h, book
     # scratch   w.r, w.S, w.q0, w.v0, w.a0, w.b0
 
     books: a tag to add the energies to w.books, or None. The impact's loss T- - T+ of kinetic energy counts as
-    dissipation. The energy of the gripped or released object counts as work. T: kinetic energy.
+    dissipation. The energy of the gripped or released object counts as work.
+    T: kinetic energy.
     """
     n, here = size(model.n), live[0]
     before = energy(lane, model, par, w.q, w.v)
@@ -81,7 +83,8 @@ def _rest_residual(lane, model, par, w: Work, moving, weights):
     """Compute the residual w.r at rest (v = 0), with accelerations w.v0 (moving True) or 0 (moving False).
 
     The payload is that in par. The function sets w.v to 0 and w.a to these accelerations. With weights.with_matrix it
-    also assembles w.S. weights: `Weights` of mass, damping and stiffness.
+    also assembles w.S.
+    weights: `Weights` of mass, damping and stiffness.
     """
     for k in range(size(model.n)):
         w.v[k] = 0.0
@@ -126,7 +129,9 @@ def _accelerate(lane, model, par, w: Work, h):
     """Solve for accelerations w.a and multipliers after the payload has changed. w.b0: residual r- before the change.
 
     The function applies three corrections -(r+ - r-), with one factorization of M+ + h/2 C + h^2/4 K (mass matrix with
-    the new payload, damping, stiffness). r+ is the residual at the current a. h: a step, s. Scratch: w.r, w.S.
+    the new payload, damping, stiffness). r+ is the residual at the current a.
+    h: length of a step, s.
+    Scratch: w.r, w.S.
     """
     for i in range(3):
         first = i == 0
@@ -146,8 +151,9 @@ def _accelerate(lane, model, par, w: Work, h):
 def _account_for_impact(lane, model, books, par, w: Work, before, struck):
     """Add the impact's loss of kinetic energy to the dissipation and the payload's energy to the work in w.books (J).
 
-    before: (kinetic, strain, gravitational) energy before the change. struck: 1 in lanes that gripped an object at
-    rest, otherwise 0. books: a tag, or None for no account.
+    before: (kinetic, strain, gravitational) energy before the change.
+    struck: 1 in lanes that gripped an object at rest, otherwise 0.
+    books: a tag, or None for no account.
     """
     if books is not None:
         after = energy(lane, model, par, w.q, w.v)

@@ -1,4 +1,4 @@
-"""Newton-Raphson iteration of one time step, eqs. [69]-[82]: from the prediction to the end of the step.
+"""Newton-Raphson iteration of one time step, equations [69]-[82]: from the prediction to the end of the step.
 
 The unknown is the displacement q+. v+, a+ and b+ are linear functions of q+ (`NewmarkSlopes`). During the iteration
 w.q, w.v, w.a, w.b contain the current iterate of the step's end, and w.q0, w.v0, w.a0, w.b0 the step's start.
@@ -46,7 +46,7 @@ quadratically. The measured contraction therefore underestimates the contraction
 
 
 class NewmarkSlopes(NamedTuple):
-    """Derivatives of v+, a+ and b+ at the end of a step by q+, eq. (6.1), and the step's length h."""
+    """Derivatives of v+, a+ and b+ at the end of a step by q+, equation (6.1), and the step's length h."""
 
     v: float  # dv+/dq+ = gamma / (beta h), 1/s
     a: float  # da+/dq+ = (1 - alpha_m) / ((1 - alpha_f) beta h^2), 1/s^2; c_m in docs/theory.md
@@ -144,7 +144,8 @@ def _limit_increment(lane, model, longest, r: Lanes):
 
 @inlined
 def _apply_newton_increment(lane, model, par, w: Work, active, slopes, tolerance):
-    """Apply the Newton increment -w.r, eqs. [80]-[82]: q <- q (+) d, v, a, b with `slopes`, lambda <- lambda - c_m r.
+    """Apply the Newton increment -w.r, equations [80]-[82]: q <- q (+) d; v, a, b by `slopes`; lambda <- lambda - c_m
+    r.
 
     # model     model, par, tolerance of the scheme
     # in        w.r = S^-1 r, w.shift; active: lanes > 1/2 are updated, other lanes do not change by a bit

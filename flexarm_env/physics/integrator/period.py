@@ -6,9 +6,9 @@ displacement is therefore
 
     q+ = (Newmark's q+) - 2 kappa h^2 Y (a+ - a),   Y = S^-1 c_m M,
 
-where the Newton matrix S acts as a low-pass filter. Y is about 1 for motion that the step resolves and vanishes for
-faster motion. a+ is the acceleration of the step without correction. It is taken at the first Newton increment whose
-square is below the tolerance; the error of a+ is then below the tolerance too. M is constant.
+The Newton matrix S acts as a low-pass filter. Y is about 1 for motion that the step resolves and vanishes for faster
+motion. a+ is the acceleration of the step without correction. The acceleration a+ is taken at the first Newton
+increment whose square is below the tolerance; the error of a+ is then below the tolerance too. M is constant.
 """
 
 from __future__ import annotations
@@ -29,10 +29,12 @@ such as vibrations after a jump of the root's velocity. It would add energy."""
 
 @kernel
 def _filtered(lane, model, drive, par, w, c_m, turn, x, y: Lanes):
-    """Apply the low-pass filter of eq. (6.2) to accelerations: y <- S^-1 c_m M x, (n,) lanes; y is 0 in known rows.
+    """Apply the low-pass filter of equation (6.2) to accelerations: y <- S^-1 c_m M x, (n,) lanes; 0 in known rows.
 
-    w.S: factors of the Newton matrix S. M: constant mass matrix. c_m = da/dq of the step, 1/s^2. turn: None, or (start,
-    q, share): the vectors in x are then first rotated by `share` times the rotation of their section from start to q.
+    w.S: factors of the Newton matrix S.
+    M: constant mass matrix. c_m = da/dq of the step, 1/s^2.
+    turn: None, or (start, q, share): the vectors in x are then first rotated by `share` times the rotation of their
+    section from start to q.
     drive: `Drive`, whose prescribed rows are known, or None. Joints that stick by Coulomb friction remain at rest.
     """
     inertia_forces(lane, model, par, turn, x, y)
@@ -45,7 +47,7 @@ def _filtered(lane, model, drive, par, w, c_m, turn, x, y: Lanes):
 
 @kernel
 def correct_period(lane, model, drive, par: Lanes, tolerance, w: Work, corrected, active, slopes):
-    """Compute the period correction d, eq. (6.2), at the first small Newton increment -w.r; return the corrected lanes.
+    """Compute the period correction d, equation (6.2), at the first small Newton increment; return the corrected lanes.
 
     # model     slopes: `NewmarkSlopes`; tolerance of the scheme; without `NewtonPolicy.period_correction` a no-op
     # in        w.q, w.a: Newton iterate; w.q0, w.a0: start of the step; w.S: factors. Lanes > 1/2: active, iterating;

@@ -28,9 +28,9 @@ def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
     """Compute consistent velocities, accelerations and multipliers at t+, after loads or motions may have jumped.
 
     Velocities jump by dv. The jump satisfies M dv + Phi_q^T Lambda = 0, where prescribed rows of dv are known (Phi = 0:
-    constraints; Lambda: their impulses). Damping ends a part of dv within much less than a step. This part is removed
-    from the velocities, and its damping forces change the accelerations. The work and the energy loss of the impulses
-    are added to the energy account w.books.
+    constraints; Lambda: their impulses). Damping ends a part of dv within much less than a step. The part that damping
+    ends is removed from the velocities, and its damping forces change the accelerations. The work and the energy loss
+    of the impulses are added to the energy account w.books.
 
     Accelerations at a fresh start solve M a + Phi_q^T lambda = Q - h(q, v), with generalized loads Q, and b = a. At a
     kink within a run (not fresh, with a drive) accelerations and multipliers are kept, then corrected three times by
@@ -69,7 +69,10 @@ def _take_multipliers(lane, drive, algebraic, w: Work, fresh):
     """Move the multipliers to w.q from their rows of w.a, into which a solution for accelerations writes them.
 
     At a kink (with a drive, not fresh) the solution is the change of the multipliers, which is added to their values in
-    w.q. algebraic: rows of multipliers, or None (nothing to do). drive: `Drive`, or None. fresh: True at a fresh start.
+    w.q.
+    algebraic: rows of multipliers, or None (nothing to do).
+    drive: `Drive`, or None.
+    fresh: True at a fresh start.
     """
     if drive is not None and algebraic is not None and not fresh:
         for i in range(algebraic.shape[0]):
@@ -119,7 +122,8 @@ def _account_for_impulse(lane, drive, w: Work, share, scale):
     """Add the work of the impulses w.reaction (N s, N m s), times `scale`, to w.books (J).
 
     The work is impulse times velocity. The velocity is share * (prescribed velocity before the jump) + (1 - share) *
-    (prescribed velocity after the jump). drive: `Drive`, which names the prescribed coordinates.
+    (prescribed velocity after the jump).
+    drive: `Drive`, which names the prescribed coordinates.
     """
     for i in range(drive.known.shape[0]):
         speed, before = _prescribed_rates(lane, drive, w, i)
@@ -140,10 +144,10 @@ def _has_velocity_jump(lane, drive, w):
 
 @kernel
 def _residual_with_multipliers(lane, model, par, w, weights):
-    """Compute the residual w.r (eq. [64]) at w.q, w.v, w.a; the multipliers are read from their rows of w.a.
+    """Compute the residual w.r (equation [64]) at w.q, w.v, w.a; the multipliers are read from their rows of w.a.
 
-    The multipliers are moved to w.q first. With weights.with_matrix the function also assembles w.S; weights:
-    `Weights`.
+    The multipliers are moved to w.q first. With weights.with_matrix the function also assembles w.S; weights: factors
+    of mass, damping and stiffness (`Weights`).
     """
     move_multipliers(lane, model.algebraic, w.q, w.a, False)
     assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
@@ -153,8 +157,9 @@ def _residual_with_multipliers(lane, model, par, w, weights):
 def _jump_velocities(lane, model, drive, par, w: Work, h, fresh):
     """Add the velocity jump dv that prescribed motions cause: M dv + Phi_q^T Lambda = 0; h: length of a step, s.
 
-    Phi = 0: constraints. Lambda: impulses of the constraints. fresh: True at a fresh start, which keeps no
-    accelerations.
+    Phi = 0: constraints.
+    Lambda: impulses of the constraints.
+    fresh: True at a fresh start, which keeps no accelerations.
 
     # state     w.v: in and out
     # out       w.v0: v before the jump; w.a0: dv, in rows of multipliers the impulses Lambda; w.reaction; w.books
@@ -226,14 +231,15 @@ def _remove_damping_layer(lane, model, drive, par, w: Work, h, fresh):
     Within the material, damping prevents a jump of the velocity. With M alone the jump remains next to a prescribed
     coordinate; damping spreads it in a time that may be far below a step. Without the removal, the step and its energy
     account would apply the forces C dv for half of the step. Let s = (M + h/2 C)^-1 M, with prescribed coordinates at
-    rest and Phi_q s = 0. Then dv loses
+    rest and Phi_q s = 0. The function subtracts from dv the part
 
             e = (1 - s)^3 (1 + 3 s) dv:    the part that damping ends within the step, to order h^3, and 0 without
             damping. (1 - s) x solves (M + h/2 C) y + Phi_q^T mu = h/2 C x.
 
-    M, C: mass and damping matrix. mu: multipliers of the constraints Phi = 0. The impulse of damping is h/2 C (g - e),
-    where g has one factor (1 - s) less than e. It acts at the prescribed velocities after the jump. Unless fresh, the
-    accelerations and multipliers stored in w.q0 change by -M^-1 C (dv - e), a sum of the same solutions.
+    M, C: mass and damping matrix.
+    mu: multipliers of the constraints Phi = 0. The impulse of damping is h/2 C (g - e), where g has one factor (1 - s)
+    less than e. It acts at the prescribed velocities after the jump. Unless fresh, the accelerations and multipliers
+    stored in w.q0 change by -M^-1 C (dv - e), a sum of the same solutions.
 
     # state     w.a0: in, dv; out, dv - e.   w.books: work and loss are added.   w.q0 (unless fresh): in and out
     # out       w.reaction: impulses of the motions (N s, N m s), times SMALL.   # scratch  w.r, w.S, w.v, w.a
@@ -268,8 +274,8 @@ def _remove_damping_layer(lane, model, drive, par, w: Work, h, fresh):
 def damping_layer(lane, model, drive, par, w: Work, rest, h, fresh):
     """Compute w.r <- e = (1 - s)^3 (1 + 3 s) dv, the part of a velocity jump dv that damping ends within a step.
 
-    s = (M + h/2 C)^-1 M, with the mass matrix M and the damping matrix C. h: a step, s. Unless fresh, the jump of
-    accelerations is added to w.q0.
+    s = (M + h/2 C)^-1 M, with the mass matrix M and the damping matrix C.
+    h: length of a step, s. Unless fresh, the jump of accelerations is added to w.q0.
 
     # in        w.r: dv; w.a = 0; rest: residual at rest (v = a = 0), n rows
     # out       w.r: e; w.v: SMALL h/2 g, g = (1 - s)^2 (1 + 3 s) dv
@@ -301,9 +307,13 @@ def damping_layer(lane, model, drive, par, w: Work, rest, h, fresh):
 def _damp_layer(lane, model, drive, par, w: Work, rest, h, matrix, fresh, share):
     """Compute w.r <- y = (1 - s) x from (M + h/2 C) y + Phi_q^T mu = h/2 C x; w.v contains SMALL h/2 x (m/s, rad/s).
 
-    s = (M + h/2 C)^-1 M. M, C: mass and damping matrix. mu: multipliers of the constraints Phi = 0. h: a step, s.
-    matrix: if True, first assemble and factor M + h/2 C in w.S; if False, use the factors in w.S. rest: residual at
-    rest (v = a = 0). Unless fresh, the accelerations in w.q0 change by -share 2/h (1 - s) x, a part of M^-1 C (dv - e).
+    s = (M + h/2 C)^-1 M.
+    M, C: mass and damping matrix.
+    mu: multipliers of the constraints Phi = 0.
+    h: length of a step, s.
+    matrix: if True, first assemble and factor M + h/2 C in w.S; if False, use the factors in w.S.
+    rest: residual at rest (v = a = 0). Unless fresh, the accelerations in w.q0 change by -share 2/h (1 - s) x, a part
+    of M^-1 C (dv - e).
     """
     move_multipliers(lane, model.algebraic, w.v, w.v, True)
     assemble(lane, model, par, state_of(w), w.u, Weights(1.0, 0.5 * h, 0.0, with_matrix=matrix), w.r, w.S)

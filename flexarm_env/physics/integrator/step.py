@@ -1,4 +1,4 @@
-"""Newmark and generalized-alpha steps, eqs. [66]-[82] and (6.1), for every formulation and number of lanes.
+"""Newmark and generalized-alpha steps, equations [66]-[82] and (6.1), for every formulation and number of lanes.
 
     (1 - alpha_m) b+ + alpha_m b = (1 - alpha_f) a+ + alpha_f a          auxiliary acceleration b (Arnold & Bruels 2007)
     q+ = q + h v + h^2 ((1/2 - beta) b + beta b+),   v+ = v + h ((1 - gamma) b + gamma b+)
@@ -34,7 +34,7 @@ from .work import Work, copy_rows, reset_shift, set_prescribed, solve_unknown_ro
 
 @inlined
 def newmark_predict(lane, model, w: Work, h, scheme):
-    """Predict q, v, a and b at the end of a step of h (s), eqs. [66]-[68], where the Newton iteration starts.
+    """Predict q, v, a and b at the end of a step of h (s), equations [66]-[68], where the Newton iteration starts.
 
     The acceleration is predicted as a+ = s a with s = `NewtonPolicy.acceleration_share`. s = 1 predicts a constant
     acceleration, s = 0 zero acceleration. b is the auxiliary acceleration: (1 - alpha_m) b+ + alpha_m b = (1 - alpha_f)
@@ -70,7 +70,8 @@ def _restart_from_step_start(lane, model, w: Work, slopes):
     """Start the Newton iteration at the step's initial q instead of the prediction; v, a, b follow q by `slopes`.
 
     After a jump of a load, the step may not resolve the accelerations. The prediction's error may then be too large for
-    the iteration to converge. slopes: `NewmarkSlopes`, derivatives of v+, a+, b+ by q+, eq. (6.1).
+    the iteration to converge.
+    slopes (`NewmarkSlopes`): derivatives of v+, a+, b+ by q+, equation (6.1).
 
     # state     w.q, w.v, w.a, w.b: in, prediction; out, the values that belong to q+ = w.q0
     # scratch   w.r
@@ -85,7 +86,7 @@ def _restart_from_step_start(lane, model, w: Work, slopes):
 def _predict_configuration(lane, model, par, w: Work, slopes):
     """Improve the predicted q by the formulation's own prediction, if `NewtonPolicy.predicts` is a tag.
 
-    slopes: `NewmarkSlopes`, derivatives of v, a and b by q.
+    slopes (`NewmarkSlopes`): derivatives of v, a and b by q.
 
     # state     w.q, w.v, w.a, w.b: in and out, prediction at the end of the step; w.q0: its start
     # scratch   w.r
@@ -98,8 +99,9 @@ def _predict_configuration(lane, model, par, w: Work, slopes):
 def _prescribe(lane, drive, w, t, h):
     """Set inputs w.u, motions w.psi and prescribed rows of q, v, a, b to their values at the end t (s) of a step.
 
-    If a time function jumps at t, the value before the jump is used: 1e-6 of the step's length h (s) earlier. drive:
-    `Drive`. If it is None (no loads or motions in time), nothing changes.
+    If a time function jumps at t, the value before the jump is used: 1e-6 of the step's length h (s) earlier.
+    drive: the scene's loads and motions over time (`Drive`). If it is None (no loads or motions in time), nothing
+    changes.
     """
     if drive is not None:
         before = t - 1e-6 * h
@@ -110,14 +112,16 @@ def _prescribe(lane, drive, w, t, h):
 
 @inlined
 def _project_onto_constraints(lane, model, drive, par, algebraic, w: Work):
-    """Remove from velocities and accelerations the parts that violate the constraints' time derivatives, eq. (6.3).
+    """Remove from velocities and accelerations the parts that violate derivatives of constraints, equation (6.3).
 
         M dv + Phi_q^T Lambda = 0, Phi_q dv = -dPhi/dt;    M da + Phi_q^T dlambda = 0, Phi_q da = -d2Phi/dt2;    db = da
 
-    Phi = 0: constraints. lambda: their multipliers (forces). Lambda: impulses. The step satisfies the constraints at
-    the level of positions. Velocities violate the constraints' time derivative by O(h^2), accelerations by O(h). At
-    rho_inf = 1 both errors would alternate and grow. The equation of da neglects the change of other forces by dv.
-    Otherwise stiff damping, which the step does not resolve, would act explicitly and be unstable.
+    Phi = 0: constraints.
+    lambda: their multipliers (forces).
+    Lambda: impulses. The step satisfies the constraints at the level of positions. Velocities violate the constraints'
+    time derivative by O(h^2), accelerations by O(h). At rho_inf = 1 both errors would alternate and grow. The equation
+    of da neglects the change of other forces by dv. Otherwise stiff damping, which the step does not resolve, would act
+    explicitly and be unstable.
 
     # state     w.v, w.a, w.b and the multipliers in w.q: in and out, at the end of the step
     # scratch   w.r, w.S.   algebraic: rows of multipliers, or None (nothing to do)
@@ -160,9 +164,11 @@ def _constraint_rate_residual(lane, model, drive, w: Work, level):
 def _compute_reactions(lane, model, drive, par, w):
     """Store in w.reaction the generalized forces (N, N m) that enforce the prescribed motions at the end of the step.
 
-    The forces are the rows of the residual r of eq. [64] at the prescribed coordinates, or the multipliers that
-    prescribe them. Without motions, or if drive is None, do nothing. drive: `Drive`. algebraic: rows of multipliers, or
-    None. Scratch: w.r, w.S.
+    The forces are the rows of the residual r of equation [64] at the prescribed coordinates, or the multipliers that
+    prescribe them. Without motions, or if drive is None, do nothing.
+    drive: the scene's loads and motions over time (`Drive`).
+    algebraic: rows of multipliers, or None.
+    Scratch: w.r, w.S.
     """
     if drive is not None and drive.known.shape[0] > 0:
         assemble(lane, model, par, state_of(w), w.u, STEP_END_ALONE, w.r, w.S)

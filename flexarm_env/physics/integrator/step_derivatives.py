@@ -1,6 +1,6 @@
 """Forward and backward derivatives of a time step, from the equation that the step solves (rules: `transitions`).
 
-The unknown is q+; v+, a+ and b+ are linear functions of q+, eq. (6.1). In models with rotations the unknown is the
+The unknown is q+; v+, a+ and b+ are linear functions of q+, equation (6.1). In models with rotations the unknown is the
 increment D from the prediction p, with q+ = p (+) D. The two unknowns have different round-off. If q+ is the unknown,
 forces of stiff strains appear only in S. With rotations q+ cannot be the unknown, because increments of rotations do
 not add up. Arguments are as in `transitions`.
@@ -133,7 +133,7 @@ def _follow_shift(wide, model, x, slopes):
 
 @kernel
 def _step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
-    """Compute the tangents of a step like `step_tangents`, for coordinates without rotations, by eq. (6.1)."""
+    """Compute the tangents of a step like `step_tangents`, for coordinates without rotations, by equation (6.1)."""
     n, h, am, af = size(model.n), slopes.h, scheme.alpha_m, scheme.alpha_f
     for k in range(n):
         q, v, a, b = load(wide, x.q, k), load(wide, x.v, k), load(wide, x.a, k), load(wide, x.b, k)
@@ -174,7 +174,7 @@ def vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, passes):
 
 @kernel
 def _vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, passes):
-    """Transform cotangents like `vjp_step` for coordinates without rotations, by eq. (6.1) and lambda = -S^-T q_bar."""
+    """Transform cotangents like `vjp_step` for coordinates without rotations, equation (6.1), lambda = -S^-T q_bar."""
     n, h, am, af = size(model.n), slopes.h, scheme.alpha_m, scheme.alpha_f
     for _ in range(passes):
         # total cotangent of q+, of which v+, a+ and b+ are functions

@@ -1,14 +1,13 @@
-"""Forward and backward derivatives of steps and jumps: they differentiate the equation, not the iteration that solves
-it.
+"""Forward and backward derivatives of steps and jumps, from the equation and not from the iteration that solves it.
 
-A transition leads from a start (q, v, a, b), inputs u and parameters to an end. It solves an equation for an unknown z.
-The end is a function of start and z.
+A transition leads from a start (q, v, a, b), inputs u and parameters to an end. A transition solves an equation for an
+unknown z. The end is a function of start and z.
 
     transition           z    equation, solved with the matrix S
     jump                 da   r(q, v, a + da, u) - r(q, v, a, u0) = 0,  S = M. In lanes that start afresh a = 0, and
                               r(q, v, a, u0) is left out (`start.restart`).
     jump, light joints   da   r(q, v, a, u) - r(q, v, a, u0) + S da = 0,  S = M + h/2 C + h^2/4 K
-    step                 q+   r(q+, v+, a+, u) = 0,  v+, a+, b+ linear in q+ and the start, eq. (6.1)
+    step                 q+   r(q+, v+, a+, u) = 0,  v+, a+, b+ linear in q+ and the start, equation (6.1)
     step, rotations      D    r(q+, v+, a+, u) = 0,  q+ = p (+) D,  p, v+ - s_v D, a+ - s_a D: the prediction
 
 Both rules use the factors of S at the solution, in lanes without tangents:
@@ -76,8 +75,10 @@ def copy_state(lane, wide, model, w, x):
 def solve_tangents(lane, wide, model, parx, w, x, weights, ahead, free):
     """Solve for the tangents of the unknown with the factors w.S: tangents of x.r <- -S^-1 (tangents of x.r).
 
-    Known rows become 0. weights, ahead: the rate on which friction acts (`friction.apply_friction`), here applied to
-    the tangents of x.v and x.a. free: scratch memory, n dual rows.
+    Known rows become 0.
+    weights, ahead: the rate on which friction acts (`friction.apply_friction`), here applied to the tangents of x.v and
+    x.a.
+    free: scratch memory, n dual rows.
     """
     n, many = size(model.n), len(wide) // len(lane)
     step = n * len(lane)

@@ -56,8 +56,7 @@ def shift_size(model, n):
     """Return the number of rows of `Work.shift`: 2 n if the model has a period correction or rotations, otherwise 0.
 
     With a period correction the first n rows are the shift of the displacement, the others scratch. With rotations they
-    are
-    the two arrays of `accumulated_increment`.
+    are the two arrays of `accumulated_increment`.
     """
     return 0 if model.newton.period_correction is None and model.newton.rotations is None else 2 * n
 
@@ -185,8 +184,8 @@ def store_reactions(lane, known, algebraic, r: Lanes, multipliers: Lanes, reacti
 def set_prescribed(lane, known, psi: Lanes, q: Lanes, v: Lanes, a: Lanes, b: Lanes):
     """Set q and v of prescribed coordinates to the motions' values and rates, and a and b to their second rates.
 
-    known: rows of prescribed coordinates. A negative entry (motion prescribed by a multiplier) is skipped. psi: one
-    `MOTION` per entry of known: value, rate, second rate (m or rad).
+    known: rows of prescribed coordinates. A negative entry (motion prescribed by a multiplier) is skipped.
+    psi: one `MOTION` per entry of known: value, rate, second rate (m or rad).
     """
     for i in range(known.shape[0]):
         k = known[i]
@@ -215,11 +214,12 @@ def move_multipliers(lane, algebraic, target: Lanes, values: Lanes, clear):
 
 @kernel
 def take_multipliers(lane, algebraic, w: Work, active, c_m):
-    """Update the multipliers in w.q: lambda <- lambda - c_m r, eq. (3.5), and set their rows of w.r to 0.
+    """Update the multipliers in w.q: lambda <- lambda - c_m r, equation (3.5), and set their rows of w.r to 0.
 
-    algebraic: rows of multipliers, or None (nothing to do). active: lanes > 1/2 are updated; None means all lanes. c_m:
-    da+/dq+ of the step, or 1 in solutions for accelerations. The factor c_m reverses the scaling of the multipliers'
-    columns in the matrix.
+    algebraic: rows of multipliers, or None (nothing to do).
+    active: lanes > 1/2 are updated; None means all lanes.
+    c_m: da+/dq+ of the step, or 1 in solutions for accelerations. The factor c_m reverses the scaling of the
+    multipliers' columns in the matrix.
     """
     if algebraic is not None:
         for i in range(algebraic.shape[0]):

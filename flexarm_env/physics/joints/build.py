@@ -227,7 +227,8 @@ def _law(scene: Scene, k: int, row: int, motor: int) -> tuple[list[int], NDArray
 def _without_trust(policy: NewtonPolicy) -> NewtonPolicy:
     """Return a Newton policy, for gears with backlash, that trusts neither a first increment nor a prediction.
 
-    An increment may cross from one flank of the gap to the other flank. Its error is then not quadratic.
+    An increment may cross from one flank of the gap to the other flank. The error of such an increment is not
+    quadratic.
     """
     return policy._replace(first_error=None, resolved=None, predicts=None)
 

@@ -2,9 +2,9 @@
 
 Each function calls the function of the arm's formulation, then the function of each contribution in order.
 
-Contributions add terms to residual, energy and damping. They also act before and after the factorization and the
-solution with the arm's matrix (`physics.contributions`). Contributions are gears, rotors and hub (`gears`), a floating
-base (`floating`), and forces on points of the arm (`points`).
+Contributions add terms to residual, energy and damping. Contributions also act before and after the factorization and
+the solution with the arm's matrix (`physics.contributions`). Contributions are gears, rotors and hub (`gears`), a
+floating base (`floating`), and forces on points of the arm (`points`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,9 @@ _LAST_FIRST = (7, 6, 5, 4, 3, 2, 1, 0)
 def _add_point_forces(lane, model, par, state, u: Lanes, S, inputs: Lanes, instant):
     """Write the arm's inputs: u (N m, N) plus the forces that contributions exert on points of the arm.
 
-    state: q, v, a. S: the contributions' entries. inputs: array of the arm's inputs, as long as `model.points`.
+    state: coordinates q, velocities v, accelerations a.
+    S: the contributions' entries.
+    inputs: array of the arm's inputs, as long as `model.points`.
     instant: kind of the state, as in `contributions.acts`.
     """
     for k in range(size(model.n_inputs)):
@@ -39,8 +41,8 @@ def _add_point_forces(lane, model, par, state, u: Lanes, S, inputs: Lanes, insta
 def assemble(lane, model, par, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
     """Assemble the residual r (N, N m) and, with weights.with_matrix, the matrix S of the arm and its contributions.
 
-    r = M a + h(q, v) - B u, eq. [64]; S = weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq. par:
-    the arm's own parameters. state: q, v, a. u: inputs.
+    r = M a + h(q, v) - B u, equation [64]; S = weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq.
+    par: the arm's own parameters. state: q, v, a. u: inputs, i.e. joint torques (N m), then point loads.
     """
     for part in model.contributions:
         contributions.prepare(lane, part, model, par, state, weights, S)
@@ -120,8 +122,9 @@ def multiply(lane, model, S: Lanes, x: Lanes, y: Lanes):
 def retract(lane, model, q: Lanes, share, d, more):
     """Move the coordinates by an increment: q <- q (+) (share d + more).
 
-    The arm's formulation moves the arm's rows. In rows of contributions the increment is added. share: factor on d. d,
-    more: increments (n rows; m, rad); more = None means zero.
+    The arm's formulation moves the arm's rows. In rows of contributions the increment is added.
+    share: factor on d.
+    d, more: increments (n rows; m, rad); more = None means zero.
     """
     protocol.retract(lane, model.arm, q, share, d, more)
     for k in range(size(model.arm.n), size(model.n)):
@@ -179,7 +182,8 @@ def damping_power(lane, model, par, q, v, x, since=None):
     since: None, or (start, v0, h, S) for a step of h (s) from coordinates `start` and rates v0 to q and v, with mean
     rates x. The function then returns two powers (W): the mean dissipated power, and the excess of the damping forces'
     mean power over it, or None. Contributions dissipate the mean of x^T C v at both ends of the step, because their
-    coordinates add up. S: matrix array of the step; if it is None, all contributions act.
+    coordinates add up.
+    S: matrix array of the step; if it is None, all contributions act.
     """
     if since is None:
         power = protocol.damping_power(lane, model.arm, par, q, v, x)
@@ -215,8 +219,10 @@ def energy(lane, model, par, q: Lanes, v: Lanes):
 def set_joint_configuration(lane, model, live, angles, rates: Lanes | None, q: Lanes, v: Lanes):
     """Set q to straight links at the joint angles `angles` (rad), in lanes with live > 1/2.
 
-    Each contribution then sets its rows, such as motor angles, to match the joint angles. rates: rates of all rows,
-    relative to the rotating links, from which v is computed; if it is None, v does not change. q, v: n rows.
+    Each contribution then sets its rows, such as motor angles, to match the joint angles.
+    rates: rates of all rows, relative to the rotating links, from which v is computed; if it is None, v does not
+    change.
+    q, v: n rows.
     """
     protocol.set_joint_configuration(lane, model.arm, live, angles, rates, q, v)
     for part in model.contributions:
@@ -228,8 +234,9 @@ def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
     """Add the cotangents from r_bar to par_bar, bar and u_bar (reverse derivative of `residual`); then set r_bar to 0.
 
     A cotangent is the derivative of a scalar: r_bar by the residual, par_bar by the arm's parameters par, bar (a
-    `State`) by q, v, a, u_bar by the inputs u. S: scratch memory. model.derived is a tag if the compiler derives this
-    function, None if contributions register their own derivatives.
+    `State`) by q, v, a, u_bar by the inputs u.
+    S: scratch memory. model.derived is a tag if the compiler derives this function, None if contributions register
+    their own derivatives.
     """
     if model.derived is not None:
         protocol.vjp_source(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar)
@@ -244,8 +251,9 @@ def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
 def link_poses(lane, model, par, q, v, out, tasks=None):
     """Write the arm's poses to out. If tasks is a tag, also write the contributions' poses, at the end of out.
 
-    out: one `layout.POSES` for each link, in space one `layout.SPACE_POSES`. q: coordinates. v: rates of the
-    coordinates.
+    out: one `layout.POSES` for each link, in space one `layout.SPACE_POSES`.
+    q: coordinates of the arm.
+    v: rates of the coordinates.
     """
     protocol.link_poses(lane, model.arm, par, q, v, out, tasks)
     if tasks is not None:
@@ -259,7 +267,9 @@ def conserve_momentum(lane, model, par, before, h, q, v, u, r, S):
 
     before: None, or the pair that the function returned at the start of the step of h (s). Given the pair, v is first
     changed so that the momentum changes by the impulse of the mean force. The function returns None if a support holds
-    the arm. u: inputs. Scratch: r, S.
+    the arm.
+    u: inputs, i.e. joint torques (N m), then point loads.
+    Scratch: r, S.
     """
     for part in model.contributions:
         found = contributions.conserve_momentum(lane, part, model, par, before, h, q, v, u, r, S)

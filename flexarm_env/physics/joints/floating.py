@@ -34,8 +34,9 @@ _SUMS = (0,) * (_CASES * _MOTIONS)
 def assemble(lane, part, model, par, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
     """Write J psi'' + u_0 (N m) into the base's row of r; with weights.with_matrix also its diagonal entry of S.
 
-    J: inertia of the base (kg m^2). psi: attitude of the base. u_0: torque of the hub on the arm. The diagonal entry is
-    weights.mass J.
+    J: inertia of the base (kg m^2).
+    psi: attitude of the base.
+    u_0: torque of the hub on the arm. The diagonal entry is weights.mass J.
     """
     r[part.row] = state.a[part.row] * part.inertia + u[0]
     if weights.with_matrix:
@@ -46,7 +47,7 @@ def assemble(lane, part, model, par, state: State, u: Lanes, weights, r: Lanes, 
 def after_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
     """Divide the base's row of x by its diagonal entry of S, because this row is not coupled with other rows.
 
-    transposed: True for S^T x = b. The result is the same.
+    transposed: True for S^T x = b, which has the same result.
     """
     x[part.row] /= S[size(model.n_factor) - 1]
 
@@ -83,8 +84,9 @@ def poses(lane, part, model, q: Lanes, v: Lanes, out: Lanes):
 def vjp_residual(lane, part, model, par, state, bar, u_bar: Lanes, r_bar: Lanes):
     """Add to bar.a and u_bar the cotangents that the base's row of r_bar causes; set this row of r_bar to 0.
 
-    r_bar: derivative of a scalar by the residual, whose base row is J psi'' + u_0. bar: cotangents of q, v, a. u_bar:
-    cotangents of the inputs.
+    r_bar: derivative of a scalar by the residual, whose base row is J psi'' + u_0.
+    bar: cotangents of q, v, a.
+    u_bar: cotangents of the inputs.
     """
     add_to(lane, bar.a, part.row, r_bar[part.row] * part.inertia)
     u_bar[0] += r_bar[part.row]
@@ -101,11 +103,11 @@ def multiply(lane, part, model, S: Lanes, x: Lanes, y: Lanes):
 def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, r, S):
     """Return (momentum, force), each with x, y and moment about the origin; if `before` is given, first correct v.
 
-    momentum: t^T M v (N s, N m s), with the rates t of the rigid motions. force: external force and moment (N, N m),
-    inertial axes. before: the pair that the function returned at the start of the step of h (s), or None. With
-    trapezoidal steps the angular momentum has a ripple of second order in h, which would rotate a base at rest.
-    Therefore a rigid motion of base and arm, which causes no strain, is added to v. With it, the momentum changes by h
-    times the mean force.
+    momentum: t^T M v (N s, N m s), with the rates t of the rigid motions.
+    force: external force and moment (N, N m), inertial axes.
+    before: the pair that the function returned at the start of the step of h (s), or None. With trapezoidal steps the
+    angular momentum has a ripple of second order in h, which would rotate a base at rest. Therefore a rigid motion of
+    base and arm, which causes no strain, is added to v. With it, the momentum changes by h times the mean force.
 
     # state     q; v: in and out, (n,) lanes.   # scratch   r, S
 
@@ -160,7 +162,9 @@ def _project_contact_forces(lane, base, model, par, state: State, u: Lanes, stil
     """Project the residual at rest with the contact forces at q, v on the rigid motions: case `_PUSHED` of sums.
 
     Damping and friction of contacts are external forces that depend on v. The inertia forces of the arm's own motion
-    are not external. Therefore only the contact forces are those of the moving arm. still: scratch, n rows. u: inputs.
+    are not external. Therefore only the contact forces are those of the moving arm.
+    still: scratch, n rows.
+    u: inputs, i.e. joint torques (N m), then point loads.
     r, S: scratch.
     """
     inputs = stack(lane, model.points)
@@ -205,8 +209,8 @@ def _sums(lane, sums: Lanes, case):
 def _turn(lane, base, q: Lanes, rate, v: Lanes):
     """Add a rigid rotation of base and arm about the origin at `rate` (rad/s) to v.
 
-    Rows of angles change by rate, rows of vectors (x, y; m, inertial axes) by rate (-y, x). base: the `Floating`
-    record.
+    Rows of angles change by rate, rows of vectors (x, y; m, inertial axes) by rate (-y, x).
+    base: the `Floating` record.
     """
     for j in range(base.angles.shape[0]):
         v[base.angles[j]] += rate

@@ -1,4 +1,4 @@
-"""Coulomb friction as a set-valued law, eq. (6.6), by a correction of the linear system's solution.
+"""Coulomb friction as a set-valued law, equation (6.6), by a correction of the linear system's solution.
 
 The friction torque T of a joint at rest satisfies |T| <= T_C. If the joint moves, T has the magnitude T_C and opposes
 the rate. The residual of the linear system does not contain T. The corrected solution x + W T, with the columns W of
@@ -160,7 +160,8 @@ def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
 def release_reversed_joints(lane, model, v: Lanes, S: Lanes):
     """Clear the flag `slides` in S for joints whose rate v has changed sign by impulses since `store_friction`.
 
-    Such joints do not continue to slide in the stored direction. v: rates of all rows after the impulses.
+    Joints whose rate has changed sign do not continue to slide in the stored direction.
+    v: rates of all rows after the impulses.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
@@ -174,7 +175,8 @@ def account_for_friction(lane, model, par, state, u, r, S, start, books):
     """Add the energy (J) that friction dissipates in a step, mean torque times change of angle, to the account `books`.
 
     start: coordinates at the step's start. The mean torque is the average of the torques stored at the step's start and
-    those of the present state. The present torques are stored in S for the next step. Scratch: r.
+    those of the present state. The present torques are stored in S for the next step.
+    Scratch: r.
     """
     if model.newton.friction is not None:
         _account_for_half(lane, model, state, S, start, books)
@@ -236,8 +238,8 @@ def find_gaps(lane, model, state: State, weights, ahead, S: Lanes, x: Lanes):
 def _choose_branch(lane, model, par, weights, i, S: Lanes):
     """Decide from the present torques T whether joint i sticks, and store its sliding torque in `bound`, (6.6).
 
-    If weights.damping is 0 (v does not change), a joint that slid at the last `store_friction` slides on with that
-    torque.
+    If weights.damping is 0 (v does not change), a joint that slid at the last `store_friction` continues to slide with
+    its stored torque.
 
     # out       `GEAR` fields sticks (1 or 0) and bound (N m) of joint i
     """
@@ -266,7 +268,8 @@ def solve_torques(lane, model, S: Lanes, transposed):
     """Solve for friction torques T (N m): sum_j W_ij T_j = gap_i where joint i sticks, T_i = bound_i where it slides.
 
     The function reads two `GEAR` fields: gap (`find_gaps`, the change of the increment x_i that leaves joint i at rest)
-    and bound (N m). The field torque receives T. W_ij: entry of S^-1 in the friction rows of joints i and j.
+    and bound (N m). The field torque receives T.
+    W_ij: entry of S^-1 in the friction rows of joints i and j.
     transposed: if True, use W^T, for cotangents; all bounds are then 0. The Gaussian elimination has no pivoting. See
     theory, (6.6).
     """
@@ -321,8 +324,9 @@ def add_torques(lane, model, S: Lanes, x: Lanes):
 def hold_sticking_joints(lane, model, S: Lanes, x: Lanes):
     """Hold joints that stuck in the last `apply_friction` at rest: x <- x + W T, so that their rows of x become 0.
 
-    x (n,): on entry a solution S^-1 y without friction. W: columns of S^-1. T: friction torques. S contains the factors
-    of the Newton matrix and the `GEAR` records.
+    x (n,): on entry a solution S^-1 y without friction.
+    W: columns of S^-1.
+    T: friction torques. S contains the factors of the Newton matrix and the `GEAR` records.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):

@@ -1,4 +1,4 @@
-"""Derivatives of Coulomb friction, eq. (6.6), for changes so small that no joint starts or stops sliding.
+"""Derivatives of Coulomb friction, equation (6.6), for changes so small that no joint starts or stops sliding.
 
 `transitions` and `runtime.sensitivity` call these functions after `joints.friction` has computed the values.
 `joints.friction` stores the friction torques and the state of each joint (sticking or sliding) in the matrix array S.
@@ -26,7 +26,9 @@ from .layout import GEAR, LAWS, PLACE, PLACES
 def store_branch(lane, model, par, state, weights, ahead, r, S: Lanes):
     """Store in S which joints stick at the end of a step, and the direction (slides = +-1) in which the others slide.
 
-    S: factors of the step's matrix. r: residual at the step's end, overwritten. weights, ahead: as in `apply_friction`.
+    S: factors of the step's matrix.
+    r: residual at the step's end, overwritten.
+    weights, ahead: as in `apply_friction`.
     """
     if model.newton.friction is not None:
         protocol.solve(lane, model, S, r)
@@ -73,7 +75,8 @@ def friction_residual_tangents(lane, wide, model, parx, S: Lanes, r, first):
     """Apply the linearized `store_friction` to the tangents of r (n dual rows); S contains the state of each joint.
 
     A joint that sticks with a torque within T_C has residual 0 for any other forces. In all other joints friction is
-    +-T_C. Lanes with `first` > 1/2 start afresh. They have no residual before the jump and are skipped.
+    +-T_C. Lanes with `first` > 1/2 start afresh. Lanes that start afresh have no residual before the jump and are
+    skipped.
     """
     if model.newton.friction is not None:
         many = len(wide) // len(lane)
@@ -90,7 +93,7 @@ def friction_residual_tangents(lane, wide, model, parx, S: Lanes, r, first):
 def change_friction(lane, model, par, weight, S: Lanes):
     """For joints that slide, add weight * T_C of this model, with the sign of the sliding direction, to `bound` (N m).
 
-    This is the change of the Coulomb friction torques along a direction of the parameters.
+    The added value is the change of the Coulomb friction torques along a direction of the parameters.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):
@@ -103,8 +106,9 @@ def change_friction(lane, model, par, weight, S: Lanes):
 def friction_tangents(lane, model, change, weights, ahead, S: Lanes, x):
     """Add friction to the tangents x (n,) of an increment: the linearized `apply_friction` for the stored joint states.
 
-    change: `State` of tangents of q, v, a. weights, ahead: as in `apply_friction` (rate v + ahead a). `bound` in S
-    contains tangents of the torques of sliding joints; it is set to 0.
+    change: `State` of tangents of q, v, a.
+    weights, ahead: as in `apply_friction` (rate v + ahead a). `bound` in S contains tangents of the torques of sliding
+    joints; it is set to 0.
     """
     if model.newton.friction is not None:
         find_gaps(lane, model, change, weights, ahead, S, x)
@@ -155,9 +159,9 @@ def friction_cotangents(lane, model, par_bar: Lanes, weights, ahead, S: Lanes, x
 def friction_residual_cotangents(lane, model, par_bar: Lanes, S: Lanes, r_bar: Lanes):
     """Replace r_bar by the cotangents of the residual without friction: the reverse derivative of `store_friction`.
 
-    A joint that sticks with a torque within T_C (GEAR.free = 1) has residual 0 for any other forces. Its cotangent
-    therefore vanishes. For all other joints friction is +-T_C. Their cotangent does not change, and is added to the
-    cotangent of T_C in par_bar.
+    A joint that sticks with a torque within T_C (GEAR.free = 1) has residual 0 for any other forces. The cotangent of a
+    joint that sticks within T_C therefore vanishes. For all other joints friction is +-T_C. The cotangent of joints
+    with friction +-T_C does not change, and is added to the cotangent of T_C in par_bar.
     """
     if model.newton.friction is not None:
         for i in range(count(model)):

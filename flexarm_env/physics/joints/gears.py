@@ -2,10 +2,10 @@
 
     J psi'' + k (psi - q) + d (psi' - q') + friction = u,    the arm's row of q:  ... - k (psi - q) - d (psi' - q') = 0
 
-The motor angle psi has a row of its own, which is coupled only with the joint angle q. This row is eliminated before
-the arm's matrix is factored. With a rigid gear J acts on q. With backlash b the spring torque is k (x - clip(x, b/2)),
-x = psi - q. Damping also acts in the gap. Otherwise the torque would jump at the beginning of a contact and pull at its
-end.
+The motor angle psi has a row of its own, which is coupled only with the joint angle q. The row of psi is eliminated
+before the arm's matrix is factored. With a rigid gear J acts on q. With backlash b the spring torque is k (x - clip(x,
+b/2)), x = psi - q. Damping also acts in the gap. If damping began with contact, the torque would jump at the beginning
+of a contact and pull at its end.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ from .layout import GEAR, PLACE, PLACES
 def _friction_row(lane, model, i, own, state: State, total):
     """Return `total` (N m) plus joint i's friction torque: viscous d v and, if the angle is prescribed, T_C sign(v).
 
-    own: `Law` of the joint. v: rate of the row on which friction acts. If the angle is not prescribed, the module
-    `friction` solves for the Coulomb torque.
+    own: `Law` of the joint.
+    v: rate of the row on which friction acts. If the angle is not prescribed, the module `friction` solves for the
+    Coulomb torque.
     """
     rate = state.v[model.table[PLACES * i + PLACE.friction]]
     total = total + rate * own.viscous
@@ -51,9 +52,9 @@ def gear_torque(lane, play, stiffness, half, wound):
 def _through_gear(lane, part, model, i, one, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
     """Write the motor's row of r (N m) and S; in the joint's row replace the input's torque by the gear's, (6.5).
 
-    i: index in the table of a joint with an elastic gear. one: `Law` of the joint. The gear torque is k (psi - q) + d
-    (psi' - q') with the motor angle psi and the joint angle q. With weights.with_matrix S receives the `GEAR` fields
-    pivot and slope.
+    i: index in the table of a joint with an elastic gear.
+    one: `Law` of the joint. The gear torque is k (psi - q) + d (psi' - q') with the motor angle psi and the joint angle
+    q. With weights.with_matrix S receives the `GEAR` fields pivot and slope.
     """
     at, g = PLACES * i, gear_at(model, i)
     row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
@@ -82,8 +83,8 @@ def _through_gear(lane, part, model, i, one, state: State, u: Lanes, weights, r:
 def _at_joint(lane, model, i, one, state: State, weights, r: Lanes, S: Lanes):
     """Add the rotor inertia of a rigid gear, and friction on the link's side, to the joint's row of r (N m) and of S.
 
-    i: index of the joint in the table. one: `Law` of the joint. With weights.with_matrix S receives the `GEAR` field
-    own.
+    i: index of the joint in the table.
+    one: `Law` of the joint. With weights.with_matrix S receives the `GEAR` field own.
     """
     at, g = PLACES * i, gear_at(model, i)
     row = model.table[at + PLACE.row]
@@ -121,7 +122,8 @@ def prepare(lane, part, model, par, state: State, weights, S: Lanes):
 def assemble(lane, part, model, par, state: State, u, weights, r: Lanes, S: Lanes):
     """Add gears, rotors, viscous friction and hub inertia to r (N m); with weights.with_matrix also add entries to S.
 
-    state: q, v, a. u: inputs, which begin with the joint torques. S receives one `GEAR` per joint. See theory, (6.5).
+    state: coordinates q, velocities v, accelerations a.
+    u: inputs, which begin with the joint torques. S receives one `GEAR` per joint. See theory, (6.5).
     """
     for i in range(count(model)):
         one = joint_law(lane, model, par, i)
@@ -207,8 +209,8 @@ def before_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
 def after_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
     """Compute motor rows of x from joint rows: (x_motor + slope x_joint) / pivot. Pinned motors' rows do not change.
 
-    slope, pivot: fields of `GEAR` in S. transposed: True for S^T x = b, in which gyroscopic columns (in space) are
-    rows.
+    slope, pivot: fields of `GEAR` in S.
+    transposed: True for S^T x = b, in which gyroscopic columns (in space) are rows.
     """
     for i in range(count(model)):
         at, g = PLACES * i, gear_at(model, i)
@@ -310,7 +312,8 @@ def set_joint_configuration(lane, part, model, live, rates: Lanes | None, q: Lan
 def vjp_residual(lane, part, model, par, state: State, bar, u_bar: Lanes, r_bar: Lanes):
     """Add the cotangents from the joints' rows of r_bar to bar and u_bar; then set the motor rows of r_bar to 0.
 
-    r_bar: derivative of a scalar by the residual of eq. (6.5). bar (a `State`): derivatives of the scalar by q, v, a.
+    r_bar: derivative of a scalar by the residual of equation (6.5).
+    bar (a `State`): derivatives of the scalar by q, v, a.
     u_bar: derivative of the scalar by the inputs.
     """
     if model.hub is not None:

@@ -41,7 +41,7 @@ GEAR = Layout(
     Field("torque", (), "N m", "Coulomb friction torque T in the present solve"),
     Field("before", (), "N m", "Coulomb friction torque at the step's start, or before inputs jump"),
     Field("slides", (), "", "1: the joint slides at the time of `before`; for derivatives its direction, +1 or -1"),
-    Field("free", (), "", "1: at that time the joint does not slide, `before` balances the other forces"),
+    Field("free", (), "", "1: the joint did not slide then, and `before` balances the other forces"),
 ).places  # fmt: skip
 """`GEAR`: one record per joint, stored in S after the arm's own entries. In models with friction, two arrays follow: a
 column of S^-1 (n numbers) for each joint, and a row of the linear system for the torques (`count` + 1 numbers) for each

@@ -2,7 +2,7 @@
 
 The point is a point load of the arm (`AtPoint.place`). Every formulation therefore computes the point's displacement y,
 the generalized forces B f of a force f on the point, and the change of B with q. A stiffness k of the point adds the
-block B k B^T to the Newton matrix. This block is applied as a correction of solutions (`physics.point_block`).
+block B k B^T to the Newton matrix. The block B k B^T is applied as a correction of solutions (`physics.point_block`).
 
 A contribution registers `BLOCK`, its `point_forces` and `energy`, and an `assemble` that calls `store_block`.
 """
@@ -20,7 +20,7 @@ from ..point_block import column, divide, product, store_columns, store_solution
 
 
 class Point(NamedTuple):
-    """A point of the arm on which a contribution acts. It is the field `point` of the contribution's record.
+    """A point of the arm on which a contribution acts, stored in the field `point` of the contribution's record.
 
     S contains these arrays from offset `at` on: B and W, one column of n numbers per axis; C (axes x axes); scratch
     memory of the size of C; k.
@@ -36,8 +36,9 @@ class Point(NamedTuple):
 class AtPoint:
     """A kind of point force, such as a spring. An arm has the point force if one of `fields` differs from its default.
 
-    fields: names of fields of `Arm`. place: function that returns (link, end) of the point for an arm. make: function
-    that returns the contribution's record.
+    fields: names of fields of `Arm`.
+    place: function that returns (link, end) of the point for an arm.
+    make: function that returns the contribution's record.
     """
 
     fields: tuple[str, ...]
@@ -58,7 +59,7 @@ def numbers_in_matrix(rows: int, axes: int) -> int:
 def point_displacement(lane, point, model, par, q, y):
     """Write the arm's input displacements to y; the point's displacement (m, inertial axes) begins at `point.input`.
 
-    point: the `Point`. q: coordinates. y: array with one entry per input of the arm.
+    point: the `Point`. q: coordinates of the arm. y: array with one entry per input of the arm.
     """
     protocol.input_displacements(lane, model.arm, par, q, y)
 

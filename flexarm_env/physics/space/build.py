@@ -318,9 +318,11 @@ def system(
 ) -> System:
     """Assemble the `System` of a scene: Model, parameters, initial state, names of coordinates.
 
-    kind: class of the Model. beams: total mass of the flexible links, kg. rooms: for each link, and for the data behind
-    all links, the number of entries of S. notes: error estimates by name. own: further fields of the Model, which
-    depend on the kind of links.
+    kind: class of the Model.
+    beams: total mass of the flexible links, kg.
+    rooms: for each link, and for the data behind all links, the number of entries of S.
+    notes: error estimates by name.
+    own: further fields of the Model, which depend on the kind of links.
     """
     arm, loads, names = scene.arm, _loads(scene), names_of(scene.arm, settings)
     row, first, places, weight = AXES, B.end + H.end * arm.n_links, [], np.ones(len(names))

@@ -41,24 +41,24 @@ from .strained_layout import noted_at
 class Chain(NamedTuple):
     """Model of N links in space; a link is rigid, or has elements with two vertices, or has strains as coordinates.
 
-    places    int64: a `PLACE` for each link, and one more after the last link's
-    joints    float64: a `JOINT` for each link, at its root
-    end       float64: `BODY` of the last link's rigid end; payload: `BODY` of the payload; both on the last section
-    mounts    int64 (links,): 1 where the joint's `mount` rotates the axes; None if no joint's mount does
-    levers    int64 (links,): 1 where the joint has a lever (`before`, `beyond`); None if no joint has a lever
-    gravity   float64 (3,): m/s^2, inertial axes; or None
-    loads     float64: a `LOAD` per point load; its inputs are a force (N) and a moment (N m), inertial axes; or None
-    damped    (0,) with Kelvin-Voigt damping, otherwise None
-    rotors    int64 (links,): offset in S of the joint's `physics.layout.ROTOR`, negative without rotor; or None
-    free      kg: mass of the arm without the payload if no support holds the arm, otherwise None
-    sections  float64: an `ELEMENT` for each element, from root to tip; None if coordinates are strains
-    frames    float64: a `FRAME` for each element if elements are segments with floating frames, otherwise None
-    inner     (0,) * n for segments with n inner modes, whose rows follow all others; otherwise None
-    uneven    (0,) where a section or a curvature varies along an element, otherwise None
-    strains   float64: a `STRAINED` for each link (zeros for rigid links); None (like the next fields) with elements
-    polynomials, points  tuples of zeros, one for each polynomial of a strain and each Gauss point along a link
-    scratch   tuple of zeros, three for each point: size of stack arrays
-    curved    (0,) where a link is curved without stress, otherwise None
+    places: int64, one `PLACE` for each link, and one more after the last link's
+    joints: float64, one `JOINT` for each link, at its root
+    end, payload: float64, `BODY` of the last link's rigid end and of the payload, both on the last section
+    mounts: int64 (links,), 1 if the joint's `mount` rotates the axes; None if no joint's mount does
+    levers: int64 (links,), 1 if the joint has a lever (`before`, `beyond`); None if no joint has a lever
+    gravity: float64 (3,), m/s^2, inertial axes; or None
+    loads: float64, one `LOAD` per point load, whose inputs are a force (N) and a moment (N m), inertial axes; or None
+    damped: (0,) with Kelvin-Voigt damping, otherwise None
+    rotors: int64 (links,), offset in S of the joint's `physics.layout.ROTOR`, negative without rotor; or None
+    free: mass of the arm without the payload, kg, if no support holds the arm; otherwise None
+    sections: float64, one `ELEMENT` for each element, from root to tip; None if coordinates are strains
+    frames: float64, one `FRAME` for each element if elements are segments with floating frames, otherwise None
+    inner: (0,) * n for segments with n inner modes, whose rows follow all other rows; otherwise None
+    uneven: (0,) if a section or a curvature varies along an element, otherwise None
+    strains: float64, one `STRAINED` for each link (zeros for rigid links); None, like all later fields, with elements
+    polynomials, points: tuples of zeros, one for each polynomial of a strain and one for each Gauss point of a link
+    scratch: tuple of zeros, three for each Gauss point: size of stack arrays
+    curved: (0,) if a link is curved without stress, otherwise None
 
     Terms that a None or a tag switches off are left out of the machine code.
     """
@@ -114,9 +114,9 @@ class Vertex(NamedTuple):
 class Hinge(NamedTuple):
     """Kinematics of a joint.
 
-    turn   rotation matrix E: axes of the link's root to axes of the preceding section
-    lever  m: from the preceding section to the link's first section, axes of the preceding section; or None
-    root   `Vertex` of the link's first section
+    turn: rotation matrix E, axes of the link's root to axes of the preceding section
+    lever: vector (m) from the preceding to the link's first section, axes of the preceding section; or None
+    root: `Vertex` (kinematic state) of the link's first section
     """
 
     turn: Any
@@ -251,9 +251,9 @@ def joint_placement(lane, model, q: Lanes, v: Lanes, k, tip):
 def joint_kinematics(lane, model, state: State, k, tip, weights):
     """Return the `Hinge` of joint k: motion of its link's first section, from the preceding section's `Vertex` tip.
 
-    alpha_L = E^T alpha + axis theta'' + w_L x axis theta' (root axes; alpha: of tip; rest: `joint_placement`). weights:
-    `Weights`. The field `own` of the root's `Vertex` is weights.newton_share times the joint's rate, or 0 if strains
-    are coordinates. See theory, (9.1).
+    alpha_L = E^T alpha + axis theta'' + w_L x axis theta' (root axes; for the symbols see `joint_placement`). weights:
+    factors of mass, damping and stiffness (`Weights`). The field `own` of the root's `Vertex` is weights.newton_share
+    times the joint's rate, or 0 if strains are coordinates. See theory, (9.1).
     """
     q, v, a = state
     o = J.end * k

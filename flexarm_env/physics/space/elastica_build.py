@@ -107,8 +107,8 @@ def _link(link: Link, n: int, damping: float) -> Array:
 def _inertia(packed: dict[str, Array]) -> Array:
     """Return the inertia matrices (3, n, n), kg m^2, of the strains of a straight link whose root rotates freely.
 
-    The first index selects torsion, bending about y, or bending about z. packed: fields of the link's `STRAINED`
-    record.
+    The first index selects torsion, bending about y, or bending about z.
+    packed: fields of the link's `STRAINED` record.
     """
     # rotation of each interval's end by each polynomial; lateral displacement of points by root rotation and strains
     angles = np.cumsum(packed["sums"], axis=0)

@@ -6,11 +6,11 @@ axis along the element, the middle is rotated by psi/2 from the left end, R is i
     Gamma = R^T (r_right - r_left) / l - e_x - psi x (psi x e_x) / 24,      kappa = psi / l
                                                                                 (Simo & Vu-Quoc 1986, one point)
 
-which is objective and independent of the path (Crisfield & Jelenic 1999). The last term of Gamma is the difference
-between the chord of a helix and its tangent at the middle. One strain point does not capture the bending by a moment
-that grows along the element. The shear flexibility includes this missing (residual) bending flexibility, 1/C* = 1/C +
-l^2 / (12 EI) (MacNeal 1978). Under loads at vertices, vertices then have the positions of the beam's sections. With
-rotation increments dth in body axes,
+Gamma and kappa are objective and independent of the path (Crisfield & Jelenic 1999). The last term of Gamma is the
+difference between the chord of a helix and its tangent at the middle. One strain point does not capture the bending by
+a moment that grows along the element. The shear flexibility includes this missing (residual) bending flexibility, 1/C*
+= 1/C + l^2 / (12 EI) (MacNeal 1978). Under loads at vertices, vertices then have the positions of the beam's sections.
+With rotation increments dth in body axes,
 
     R^T dR = (P dth_l + Q dth_r)^,  P, Q = 1/2 -+ g^/2,  g = tan(|psi|/4) psi/|psi|;   dpsi = T^-1 dth_r - T^-T dth_l.
 
@@ -56,10 +56,10 @@ BOW = 1.0 / 24.0
 class Section(NamedTuple):
     """Constants of one element, including the arm's own factors (`layout.ELEMENT`).
 
-    length   m: reference length l
-    stretch  N: EA, and shear stiffness C* along y and z with the residual bending flexibility
-    bend     N m^2: GJ, EI_y, EI about x, y, z
-    rest     rad: rotation vector psi from the left to the right end without stress
+    length: reference length l, m
+    stretch: EA, and the shear stiffness C* along y and z, which includes the residual bending flexibility, N
+    bend: GJ, EI_y, EI (about x, y, z), N m^2
+    rest: rotation vector psi from the left to the right end without stress, rad
     """
 
     length: Any
@@ -82,8 +82,9 @@ class Place(NamedTuple):
 class Middle(NamedTuple):
     """Kinematics and stress resultants at an element's middle that its forces and tangent need (axes of the middle).
 
-    psi  rad: relative rotation vector of the ends     R  rotation matrix: axes of the middle to inertial axes
-    g    tan(|psi|/4) psi/|psi|                        m  N m: moment conjugate to psi, with the helix term's part
+    psi, g: relative rotation vector of the ends, rad, and tan(|psi|/4) psi/|psi|
+    R, m: rotation matrix (axes of the middle to inertial axes), and moment conjugate to psi with the helix term's part,
+    N m
     """
 
     psi: Any
@@ -104,7 +105,7 @@ class Middle(NamedTuple):
 
 @kernel
 def scale(a, d):
-    """Return the vector with the components a_i d_i, the products of the components of two vectors."""
+    """Return the vector with the components a_i d_i of two vectors a and d."""
     return Vector(a[0] * d[0], a[1] * d[1], a[2] * d[2])
 
 
@@ -345,7 +346,7 @@ class Tangent(NamedTuple):
 
 @kernel
 def tangent_of(at):
-    """Return the `Tangent` of a `Vertex`. Its second rate is t'' = alpha x e_x + w x (w x e_x), in section axes."""
+    """Return the `Tangent` of a `Vertex`, with t'' = alpha x e_x + w x (w x e_x) in section axes."""
     w, alpha = at.place.spin, at.alpha
     second = Vector(-(w[1] * w[1] + w[2] * w[2]), w[0] * w[1] + alpha[2], w[0] * w[2] - alpha[1])
     return Tangent(matrix(at.place.p), w, second, at.own)
@@ -439,8 +440,7 @@ def add_block(lane, S: Lanes, o, i, j, A):
 def middle_of(length, left, right):
     """Return the position r_m (m) and velocity (m/s), along inertial axes, of the mass at an element's middle.
 
-    r_m = (r_l + r_r)/2 + l/8 (t_l - t_r), with the ends' tangents t = A e_x and t' = A (w x e_x).
-    """
+    r_m = (r_l + r_r)/2 + l/8 (t_l - t_r), with the ends' tangents t = A e_x and t' = A (w x e_x)."""
     A, B, arm = matrix(left.p), matrix(right.p), length * 0.125
     bent = A.T[0] - B.T[0]
     a, b = left.spin, right.spin

@@ -86,8 +86,9 @@ def _rows(model):
 def _to_last(lane, S, to, a, b):
     """Return the motion of a link's last section that the motion (a, b) of its root causes at constant strains.
 
-    a is a displacement (inertial axes), b a rotation (root axes). Result: displacement (inertial axes), rotation (axes
-    of the last section). to: `noted_at`, offsets of the link's stored kinematics in S.
+    a is a displacement (inertial axes), b a rotation (root axes).
+    Result: displacement (inertial axes), rotation (axes of the last section).
+    to: `noted_at`, offsets of the link's stored kinematics in S.
     """
     return a + matrix_in(lane, S, to.shift) @ b, matrix_in(lane, S, to.last_turn).T @ b
 
@@ -96,7 +97,8 @@ def _to_last(lane, S, to, a, b):
 def _to_root(lane, S, to, a, b):
     """Return the (force, moment) on a link's root that is equivalent to the (force, moment) (a, b) on its last section.
 
-    This is the transpose of `_to_last`. Forces are along inertial axes; each moment is in the axes of its own section.
+    `_to_root` is the transpose of `_to_last`. Forces are along inertial axes; each moment is in the axes of its own
+    section.
     to: `noted_at`, offsets of the link's stored kinematics in S.
     """
     return a, matrix_in(lane, S, to.last_turn) @ b + matrix_in(lane, S, to.shift).T @ a
@@ -163,7 +165,7 @@ def _joint_down(lane, model, S: Lanes, k, x: Lanes, of):
     """Eliminate joint k from x: transmit the wrench `of` = (force, moment) on the link's root to the section before.
 
     The force is along inertial axes, the moment in root axes. The joint's row of x becomes (x + axis . moment + c .
-    force) / pivot. This row times `HINGE.column` is subtracted from the wrench on the section before. The row of a
+    force) / pivot. The new row times `HINGE.column` is subtracted from the wrench on the section before. The row of a
     fixed joint keeps its value. c is `HINGE.swing`, the motion of the link's first section per joint angle;
     `HINGE.column` is the wrench on the section before per joint angle.
     See theory, (9.1).

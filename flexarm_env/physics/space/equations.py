@@ -64,12 +64,12 @@ def _add(lane, r, i, of):
 
 @kernel
 def assemble(lane, model, par: Lanes, state, u, weights, r, S):
-    """Compute the residual r of eq. [64] and, with weights.with_matrix, the matrix in S (`protocol.assemble`).
+    """Compute the residual r of equation [64] and, with weights.with_matrix, the matrix in S (`protocol.assemble`).
 
     An outward sweep computes each section's motion and the wrenches of elements, bodies and loads on it; an inward
-    sweep transmits the links' root wrenches across their joints. r: forces (N, inertial axes) and moments (N m, section
-    axes) of vertices, torques (N m) of joints. The matrix is stored in blocks (`FACTOR`, `HINGE`, `BASE`), never as a
-    whole.
+    sweep transmits the links' root wrenches across their joints.
+    r: forces (N, inertial axes) and moments (N m, section axes) of vertices, torques (N m) of joints. The matrix is
+    stored in blocks (`FACTOR`, `HINGE`, `BASE`), never as a whole.
     """
     fill_zeros(lane, r, 0, model.n)
     if weights.with_matrix:
@@ -189,9 +189,10 @@ def _gathered(lane, model, par, k, state, weights, r, S, of):
 def _exact(lane, model, section, left, right, element, weights, S, f):
     """Return the (force, moment) on the left and on the right end of an exact element, including damping and inertia.
 
-    left, right: `Vertex` (kinematic state) of each end. element: index of the element, counted over all links. Forces
-    are along inertial axes (N), moments in section axes (N m). The function stores the section force n and, with
-    weights.with_matrix, the tangent in the `FACTOR` record at offset f of S. See theory, (9.2).
+    left, right: `Vertex` (kinematic state) of each end.
+    element: index of the element, counted over all links. Forces are along inertial axes (N), moments in section axes
+    (N m). The function stores the section force n and, with weights.with_matrix, the tangent in the `FACTOR` record at
+    offset f of S. See theory, (9.2).
     """
     inner = middle(section, left.place, right.place)[1]
     store_vector(lane, S, f + F.force, inner.n)
@@ -216,9 +217,10 @@ def conserve_momentum(lane, model, par: Lanes, before, h, q, v, u, r, S):
 
     The rigid translation (P_0 + h/2 (F_0 + F_1) - P) / M, which enters no other equation, is added to the velocities of
     all sections. The correction is needed because positions of middles and of offset centers of mass are not linear in
-    the coordinates. P: momentum (kg m/s), F: force of weight and loads (N), 0 at the start and 1 at the end of the step
-    h (s), inertial axes; M: mass. Returns (P, F) at the end, or None where a support holds the arm. before: (P_0, F_0),
-    or None to skip the correction.
+    the coordinates.
+    P: momentum (kg m/s), F: force of weight and loads (N), 0 at the start and 1 at the end of the step h (s), inertial
+    axes; M: mass. Returns (P, F) at the end, or None where a support holds the arm. before: (P_0, F_0), or None to skip
+    the correction.
     """
     if model.free is None:
         return None
@@ -249,8 +251,9 @@ def conserve_momentum(lane, model, par: Lanes, before, h, q, v, u, r, S):
 def _note(lane, model, S, k, hinge, tip, on_root):
     """Store rotation, lever, axes of the section before and the root's wrench in the `HINGE` of joint k, for `_handed`.
 
-    hinge: kinematics of the joint. tip: `Vertex` of the section before. on_root: force (N, inertial axes) and moment (N
-    m, root axes) on the link's root.
+    hinge: kinematics of the joint.
+    tip: `Vertex` of the section before.
+    on_root: force (N, inertial axes) and moment (N m, root axes) on the link's root.
     """
     h = hinge_at(k)
     store_matrix(lane, S, h + H.now_turn, hinge.turn)
@@ -267,9 +270,9 @@ def _handed(lane, model, u: Lanes, weights, r: Lanes, S: Lanes, k, force, moment
 
     force (N, inertial) and moment m (N m, root axes) act on the link's first section. The force does not change; the
     moment becomes E m + s x A^T force (axes of the section before); row = axis . m + (axis x o) . E^T A^T force - u_k
-    (N m), u_k: joint torque. E: axes of the root to those of the section before; A: those to inertial axes; s: lever
-    from that section to the link's first, o its part beyond the joint. With weights.with_matrix the `HINGE` gets what
-    `elimination` needs. See theory, (9.1).
+    (N m), u_k: joint torque. E maps root axes to axes of the section before, A maps these axes to inertial axes. s is
+    the lever from the section before to the link's first section, o its part beyond the joint. With weights.with_matrix
+    the `HINGE` gets what `elimination` needs. See theory, (9.1).
     """
     h, axis = hinge_at(k), three_of(lane, model.joints, J.end * k + J.axis)
     turn = matrix_in(lane, S, h + H.now_turn)

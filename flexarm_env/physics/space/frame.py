@@ -156,8 +156,9 @@ def rates_of(frame, left, right):
 def _phi_rate(turn, own, spin):
     """Return phi' = T^-1 w - T^-T w_f (rad/s), the rate of a section's rotation vector phi relative to the frame.
 
-    turn: the section's `Turn`. own: angular velocity w of the section, section axes. spin: angular velocity w_f of the
-    frame, frame axes. phi and phi' are in frame axes.
+    turn: the section's `Turn`.
+    own: angular velocity w of the section, section axes.
+    spin: angular velocity w_f of the frame, frame axes. phi and phi' are in frame axes.
     """
     return turn.T @ own - turn.T.T @ spin
 
@@ -166,9 +167,11 @@ def _phi_rate(turn, own, spin):
 def phi_second(turn, rate, own, own_second, spin, second):
     """Return phi'' (rad/s^2), the second time derivative of a section's rotation vector relative to the frame.
 
-    turn: the section's `Turn`. rate: phi'. own, own_second: angular velocity and acceleration of the section, section
-    axes. spin, second: angular velocity and acceleration of the frame, frame axes. The inverse tangent map is T^-1 = 1
-    + phi^/2 + c phi^ phi^ with c = 1/12 + |phi|^2/720 + ...; the series is valid below a right angle.
+    turn: the section's `Turn`.
+    rate: time derivative phi' of the rotation vector.
+    own, own_second: angular velocity and acceleration of the section, section axes.
+    spin, second: angular velocity and acceleration of the frame, frame axes. The inverse tangent map is T^-1 = 1 +
+    phi^/2 + c phi^ phi^ with c = 1/12 + |phi|^2/720 + ...; the series is valid below a right angle.
     """
     phi = turn.phi
     square, apart = dot(phi, phi), own - spin

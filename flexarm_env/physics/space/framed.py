@@ -1,8 +1,8 @@
 """Forces of a segment with a floating frame in space, its energy and its damping (kinematics: `frame`; theory, 9).
 
 If segments are reduced to modes, each inner mode has rows of its own, behind all other rows. A mode has an amplitude
-(rad) about x, y and z of the frame. It rotates sections relative to the frame, in addition to the shape functions of
-the ends' rotations.
+(rad) about x, y and z of the frame. A mode rotates sections relative to the frame, in addition to the shape functions
+of the ends' rotations.
 """
 
 from __future__ import annotations
@@ -101,8 +101,8 @@ def _stretch(lane, model, frame, at, q, row):
     """Return (e + phi' H phi / 2, H phi of the left end, H phi of the right end), in m: stretch and foreshortening.
 
     e is the length of the chord minus the segment's length, H is `FRAME.coupling`. phi contains the rotations of both
-    ends and the amplitudes of inner modes, which begin at row `row` of q. at: `frame_at` of the segment. Vectors are in
-    frame axes.
+    ends and the amplitudes of inner modes, which begin at row `row` of q. at: offsets of the segment's `FRAME` record
+    (`frame_at`). Vectors are in frame axes.
     """
     a, b = frame.left.phi, frame.right.phi
     l, r = product(lane, model, at.coupling, a, b)
@@ -120,7 +120,7 @@ def _stretch_rate(lane, model, frame, rates, slopes, at, q, v, row):
     """Return the rate (m/s) of the stretch e + phi' H phi / 2; slopes: H phi of both ends (m), from `_stretch`.
 
     rates: `Rates` of the frame. q, v: the arm's coordinates and rates; the segment's inner modes begin at row `row`.
-    at: `frame_at` of the segment.
+    at: offsets of the segment's `FRAME` record (`frame_at`).
     """
     e = rates.d[0] + dot(slopes[0], rates.left) + dot(slopes[1], rates.right)
     if model.inner is not None:
@@ -135,8 +135,8 @@ def _elastic(lane, model, par: Lanes, frame, rates, tau, at, state, row):
     """Return the `Stiff` of a segment: force along the chord (N) and moments on phi_l, phi_r (N m), in frame axes.
 
     The forces are elastic, with Kelvin-Voigt damping (theory, eq. 1.3) unless tau is None. tau: time constant (s).
-    rates: `Rates` of the frame, only read with damping. at: `frame_at` of the segment. row: first row of its inner
-    modes in state."""
+    rates: `Rates` of the frame, only read with damping. at: offsets of the segment's `FRAME` record (`frame_at`). row:
+    first row of its inner modes in state."""
     q, v, _ = state
     e, hl, hr = _stretch(lane, model, frame, at, q, row)
     a, b = frame.left.phi, frame.right.phi
@@ -175,8 +175,8 @@ def _inner_forces(lane, model, par: Lanes, frame, tau, pull, second, at, state, 
     """Add elastic, damping and rotary inertia forces of a segment's inner modes to their rows of r (N m, frame axes).
 
     `framed` adds the translational inertia. tau: time constant (s) or None. pull: force along the chord (N). second:
-    angular accelerations (rad/s^2) of left section, right section (section axes) and frame (frame axes). at: `frame_at`
-    of the segment. row: first row of the inner modes in state and r. See theory, (9.3).
+    angular accelerations (rad/s^2) of left section, right section (section axes) and frame (frame axes). at: offsets of
+    the segment's `FRAME` record (`frame_at`). row: first row of the inner modes in state and r. See theory, (9.3).
     """
     q, v, a = state
     width, factor = inner_of(model) + 3, par[STIFFNESS_FACTOR]
@@ -307,9 +307,8 @@ def _momenta(lane, model, at, a, b, c, x, row):
     """Return the angular momenta (kg m^2/s) of the rotary inertia: left section, right section, frame, in own axes.
 
     a, b, c: angular velocities of left section, right section and frame (rad/s, own axes). x: rates; the inner modes
-    begin at row `row`. at: `frame_at`. Given accelerations for a, b, c and x, the function returns inertia moments (N
-    m) without gyroscopic terms.
-    """
+    begin at row `row`. at: offsets of the segment's `FRAME` record (`frame_at`). Given accelerations for a, b, c and x,
+    the function returns inertia moments (N m) without gyroscopic terms."""
     l, r = product(lane, model, at.rotary, a, b)
     lc, rc = constant(lane, model, at.rotary, 3), constant(lane, model, at.rotary, 4)
     own = scale(a, lc) + scale(b, rc) + scale(c, constant(lane, model, at.rotary, 5))
@@ -326,7 +325,8 @@ def _momenta(lane, model, at, a, b, c, x, row):
 def _rotary(lane, model, at, left, right, frame, state, row):
     """Return the rotary inertia moments (N m) on left section, right section and frame, each in its own axes.
 
-    The moments are d(momentum)/dt + w x momentum. at: offsets of the `FRAME` record. left, right: `Vertex` of each end.
+    The moments are d(momentum)/dt + w x momentum. at: offsets of the `FRAME` record. left, right: kinematic states
+    (`Vertex`) of the two ends.
     frame: angular velocity and angular acceleration of the frame. The rates and accelerations of the segment's inner
     modes begin at row `row` of state."""
     wl, wr, (spin, alpha) = left.place.spin, right.place.spin, frame

@@ -32,8 +32,9 @@ def _both_rows(lane, model, table, A, B):
 def bent_rows(lane, model, par, a, b, near, far, at):
     """Return (dm_l, dm_r), the 3 x 3 derivatives of the moments on phi_l and phi_r by any three variables.
 
-    near, far: derivatives (3 x 3) of the `_strained` rotations of the left and right end by these variables. a, b:
-    rotations phi_l and phi_r of the ends (rad). at: `frame_at`. All vectors are in frame axes. The function multiplies
+    near, far: derivatives (3 x 3) of the `_strained` rotations of the left and right end by these variables.
+    a, b: rotations phi_l and phi_r of the ends (rad).
+    at: offsets of the segment's `FRAME` record (`frame_at`). All vectors are in frame axes. The function multiplies
     near and far by the stiffness K, then by the transposed derivative of the `_strained` rotations by phi_l, phi_r.
     """
     d, factors = HELIX * (b - a), factors_of(lane, par)
@@ -67,7 +68,8 @@ def late_of(lane, model, par, frame, rates, spins, stiff, late, at):
     """Return the `Late` of a segment, the derivatives of damping forces by rotations at constant rates.
 
     d phi' = (phi' / 2) x (dth + dbeta) - w x dth - X dbeta, X dbeta = w_x (0, dbeta_z, -dbeta_y), w_x: spin of the
-    frame. The strain rates follow from phi and phi'. spins: angular velocities of both sections (rad/s, section axes).
+    frame. The strain rates follow from phi and phi'.
+    spins: angular velocities of both sections (rad/s, section axes).
     late: tau_d times a weight (s), see `framed_tangent.tangent`. stiff: `Stiff` of the segment. See theory, (9.3).
     """
     x, y, spin = 0.25 * late * rates.left, 0.25 * late * rates.right, late * rates.spin
@@ -105,8 +107,8 @@ def late_pull(frame, late):
     """Return derivatives of the chord's damping force by both sections' rotations (N) and by lateral positions (N/m).
 
     The derivative by positions is a pair, by the right end's y and z position in frame axes. The frame rotates with the
-    ends' positions (beta_y, beta_z) and rolls with the sections (g). late: `Late` of the segment; the results are 0 if
-    it is None.
+    ends' positions (beta_y, beta_z) and rolls with the sections (g).
+    late: `Late` of the segment; the results are 0 if it is None.
     """
     if late is None:
         zero = frame.length * 0.0
@@ -120,9 +122,11 @@ def late_pull(frame, late):
 def swung(w, own, cd):
     """Return the derivative of a section's t'' by its rotation that its rates cause, times cd: rows y, z, section axes.
 
-    t'': second time derivative of the section's tangent. w: angular velocity of the section (rad/s, section axes). own:
-    joint's rate (rad/s), field `own` of the section's `Vertex`. cd: weight of dr/dv in the Newton matrix (1/s). Each
-    row is a `Vector`, with one entry for each component of the rotation.
+    t'': second time derivative of the section's tangent.
+    w: angular velocity of the section (rad/s, section axes).
+    own: joint's rate (rad/s), field `own` of the section's `Vertex`.
+    cd: weight of dr/dv in the Newton matrix (1/s). Each row is a `Vector`, with one entry for each component of the
+    rotation.
     """
     x, zero = (w[0] - own[0]) * cd, w[0] * 0.0
     return Vector((w[1] + own[1]) * cd, x, zero), Vector((w[2] + own[2]) * cd, zero, x)
@@ -133,7 +137,8 @@ def with_swung(rows, h, turned):
     """Return `rows`, to which h_y and h_z times the rows `turned` (result of `swung`) are added.
 
     rows: two `Vector`s (frame axes), the derivatives of the y and z components of an end's force by a section's
-    rotation. h: first moments (kg m) of the mass that moves with the section's tangent.
+    rotation.
+    h: first moments (kg m) of the mass that moves with the section's tangent.
     """
     return rows[0] + h[1] * turned[0], rows[1] + h[2] * turned[1]
 
@@ -142,7 +147,8 @@ def with_swung(rows, h, turned):
 def plus_lifted(A, h, turned):
     """Return A plus the moments that the rows `turned` cause: -h_y turned_z in row y, +h_z turned_y in row z.
 
-    A: derivative of the moment on a section by a section's rotation, 3 x 3 (N m). turned: result of `swung`. h: second
-    moments of the mass about x, y, z (kg m^2, `FRAME.lateral`).
+    A: derivative of the moment on a section by a section's rotation, 3 x 3 (N m).
+    turned: result of `swung`.
+    h: second moments of the mass about x, y, z (kg m^2, `FRAME.lateral`).
     """
     return Matrix(A[0], A[1] - h[1] * turned[1], A[2] + h[2] * turned[0])

@@ -98,8 +98,8 @@ def _inner_own(lane, model, frame, at, k, q, row, mass):
 def _inner_column(lane, model, stiff, geometric, own, share, weights, at, k, by):
     """Return the 3 x 3 derivative of the moment (N m; rows x, y, z) on inner mode k by the coordinates of `by`.
 
-    by: `Column`. own: result of `_inner_own`. share: weighted EA / l (N/m). geometric: weighted force along the chord
-    (N).
+    by: the coordinates (`Column`). own: result of `_inner_own`. share: weighted EA / l (N/m). geometric: weighted force
+    along the chord (N).
     """
     cm, (slope, bow), pair = weights.mass, own, (inner_of(model) + 2) * k
     # material: H phi (EA / l) d(stretch)

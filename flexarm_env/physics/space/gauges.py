@@ -73,8 +73,10 @@ def _elements(link: Link, n: int, s: float, axis: int) -> tuple[int, Array, Arra
 
     The reading (1/m) is a weighted sum of the rotations (rad) of the ends of elements `first` and first + 1, minus the
     rest reading without stress. The weights (2,), 1/m, are for the left and right end; they are 0 if there is no next
-    element. n: number of elements. s: position of the gauge on the link, m. axis: 0 for torsion, 1 and 2 for bending
-    about y and z.
+    element.
+    n: number of elements.
+    s: position of the gauge on the link, m.
+    axis: 0 for torsion, 1 and 2 for bending about y and z.
     """
     ends = link.mesh(n, "elements")
     own = [ELEMENT.unpack(packed) for packed in _packed(link, n, 1.0)]

@@ -1,9 +1,9 @@
 """Inner modes of segments with floating frames in space: sums over modes, and their part of the Newton matrix.
 
 A segment has `inner_of(model)` inner modes. Each mode has an amplitude (rad) about x, y and z of the frame. The rows of
-these amplitudes follow the rows of the chain. They are eliminated within their segment before the Newton matrix is
-condensed along the chain. A `FRAME` record contains tables of three numbers (for x, y, z) for each pair of coordinates.
-Row i of such a table is for inner mode i. The columns are for the left end, the right end, the frame (only in
+these amplitudes follow the rows of the chain. Inner modes are eliminated within their segment before the Newton matrix
+is condensed along the chain. A `FRAME` record contains tables of three numbers (for x, y, z) for each pair of
+coordinates. Row i of a table is for inner mode i. The columns are for the left end, the right end, the frame (only in
 `inner_rotary`) and the inner modes.
 """
 
@@ -41,7 +41,8 @@ def ends_by(lane, model, table, others, x, row, l, r):
     """Return the vectors l and r of the two ends plus the contributions of the inner amplitudes, by a table.
 
     table: offset in model.frames. For each inner mode the table has `others` columns, of which the first two are for
-    the left and right end, then the columns of the inner modes. row: first row of the segment's inner amplitudes in x.
+    the left and right end, then the columns of the inner modes.
+    row: first row of the segment's inner amplitudes in x.
     """
     for i in range(inner_of(model)):
         own, at = load_vector(lane, x, row + 3 * i), (inner_of(model) + others) * i
@@ -55,7 +56,8 @@ def inner_by(lane, model, table, others, i, a, b, x, row):
     """Return the product of row i of a table with (a, b, inner amplitudes); a, b: vectors of the left and right end.
 
     table: offset in model.frames. The table has `others` columns, of which the first two are for the left and right
-    end, then the columns of the inner modes. row: first row of the segment's inner amplitudes in x.
+    end, then the columns of the inner modes.
+    row: first row of the segment's inner amplitudes in x.
     """
     at = (inner_of(model) + others) * i
     total = scale(a, constant(lane, model, table, at)) + scale(b, constant(lane, model, table, at + 1))
@@ -113,8 +115,8 @@ def condense(lane, model, S: Lanes, f, inner):
     """Factor the matrix of a segment's inner modes and eliminate these modes from the `FACTOR` at offset f of S.
 
     In the segment's `INNER` record the field `over` becomes matrix^-1 over. Each block LL, LR, RL, RR of the `FACTOR`
-    becomes block - ends^T over. inner: offsets of the fields `matrix`, `ends`, `over` of the `INNER` record
-    (`inner_at`).
+    becomes block - ends^T over.
+    inner: offsets of the fields `matrix`, `ends`, `over` of the `INNER` record (`inner_at`).
     """
     n, o = 3 * inner_of(model), inner.matrix
     factors(lane, n, S, o)
@@ -184,8 +186,9 @@ def _subtract_from_modes(lane, model, S: Lanes, table, x: Lanes, row, left, righ
 def down(lane, model, S, inner, x, row, right):
     """Eliminate a segment's inner modes from x: inner rows <- matrix^-1 x, then subtract ends^T x from both ends' rows.
 
-    inner: `inner_at` of the segment. row, right: first rows in x of the inner modes and of the right end. The left
-    end's part is not subtracted but returned, to be added, as a force (inertial axes) and a moment (section axes).
+    inner: offsets of the segment's `INNER` record in S (`inner_at`).
+    row, right: first rows in x of the inner modes and of the right end. The left end's part is not subtracted but
+    returned, to be added, as a force (inertial axes) and a moment (section axes).
     """
     solution(lane, 3 * inner_of(model), S, inner.matrix, x, row, 1)
     return _subtract_from_ends(lane, model, S, inner.ends, x, row, right)
@@ -195,8 +198,9 @@ def down(lane, model, S, inner, x, row, right):
 def up(lane, model, S, inner, x, row, left, right):
     """Compute a segment's inner amplitudes by back substitution: inner rows of x <- x - over (left, right).
 
-    inner: `inner_at` of the segment, whose field `over` is read. row: first row of the inner modes in x. left, right:
-    motion of each end, a pair of position (inertial axes) and rotation (section axes).
+    inner: offsets of the segment's `INNER` record in S (`inner_at`), whose field `over` is read.
+    row: first row of the inner modes in x.
+    left, right: motion of each end, a pair of position (inertial axes) and rotation (section axes).
     """
     _subtract_from_modes(lane, model, S, inner.over, x, row, left, right)
 
@@ -228,9 +232,10 @@ def _entry(lane, n, S: Lanes, o, i, j):
 def multiplied(lane, model, S, inner, x: Lanes, y: Lanes, row, left, right):
     """Multiply the part of the matrix that `condense` eliminated by x and the ends' motions; add the inner rows to y.
 
-    inner: `inner_at` of the segment. x: amplitudes; y: forces; in both, the inner modes begin at row `row`. left,
-    right: motion (position, rotation) of the ends. The function returns the (force, moment) on the left end and on the
-    right end that the condensed blocks do not contain. See theory, (9.3).
+    inner: offsets of the segment's `INNER` record in S (`inner_at`).
+    x: amplitudes; y: forces; in both, the inner modes begin at row `row`.
+    left, right: motion (position, rotation) of the ends. The function returns the (force, moment) on the left end and
+    on the right end that the condensed blocks do not contain. See theory, (9.3).
     """
     n, zero = 3 * inner_of(model), 0.0
     nothing = Vector(zero, zero, zero)

@@ -169,7 +169,7 @@ LOAD = Layout(
     "SpatialLoad", "",
     Field("link", (), "", "index of the loaded link"),
     Field("at_tip", (), "", "1: on the link's last section; 0: on its first section"),
-    Field("lever", (3,), "m", "from that section's origin to the loaded point, section axes"),
+    Field("lever", (3,), "m", "lever from the section's origin to the loaded point, section axes"),
 )  # fmt: skip
 
 GAUGE = Layout(
@@ -224,7 +224,7 @@ def weight_end(model):
 
 @kernel
 def inner_row(model, i):
-    """Return the first row, in q and r, of the inner modes of segment i. These rows follow all rows of the chain."""
+    """Return the first row, in q and r, of the inner modes of segment i, which follow all rows of the chain."""
     return model.places[PL.end * model.links + PL.row] + 3 * inner_of(model) * i
 
 

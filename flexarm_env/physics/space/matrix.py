@@ -263,8 +263,9 @@ def eliminate_joint(lane, model, S: Lanes, k):
 def store_spin_lag(lane, model, par: Lanes, S, k, spin, weights):
     """Store the vector w tau/(1 + tau c_v) (rad) of link k's root in its `HINGE`; 0 if weights.newton_share is 0.
 
-    w: argument `spin`, rad/s, root axes. c_v: weights.damping (1/s). tau: tau_d (s). `joint_motion_of_root` reads the
-    stored vector. See theory, section 9.
+    w: argument `spin`, rad/s, root axes.
+    c_v: weights.damping (1/s).
+    tau: tau_d (s). `joint_motion_of_root` reads the stored vector. See theory, section 9.
     """
     if model.damped is not None and model.strains is None:
         tau = par[TAU_D]
@@ -332,8 +333,9 @@ def transposed_times(lane, S, o, a, b):
 def swing_of(lane, model, k, axis, turn):
     """Return E (axis x o), the displacement of link k's first section per joint angle (m/rad).
 
-    The result is in the axes of the section before the joint. turn: rotation matrix E from axes of the link's root to
-    axes of the preceding section. axis: the joint's axis, root axes. o: lever from the joint to the link's first
-    section (`JOINT.beyond`), root axes.
+    The result is in the axes of the section before the joint.
+    turn: rotation matrix E from axes of the link's root to axes of the preceding section.
+    axis: the joint's axis, root axes.
+    o: lever from the joint to the link's first section (`JOINT.beyond`), root axes.
     """
     return turn @ cross(axis, three_of(lane, model.joints, J.end * k + J.beyond))

@@ -88,7 +88,7 @@ class Matrix(NamedTuple):
         return Matrix(-self[0], -self[1], -self[2])
 
     def __matmul__(self, b: Any) -> Any:
-        """Return the product with a matrix or with a vector."""
+        """Return the product of this matrix with a matrix or with a vector."""
         if isinstance(b, Matrix):
             return Matrix(_row(self[0], b), _row(self[1], b), _row(self[2], b))
         return Vector(dot(self[0], b), dot(self[1], b), dot(self[2], b))
@@ -243,10 +243,11 @@ def shortest_rotation(p):
 class Turn(NamedTuple):
     """Functions of a rotation by an angle a = |psi| of at most pi.
 
-    psi   rotation vector, rad
-    half  quaternion of the rotation by psi / 2
-    g     tan(a/4) psi / a
-    T     T^-1(psi) = 1 + psi^/2 + c psi^ psi^,  c = (1 - a/2 cot(a/2)) / a^2; T: (exp(psi^))^T d exp(psi^) = (T dpsi)^
+    psi: rotation vector, rad
+    half: quaternion of the rotation by psi / 2
+    g: vector tan(a/4) psi / a
+    T: matrix T^-1(psi) = 1 + psi^/2 + c psi^ psi^ with c = (1 - a/2 cot(a/2)) / a^2; (exp(psi^))^T d exp(psi^) = (T
+    dpsi)^
     """
 
     psi: Any
@@ -259,7 +260,7 @@ class Turn(NamedTuple):
 def _unwound(square):
     """Return a / tan(a/4) and 1 / cos(a/4) for a rotation by the angle a (rad), given `square` = tan^2(a/4) <= 1.
 
-    The angle is halved twice more, so that the series of the arctangent converges fast.
+    Two further halvings of the angle make the series of the arctangent converge fast.
     """
     whole = square_root(square + 1.0)
     # tan(a/8) = tan(a/4) near and tan(a/16) = tan(a/4) near far

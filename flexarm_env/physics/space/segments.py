@@ -74,10 +74,10 @@ def torsion(link: Link, a: float, b: float) -> float:
 class _Plane:
     """Constants for bending of a segment in one plane by n shapes: two shapes of rotated ends, then inner modes.
 
-    K       N m (n, n): bending stiffness           H    m (n, n): coupling with stretch
-    moment  N m (n,): stress-free moments           h    m (n, points): deflection of the shapes
-    phi     (n, points): section rotation           at   (points,): position over length
-    dm, dJ  kg and kg m^2 (points,): mass and rotary inertia of the quadrature points
+    K, H: bending stiffness (n, n), N m, and coupling with stretch (n, n), m
+    moment, h: stress-free moments (n,), N m, and deflections of the shapes (n, points), m
+    phi, at: section rotations of the shapes (n, points), and positions (points,) over length
+    dm, dJ: mass (kg) and rotary inertia (kg m^2) of the quadrature points, (points,)
     """
 
     def __init__(self, part: Element, modes: int | None) -> None:
@@ -137,8 +137,8 @@ def _symmetric(weights: Array, rows: Array) -> Array:
 def _frame(link: Link, plane: Element, across: Element, start: float, modes: int | None) -> tuple[Array, Natural]:
     """Return the packed `FRAME` record and the `Natural` (stress-free shape) of the segment that begins at `start` (m).
 
-    plane, across: the segment's planar elements in the x-y and in the x-z plane. modes: number of shapes per plane, or
-    None for the two static shapes.
+    plane, across: the segment's planar elements in the x-y and in the x-z plane.
+    modes: number of shapes per plane, or None for the two static shapes.
     """
     l, n = plane.length, modes or 2
     inner, both = n - 2, (_Plane(across, modes), _Plane(plane, modes))

@@ -52,11 +52,11 @@ CURVE = tuple(k * c for k, c in enumerate(_SLOPE))[:0:-1]
 class Bend(NamedTuple):
     """Rotation of one interval and its rates, in the axes of the interval's end unless stated otherwise.
 
-    x, psi  Cayley vector x = tan(|psi|/2) psi/|psi|, and rotation vector psi = s + s x d (rad)
-    s, d    rad: integral of the strain, and first moment of the strain, over the interval
-    f       value at psi.psi of the series `TANGENT`, with which x = psi f / 2
-    rel     rad/s: angular velocity that the interval adds; None where rates are not computed
-    second  rad/s^2: angular acceleration that the interval adds; None where accelerations are not computed
+    x, psi: Cayley vector x = tan(|psi|/2) psi/|psi|, and rotation vector psi = s + s x d (rad)
+    s, d: integral and first moment of the strain over the interval, rad
+    f: value at psi.psi of the series `TANGENT`, with which x = psi f / 2
+    rel: angular velocity that the interval adds, rad/s; None if rates are not computed
+    second: angular acceleration that the interval adds, rad/s^2; None if accelerations are not computed
     """
 
     x: Any
@@ -99,8 +99,9 @@ def slope_of_slope(z):
 def bend_of(lane, model, at, i, row, q, v, a):
     """Return the `Bend` of interval i: its rotation, and the rates of the rotation if v and a are not None.
 
-    at: offsets of the link's constants (`strained_at`). q, v, a: the arm's coordinates, rates, accelerations. row: row
-    of the link's first strain. See theory, (9.5).
+    at: offsets of the link's constants (`strained_at`).
+    q, v, a: the arm's coordinates, rates, accelerations.
+    row: row of the link's first strain. See theory, (9.5).
     """
     s, d = _sum(lane, model, at.sums, i, q, row), _sum(lane, model, at.slants, i, q, row)
     # s and d of kappa_0 add, which lies in the link's x-y plane: bending about z
@@ -177,8 +178,9 @@ def last_place(lane, model, k, q, v, root):
 def sweep_outward(lane, model, k, state, root, S):
     """Return the `Vertex` of the last section of link k; store in `NOTED` of S the values that `sweep_inward` reads.
 
-    state: q, v, a of the arm. root: `Vertex` of the link's first section. `NOTED` contains orientations, angular rates,
-    accelerations, inertia forces and moments of all Gauss points, in the axes of the link's root. See theory, (9.5).
+    state: q, v, a of the arm.
+    root: `Vertex` of the link's first section. `NOTED` contains orientations, angular rates, accelerations, inertia
+    forces and moments of all Gauss points, in the axes of the link's root. See theory, (9.5).
     """
     n, at, to, row = size(model.points), strained_at(model, k), noted_at(model, k), strain_row(model, k)
     q, v, a = state
@@ -241,8 +243,9 @@ def noted_tangent(lane, S: Lanes, to, i):
 def _own_force(lane, S, to, i, g):
     """Return the generalized forces (N m) on s and d of interval i; g: moment (N m, root axes) on all points beyond.
 
-    s is the integral of the strain over the interval, d its first moment (rad). to: `noted_at` of the link. The
-    function applies the transposed derivative of the rotation by (s, d), from values that `sweep_outward` stored in S.
+    s is the integral of the strain over the interval, d its first moment (rad).
+    to: offsets of the link's stored kinematics in S (`noted_at`). The function applies the transposed derivative of the
+    rotation by (s, d), from values that `sweep_outward` stored in S.
     """
     A, x, psi = (
         matrix_in(lane, S, to.turn + 9 * i),
@@ -263,8 +266,9 @@ def elastic(lane, model, par: Lanes, k, state, r):
     """Add the elastic and damping forces of link k's strains, minus the inertia correction for time steps, to r.
 
     r <- r + factors K (q + tau v) - correction a (N m), in the rows of the link's strains. K and correction are the
-    matrices `STRAINED.stiffness` and `correction` of the link's polynomials. factors: the arm's factors on GJ, EI_y,
-    EI. tau: tau_d times the link's share (s). See theory, (9.4).
+    matrices `STRAINED.stiffness` and `correction` of the link's polynomials.
+    factors: the arm's factors on GJ, EI_y, EI.
+    tau: tau_d times the link's share (s). See theory, (9.4).
     """
     n, at, row = size(model.polynomials), strained_at(model, k), strain_row(model, k)
     factors, zero = factors_of(lane, par), 0.0
@@ -408,8 +412,9 @@ def _stiff_sum(lane, model, par, k, x, y):
 def strained_damping(lane, model, par: Lanes, k, v, x):
     """Return x^T C v (W), the power of link k's damping forces C v (N m) at the strain rates x.
 
-    v: actual rates of all coordinates. x: virtual rates of all coordinates. C: stiffness of the strains times tau_d and
-    times the link's share of tau_d.
+    v: actual rates of all coordinates.
+    x: virtual rates of all coordinates.
+    C: stiffness of the strains times tau_d and times the link's share of tau_d.
     """
     tau = par[TAU_D] * model.strains[strained_at(model, k).damping]
     return _stiff_sum(lane, model, par, k, x, v) * tau

@@ -5,7 +5,7 @@ acceleration changes by
 
     cm R + 2 cd w x R + ck (alpha x R + w x (w x R)),
 
-in axes that rotate with the section at the point; w, alpha: angular velocity and acceleration of that section; cm, cd,
+The axes rotate with the section at the point; w, alpha: angular velocity and acceleration of that section; cm, cd,
 ck: `Weights` of mass, damping, stiffness. Rotations of sections relative to each other within a step are neglected.
 The relative rotations are of first order in the step, and the omission hardly slows Newton's iteration.
 """
@@ -69,9 +69,10 @@ def _inertia(lane, model, at, to, S, i, b):
 def _rotary(lane, model, at, to, S, i, theta, weights):
     """Return the change of the rotary inertia moment at point i by a rotation theta of its section, in root axes.
 
-    The change is cm I theta + cd (theta x I w + w x I theta). cm, cd: `Weights` of mass and damping. w: angular
-    velocity of the section. The caller adds the rotation of the moment itself (ck). at, to: `strained_at`, `noted_at`
-    of the link.
+    The change is cm I theta + cd (theta x I w + w x I theta).
+    cm, cd: `Weights` of mass and damping.
+    w: angular velocity of the section. The caller adds the rotation of the moment itself (ck).
+    at, to: offsets of the link's constants (`strained_at`) and stored kinematics (`noted_at`).
     """
     w, I = load_vector(lane, S, to.w + 3 * i), _inertia(lane, model, at, to, S, i, theta)
     gyration = cross(theta, _inertia(lane, model, at, to, S, i, w)) + cross(w, I)
@@ -82,8 +83,9 @@ def _rotary(lane, model, at, to, S, i, theta, weights):
 def _turned_on(lane, S, to, i, c, by_s, by_d):
     """Return the derivatives (N m) of the generalized forces on s and d of interval i by component c of s and of d.
 
-    This is the derivative of `strained._own_force`. by_s, by_d: changes of the vectors, while the moment `NOTED.bend`
-    rotates with the interval's end. s: integral of the strain over the interval, d: its first moment (rad). See (9.5).
+    The results are derivatives of `strained._own_force`.
+    by_s, by_d: changes of the vectors, while the moment `NOTED.bend` rotates with the interval's end.
+    s: integral of the strain over the interval, d: its first moment (rad). See (9.5).
     """
     A, x, psi = (
         matrix_in(lane, S, to.turn + 9 * i),
@@ -125,11 +127,12 @@ def _entry(like, c, x):
 def _on_strains(lane, model, S: Lanes, at, to, force, moment, ck, theta_too, column, stride):
     """Return the change of (force, moment) on the root in one column of the matrix; add the column's strain rows to S.
 
-    S contains the changes of the points' forces (`change`) and moments (`second`). force, moment: changes on the last
-    section. ck: weight of dr/dq. theta_too: (polynomial, axis) for a strain's column. Rotations `theta` and
-    displacements `moved` then also rotate the present forces, with weight ck. theta_too is None for the column of a
-    root rotation. Strain row i of the column is S[column + stride i]. Vectors are in root axes. at, to: `strained_at`,
-    `noted_at`. See theory, (9.5).
+    S contains the changes of the points' forces (`change`) and moments (`second`).
+    force, moment: changes on the last section.
+    ck: weight of dr/dq. theta_too: (polynomial, axis) for a strain's column. Rotations `theta` and displacements
+    `moved` then also rotate the present forces, with weight ck. theta_too is None for the column of a root rotation.
+    Strain row i of the column is S[column + stride i]. Vectors are in root axes.
+    at, to: offsets of the link's constants (`strained_at`) and stored kinematics (`noted_at`). See theory, (9.5).
     """
     n, m = size(model.points), size(model.polynomials)
     total, couple, g = force, moment + cross(load_vector(lane, S, to.r + 3 * n), force), moment
@@ -180,7 +183,8 @@ def _by_strain(lane, model, weights, S, at, to, j, c):
     """Compute the column of the matrix for the coefficient of polynomial j about axis c, in the link's `NOTED` record.
 
     The function adds column 3 j + c to the strain rows of `matrix` and writes row 3 j + c of `on_root`, `last` and the
-    root position's part of `by_root`. at, to: `strained_at`, `noted_at` of the link. See theory, (9.5).
+    root position's part of `by_root`.
+    at, to: offsets of the link's constants (`strained_at`) and stored kinematics (`noted_at`). See theory, (9.5).
     """
     n, m, zero = size(model.points), size(model.polynomials), 0.0
     cm, cd, ck = weights.mass, weights.damping, weights.stiffness
@@ -265,8 +269,9 @@ def strained_tangent(lane, model, par: Lanes, k, weights, S: Lanes, f):
     """Store the Newton matrix of link k's strains in its `NOTED`; add the block of its root to LL at offset f of S.
 
     f: offset of the link's `FACTOR` record. RR, the block of the last section, is not written here. `NOTED` must
-    contain the values that `sweep_outward` and `sweep_inward` store. par: factors on stiffnesses, tau_d. weights:
-    `Weights` of mass, damping and stiffness. See theory, (9.5).
+    contain the values that `sweep_outward` and `sweep_inward` store.
+    par: factors on stiffnesses, tau_d.
+    weights: `Weights` of mass, damping and stiffness. See theory, (9.5).
     """
     n, m, at, to = size(model.points), size(model.polynomials), strained_at(model, k), noted_at(model, k)
     zero, cm = 0.0, weights.mass
