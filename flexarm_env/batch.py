@@ -101,7 +101,7 @@ class Batch:
 
     Args:
         arm: the arm. settings: solver settings with dt. gravity: acceleration of gravity, m/s^2. n: number of arms.
-        task: record of a task. starts: ranges from which starts of episodes are drawn.
+        task: constants of the task, a `tasks.task.Task`. starts: ranges from which starts of episodes are drawn.
         period: control period, s, a multiple of settings.dt. account: whether to record energies, work and dissipation.
         threads: largest number of threads; None selects the fastest number by timing (`compiler.pace`).
         extras: controllers, motors, sensors, moving targets. contacts: the arms' contacts.

@@ -239,7 +239,7 @@ class Arm:
     requires one frame per link (formulation "floating_frame" with segments=1 or only modes).
 
     Args:
-        name: a short word.
+        name: name of the arm, a short word.
         links: N >= 1 links, from root to tip.
         elbows: N-1 elbows, or () for massless elbows.
         joints: N drives (:class:`Joint`), or () for ideal joints.

@@ -31,7 +31,7 @@ class BadKey(ValueError):
 
 
 class InvalidValue(BadKey):
-    """Invalid value. path: key path. value: the value. allowed: a phrase with the rule, such as "must be positive"."""
+    """Invalid value. path: its key path. value: the value. allowed: the rule, such as "must be positive"."""
 
     def __init__(self, path: str, value: object, allowed: str) -> None:
         super().__init__(path, value, allowed)

@@ -148,7 +148,7 @@ def _network(
 ) -> NumpyPolicy:
     """Build the policy from arrays with PyTorch's names.
 
-    about: the model's parameters. meta: training record. normaliser: VecNormalize statistics or None.
+    about: the model's parameters. meta: record of the training. normaliser: VecNormalize statistics or None.
     """
     # find the algorithm's family and its layers in order
     names, squash = [], False

@@ -217,8 +217,8 @@ class MPC(Controller):
     def _improve(self, chosen: NDArray[np.bool_], iterations: int) -> Array:
         """Improve the plans of the chosen arms from their present states; return each arm's miss at arrival, dx' P dx.
 
-        chosen (n,): mask of arms. iterations: number of iLQR iterations. The result has one number for each chosen arm,
-        inf if planning failed.
+        chosen (n,): mask of the arms whose plans are improved. iterations: number of iLQR iterations. The result has
+        one number for each chosen arm, inf if planning failed.
         """
         # stage cost from the arrival on, terminal cost P of the regulator
         there = self._ends[:, None] >= self.arrival[chosen]

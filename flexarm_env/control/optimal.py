@@ -36,8 +36,8 @@ class Motion:
 
     controls (T, n, N): torques divided by their limits; states (T + 1, n, S); periods (n,): control periods until each
     arm arrives; missed (n,): largest violation of the limits (see `TOLERANCE`). ends (n,): periods after which each
-    arm's controls are zero. replay: replay of the controls on a finer mesh with shorter steps; None: not replayed.
-    step: solver step of the plan, s; nan: the step of the plan's plant.
+    arm's controls are zero. replay: replay of the controls on a finer mesh with shorter steps; None if there is no
+    replay. step: solver step of the plan, s; nan: the step of the plan's plant.
     """
 
     controls: Array
@@ -217,8 +217,8 @@ def least_time(
 ) -> Motion:
     """Plan from a state to rest in the fewest control periods.
 
-    plant, start, goal, bounds: see `least_effort`. most: largest number of control periods. Raises ValueError if an arm
-    cannot arrive within `most` periods.
+    plant, start, goal, bounds: the arguments of `least_effort`. most: largest number of control periods. Raises
+    ValueError if an arm cannot arrive within `most` periods.
     """
     start, goal, own = _posed(plant, start, goal, bounds)
     most, joints = check.integer("most", most, minimum=1), plant.joints
@@ -294,7 +294,7 @@ def soonest(
         start: states (n, S). high: numbers of periods (n,) to be tried first. tried: function of arm indices, numbers
             of periods and initial guess that returns a `Motion`.
         most: largest number of periods. guess: initial guess (T, n, N). tail: periods of a motion after the counted
-            periods. low: periods (n,) known to be too few; None: 0.
+            periods. low: periods (n,) known to be too few; None means 0.
     An arm without a motion of at most `most` periods has `periods` 0 and an infinite `missed`.
     """
     n = len(start)
@@ -360,9 +360,9 @@ def follow(
 
     Args:
         plant: dynamics of the arm. start: states (n, S) with the tips at the start of the path. path (T + 1, n, 2 or
-            3): tip positions at the control instants, m from the root. bounds: see `Bounds`. weight: weight of squared
-            distances, 1/m^2, relative to squared torques divided by their limits; a larger weight gives better
-            tracking.
+            3): tip positions at the control instants, m from the root. bounds: limits of the motion, a `Bounds`.
+            weight: weight of squared distances, 1/m^2, relative to squared torques divided by their limits; a larger
+            weight gives better tracking.
     Returns a motion whose `missed` covers the bounds alone.
     """
     start = check.array("start", start, ("n", plant.size), STATES)

@@ -90,8 +90,8 @@ def replay(
 
     Args:
         plant: plant of the plan. ends (n,): control periods after which each arm has to be at rest at its goal.
-        goal (n, S): goal states; None: no goal. bound: bound on deflections; infinite: none. missed: function that
-            returns the violation of all other limits.
+        goal (n, S): states at the goal; None: no goal. bound: largest permitted deflection divided by length; inf: no
+            bound. missed: function that returns the violation of all other limits.
         rate: characteristic joint rate (`optimal.rates_of`), rad/s, by which joint rates are divided.
     """
     fine = finer(plant)

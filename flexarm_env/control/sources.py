@@ -41,13 +41,14 @@ class NamedPolicy:
     """A policy that has been named and is not yet bound to an environment.
 
     Attributes:
-        name: for display. env_id, env_kwargs: training environment and its keywords ("" and {}: any).
-            make: function of an environment that returns a policy with `reset` and `act`, and raises ValueError if the
-                policy does not fit. kind: "controller",
-            "policy" (a network run by NumPy), "onnx" or "function". policy: the policy, if it is not a controller; its
-            fit to an environment is not yet checked.
-            path: path of the policy's file; None: no file. asked: environment keywords that the user gave for training;
-                evaluation uses these keywords too.
+        name: name of the policy for display.
+        env_id, env_kwargs: training environment and its keywords ("" and {}: any).
+        make: function of an environment that returns a policy with `reset` and `act`, and raises ValueError if the
+            policy does not fit.
+        kind: "controller", "policy" (a network run by NumPy), "onnx" or "function".
+        policy: the policy, if it is not a controller; its fit to an environment is not yet checked.
+        path: path of the policy's file; None without a file.
+        asked: environment keywords that the user gave for training; evaluation uses these keywords too.
     """
 
     name: str

@@ -137,8 +137,8 @@ def payload_change(frame: Frame, value: Any) -> PayloadChange | None:
 def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool, drawn: int) -> dict[str, Any]:
     """Return the fields of the task record for success, turns and info that differ from their defaults.
 
-    success: keyword `success`. turns: keyword `turns`. absolute: whether target angles are absolute. drawn: index in
-    info of the last drawn number; -1 if no number is drawn.
+    success, turns: values of the environment's keywords of these names. absolute: whether target angles are absolute.
+    drawn: index in info of the last drawn number; -1 if no number is drawn.
     """
     kind = frame.kind
     table = table_of("success", success, (*kind.bands, "hold", "once", "paid"))

@@ -145,8 +145,8 @@ def _of_loop(
 
     Trials measure the error: limits of torques, friction and large bends may stop or limit the chatter. first: settings
     at which the search begins. meshes: settings with finer meshes. at: function of (settings, step, s) that returns the
-    settings with this step and a suitable Newton tolerance. least: shortest step, s. trial: the trials; with None the
-    error is infinite.
+    settings with this step and a suitable Newton tolerance. least: shortest step that is tried, s. trial: the trials;
+    with None the error is infinite.
     """
     error, settings = math.inf, first
     if trial is not None and first.modes is None:
@@ -168,9 +168,9 @@ def _meshes(
 ) -> list[Settings]:
     """Return settings with the meshes to try, from the coarsest to the finest.
 
-    first: settings to complete. name: name of the field with the number of elements or nodes. sizes: values of this
-    field that are tried. usual: default options of the formulation. For large bends (rule.theta) the list begins with a
-    finer mesh.
+    first: settings whose mesh is to be chosen. name: name of the field with the number of elements or nodes. sizes:
+    values of this field that are tried. usual: default options of the formulation. For large bends (rule.theta) the
+    list begins with a finer mesh.
     """
     begin = usual[name]
     pieces = max(len(link.jumps) for link in rule.arm.links) + 1

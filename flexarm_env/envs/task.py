@@ -45,12 +45,13 @@ class Kind:
     """Definition of a task for arms of `links` links (minimum, maximum; None: any number).
 
     id: id in Gymnasium's registry. task: name of the default task. arm: name of the default arm. duration: default
-    length of an episode, s. target: type of target. rewards: names and default weights of the reward's terms, in the
-    order in which the task's `judge` computes them; the last term is failure. entries: names and scales of an arm's
-    observation, in the order of `observe`. record: class of the task's record for an arm; it determines the kernels.
-    starts: ranges of fresh starts, by arm and version of the rules. bands: default bounds of success with their units,
-    by name. replays: default motions of task="replay"; additional joints use the last motion. space: whether arms leave
-    the plane. period: control period, s. gravity: default gravity, m/s^2. settings: default settings in space.
+    length of an episode, s. target: type of the targets, an angle or a point. rewards: names and default weights of the
+    reward's terms, in the order in which the task's `judge` computes them; the last term is failure. entries: names and
+    scales of an arm's observation, in the order of `observe`. record: class of the task's record for an arm; it
+    determines the kernels. starts: ranges of fresh starts, by arm and version of the rules. bands: default bounds of
+    success with their units, by name. replays: default motions of task="replay"; additional joints use the last motion.
+    space: whether arms leave the plane. period: control period, s. gravity: default gravity, m/s^2. settings: default
+    settings in space.
     """
 
     id: str

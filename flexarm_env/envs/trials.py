@@ -211,7 +211,7 @@ def _apart(one: Array, two: Array, length: float) -> float:
     The logarithms of errors that grow exponentially are about normally distributed. The result d is therefore the
     larger of two numbers. One number is the largest distance in the lanes. The second number is the distance `TAIL`
     standard deviations above the mean of the logarithms, divided by MARGIN; almost all episodes have smaller distances.
-    one, two: results of a `Trial`. length: length of the arm, m. d is inf if an episode failed.
+    one, two: tip positions from two calls of a `Trial`. length: length of the arm, m. d is inf if an episode failed.
     """
     if np.isinf(one).any() or np.isinf(two).any():
         return math.inf
@@ -244,8 +244,8 @@ def refined(
 
     The search for good settings starts from `first`. A trial is good enough if its error is at most `TRIED`. meshes:
     settings with finer meshes, from the coarsest. at: function of (settings, step, s) that returns the settings with
-    this step and a suitable Newton tolerance. least: shortest step, s. length: L of the arm, m. most: largest number of
-    settings tried.
+    this step and a suitable Newton tolerance. least: shortest step that is tried, s. length: L of the arm, m. most:
+    largest number of settings tried.
     """
     # meshes that small motions find worse, as many nodes on short pieces of a link are, do not help
     worst = NOISE * rule.small(first, least)

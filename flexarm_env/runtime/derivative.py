@@ -101,7 +101,7 @@ def tangents(address, first, last):
 def observation_tangents(address, first, last):
     """Compute d.jacobian of the observation in the states d.state, without a step, for groups first ... last - 1.
 
-    address: address of a `Derivative` d.
+    address: address of a `Derivative` d, whose fields are read and written.
     """
     return _columns(dereference(address), first, last, None)
 
@@ -271,7 +271,7 @@ def seed(lane, d, first, last, block):
 def _go(lane, p, models, model, parts, layout, block, w, moves):
     """Advance the arms in a block by one control period and observe them; if moves is None, only observe them.
 
-    models, model, parts: as in `guided.move`. layout: offsets of the block's sections, in lanes with or without
+    models, model, parts: arguments of `guided.move`. layout: offsets of the block's sections, in lanes with or without
     tangents. w: the integrator's views of the block.
     """
     if moves is not None:
@@ -304,7 +304,7 @@ def close(lane, p, layout, block, w):
 def see(lane, p, layout, block, w):
     """Compute poses, true observation, reward and joint limits of the arms in a block.
 
-    The reward is written to info.reward. info.truncated becomes 1 where a joint is beyond its limits.
+    The reward is written to info.reward. For arms with a joint beyond its limits, info.truncated becomes 1.
 
     layout: offsets of the block's sections, in lanes with or without tangents. w: the integrator's views of the block.
     """

@@ -62,7 +62,7 @@ def _record(d, both):
 def _period(lane, d, g, chunks, block, scratch, w):
     """Compute Jacobians of group g over one period: values in `block`, tangents in `chunks` further blocks.
 
-    # block     scratch, plain lanes;  w: views of it
+    # block     scratch, lanes without tangents;  w: views of it
     # scratch   `chunks` blocks with tangents, each with some columns
     # out       rows and Jacobians of d
     """
@@ -148,7 +148,7 @@ def _jump(lane, d, chunks, par, s, record, saved, block, scratch, w):
     """Let accelerations and their tangents jump with the torques before step s (`motors.jump_with_torques`).
 
     # in        u0, u: inputs before and after, N m and N
-    # in, out   a, b (m/s^2, rad/s^2) of w, and their tangents in the work array with tangentss
+    # in, out   a, b (m/s^2, rad/s^2) of w, and their tangents in the other work arrays
     """
     model, h = d.program.model, d.program.h
     # the residual before the jump belongs to the arm before it, hence two passes over the chunks

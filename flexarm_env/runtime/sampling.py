@@ -1,4 +1,4 @@
-"""Advance one arm of a scene and record its state at sample instants; entry points called from Python."""
+"""Advance one arm of a scene and record its state at sample instants; Python calls the entry points here."""
 
 from __future__ import annotations
 
@@ -91,10 +91,10 @@ def advance_evenly(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, b
 
     Returns how many of `most` steps remain, or -1 if the arm failed (w.flag) or `most` steps were not enough. After -1
     the interval is interrupted: stretch.begun and stretch.done store its start and the number of completed steps, and
-    the next call continues with steps of the same length. arm: the model; p: the arm's own parameters; drive: loads and
-    motions as functions of time, or None. stretch: a `STRETCH`, in and out. scheme: coefficients and Newton tolerance
-    of the integrator. chunk: number of steps after which the absolute value of their work is added to the gross work.
-    books: not None if energies are kept, or None.
+    the next call continues with steps of the same length. arm: model of the arm; p: the arm's own parameters; drive:
+    loads and motions as functions of time, or None. stretch: a `STRETCH`, in and out. scheme: coefficients and Newton
+    tolerance of the integrator. chunk: number of steps after which the absolute value of their work is added to the
+    gross work. books: not None if energies are kept, or None.
     """
     start, done = stretch[_AT.time], int(stretch[_AT.done])
     if done > 0:

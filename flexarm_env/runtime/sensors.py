@@ -124,8 +124,8 @@ def readings_size(instruments):
 def _true_angle(lane, task, i, k, poses):
     """Return the true angle of joint k, rad, of the arm in lane i, from poses of the links in inertial axes.
 
-    In the plane it is the link's root angle less the tip angle of the link before, or less the attitude of a floating
-    base. Poses in space (targets of three numbers) contain the angle itself.
+    In the plane the joint angle is the link's root angle minus the tip angle of the preceding link, or minus the
+    attitude of a floating base. Poses in space (targets of three numbers) contain the angle itself.
     """
     if size(task.targets) == 3:
         return load_lane(lane, poses, SPACE_POSE.end * k + SPACE_POSE.angle, i)
@@ -245,8 +245,8 @@ def _show(lane, instruments, who, at, c, record, seen, value):
 def _of_tip(lane, p, who, poses, field):
     """Return a vector of the last link's pose in space; field: offset in a pose of tip, turn, velocity or spin.
 
-    tip: position, m; turn: rotation vector, rad; velocity: m/s; all in inertial axes. spin: angular velocity, rad/s,
-    tip axes. who: the arm, a `Who`.
+    tip: position, m; turn: rotation vector, rad; velocity: velocity, m/s; all along inertial axes. spin: angular
+    velocity, rad/s, tip axes. who: the arm, a `Who`.
     """
     o = SPACE_POSE.end * (size(p.task.links) - 1) + field
     x, y = load_lane(lane, poses, o, who.i), load_lane(lane, poses, o + 1, who.i)

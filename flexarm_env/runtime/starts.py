@@ -292,7 +292,7 @@ def guided_period(address, begins):
 
 @kernel
 def _start_guided(lane, p, block, w):
-    """Start prescribed motions and observe the arm, which the batch has drawn (`start_episodes`).
+    """Start an arm under prescribed motions, which the batch has drawn (`start_episodes`), and observe the arm.
 
     # in        w.q, w.v before the start;  par;  record and action of the start
     # out       w: consistent v, a, b, u and reactions;  poses, seen, info;  p.reward, flags and p.observation

@@ -40,7 +40,7 @@ class Scene:
     """An arm with its initial state, joints, prescribed motions, loads and duration.
 
     Args:
-        name: a short word.
+        name: name of the scene, a short word.
         arm: the arm, N links.
         duration: length of the run, s. dt: default step, s. sample: default sampling interval, s (None: ``dt``).
         root: "pinned" (position fixed or prescribed, hub angle free unless prescribed) or "free" (a free body; an arm
@@ -392,8 +392,8 @@ def standing_scene(
     """Return a scene of the arm without motions; the arm is pinned or on its floating base.
 
     Args:
-        dt: step, s. gravity: acceleration of gravity, m/s^2, or None. angles: initial angles of the links, rad (in
-            space joint angles). pushed: add a zero force on the tip, which reserves memory for an external force.
+        dt: solver step, s. gravity: acceleration of gravity, m/s^2, or None. angles: initial angles of the links, rad
+            (in space joint angles). pushed: add a zero force on the tip, which reserves memory for an external force.
             contacts: obstacles that the arm may touch.
     """
     root = "pinned" if arm.base is None else "free"

@@ -32,8 +32,9 @@ class Record:
     """Record of a task for n episodes.
 
     Attributes:
-        actions (T, n, N): float32. values (n,): return minus price times cost. by (n,): name of the policy that played
-            each episode, or from which the search began. digest: digest of the task. date: date in ISO format.
+        actions (T, n, N): actions, float32. values (n,): return minus price times cost. by (n,): name of the policy
+            that played each episode, or from which the search began. digest: digest of the task. date: date in ISO
+            format.
     """
 
     actions: NDArray[np.float32]

@@ -112,9 +112,9 @@ def _bent(lengths, limits, x, y, fx, fy):
 def _force(lengths, limits, x, y, fx, fy):
     """Return (fx, fy, sum of squared angles) of the force that bends a chain of springs to (x, y), from a guess.
 
-    Damped Newton on tip(f) = (x, y); each joint's angle is the force's moment about it. lengths (N,): lengths of the
-    links, m; x, y: target, m; limits (2 N,): lower and upper limit of each joint, rad; fx, fy: the guess, rad/m. The
-    returned sum is inf if no solution is found.
+    Newton's method with damped steps solves tip(f) = (x, y); each joint's angle is the force's moment about the joint.
+    lengths (N,): lengths of the links, m; x, y: target, m; limits (2 N,): lower and upper limit of each joint, rad; fx,
+    fy: the guess, rad/m. The returned sum is inf if no solution is found.
     """
     length = 0.0
     for k in range(lengths.shape[0]):

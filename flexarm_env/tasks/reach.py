@@ -118,8 +118,9 @@ def reward_point(lane, task, error, speed, shaking, poses, action, record, live,
 
     In the total each term is multiplied by its weight. If task.paid is not None, settle is 1 / (1 + s^2) (`settled`). s
     is the sum of squares of error and speed (and of a floating base's attitude), each divided by its success band.
-    error: divided by the arm's length. speed: divided by the arm's length, 1/s. shaking: sum of squares of the
-    deflection rates divided by the links' lengths, 1/s^2. Terms are written into info for running arms (live > 1/2).
+    error: distance of the tip from the target divided by the arm's length. speed: relative speed of the tip divided by
+    the arm's length, 1/s. shaking: sum of squares of the deflection rates divided by the links' lengths, 1/s^2. Terms
+    are written into info for running arms (live > 1/2).
     """
     # success: |r - target| / L and speed / L (1/s) within their bands
     good = select_lt(error, task.bands[0], 1.0, 0.0)
@@ -183,7 +184,7 @@ def reach_draw_path(task, stream, arm, start, drawn, path):
     """Write a circular path with random sense of rotation and random phase into `path`, a `PATH`.
 
     drawn (4,): distance of the circle's center from the root, m; period, s; radius, m; bearing of the center, rad.
-    stream[arm]: random numbers of the arm. start: not used.
+    stream[arm]: random numbers of the arm. start: unused argument.
     """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     # center (inertial axes), from its distance and bearing
@@ -199,7 +200,7 @@ def reach_draw_line(task, stream, arm, start, drawn, path):
     """Write a straight path with random sense of direction into `path`, a `PATH`, from its point nearest to the root.
 
     drawn (4,): distance of the path's nearest point from the root, m; time at which the target reaches this point, s;
-    speed, m/s; bearing of this point, rad. stream[arm]: random numbers of the arm. start: not used.
+    speed, m/s; bearing of this point, rad. stream[arm]: random numbers of the arm. start: unused argument.
     """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     cosine, sine = math.cos(drawn[3]), math.sin(drawn[3])

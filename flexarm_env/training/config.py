@@ -65,7 +65,7 @@ class Config:
     around: Mapping[str, Any] = field(default_factory=dict)
 
     def lasting(self, n_timesteps: int | None) -> Config:
-        """Return the config with another number of environment steps; None: unchanged."""
+        """Return the config with another number of environment steps; None leaves the number unchanged."""
         return self if n_timesteps is None else replace(self, text={**self.text, "n_timesteps": n_timesteps})
 
     def changed(self, settings: Sequence[str], env_id: str) -> Config:
