@@ -60,7 +60,7 @@ class Simulation:
     """One arm of a scene that is assembled, started consistently and advanced step by step.
 
     Args:
-        scene: simulated scene. settings: settings with a dt. moves: False if the arm is only linearized (less to compile).
+        scene: simulated scene. settings: settings with a dt. moves: False to linearize only (less to compile).
     Attributes:
         t: time reached, s. status: status code of `flexarm_env.physics.model`. work: views of the state (`Work`).
         gross: sum of the absolute values of the work of motions and loads, J.

@@ -115,7 +115,7 @@ def onnx_bytes(policy: NumpyPolicy, law: tuple[float, NDArray[np.float64]] | Non
 
 # ------------------------------------------------------------------ C
 def check_name(name: str) -> str:
-    """Validate a C identifier; ValueError for any other name."""
+    """Validate a C identifier; raise ValueError for any other name."""
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z_]\w{0,59}", name, flags=re.ASCII):
         raise check.InvalidValue("name", name, "must be a C identifier: letters, digits, _, at most 60")
     return name

@@ -103,7 +103,7 @@ def _tensor(flat: NDArray[Any], offset: int, shape: tuple[int, ...], stride: tup
 
 
 def _opened(content: bytes | Path) -> zipfile.ZipFile:
-    """Open a zip archive; ValueError if it unpacks to more than `MOST_BYTES`."""
+    """Open a zip archive; raise ValueError if it unpacks to more than `MOST_BYTES`."""
     archive = zipfile.ZipFile(io.BytesIO(content) if isinstance(content, bytes) else content)
     if sum(info.file_size for info in archive.infolist()) > MOST_BYTES:
         raise ValueError(f"unpacks to more than {MOST_BYTES} bytes")

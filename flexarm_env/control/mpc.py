@@ -5,8 +5,8 @@ from the planned arrival on, of the distance from rest at the goal. The terminal
 regulator at the goal. (If the distance counted from the start, saturated torques would overshoot.) In each period the
 previous plan is followed by its gains from the present state and improved by one iteration. A plan that misses its
 arrival gets a later arrival. At the start of an episode the arrival is postponed until a plan succeeds, later only as
-far as an arm that differs from the nominal one may need. Once the regulator alone stays within the limits, it takes
-over.
+far as an arm that differs from the nominal one may need. Once the regulator alone respects the limits, it replaces the
+plan.
 
 Measurements are joint angles, tip deflections and their rates. The rest of the state is predicted by the model. The
 prediction contains the higher modes of the nominal arm, which are wrong for another arm. The predicted shape is
@@ -58,7 +58,7 @@ class Grid:
         return (self.later if k else self.first).advance(x, u)
 
     def linear(self, x: Array, u: Array) -> tuple[Array, Array]:
-        """Return A and B of all stages (`ilqr.System`)."""
+        """Return the derivatives A and B of all stages (see `ilqr.System`)."""
         A, B = self.later.linear(x, u)
         if self.first is not self.later:
             A[:1], B[:1] = self.first.linear(x[:1], u[:1])

@@ -203,7 +203,7 @@ def starts(kind: Kind, arm: Arm, value: Any, rules: int) -> tuple[Starts, bool]:
 def _joint(arm: Arm, k: int, row: Any, of: str = "angles") -> Pair:
     """Return joint k's range (low, high), rad, of `starts.<of>`; raise `InvalidValue` if it exceeds the joint limits.
 
-    row: the user's pair of angles, rad. of: the table's key, which messages name.
+    row: the user's pair of angles, rad. of: key of the pair in the table, for messages.
     """
     low, high = check.limits(f"starts.{of}[{k}]", row, "rad", **ANGLE)
     own = None if arm.joint_limits is None else arm.joint_limits[k]

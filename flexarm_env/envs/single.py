@@ -197,7 +197,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
 
 
 def checked_action(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return the action as float32 of the given shape, clipped far outside +-1; ValueError if it is invalid."""
+    """Return the action as float32 of the given shape, clipped far outside +-1; raise ValueError if it is invalid."""
     try:
         values = np.asarray(action)
     except (TypeError, ValueError):

@@ -173,8 +173,9 @@ def _slew_starts(arm: Arm, rules: int) -> Starts:
 def _reach_starts(arm: Arm, rules: int) -> Starts:
     """Return the ranges of starts (joint angles, rad) and of targets (distance, m, and bearing, rad).
 
-    Rules 2: each joint begins within +-0.5 rad. Rules 1: the hub within +-1 rad, an elbow within +-3.6 / N rad. Large
-    turns are rare in these ranges, and so are elbows bent to the wrong side, which policies drive into their limits.
+    Under rules 2 each joint begins within +-0.5 rad. Under rules 1 the hub begins within +-1 rad and an elbow within
+    +-3.6 / N rad. Large turns are rare in these ranges, and so are elbows bent to the wrong side, which policies drive
+    into their limits.
     """
     length, elbow = arm.total_length, 3.6 / arm.n_links
     hub, elbow = (1.0, elbow) if rules == 1 else (0.5, min(0.5, elbow))

@@ -54,7 +54,7 @@ def _parameters(d, both):
 
 @kernel
 def _record(d, both):
-    """Return the section of a block with tangents with the records."""
+    """Return the records' section of a block with tangents."""
     return both[d.both.record : d.both.action]
 
 

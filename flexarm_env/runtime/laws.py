@@ -234,7 +234,7 @@ def tip_acceleration(lane, memory, base, room, c, i, x, y, angle, vx, vy, rate, 
     are evaluated at three Gauss points.
 
     first: whether the episode begins, so that no period precedes. The velocity in the tip's axes is then assumed
-    constant: f = rate x v - g.
+    constant, so that f = rate x v - g.
 
     # in        x, y (m), vx, vy (m/s), gravity_x, gravity_y (m/s^2), inertial axes;  angle (rad), rate (rad/s) of the
     #           tip's tangent;  period, s

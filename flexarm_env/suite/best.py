@@ -71,7 +71,7 @@ def unpacked(planes: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def record(task: Task) -> Record:
-    """Read the record of a suite task. ValueError if the task has no record."""
+    """Read the record of a suite task. Raises ValueError if the task has no record."""
     path = _path(task)
     if not path.is_file():
         raise check.InvalidValue("--best", task.id, "has no record")

@@ -368,7 +368,7 @@ def begun(folder: Path, name: str, run: int) -> Results:
 
 
 def folder_of(folder: Path, *, earlier: bool = False) -> list[Results]:
-    """Read all results files in a folder. ValueError if a file is damaged, or the folder has no results file."""
+    """Read all results files in a folder. Raises ValueError if a file is damaged, or the folder has no results file."""
     files = sorted(folder.glob("*.json")) if folder.is_dir() else []
     if not files:
         raise ValueError(f"{folder}: no results files (*.json) there; flexarm bench suite --out {folder} writes them")
