@@ -250,7 +250,7 @@ class Arm:
         source: text about the origin of the arm's numbers.
         sensors: sensors for `observation="measured"` and `Trajectory.measured`, or None for ideal sensors.
         base: body that carries the arm in the plane if the arm's root is free, or None for no body. If the root is
-            held, the base is held, too.
+            fixed, the base is fixed, too.
     """
 
     name: str

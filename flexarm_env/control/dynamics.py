@@ -106,7 +106,7 @@ class Dynamics:
         return _one_for_all(self.arm, self.period, self.nodes, self.gravity, step)
 
     def advance(self, x: Array, u: Array) -> Array:
-        """Return the states (m, S) one period later; not finite where the solver fails."""
+        """Return the states (m, S) one period later; not finite if the solver fails."""
         out = np.empty((len(x), self.size))
         for first in range(0, len(x), AT_ONCE):
             part = slice(first, first + AT_ONCE)

@@ -88,7 +88,7 @@ class MPCGains(StateWeights):
 
 
 class Regulator(NamedTuple):
-    """LQR about rest, u = -K dx, with cost 1/2 dx' P dx; it stays within the torque limits where dx' P dx <= reach."""
+    """LQR about rest, u = -K dx, with cost 1/2 dx' P dx; it stays within the torque limits if dx' P dx <= reach."""
 
     K: Array
     P: Array

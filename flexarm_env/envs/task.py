@@ -162,7 +162,7 @@ def within(arm: Arm, ranges: Sequence[Pair]) -> list[Pair]:
 
 
 def at_zero(arm: Arm) -> float:
-    """Return the share of starts with all joints at 0: 0.5, or 0 where the limits exclude the angle 0."""
+    """Return the share of starts with all joints at 0: 0.5, or 0 if the limits exclude the angle 0."""
     return 0.5 * all(own is None or own[0] <= 0.0 <= own[1] for own in arm.joint_limits or ())
 
 

@@ -1,6 +1,6 @@
 """One control period and its derivative by state and action, on rows of numbers instead of a batch's blocks.
 
-A row of `Derivative.state` holds all numbers that an arm's period depends on. The first X numbers of a row are the
+A row of `Derivative.state` contains all numbers on which an arm's period depends. The first X numbers of a row are the
 moving numbers: the derivatives are computed for these numbers and with respect to them. The constants of the arm follow
 in the row. The period is that of `episode`, without info: it computes torques, steps, observation and reward from the
 action. The period's derivative, `jacobian`, has D = X + A columns, one per moving number and action, and X + O + 1 rows

@@ -133,7 +133,7 @@ def read_actions(lane, p, g, action, record, flag):
 
     # in        p.action (arms x joints,) float32, arm by arm;  p.n, number of arms;  record.mode
     # out       action (joints, lanes);  flag (lanes,) status
-    flag: OK where the arm will be moved; RETRY in a lane without an arm or with an arm of another mode;
+    flag: OK if the arm will be advanced; RETRY in a lane without an arm or with an arm of another mode;
     ACTION_NOT_FINITE where an entry of the action is not finite. An entry that is not finite is replaced by 0.
     """
     lanes, n_joints, moved = len(lane), size(p.task.links), moved_mode(p.guide)

@@ -45,7 +45,7 @@ def draw_events(lanes, p, arm, par, record, info):
     """Draw the payload change and the first push of an arm's episode; write the payload's mass (kg) into info.payload.
 
     record.change gets two numbers: the control period at whose start the payload changes, and the factor on the nominal
-    payload. lanes: number of arms in a group. arm: number of the arm in the batch; its lane is arm % lanes. par:
+    payload. lanes: number of arms in a group. arm: index of the arm in the batch; its lane is arm % lanes. par:
     parameters in lanes, with the present payload mass.
     """
     i = arm % lanes

@@ -80,7 +80,7 @@ def record_step_error(lane, p, scratch: Lanes, live, info: Lanes):
 
 @kernel
 def _result(lane, links, saved, scratch):
-    """Return the view of `scratch`, a `SCRATCH` in lanes, that holds a `SAVED`: the arms' results.
+    """Return the view of `scratch`, a `SCRATCH` in lanes, that contains a `SAVED`: the arms' results.
 
     links: number of links. saved: a `SAVED` record in lanes; only its length is used.
     """

@@ -2,7 +2,8 @@
 
 The caller passes groups that no other thread uses at the same time. The scratch memory of the first group is used for
 all groups. All columns of the Jacobian advance together: each step is computed once, the step's matrix is factored once
-more at the end of the step, and each block with tangents holds some of the columns (`physics.integrator.transitions`).
+more at the end of the step, and each block with tangents contains some of the columns
+(`physics.integrator.transitions`).
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ def _turn(lane, d, s, chunks, record, scratch, w):
 
     # in, out   record.torque, in `record` and in the blocks with tangents
     # out       u (joints, lanes), mean torques over the step, and u0, torques before it, of w and of each further array
-    Ideal motors hold their torque.
+    The torque of ideal motors does not change.
     """
     actuator = d.program.actuator
     if actuator is not None:

@@ -1,7 +1,7 @@
 """Save and restore the state of arms for periods that are repeated: a `tasks.program.SAVED` record in lanes.
 
-`saved` holds q, v, a, b, books (energy account), u (inputs), psi (prescribed motions), reactions, and the first numbers
-of the record, as many as `saved` has room for.
+`saved` contains q, v, a, b, books (energy account), u (inputs), psi (prescribed motions), reactions, and the first
+numbers of the record, as many as `saved` has room for.
 """
 
 from __future__ import annotations

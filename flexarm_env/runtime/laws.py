@@ -127,7 +127,7 @@ def read(lane, laws, room, c, memory, base, stream, arm, value, first):
 
     value: present true value of the quantity, in the unit of its law. laws: one `LAW` per channel. c: number of the
     channel. memory: array in lanes that holds one `CHANNEL` per channel from offset `base` on, each with `room` past
-    outputs. arm: number of the arm in the batch; its lane is arm % lanes. first: whether the episode begins; the
+    outputs. arm: index of the arm in the batch; its lane is arm % lanes. first: whether the episode begins; the
     quantity is then assumed to have been constant. stream: random numbers, or None for readings without noise (a first
     reading needs random numbers). In lanes with tangents the reading has tangents, which rounding does not change.
     """

@@ -310,7 +310,7 @@ def _lateness(lane, task, actuator, record: Lanes):
 def draw_delay(actuator, task, stream, arm, record, lanes):
     """Draw the command delay (whole steps) of an arm's episode into record.delays, unless the delay is fixed.
 
-    actuator.drawn: least and largest delay (steps), or None for a fixed delay. arm: number of the arm in the batch.
+    actuator.drawn: least and largest delay (steps), or None for a fixed delay. arm: index of the arm in the batch.
     lanes: number of arms in a group.
     """
     if actuator is not None and actuator.drawn is not None:
@@ -322,7 +322,7 @@ def draw_lag(p, arm, record, info, lanes):
     """Draw the motors' lag for an arm's episode into the record and, in s, into `info`, unless the lag is fixed.
 
     The record stores share = 1 - exp(-h / lag), the fraction of the way to the command in a step, and the mean of this
-    fraction over the step. arm: number of the arm in the batch. lanes: number of arms in a group.
+    fraction over the step. arm: index of the arm in the batch. lanes: number of arms in a group.
     """
     if p.actuator is not None and p.actuator.lag is not None:
         least, most = p.actuator.lag
@@ -345,7 +345,7 @@ def record_delay(lane, p, record, live, info):
 def draw_lateness(actuator, stream, arm, record, lanes):
     """Draw the extra delay of the next period's commands into record.late; no-op without random delays.
 
-    The extra delay is a whole number of steps from 0 to actuator.jitter[0]. arm: number of the arm in the batch. lanes:
+    The extra delay is a whole number of steps from 0 to actuator.jitter[0]. arm: index of the arm in the batch. lanes:
     number of arms in a group.
     """
     if actuator is not None and actuator.jitter is not None:

@@ -22,7 +22,7 @@ SAMPLE = Layout(
     Field("dissipated", (), "J", "energy dissipated by damping since the start"),
     Field("beyond", (), "J", "work of damping forces by strain rates that the steps do not resolve"),
     Field("torque", ("links",), "N m", "joint torques"),
-    Field("reaction", ("motions",), "N m or N", "force or torque that holds each prescribed coordinate"),
+    Field("reaction", ("motions",), "N m or N", "force or torque that enforces each prescribed coordinate"),
     Field("q", ("rows",), "", "coordinates, m and rad; rows of Lagrange multipliers: N, N m"),
     Field("v", ("rows",), "", "velocities, m/s and rad/s"),
     Field("a", ("rows",), "", "accelerations, m/s^2 and rad/s^2"),

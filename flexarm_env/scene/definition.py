@@ -138,7 +138,7 @@ class Scene:
         return check.numbers(name, given, what, n, unit) if given else (0.0,) * n
 
     def _check_rates(self) -> None:
-        """Check the initial rates: zero for a start at rest or a held root, and equal across rigid joints."""
+        """Check the initial rates: zero for a start at rest or a fixed root, and equal across rigid joints."""
         # start at rest: a held root and no rates
         if self.start != "unloaded":
             if self.root == "free":

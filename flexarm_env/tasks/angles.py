@@ -1,6 +1,6 @@
 """Inverse kinematics in the plane: compute joint angles of straight links that bring the tip to a point (x, y), m.
 
-The array `angles` holds N joint angles, rad: at entry the present angles, at return the computed angles.
+The array `angles` contains N joint angles, rad: at entry the present angles, at return the computed angles.
 limits (2 N,): lower and upper limit of each joint, rad. If a target is out of reach, the tip is brought near it, on the
 line from the root to the target.
 

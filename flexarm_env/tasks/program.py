@@ -1,4 +1,4 @@
-"""Data of the compiled environment: layouts of an arm's memory, and `Program`, the tuple that holds everything."""
+"""Data of the compiled environment: layouts of an arm's memory, and `Program`, the tuple of all data."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -152,7 +152,7 @@ INFO = Layout("Info", "links, targets, terms, further",
     Field("energies", (ENERGIES.length,), "J", "an `ENERGIES`"),
     Field("reward", (), "", "sum of the weighted reward terms"),
     Field("truncated", (), "", "1 if the episode is truncated, otherwise 0"),
-    Field("motors", (2, "links"), "rad, rad/s", "motor angles and rates, over the gear ratio, where energies are kept"),
+    Field("motors", (2, "links"), "rad, rad/s", "motor angles, rates / gear ratio, if energies are recorded"),
     Field("further", ("further",), "", "a `FURTHER` record, or nothing"),
 )  # fmt: skip
 """Entries of info, which the caller reads after a control period."""

@@ -153,8 +153,8 @@ def reach_target(task, angles, first, second):
 def reach_aim(task, record):
     """Write the goal angles (rad) of two links into record[GOAL:]: the elbow side that the joints reach first.
 
-    record: record of one arm. The record's target (m, inertial axes) is read. The record's goal holds the present joint
-    angles at entry and the angles that bring the tip to the target at return (`angles.sooner_angles`).
+    record: record of one arm. The record's target (m, inertial axes) is read. The record's goal contains the present
+    joint angles at entry and the angles that bring the tip to the target at return (`angles.sooner_angles`).
     """
     sooner_angles(task.lengths, task.rates, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 
@@ -164,7 +164,7 @@ def chain_aim(task, record):
     """Write the goal angles (rad) of N links into record[GOAL:]: the angles of least sum of squares at the target.
 
     record: record of one arm. The record's target (m, inertial axes) is read. The first entry of the record's goal is
-    the hub's present angle at entry. At return the goal holds the goal angles (`angles.least_angles`).
+    the hub's present angle at entry. At return the goal contains the goal angles (`angles.least_angles`).
     """
     least_angles(task.lengths, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 

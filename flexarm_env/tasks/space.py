@@ -111,7 +111,7 @@ def space_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
 def record_pose(lane, task, poses: Lanes, record: Lanes, live, info):
     """Write deflections, twists, tip and target into info for running arms (live > 1/2); return (shaking, past).
 
-    shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2. past: 1.0 where a joint is beyond
+    shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2. past: 1.0 if a joint is beyond
     its limits.
     """
     n, at = size(task.links), info_of(task)
@@ -158,7 +158,7 @@ def space_pursue(task, record):
     """Move the goal angles (rad), record[GOAL:], so that they reach the moved target; do nothing if targets rest.
 
     record: record of one arm. Its field `target` (m, inertial axes) is read. Its field `goal` (rad) is read and
-    written. task.chain: a `JOINT` per joint, None where targets rest.
+    written. task.chain: one `JOINT` record per joint; None if targets rest.
     """
     if task.chain is not None:
         point = (record[TARGET], record[TARGET + 1], record[TARGET + 2])
