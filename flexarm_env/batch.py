@@ -299,8 +299,8 @@ class Batch:
         self._start(self.address, mode, len(arms))
 
     def sections(self, i: int) -> Array:
-        """Return views of poses, record, action, observation and info of arm i. An arm that follows motions has its own
-        such views (`envs.motion.Guide`)."""
+        """Return views of poses, record, action, observation and info of arm i. An arm that follows motions has views
+        of its own (`envs.motion.Guide`)."""
         return self._mine(self.layout.poses, self.layout.saved, i)
 
     def step(self) -> int:

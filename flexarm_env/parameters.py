@@ -113,7 +113,7 @@ class Payload:
 class Motor:
     """An electric motor: torque = torque_constant i, voltage = resistance i + back_emf rate, with the current i in A.
 
-    Torque (N m) and rate (rad/s) are those of the shaft before the gear.
+    Torque (N m) and rate (rad/s) belong to the shaft before the gear.
     """
 
     torque_constant: float = number("torque over current", "N m/A", above=0.0)

@@ -1,7 +1,7 @@
 """Control of a tip that slides along a wall under a commanded normal force (task "press"), or lands there ("land").
 
 `HybridForce` and `Impedance` share the reference: the arm at rest (`StaticChain`) whose tip is at the target and whose
-wall reaction is the commanded force. `lqr_force.LQRForce` has the same reference.
+wall reaction is the commanded force. `lqr_force.LQRForce` uses the same reference motion.
 """
 
 from abc import abstractmethod
@@ -227,7 +227,7 @@ class PressController(WallController):
         return View(signals, to_target, velocity, target, along, normal, commanded, seen[:, -1], near, share, touching)
 
     def _rest(self, view: View, shift: Array | float, excess: Array | float) -> tuple[Array, Array]:
-        """Return outputs (n, 4 N) minus those at rest at the reference, and the holding torques there (n, N), N m.
+        """Return outputs (n, 4 N) minus their values at rest at the reference, and holding torques (n, N), N m.
 
         shift (n, 2): shift of the target, m. excess (n,): addition to the commanded force, N. The reference is stored
         in `goal` (joint angles) and `_bends`.

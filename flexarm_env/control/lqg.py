@@ -8,7 +8,7 @@ and the bias b of each gauge:
 
 The vector f contains the joints' Coulomb friction torques. A gauge's bias can be distinguished from bending because
 bending decays; an encoder's bias cannot be distinguished from a rotation of the arm. Filtered rates derive from the
-same angles that the filter reads and add no information. The model omits sensor delays, sensor low-passes, and motor
+angles that the filter also reads, and add no information. The model omits sensor delays, sensor low-passes, and motor
 lag.
 """
 
@@ -72,8 +72,8 @@ class Plant(NamedTuple):
     """Linear model of an arm about rest over a control period: x+ = A x + B u; outputs are rows . x.
 
     rigid (2n, N): derivative of x by the joint angles of a stiff arm. inertia (N, N): rigid inertia of the arm, kg m^2.
-    first: lowest flexible frequency with free joints, rad/s. states: names of the states x. shown: output rows of joint
-    angles, of their rates, of the outputs of `bent_of`, and of the rates of these outputs.
+    first: lowest flexible frequency with free joints, rad/s. states: names of the model's states x. shown: output rows
+    of joint angles, of their rates, of the outputs of `bent_of`, and of the rates of these outputs.
     """
 
     A: Array
@@ -345,7 +345,7 @@ class SpatialLQG(LQG, AboutRest):
     """LQG controller in space, about the goal: u = holding torque - K x - d + f (see `LQG`)."""
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        """Compute the rest, the design and the expected measurements at each arm's goal."""
+        """Compute the arm at rest, the design and the expected measurements at each arm's goal."""
         AboutRest.initialise(self, signals, to_go)
         plants = [plant_in_space(self.setup, self.gravity, angles) for angles in self.goal]
         self.designs = [(self.design(own), np.arange(len(plants)) == i) for i, (own, _) in enumerate(plants)]

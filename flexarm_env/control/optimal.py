@@ -4,7 +4,7 @@
     motion = least_time(plant, plant.rest(start), plant.rest(goal), Bounds(deflection=0.1))
     motion.controls       # (T, n, N) torques divided by their limits, one row per period; zero after each arm's end
 
-`ilqr` computes all these motions on the nonlinear elastica with torque limits. Multipliers enforce bounds on joint
+`ilqr` computes these optimal motions on the nonlinear elastica with torque limits. Multipliers enforce bounds on joint
 angles and deflections, and terminal conditions. Times are whole control periods, found by bisection for all arms
 together. The computed motions are local optima. Plans of `least_effort`, `least_time` and `follow` are replayed on a
 finer mesh with shorter steps (`Motion.replay`). In space, a plan whose replay violates a limit is computed again with

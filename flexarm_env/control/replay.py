@@ -33,7 +33,7 @@ class Replay:
         rates (n, N): joint rates at the arrival, rad/s; nan without a goal.
         missed (n,): largest violation of the bounds and the goal, in the units of `Motion.missed`.
         kept (n,): whether the replay meets its tolerances (`BENT`, `LEAST`, `OTHERS`): the deflection bound is exceeded
-            by at most 5 % or 5e-4, and the other limits and the goal are missed by at most 0.01.
+            by at most 5 % or 5e-4, and all other limits and the goal are missed by at most 0.01.
     """
 
     deflection: Array

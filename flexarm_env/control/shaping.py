@@ -113,7 +113,7 @@ def cascade(closed: Array, kind: str, most: int) -> Shaper:
 class Shaped(Controller):
     """Controller that follows a shaped reference: constant acceleration, then deceleration, convolved with impulses.
 
-    In this reference all joints start and stop at the same time.
+    In the shaped reference all joints start and stop at the same time.
     """
 
     kind: str

@@ -347,7 +347,7 @@ def _only_with(name: str, value: Any, task: str, wanted: str) -> None:
 
 
 def _arm(kind: Kind, value: Any, joint_limits: Any) -> Arm:
-    """Return the arm of an environment with the given joint limits, after checking it against `kind`."""
+    """Return the arm of an environment with the given joint limits, after checking the arm against the task."""
     arm = arms.resolve(kind.arm if value is None else value)
     check_arm(arm, kind) if kind.space else arm.check_planar()
     least, most = kind.links

@@ -62,7 +62,8 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
 
         Args:
             seed: seed of the environment's generator; None: the generator continues.
-            options: see the class. An unknown key or a wrong value raises ValueError before anything changes.
+            options: options of the reset (start, target, motion, ...), which the environment's page describes. An
+                unknown key or a wrong value raises ValueError before anything changes.
         """
         asked = request_of(self.plan, options)
         own = guide_of(self.plan, asked)

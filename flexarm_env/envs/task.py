@@ -174,8 +174,8 @@ def _reach_starts(arm: Arm, rules: int) -> Starts:
     """Return the ranges of starts (joint angles, rad) and of targets (distance, m, and bearing, rad).
 
     Under rules 2 each joint begins within +-0.5 rad. Under rules 1 the hub begins within +-1 rad and an elbow within
-    +-3.6 / N rad. Large turns are rare in these ranges, and so are elbows bent to the wrong side, which policies drive
-    into their limits.
+    +-3.6 / N rad. With these ranges, large turns and elbows bent to the wrong side are rare; from such elbows policies
+    hit the joint limits.
     """
     length, elbow = arm.total_length, 3.6 / arm.n_links
     hub, elbow = (1.0, elbow) if rules == 1 else (0.5, min(0.5, elbow))
@@ -279,7 +279,7 @@ def info_entries(
 
 
 def afloat(kind: Kind, arm: Arm) -> Kind:
-    """Return the kind for an arm on a floating base; its attitude has a reward term, and success may bound it."""
+    """Return the task for an arm on a floating base; its attitude has a reward term, and success may bound it."""
     if arm.base is None:
         return kind
     terms = list(kind.rewards.items())
@@ -290,14 +290,14 @@ def afloat(kind: Kind, arm: Arm) -> Kind:
 
 
 def priced(kind: Kind, reward: Any) -> Kind:
-    """Return the kind with the terms `cost` and `change` if `reward` gives weights to these terms."""
+    """Return the task's definition with the terms `cost` and `change` if `reward` gives weights to these terms."""
     more = [(name, 0.0) for name in (COST, CHANGE) if isinstance(reward, Mapping) and name in reward]
     terms = list(kind.rewards.items())
     return replace(kind, rewards=dict([*terms[:-1], *more, terms[-1]])) if more else kind
 
 
 def with_own_terms(kind: Kind, value: Any) -> Kind:
-    """Return the kind with the user's reward terms (keyword `reward_terms`), of weight 1.
+    """Return the task's definition with the user's reward terms (keyword `reward_terms`), each of weight 1.
 
     value: for each term's name, a kernel or the kernel's name "module:name".
     """

@@ -66,7 +66,7 @@ class Rule(Protocol):
     """Interface of `judge.Judge`: errors of small motions."""
 
     def small(self, settings: Settings, h: float) -> float:
-        """Return e_1, the error of small motions with these settings in steps of h (s), divided by L."""
+        """Return e_1, the error of small motions with given settings in steps of h (s), divided by L."""
 
     def halved(self, settings: Settings, h: float) -> float:
         """Return the largest distance between the tips of small motions in steps of h (s) and of h/2, divided by L."""
@@ -124,10 +124,10 @@ def trials_of(
     that affects their motion.
 
     Args:
-        kind: the environment's kind without the user's reward terms, since the episodes ignore rewards. period: control
-            period, s. mode, share: action mode and share of the residual action under a PD loop. amplifier: the
-            amplifier, or None. drawn: ranges (low, high) of factors by name (`starts.FACTORS`); the softest and the
-            stiffest arm run, too.
+        kind: definition of the environment's task without the user's reward terms, because the episodes ignore rewards.
+            period: control period, s. mode, share: action mode and share of the residual action under a PD loop.
+            amplifier: the amplifier, or None. drawn: ranges (low, high) of factors by name (`starts.FACTORS`); the
+            softest and the stiffest arm run, too.
     """
     drive = None if amplifier is None else tuple(None if x is None else tuple(x.tolist()) for x in amplifier)
     ends = corners(drawn or {})
@@ -289,9 +289,10 @@ def settled(
 ) -> tuple[Settings, float]:  # fmt: skip
     """Return the settings with the longest step whose episodes agree with episodes on a finer mesh in half the step.
 
-    The second result is the largest distance between the tips of these episodes, divided by L. The search begins with
-    the step of `settings` and halves the step until the distance is at most `TRIED` or the step reaches `least` (s).
-    finer: settings with the finer mesh. at: function of (settings, step, s), see `refined`. length: L of the arm, m.
+    The second result is the largest distance, divided by L, between the tips of the compared episodes. The search
+    begins with the step of `settings` and halves the step until the distance is at most `TRIED` or the step reaches
+    `least` (s). finer: settings with the finer mesh. at: function of (settings, step, s), see `refined`. length: L of
+    the arm, m.
     """
     best, chosen = settings, math.inf
     while True:

@@ -3,8 +3,9 @@
 The period is run once more, and the state at the end of each step is stored on a tape. After the run the steps are
 processed in reverse order. One reverse pass computes all derivatives of one scalar, for a few times the cost of the
 period. A block with the layout of the arms' block contains cotangents: x_bar, the cotangent of a number x, is the
-derivative of the scalar by x. At the start of each period the accelerations of elastica arms are solved for anew; those
-of stiff arms jump with the torques. Torques that change within a period change at the start of a step.
+derivative of the scalar by x. At the start of each period the accelerations of elastica arms are solved for anew,
+whereas the accelerations of stiff arms jump with the torques. Torques that change within a period change at the start
+of a step.
 """
 
 from __future__ import annotations

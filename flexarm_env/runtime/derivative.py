@@ -64,7 +64,7 @@ class Derivative(NamedTuple):
     action_bar: np.ndarray  # (n A,): output: cotangents of the actions
     bars: np.ndarray  # (groups, plain.row): scratch blocks for cotangents
     tape: np.ndarray  # (groups, room): numbers stored on the forward pass
-    room: int  # amount of numbers on the tape of a group
+    room: int  # number of values on the tape of a group
     block: np.ndarray  # (groups, plain.row): scratch blocks in lanes without tangents
     scratch: np.ndarray  # (groups, both.row): scratch blocks in lanes with tangents
 
@@ -145,7 +145,7 @@ def _columns(d, first, last, moves):
     """Compute Jacobians for groups first ... last - 1: of a period, or of the observation if moves is None.
 
     With fitted steps a run without derivatives finds each arm's number of halvings k. The model for steps of h / 2^k
-    then computes the columns of these arms.
+    then computes the Jacobian columns of all arms with k halvings.
     """
     p, block = d.program, d.scratch[first * d.both.row : (first + 1) * d.both.row]
     for g in range(first, last):

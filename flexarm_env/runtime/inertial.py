@@ -50,8 +50,8 @@ def specific_force(lane, memory, base, room, c, i, r, psi, v, w, period, gravity
         M0 = mean R f = A0 f0 + A1 f1,     M1 = mean s R f = A1 f0 + A2 f1,     A_j = mean s^j R at three Gauss points,
 
     where M0 and M1 follow from the changes of velocity and position, and R is the rotation matrix of the tip's axes.
-    The kernel returns f0, the mean of f. first: whether the episode begins, so that no period precedes. At such a start
-    the velocity in the tip's axes is assumed constant: f = w x R^T v - R^T g.
+    The kernel returns f0, the mean of f. first: whether the episode begins, so that no period precedes. At the start of
+    an episode the velocity in the tip's axes is assumed constant: f = w x R^T v - R^T g.
 
     # in        r (m), psi (rotation vector, rad), v (m/s), gravity (m/s^2), (3,) each, inertial axes;  w (3,): angular
     #           velocity, rad/s, tip axes;  period, s

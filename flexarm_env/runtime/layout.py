@@ -37,7 +37,7 @@ def readings_size(instruments: Any) -> int:
 
 
 def parameters_of(model: Any, space: bool) -> int:
-    """Return the number of parameters that each arm has of its own, with the joints' laws if each arm has its own.
+    """Return the number of parameters that each arm has of its own, with joint laws if these are its own.
 
     space: whether the arm moves in space.
     """

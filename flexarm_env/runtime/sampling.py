@@ -185,9 +185,9 @@ def sample_rows(
 
     Returns the number of rows that were written. Steps between two instants are equal and at most stretch.longest.
     Fewer rows than instants are written if the arm has failed (w.flag; the row of a diverged arm is written), or after
-    `most` steps. A call with the remaining instants continues the run with steps of the same length. A solver step ends
-    at each kink. A sample at a kink is the state before the kink, and the next interval starts with AT_KINK. Without
-    kinks every interval starts with the value GOES_ON.
+    `most` steps. A call with the remaining instants continues an interrupted run with steps of the same length. A
+    solver step ends at each kink. A sample at a kink is the state before the kink, and the next interval starts with
+    AT_KINK. Without kinks every interval starts with the value GOES_ON.
 
     # model     model;  drive: loads and motions as functions of time, or None;  par;  links: number of links
     #           scheme: coefficients and Newton tolerance of the integrator

@@ -255,7 +255,7 @@ class Scene:
         check.store(self, **items)
 
     def _can_join(self, joined: dict[float, float]) -> bool:
-        """Return False if this replacement would give two pieces of a function the same start (a very fine table)."""
+        """Return False if joined instants give two pieces of a function one start (table finer than round-off)."""
         starts = [[joined.get(t, t) for t in f.pieces[:, 0].tolist()] for f in self._functions()]
         return all(len(set(own)) == len(own) for own in starts)
 

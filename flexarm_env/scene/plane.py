@@ -194,7 +194,8 @@ def _link(link: Link, frame: Array) -> Link:
 def _section(section: Any, a: float, b: float) -> Any:
     """Return a section that bends in the plane of motion, whose normal (0, a, b) is a principal axis of the section.
 
-    If b = 0, the principal axes y and z are exchanged. If neither is 0, the section must be the same about all axes.
+    If b = 0, the principal axes y and z are exchanged. If neither a nor b is 0, the section must be the same about all
+    axes.
     """
     if a == 0.0:
         return section

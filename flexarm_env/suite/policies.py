@@ -95,7 +95,7 @@ def controller(name: str, env: Any) -> Policy:
 
 
 def _gains(name: str, env: Any) -> Any:
-    """Return the tuned gains; None for an arm without any, which `control.make` then rejects with its own message."""
+    """Return the tuned gains; None for an arm without tuned gains, for which `control.make` raises its own error."""
     setup = control.Setup.of(env)
     try:
         return tuned_gains(name, setup.gains, setup.n_joints)

@@ -243,9 +243,9 @@ def _from_arc(lengths, limits, x, y, side, angles):
 
     An arc has the same angle at all elbows; side: the sign of this angle, 1 or -1. fx, fy: force (rad/m) at (x, y)
     whose moments about the joints are the joint angles. The sum is inf without a solution. Newton's method starts from
-    the arc to (x, y). If this fails, it starts from the arc to an easy point on the same bearing, and the point then
-    moves to (x, y) in steps. The array `angles` receives the joint angles of the last arc from which the search
-    started.
+    the arc to (x, y). If this fails, a second attempt starts from the arc to an easy point on the same bearing, and the
+    point then moves to (x, y) in steps. The array `angles` receives the joint angles of the last arc from which the
+    search started.
     """
     bearing, length, last = math.atan2(y, x), 0.0, _arc_bend(lengths, math.hypot(x, y))
     for k in range(lengths.shape[0]):
