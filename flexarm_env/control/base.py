@@ -164,11 +164,10 @@ class Signals:
     Attributes: angles (n, N): joint angles, rad, wrapped to one turn. rates (n, N): joint rates, rad/s. bends (n, N):
         tip deflections divided by length. bend_rates (n, N): rates of bends, 1/s. error: (n, 1), target minus tip
         angle, rad (slew), or (n, 2), vector from tip to target in the frame that turns with the hub, m (reach).
-        to_go (n, N): the goal's joint angles minus the present joint angles, rad, with observation="measured"; bends,
-            bend_rates and
-        error are then empty. gauges (n, G): readings of the strain gauges, in the gauges' units. In space `error` has
-        the shape (n, 3). Controllers in space that need deflections get bends (n, 3 F): deflections of the F flexible
-        links along y, then along z, then their twists (rad).
+        to_go (n, N): the goal's joint angles minus the present joint angles, rad, if observation="measured"; bends,
+        bend_rates and error are then empty. gauges (n, G): readings of the strain gauges, in the gauges' units. In
+        space `error` has the shape (n, 3). Controllers in space that need deflections get bends (n, 3 F): deflections
+        of the F flexible links along y, then along z, then their twists (rad).
     """
 
     angles: Array

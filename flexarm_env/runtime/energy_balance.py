@@ -142,9 +142,9 @@ def _may_be_unbalanced(lane, p, w: Work, allowed):
 
     allowed: energy that is accounted for, J. The estimate is p.watched |v|^2 / 2, where p.watched (kg m^2) is the
     straight arm's inertia per rate (`inertia_per_rate`); it is one to three times the kinetic energy (measured). The
-    energy is evaluated if the estimate is at least 2 allowed, and therefore always if the kinetic energy is.
-    Formulations other than the elastica have no estimate: True. (A period of the elastica costs no more than twelve
-    evaluations of its energy.)
+    energy is evaluated if the estimate is at least 2 allowed, and therefore always if the kinetic energy is at least 2
+    allowed. Formulations other than the elastica have no estimate, so the result is True. (A period of the elastica
+    costs no more than twelve evaluations of its energy.)
     """
     # the elastica alone has an estimate of T, from sum v^2 of its angles; all others evaluate E
     if p.model.newton.resolved is None:

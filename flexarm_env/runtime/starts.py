@@ -236,9 +236,10 @@ def _swing(lane, p, i, live, own, par, angles, w):
 def _start_info(lanes, p, arm, record, info):
     """Write the info of an arm before its first period (zeros, in_range 1, error estimate), and its goal angles.
 
-    arm: index in the batch; lanes: number of arms in a group. info: all fields before `further`. error: p.estimate of
-    the formulation's own error, divided by the arm's length. record.target is read. Written are record.goal, the joint
-    angles (rad) that reach the target, and record.hold = 0, the number of instants within the success bands.
+    arm: index in the batch; lanes: number of arms in a group. info: all fields before `further`. error: the field
+    `estimate` of the program, the beam formulation's own error divided by the arm's length. record.target is read.
+    Written are record.goal, the joint angles (rad) that reach the target, and record.hold = 0, the number of instants
+    within the success bands.
     """
     task, i, at = p.task, arm % lanes, info_of(p.task)
     for k in range(i, at.further * lanes, lanes):

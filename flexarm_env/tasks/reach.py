@@ -52,8 +52,8 @@ def reach_observe(lane, task, poses: Lanes, record: Lanes, out):
     Entries: sine, cosine of each joint angle; N joint rates (rad/s); N tip deflections divided by link length, and
     their N rates (1/s); tip velocity (m/s) and target minus tip (m), in the axes of link 0's root; seven entries of a
     floating base.
-    poses: positions, angles and rates of the links, inertial axes; record: records of the arms, of which the target is
-    read. Each entry is divided by its scale and clipped to +-10.
+    poses: positions, angles and rates of the links, inertial axes; record: records of the arms; the target is read.
+    Each entry is divided by its scale and clipped to +-10.
     """
     n = size(task.links)
     before, spin = 0.0, of_base(lane, task, poses, BASE_POSE.rate)

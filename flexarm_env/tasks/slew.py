@@ -58,8 +58,7 @@ def slew_observe(lane, task, poses: Lanes, record, out):
     Entries: sine and cosine of the hub angle, relative to a floating base; hub rate (rad/s); tip deflection across the
     root's tangent, divided by L; deflection rate divided by L (1/s); target minus tip angle (rad), within +-pi if
     task.turns is not None, otherwise with all turns; seven entries of a floating base. Each entry is divided by its
-    scale and clipped to +-10. poses: pose of the link, inertial axes; record: records of the arms, of which the target
-    is read.
+    scale and clipped to +-10. poses: pose of the link, inertial axes; record: records of the arms; the target is read.
     """
     normal, along, rate, _, _, _, _, sine, cosine = deflection(lane, poses, 0)
     # hub angle as (sin, cos), against a floating base where there is one

@@ -326,8 +326,7 @@ def record_deflections(lane, task, poses: Lanes, live, info: Lanes):
 def record_tip(lane, task, poses: Lanes, record: Lanes, live, info):
     """Write the tip's position (m, inertial axes) and the target (m or rad) into info for running arms (live > 1/2).
 
-    poses: positions, angles and rates of the links, inertial axes. record: records of the arms, of which the target is
-    read.
+    poses: positions, angles and rates of the links, inertial axes. record: records of the arms; the target is read.
     """
     o, at = POSE.end * (size(task.links) - 1), info_of(task).target
     put_info(lane, live, info, TIP, poses[o + POSE.tip_x])
