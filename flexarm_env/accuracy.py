@@ -303,10 +303,9 @@ def estimate(
 ) -> tuple[dict[str, float], str]:
     """Return the parts "time_step" and "mesh" of the error, divided by L, and the reason if a part is infinite.
 
-    mine: the run whose error is estimated, sampled every `sample` s. run: function that makes a companion run from a
-    scene, settings, a sampling interval and, for fitted steps, the halvings of dt in each stretch
-    (`Trajectory.step_levels`). levels: halvings of dt in this run. Meshes are compared without drag
-    (`Arm.mass_damping`), which depends on the mesh.
+    mine: the run with the error, sampled every `sample` s. run: function that makes a companion run from a scene,
+    settings, a sampling interval and, for fitted steps, the halvings of dt in each stretch (`Trajectory.step_levels`).
+    levels: these halvings in `mine`. Meshes are compared without drag (`Arm.mass_damping`), which depends on the mesh.
     """
     dt = settings.dt
     assert dt is not None

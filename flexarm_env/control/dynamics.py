@@ -318,7 +318,7 @@ class SpatialDynamics(Dynamics):
     step = 0.005
 
     def __init__(self, arm: Arm, period: float, nodes: int, gravity: Vector, step: float | None = None) -> None:
-        """Assemble the elastica of an arm in space. period, step: s; gravity (3,): m/s^2; nodes: per link."""
+        """Assemble the elastica of an arm in space, with `nodes` nodes per link. Times: s; gravity (3,): m/s^2."""
         self.step = self.step if step is None else step
         strains = 3 * (nodes - 1)
         counts = [1 if link.rigid else 1 + strains for link in arm.links]

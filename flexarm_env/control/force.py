@@ -82,10 +82,14 @@ class ImpedanceGains(Approach):
 class View(NamedTuple):
     """Quantities of a control period that the controllers of a contact force use: n arms, inertial axes.
 
-    Attributes: signals: joint angles, deflections and their rates. to_target, velocity (n, 2): vector from tip to
-        target, m, and the target's velocity, m/s. target (n, 2): position of the target, m from the root. along, normal
-        (n, 2): unit vectors of the path and of the wall's normal away from the root. commanded, force (n,): commanded
-        and measured normal force, N. near, share (n,): progress of the approach and of the rise of the force, 0 to 1.
+    Attributes:
+        signals: joint angles, deflections and their rates.
+        to_target (n, 2): vectors from tip to target, m.
+        velocity (n, 2): velocities of the target, m/s.
+        target (n, 2): positions of the target, m from the root.
+        along, normal (n, 2): unit vectors of the path, and of the wall's normal away from the root.
+        commanded, force (n,): commanded and measured normal force, N.
+        near, share (n,): progress of the approach, and of the rise of the force, 0 to 1.
         touching (n,): 1 once the force has risen, otherwise 0.
     """
 

@@ -42,7 +42,8 @@ class System(Protocol):
 class Astray(ValueError):
     """Error: neither the initial guess nor the controls `still` lead to finite states.
 
-    Attributes: arms (n,): indices of the arms without finite states.
+    Attributes:
+        arms (n,): mask of the arms without finite states.
     """
 
     def __init__(self, arms: NDArray[np.bool_]) -> None:

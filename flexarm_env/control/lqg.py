@@ -254,7 +254,8 @@ def _variances(setup: Setup, encoders: list[Encoder]) -> list[float]:
 class LQG(Controller):
     """LQG controller u = -K x - d + f. The filter estimates x and d; f compensates the predicted Coulomb friction.
 
-    Attributes: z (n, s): estimates relative to each arm's goal (see `Design`).
+    Attributes:
+        z (n, s): estimates relative to each arm's goal (see `Design`).
     """
 
     needs_goals = True

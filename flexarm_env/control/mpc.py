@@ -120,9 +120,12 @@ def regulators(plant: Dynamics, x: Array, u: Array, stage: Array) -> list[Regula
 class MPC(Controller):
     """Receding-horizon controller that plans on the nonlinear elastica model of the arm.
 
-    Attributes: x (n, S): estimated states (see `dynamics.Dynamics`). plan: torques (H, n, N), divided by their limits,
-        and feedback gains; its first block is held for `left` more periods. arrival (n,): planned arrival at the goal,
-        in control periods from the episode's start; it may be postponed up to `latest` (n,).
+    Attributes:
+        x (n, S): estimated states (see `dynamics.Dynamics`).
+        plan: torques (H, n, N), divided by their limits, and feedback gains; the first block of the plan is held for
+            `left` more periods.
+        arrival (n,): planned arrival at the goal, in control periods from the episode's start; it may be postponed up
+            to `latest` (n,).
     """
 
     needs_bends = True
@@ -286,7 +289,8 @@ RATES, UNKNOWN = 10.0, 9.0
 class SpatialMPC(MPC, AboutRest):
     """`MPC` in space, about the arm's rest at its target under gravity, with an extended Kalman filter.
 
-    Attributes: spread (n, S, S): covariance of the estimated states' errors.
+    Attributes:
+        spread (n, S, S): covariance of the estimated states' errors.
     """
 
     wild, ahead, put_off = 1e3, 2.0, 0.1
