@@ -122,8 +122,8 @@ def step_factor(growth: float) -> float:
 def mesh_factor(n: int) -> float:
     """Return the error of a run with n elements divided by its distance from a run with m = n / 2 elements.
 
-    If n is odd, m is rounded up. If the error is proportional to the squared element length, it is 1 / ((n/m)^2 - 1) of
-      the distance: a third if m is half of n. The result includes a safety factor of 1.5. For n = 1 the comparison run
-      has two elements. The result is then 1; the rule for larger n would give 4/3 of the distance.
+    If n is odd, m is rounded up. If the error is proportional to the squared element length, the error is 1 / ((n/m)^2
+      - 1) of the distance: a third if m is half of n. The result includes a safety factor of 1.5. For n = 1 the
+      comparison run has two elements. The result is then 1; the rule for larger n would give 4/3 of the distance.
     """
     return 1.0 if n == 1 else 1.5 / ((n / -(-n // 2)) ** 2 - 1.0)

@@ -154,9 +154,9 @@ class Joint:
     """Drive of a joint: rotor, gear and friction. Angles, rates and torques are on the gear's output side.
 
     The torque of the joint (`JointTorque`, an action) acts on the motor's side. An elastic gear adds a coordinate to
-    the arm: the motor's angle divided by the gear ratio. Like the joint's angle, it is measured relative to the
-    previous link. The motor's coordinate is "motor0", in addition to "joint0", the angle of the link's root. Spring and
-    damper act between motor and joint.
+    the arm: the motor's angle divided by the gear ratio. Like the joint's angle, the motor's angle is measured relative
+    to the previous link. The motor's coordinate is "motor0", in addition to "joint0", the angle of the link's root.
+    Spring and damper act between motor and joint.
 
     The rotor's energy is 1/2 motor_inertia (gear_ratio rate)^2, where rate is that of the motor's angle relative to the
     previous link. An elastic gear needs a positive rotor inertia unless a motion prescribes the motor's angle. In space

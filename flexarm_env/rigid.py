@@ -222,8 +222,8 @@ def rigid_inertia(arm: Arm, angles: Array) -> Array:
 def coriolis(arm: Arm, angles: Array, rates: Array) -> Array:
     """Return the Coriolis and centrifugal torques (n, N), N m, at joint angles, rad, and rates, rad/s, (n, N) each.
 
-    These torques are the joint torques minus the product of inertia matrix and joint accelerations. The torques do not
-    include gyroscopic moments of rotors.
+    Coriolis and centrifugal torques are the joint torques minus the product of inertia matrix and joint accelerations.
+    The torques do not include gyroscopic moments of rotors.
     """
     angles = _joints("angles", arm, angles)
     if arm.spatial:

@@ -217,7 +217,7 @@ class Reader:
     Args:
         setup: setup of the environment. who: name of the controller, for error messages. bends: whether deflections are
             required.
-        goals: whether goal joint angles minus joint angles are required.
+        goals: whether differences between goal and present joint angles are required.
     Raises:
         ValueError: a required entry is not observed; the message names it.
     """

@@ -307,8 +307,8 @@ class LQG(Controller):
     def _friction(self, d: Design, z: Array, torques: Array, sharp: float = 1.0) -> Array:
         """Predict the Coulomb friction (n, N), N m, in the next period: the torque that stops the motors, limited.
 
-        This torque stops the motors by the end of the period. The limit is the joints' friction torque. sharp: factor
-        by which the torque is multiplied before it is limited.
+        The predicted friction torque stops the motors by the end of the period. The limit is the joints' friction
+        torque. sharp: factor by which the torque is multiplied before it is limited.
         """
         # motor rates at the end of the period without friction; torque that makes them zero
         rates = z @ (d.stopping @ d.A).T + torques @ (d.stopping @ d.B).T

@@ -100,8 +100,8 @@ class NumpyPolicy:
     def check(self, setup: Setup) -> NumpyPolicy:
         """Return the policy; raise ValueError unless observation and action are the same as in the policy's training.
 
-        If the entries have the same names as in training but other scales, as for another arm, the policy converts later
-        observations to its own scales.
+        If the entries have the same names as in training but other scales, as for another arm, the policy converts
+        later observations to its own scales.
         """
         self.ratio = fitted(self.meta, setup, self.size, self.weights[-1][0].shape[1])
         return self

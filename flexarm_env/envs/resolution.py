@@ -1,8 +1,9 @@
 """Choose an environment's default mesh, step and Newton tolerance, and estimate the tip's error with these settings.
 
-The usual settings (`options.DEFAULT_OPTIONS`) are used if the rule below accepts them for an arm. Otherwise the step
-becomes a whole fraction of the usual step, and the mesh finer, until the rule accepts them. Solver options that a user
-gives are never changed. Symbols: T control period, h step, L the arm's length, I inertia about a joint.
+The usual settings (`options.DEFAULT_OPTIONS`) are used if the rule below accepts them for an arm. If the rule rejects
+the usual settings, the step becomes a whole fraction of the usual step, and the mesh finer, until the rule accepts
+them. Solver options that a user gives are never changed. Symbols: T control period, h step, L the arm's length, I
+inertia about a joint.
 
 Small motions have the error e_1: the largest distance, divided by L, between the tip of small motions (`small_motions`)
 on the mesh in steps of h and the tip on a fine mesh with exact time integration. The motions last 100 periods with
@@ -17,7 +18,8 @@ arms, the error is up to 4 e_1 for theta below 0.4 rad; for theta of 0.8, 1.2 an
 e_1. Above theta = 1.6 and 3 rad the search begins with the second and the third of `MESHES` (measured).
 
 Coulomb friction T_C adds the error e_2 = sum of T_C h t / I. If a joint reverses within a step, its rate afterwards has
-an error of up to T_C h / I (docs: theory, section 6). This error of the rate acts on the position for t = 1 s.
+an error of up to T_C h / I (docs: theory, section 6). The estimate assumes that the error of the rate acts on the
+position for t = 1 s.
 
 A fast turn with the links' angular velocity Omega has the error e_3 = kappa h^2 times the time integral of Omega^3. The
 coordinates of the exact beam in the plane are positions: in steps of h, a turn lags by the fraction kappa (Omega h)^2

@@ -336,12 +336,12 @@ def reward_weights(
     """Return the reward weights for one control period: the user's weights, otherwise the task's defaults.
 
     Under rules 2 the terms for distance and attitude are their bound minus the loss (`tasks.task.left_of`). The default
-    weight of failure is the sum of two parts. The first part is the largest loss that the other terms can cause in an
-    episode, so that ending an episode early never pays. The second part is the largest reward of the other terms in
-    `HOLD_TIME`, so that policies learn to avoid the joint limits. Default weights refer to the default control period
-    of the task. For another period all weights except the weight of failure scale in proportion, so that an episode's
-    return does not depend on the period. Under rules 1 distance and attitude cost up to 1, weights do not depend on the
-    period, and the weight of failure is the task's default.
+    weight of failure is the sum of two parts. The first part of the weight is the largest loss that the other terms can
+    cause in an episode, so that ending an episode early never pays. The second part of the weight is the largest reward
+    of the other terms in `HOLD_TIME`, so that policies learn to avoid the joint limits. Default weights refer to the
+    default control period of the task. For another period all weights except the weight of failure scale in proportion,
+    so that an episode's return does not depend on the period. Under rules 1 distance and attitude cost up to 1, weights
+    do not depend on the period, and the weight of failure is the task's default.
 
     joints: number of joints. period: control period, s. limit: control periods of an episode.
     """

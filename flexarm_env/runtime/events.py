@@ -1,8 +1,8 @@
 """Events of an episode: pushes at the tip, a change of the payload, and the cost of exceeding limits.
 
 Pushes and payload changes begin at the start of a control period. Pushes and payload changes are drawn and applied
-before the arm's state is saved for a repetition (`keeping`). A repeated period does not draw or apply them again,
-because the record stores which push acts and whether the payload change is still due.
+before the arm's state is saved for a repetition (`keeping`). The events of a repeated period are not drawn or applied
+again, because the record stores which push acts and whether the payload change is still due.
 """
 
 from __future__ import annotations

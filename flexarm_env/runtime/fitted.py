@@ -2,11 +2,11 @@
 
 A period is computed in steps of h and of h/2 from the same start. The error of the finer run is estimated by the
 distance between the tips of both runs, at the end of the period and extrapolated by another period (theory, eq. 6.4).
-The finer run is kept if its error is allowed. Otherwise h/4 is compared with h/2, and so on up to h/32. The run with
-h/32 is kept even if its error is too large, and its error is reported. The next period begins with the same pair of
-step sizes, or with the next coarser pair if the error was below an eighth of the allowed error. If one arm of a group
-needs a step size, that step size is computed for all arms of the group. Each arm keeps its own result, which other arms
-do not influence.
+The finer run is kept if its error is allowed. If the error is too large, h/4 is compared with h/2, and so on up to
+h/32. The run with h/32 is kept even if its error is too large, and its error is reported. The next period begins with
+the same pair of step sizes, or with the next coarser pair if the error was below an eighth of the allowed error. If one
+arm of a group needs a step size, that step size is computed for all arms of the group. Each arm keeps its own result,
+which other arms do not influence.
 
 An environment fits the steps of each control period (`fit_period`). Under prescribed motions it fits the steps of each
 stretch between two kinks (`guided`). A scene fits the steps of its stretches between samples and kinks

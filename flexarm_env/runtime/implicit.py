@@ -26,10 +26,11 @@ from .motors import command_motors, is_starting, jump_with_torques, may_jump_bef
 def implicit(address, first, last):
     """Compute d.jacobian of one control period for groups first ... last - 1 by implicit differentiation of the steps.
 
-    An arm's Jacobian has the shape (X + O + 1, X + A). Its rows are the moving numbers of the state at the end of the
-    period, the observed entries (divided by their scales) and the reward. Its columns are the moving numbers at the
-    start and the actions. Units are SI units. address: address of a `derivative.Derivative` d, in which the kernel also
-    writes the results of the period. The scratch memory of group `first` is used for all groups. Returns 0.
+    An arm's Jacobian has the shape (X + O + 1, X + A). The Jacobian's rows are the moving numbers of the state at the
+    end of the period, the observed entries (divided by their scales) and the reward. The Jacobian's columns are the
+    moving numbers at the start and the actions. Units are SI units. address: address of a `derivative.Derivative` d, in
+    which the kernel also writes the results of the period. The scratch memory of group `first` is used for all groups.
+    Returns 0.
     """
     d = dereference(address)
     for g in range(first, last):

@@ -31,8 +31,8 @@ def _inverse(A):
 def _on_the_way(s, turn, start, end):
     """Return the tip's rotation matrix at s, from -1 to 1 over a period, relative to its axes at s = -1.
 
-    The rotation vector is a cubic Hermite polynomial from 0 to `turn` (rad). Its slopes are `start` at s = -1 and `end`
-    at s = 1 (rad per unit of s).
+    The rotation vector is a cubic Hermite polynomial from 0 to `turn` (rad). The slopes of this polynomial are `start`
+    at s = -1 and `end` at s = 1 (rad per unit of s).
     """
     two = (2.0 + s * (3.0 - s * s)) * 0.25 * turn
     slopes = (1.0 - s) * (1.0 - s) * (1.0 + s) * 0.25 * start + (s + 1.0) * (s * s - 1.0) * 0.25 * end

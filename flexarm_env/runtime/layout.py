@@ -37,7 +37,7 @@ def readings_size(instruments: Any) -> int:
 
 
 def parameters_of(model: Any, space: bool) -> int:
-    """Return the number of parameters that each arm has of its own, with joint laws if these are its own.
+    """Return the number of each arm's own parameters, which include joint laws if arms differ in these.
 
     space: whether the arm moves in space.
     """

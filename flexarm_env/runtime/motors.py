@@ -96,9 +96,9 @@ def _amplify(lane, task, amplifier, model, par, action: Lanes, factor, w: Work):
 def command(lane, task, controller, amplifier, model, par, action: Lanes, poses, record: Lanes, w: Work):
     """Write the commanded joint torques of a control period into w.u, N m.
 
-    If the joints have an amplifier, the amplifier computes the torque. Otherwise the torque is the action times the
-    torque limit, plus the torque of PD controllers if the joints have PD controllers. A drawn factor on the torque
-    constant multiplies the torque. amplifier, controller: None if absent.
+    If the joints have an amplifier, the amplifier computes the torque. For all other joints the torque is the action
+    times the torque limit, plus the torque of PD controllers if the joints have PD controllers. A drawn factor on the
+    torque constant multiplies the torque. amplifier, controller: None if absent.
     # in        action (joints, lanes) in [-1, 1];  w.q, w.v;  record.goal, record.torque_factor
     # scratch   poses, w.y
     # out       w.u (joints, lanes)

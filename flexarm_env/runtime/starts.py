@@ -259,7 +259,7 @@ def _start_info(lanes, p, arm, record, info):
 def _first_observation(lane, p, arm, live, record, action, poses, seen, info):
     """Write the first observation of an arm's episode; reward 0, neither terminated nor truncated.
 
-    This kernel also draws the delay of the first commands, and writes the drawn sensor delay and gains into info. live:
+    The kernel also draws the delay of the first commands, and writes the drawn sensor delay and gains into info. live:
     1 in the lane of this arm, otherwise 0. The reward is computed for the info of this lane; reward terms and the last
     action are then set to 0.
     """

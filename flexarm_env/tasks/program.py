@@ -304,8 +304,8 @@ class Instruments(NamedTuple):
 
     The channels of the sensors are in the order of the fields.
 
-    The sensors' entries of the observation follow the entries of task and target. Their order is: goals, accelerometer,
-    gyroscope, camera, force, switch, gauges.
+    The sensors' entries of the observation follow the entries of task and target. The order of these entries is: goals,
+    accelerometer, gyroscope, camera, force, switch, gauges.
     """
 
     period: float  # control period, s
