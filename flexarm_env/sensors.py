@@ -189,7 +189,7 @@ class StrainGauge(Law):
 
     @property
     def spot(self) -> tuple[int, float, str]:
-        """Position and component of the gauge: (link, place on the link from 0 to 1, measures)."""
+        """Gauge as a tuple: link, position on the link from 0 to 1, and measured component (`measures`)."""
         return self.link, self.place, self.measures
 
     def per_curvature(self, m: float, J: float) -> float:

@@ -114,7 +114,7 @@ class Simulation:
         return MESSAGE[self.status].format(t=self.t, h=self.dt, halvings=self.scheme.max_halvings, bound=bound)
 
     def set_torques(self, torques: Array, fresh: bool = True) -> None:
-        """Set the joint torques (N m). fresh: False to keep the integrator's filtered accelerations, as at a kink."""
+        """Set the joint torques (N m). fresh: False keeps the integrator's filtered accelerations, as at a kink."""
         self.work.u0[:] = self.work.u
         self.work.u[: len(torques)] = torques
         self._restart(fresh)

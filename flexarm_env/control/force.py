@@ -209,7 +209,7 @@ class PressController(WallController):
         self.forget()
 
     def pressed(self, signals: Signals, seen: Array) -> Array:
-        """Return joint torques (n, N), N m; see `WallController.pressed`."""
+        """Return joint torques (n, N), N m, as described in `WallController.pressed`."""
         return self.pressing(self._view(signals, seen[:, self._at] * self._scales))
 
     @abstractmethod

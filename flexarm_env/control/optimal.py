@@ -253,7 +253,7 @@ def least_settling(
     plant: Dynamics, start: Array, goal: Array, off: Callable[[Array, NDArray[np.int64]], tuple[Array, Array]],
     after: tuple[Array, Array], *, guess: Array, periods: Counts, tail: int, most: int = 400,
 ) -> Motion:  # fmt: skip
-    """Plan the motion that brings the tip into its band, and keeps it there, in the fewest control periods.
+    """Plan the quickest motion that brings the tip within a tolerance of its target and keeps the tip there.
 
     Args:
         plant: dynamics of the arm. start, goal: states (n, S) at the start and at the goal; the arm rests at the goal.
