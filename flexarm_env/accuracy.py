@@ -103,8 +103,8 @@ def other_mesh(settings: Settings, space: bool = False, full: int = 5) -> tuple[
     """Return settings with another mesh, and the run's error divided by its distance from a run with that mesh.
 
     The other mesh is coarser than the mesh of the run, or finer if there is no coarser mesh. For links reduced to
-    modes, the returned settings in the plane are those of the full model with at least `full` segments. In space they
-    have another number of segments and the same number of modes."""
+    modes, the returned settings in the plane are those of the full model with at least `full` segments. In space the
+    returned settings have another number of segments and the same number of modes."""
     if settings.formulation == "elastica":
         assert settings.nodes is not None
         # the smallest mesh is compared with a finer one
@@ -303,9 +303,9 @@ def estimate(
 ) -> tuple[dict[str, float], str]:
     """Return the parts "time_step" and "mesh" of the error, divided by L, and the reason if a part is infinite.
 
-    mine: the run itself, sampled every `sample` s. run: function that makes a companion run from a scene, settings, a
-    sampling interval and, for fitted steps, the halvings of dt in each stretch (`Trajectory.step_levels`). levels:
-    halvings of dt in the run itself. Meshes are compared without drag (`Arm.mass_damping`), which depends on the mesh.
+    mine: the run with the error, sampled every `sample` s. run: function that makes a companion run from a scene,
+    settings, a sampling interval and, for fitted steps, the halvings of dt in each stretch (`Trajectory.step_levels`).
+    levels: these halvings in `mine`. Meshes are compared without drag (`Arm.mass_damping`), which depends on the mesh.
     """
     dt = settings.dt
     assert dt is not None

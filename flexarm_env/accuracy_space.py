@@ -65,7 +65,8 @@ def witness(scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Set
 
     Frames along chords have an error of the order of the squared shear angle, on any mesh. The elastica formulation
     neglects shear deformation. A link under an axial force N bends within a distance of about sqrt(EI/N) from its ends.
-    With elements that are several times longer, meshes with one and with two elements have the same error.
+    If the elements are several times longer than this distance, meshes with one and with two elements have the same
+    error.
 
     Args:
         t: instants of the run, (n,), s. tip: positions of the tip and of the ends of its axes, (n, 4, 3), m.
@@ -121,8 +122,8 @@ def step_factor(growth: float) -> float:
 def mesh_factor(n: int) -> float:
     """Return the error of a run with n elements divided by its distance from a run with m = n / 2 elements.
 
-    If n is odd, m is rounded up. If the error is proportional to the squared element length, it is 1 / ((n/m)^2 - 1) of
-      the distance: a third if m is half of n. The result includes a safety factor of 1.5. For n = 1 the other run has
-      two elements. The result is then 1; by the same rule the error would be 4/3 of the distance.
+    If n is odd, m is rounded up. If the error is proportional to the squared element length, the error is 1 / ((n/m)^2
+      - 1) of the distance: a third if m is half of n. The result includes a safety factor of 1.5. For n = 1 the
+      comparison run has two elements. The result is then 1; the rule for larger n would give 4/3 of the distance.
     """
     return 1.0 if n == 1 else 1.5 / ((n / -(-n // 2)) ** 2 - 1.0)

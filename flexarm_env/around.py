@@ -30,7 +30,7 @@ class AroundController(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     Args:
         env: an environment of this package, with actions that are torques.
         controller: "pd" or another name of :func:`flexarm_env.control.make`; "pd@FILE" reads the gains from a file.
-        share: share of the torque limits that an action of 1 adds; None: 0.7.
+        share: share of the torque limits that an action of 1 adds; None means 0.7.
     Raises:
         ValueError: the controller is unknown, the share is not positive, or the environment is not supported.
     """

@@ -101,7 +101,7 @@ class Batch:
 
     Args:
         arm: the arm. settings: solver settings with dt. gravity: acceleration of gravity, m/s^2. n: number of arms.
-        task: record of a task. starts: ranges from which starts of episodes are drawn.
+        task: constants of the task, a `tasks.task.Task`. starts: ranges from which starts of episodes are drawn.
         period: control period, s, a multiple of settings.dt. account: whether to record energies, work and dissipation.
         threads: largest number of threads; None selects the fastest number by timing (`compiler.pace`).
         extras: controllers, motors, sensors, moving targets. contacts: the arms' contacts.
@@ -299,8 +299,8 @@ class Batch:
         self._start(self.address, mode, len(arms))
 
     def sections(self, i: int) -> Array:
-        """Return views of poses, record, action, observation and info of arm i. An arm that follows motions has its own
-        such views (`envs.motion.Guide`)."""
+        """Return views of poses, record, action, observation and info of arm i. An arm that follows motions has views
+        of its own (`envs.motion.Guide`)."""
         return self._mine(self.layout.poses, self.layout.saved, i)
 
     def step(self) -> int:

@@ -1,15 +1,15 @@
 """Division of a link into cells (elements, segments, node intervals) that follow jumps and kinks of its section.
 
 A smooth piece of a link lies between two neighboring places at which its section jumps or kinks, or its curvature
-jumps. If a link is one smooth piece, its cells are equal. Otherwise cells end at jumps and kinks, and their size
+jumps. If a link is one smooth piece, its cells are equal. If a link has jumps or kinks, cells end there, and their size
 follows the density
 
     d(s) = EI(s)^(-1/2) / int EI^(-1/2) ds + KINKED |d ln EI / ds|                  (1/m)
 
 The integral of the first term of d(s) along the link is 1. The length l of a cell should follow both the angle M l / EI
 by which the cell bends (l ~ EI) and the length of bending waves (l ~ EI^(1/4)); the power 1/2 is a compromise. The
-second term adds cells to a piece whose stiffness changes by a large factor, because a cell's polynomial does not
-represent its curvature M / EI.
+second term of d(s) adds cells to a piece whose stiffness changes by a large factor, because a cell's polynomial does
+not represent its curvature M / EI.
 """
 
 from __future__ import annotations

@@ -113,7 +113,7 @@ class Payload:
 class Motor:
     """An electric motor: torque = torque_constant i, voltage = resistance i + back_emf rate, with the current i in A.
 
-    Torque (N m) and rate (rad/s) are those of the shaft before the gear.
+    Torque (N m) and rate (rad/s) belong to the shaft before the gear.
     """
 
     torque_constant: float = number("torque over current", "N m/A", above=0.0)
@@ -154,9 +154,9 @@ class Joint:
     """Drive of a joint: rotor, gear and friction. Angles, rates and torques are on the gear's output side.
 
     The torque of the joint (`JointTorque`, an action) acts on the motor's side. An elastic gear adds a coordinate to
-    the arm: the motor's angle divided by the gear ratio. Like the joint's angle, it is measured relative to the
-    previous link. The motor's coordinate is "motor0", in addition to "joint0", the angle of the link's root. Spring and
-    damper act between motor and joint.
+    the arm: the motor's angle divided by the gear ratio. Like the joint's angle, the motor's angle is measured relative
+    to the previous link. The motor's coordinate is "motor0", in addition to "joint0", the angle of the link's root.
+    Spring and damper act between motor and joint.
 
     The rotor's energy is 1/2 motor_inertia (gear_ratio rate)^2, where rate is that of the motor's angle relative to the
     previous link. An elastic gear needs a positive rotor inertia unless a motion prescribes the motor's angle. In space
@@ -239,7 +239,7 @@ class Arm:
     requires one frame per link (formulation "floating_frame" with segments=1 or only modes).
 
     Args:
-        name: a short word.
+        name: name of the arm, a short word.
         links: N >= 1 links, from root to tip.
         elbows: N-1 elbows, or () for massless elbows.
         joints: N drives (:class:`Joint`), or () for ideal joints.
@@ -250,7 +250,7 @@ class Arm:
         source: text about the origin of the arm's numbers.
         sensors: sensors for `observation="measured"` and `Trajectory.measured`, or None for ideal sensors.
         base: body that carries the arm in the plane if the arm's root is free, or None for no body. If the root is
-            held, the base is held, too.
+            fixed, the base is fixed, too.
     """
 
     name: str

@@ -70,8 +70,8 @@ def _at_start(load: Load) -> Load:
 def resting_settings(settings: Settings, space: bool) -> Settings:
     """Return the settings for `relax`: a constant step, and no correction of the period error.
 
-    An elastica in space is assembled for steps of 1 s. Its added inertia is then proportional to the stiffness, so that
-    all strains come to rest at the same rate.
+    An elastica in space is assembled for steps of 1 s. The added inertia of an elastica is then proportional to the
+    stiffness, so that all strains come to rest at the same rate.
     """
     plain: dict[str, Any] = {"step_tolerance": None}
     if space and settings.formulation == "elastica":

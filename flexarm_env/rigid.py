@@ -1,9 +1,9 @@
 """Arm with rigid links, in the plane and in space: kinematics, inertia, Coriolis torques, weight and time scales.
 
 Arguments named `angles` are joint angles (n, N), rad. `bodies` lists the arm's masses; inertia, Coriolis torques and
-weight are sums over these bodies. In the plane these sums do not depend on the joint angles and are evaluated once
-(`link_inertia`, `mass_moments`). Planar positions are complex numbers x + i y: a link that spans a from joint to joint
-contributes a exp(i alpha_k), with the absolute angle alpha_k of the tangent at link k's root.
+weight are sums over these bodies. In the plane the sums over the bodies do not depend on the joint angles and are
+evaluated once (`link_inertia`, `mass_moments`). Planar positions are complex numbers x + i y: a link that spans a from
+joint to joint contributes a exp(i alpha_k), with the absolute angle alpha_k of the tangent at link k's root.
 """
 
 import math
@@ -222,8 +222,8 @@ def rigid_inertia(arm: Arm, angles: Array) -> Array:
 def coriolis(arm: Arm, angles: Array, rates: Array) -> Array:
     """Return the Coriolis and centrifugal torques (n, N), N m, at joint angles, rad, and rates, rad/s, (n, N) each.
 
-    These torques are the joint torques minus the product of inertia matrix and joint accelerations. The torques do not
-    include gyroscopic moments of rotors.
+    Coriolis and centrifugal torques are the joint torques minus the product of inertia matrix and joint accelerations.
+    The torques do not include gyroscopic moments of rotors.
     """
     angles = _joints("angles", arm, angles)
     if arm.spatial:

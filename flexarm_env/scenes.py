@@ -124,7 +124,7 @@ def spot_values(name: str) -> dict[str, Any]:
 
     The table has the columns t (s), tip_x and tip_y (m), source and tolerance.
 
-    Raises ValueError if the scene has no such positions.
+    A scene without reference positions raises ValueError.
     """
     entries = {entry["scene"]: entry for entry in _references()["spot_values"]}
     if name not in entries:

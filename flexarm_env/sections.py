@@ -67,7 +67,7 @@ class Section:
     def circle(cls, diameter: float, E: float, rho: float, G: float, kappa: float = 0.9) -> Section:
         """Create a homogeneous round bar of a diameter, m.
 
-        All other arguments are those of :meth:`rectangle`.
+        All other arguments are the arguments of :meth:`rectangle`.
         """
         return cls.tube(diameter, check.number("section.diameter", diameter, "m", above=0.0) / 2.0, E, rho, G, kappa)
 
@@ -75,7 +75,7 @@ class Section:
     def tube(cls, diameter: float, wall: float, E: float, rho: float, G: float, kappa: float = 0.5) -> Section:
         """Create a homogeneous round tube. diameter: outer diameter, m. wall: thickness of the wall, m.
 
-        All other arguments are those of :meth:`rectangle`.
+        All other arguments are the arguments of :meth:`rectangle`.
         """
         outer = check.number("section.diameter", diameter, "m", above=0.0)
         wall = check.number("section.wall", wall, "m", above=0.0, maximum=outer / 2.0)

@@ -6,7 +6,7 @@ Every sensor reads one or more quantities u(t) by the same law, which `runtime.l
 
 F is a low-pass filter of order 1 or 2 with gain 1 at rest. Gain and bias are constant, or drawn anew for each episode.
 The noise of each reading is an independent, normally distributed number. A sensor is read at control instants, or at
-the samples of a trajectory. Between these instants u is interpolated linearly, and filter and delay are exact for the
+the samples of a trajectory. Between two readings u is interpolated linearly, and filter and delay are exact for the
 interpolated u. Before an episode the quantity u is constant.
 """
 
@@ -189,7 +189,7 @@ class StrainGauge(Law):
 
     @property
     def spot(self) -> tuple[int, float, str]:
-        """Position and component of the gauge: (link, place on the link from 0 to 1, measures)."""
+        """Gauge as a tuple: link, position on the link from 0 to 1, and measured component (`measures`)."""
         return self.link, self.place, self.measures
 
     def per_curvature(self, m: float, J: float) -> float:

@@ -60,7 +60,7 @@ class Simulation:
     """One arm of a scene that is assembled, started consistently and advanced step by step.
 
     Args:
-        scene: a scene. settings: settings with a dt. moves: False if the arm is only linearized, for smaller programs.
+        scene: simulated scene. settings: settings with a dt. moves: False to linearize only (less to compile).
     Attributes:
         t: time reached, s. status: status code of `flexarm_env.physics.model`. work: views of the state (`Work`).
         gross: sum of the absolute values of the work of motions and loads, J.
@@ -70,7 +70,7 @@ class Simulation:
     """
 
     def __init__(self, scene: Scene, settings: Settings, moves: bool = True, starts: bool = True) -> None:
-        """Assemble the scene for steps of settings.dt, s, and start it at t = 0. starts: as in `reset`."""
+        """Assemble the scene for steps of settings.dt, s, and start it at t = 0. starts: argument of `reset`."""
         assert settings.dt is not None
         self.scene, self.settings, self.dt = (scene := at_points(scene)), settings, settings.dt
         self._systems = fitted_systems(scene, settings)
@@ -114,7 +114,7 @@ class Simulation:
         return MESSAGE[self.status].format(t=self.t, h=self.dt, halvings=self.scheme.max_halvings, bound=bound)
 
     def set_torques(self, torques: Array, fresh: bool = True) -> None:
-        """Set the joint torques (N m). fresh: False to keep the integrator's filtered accelerations, as at a kink."""
+        """Set the joint torques (N m). fresh: False keeps the integrator's filtered accelerations, as at a kink."""
         self.work.u0[:] = self.work.u
         self.work.u[: len(torques)] = torques
         self._restart(fresh)

@@ -23,7 +23,7 @@ Array32 = NDArray[np.float32]
 
 
 class BadKey(ValueError):
-    """Error with a key path, in the attribute ``path``. A reader of an outer table adds its key by :func:`under`."""
+    """Error with a key path, in the attribute ``path``. Readers of outer tables add keys by :func:`under`."""
 
     def __init__(self, path: str, *more: object) -> None:
         super().__init__(path, *more)
@@ -31,7 +31,7 @@ class BadKey(ValueError):
 
 
 class InvalidValue(BadKey):
-    """Invalid value. path: key path. value: the value. allowed: a phrase with the rule, such as "must be positive"."""
+    """Invalid value. path: its key path. value: the value. allowed: the rule, such as "must be positive"."""
 
     def __init__(self, path: str, value: object, allowed: str) -> None:
         super().__init__(path, value, allowed)

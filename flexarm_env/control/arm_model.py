@@ -102,7 +102,7 @@ def arm_model(arm: Arm, posture: tuple[float, ...] = (), flexible: int | None = 
     """Build the arm's linear model of its lowest modes about rest.
 
     Args:
-        arm: the arm. posture: angles of joints 1 to N-1, rad (() is straight).
+        arm: arm whose model is built. posture: angles of joints 1 to N-1, rad (() is straight).
         flexible: number of flexible modes in addition to the N rigid modes, at least 1; None means N + 1.
     """
     n_joints, full = arm.n_links, linear_model(arm, posture)

@@ -62,7 +62,7 @@ class Inside:
     def read(cls, table: Any) -> Inside:
         """Read the entry `around` (the controller inside the policy) of a policy's file.
 
-        ValueError names the field, its value and the rule.
+        A ValueError names the field, its value and the rule.
         """
         with check.under("around"):
             entry = check.table_of("", table)
@@ -79,7 +79,7 @@ class Inside:
     def made(self, env: Any) -> Controller | Following:
         """Create the controller for an environment.
 
-        ValueError if the controller does not support the environment.
+        Raises ValueError if the controller does not support the environment.
         """
         return controller(self.controller, env, self.gains)
 

@@ -161,14 +161,17 @@ def lateness(plan: Any) -> tuple[float, float]:
 class Signals:
     """Observation in SI units, one row per environment.
 
-    Attributes: angles (n, N): joint angles, rad, wrapped to one turn. rates (n, N): joint rates, rad/s. bends (n, N):
-        tip deflections divided by length. bend_rates (n, N): rates of bends, 1/s. error: (n, 1), target minus tip
-        angle, rad (slew), or (n, 2), vector from tip to target in the frame that turns with the hub, m (reach).
-        to_go (n, N): the goal's joint angles minus the present joint angles, rad, with observation="measured"; bends,
-            bend_rates and
-        error are then empty. gauges (n, G): readings of the strain gauges, in the gauges' units. In space `error` has
-        the shape (n, 3). Controllers in space that need deflections get bends (n, 3 F): deflections of the F flexible
-        links along y, then along z, then their twists (rad).
+    Attributes:
+        angles (n, N): joint angles, rad, wrapped to one turn.
+        rates (n, N): joint rates, rad/s.
+        bends (n, N): tip deflections divided by length. Controllers in space that need deflections get (n, 3 F)
+            numbers: deflections of the F flexible links along y, then along z, then the twists of these links (rad).
+        bend_rates (n, N): rates of the entries of `bends`, 1/s.
+        error: target minus tip angle (n, 1), rad, in task "slew"; otherwise the vector from tip to target (n, 2), m, in
+            the frame that turns with the hub. In space the vector is (n, 3).
+        to_go (n, N): the goal's joint angles minus the present joint angles, rad, if observation="measured". The arrays
+            bends, bend_rates and error are then empty.
+        gauges (n, G): readings of the strain gauges, in the gauges' units.
     """
 
     angles: Array
@@ -214,7 +217,7 @@ class Reader:
     Args:
         setup: setup of the environment. who: name of the controller, for error messages. bends: whether deflections are
             required.
-        goals: whether goal joint angles minus joint angles are required.
+        goals: whether differences between goal and present joint angles are required.
     Raises:
         ValueError: a required entry is not observed; the message names it.
     """

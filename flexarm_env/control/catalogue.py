@@ -70,9 +70,9 @@ def _table(task: str) -> dict[str, Any]:
 def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
     """Return the tuned gains of controller `name` for a task ("slew", "reach", "press", "land" or "space").
 
-    n_joints: number of joints; None: the number of joints of the task's default arm. Arms with three and more joints
-    share one set of gains, "chain". Returns an instance of the controller's gains class. Raises ValueError for an
-    unknown name, or a controller that does not exist for the task.
+    n_joints: number of joints; None means the number of joints of the task's default arm. Arms with three and more
+    joints share one set of gains, "chain". Returns an instance of the controller's gains class. Raises ValueError for
+    an unknown name, or a controller that does not exist for the task.
     """
     check.choice("controller", name, NAMES)
     at_wall = task in (PRESS, LAND)

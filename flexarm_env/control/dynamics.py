@@ -78,7 +78,7 @@ class Dynamics:
         self._arms = np.vstack([parts.arms_to(k, s) for k, s in enumerate(ends)])
 
     def _begin(self, arm: Arm, period: float, nodes: int, joints: NDArray[np.int64], rows: NDArray[np.int64]) -> None:
-        """Set up the common part. joints: indices of joint angles in the state x. rows: the solver's rows in x."""
+        """Set up the plant. joints: indices of joint angles in the state x. rows: the solver's rows in x."""
         if arm.torque_limits is None:
             raise check.MissingKey("arm.torque_limits", f"torques are over theirs: {arm.n_links} limit(s) (N m)")
         self.arm = dataclasses.replace(arm, joints=(), joint_limits=None)
@@ -106,7 +106,7 @@ class Dynamics:
         return _one_for_all(self.arm, self.period, self.nodes, self.gravity, step)
 
     def advance(self, x: Array, u: Array) -> Array:
-        """Return the states (m, S) one period later; not finite where the solver fails."""
+        """Return the states (m, S) one period later; not finite if the solver fails."""
         out = np.empty((len(x), self.size))
         for first in range(0, len(x), AT_ONCE):
             part = slice(first, first + AT_ONCE)
@@ -318,7 +318,7 @@ class SpatialDynamics(Dynamics):
     step = 0.005
 
     def __init__(self, arm: Arm, period: float, nodes: int, gravity: Vector, step: float | None = None) -> None:
-        """Assemble the elastica of an arm in space. period, step: s; gravity (3,): m/s^2; nodes: number per link."""
+        """Assemble the elastica of an arm in space, with `nodes` nodes per link. Times: s; gravity (3,): m/s^2."""
         self.step = self.step if step is None else step
         strains = 3 * (nodes - 1)
         counts = [1 if link.rigid else 1 + strains for link in arm.links]
@@ -402,7 +402,7 @@ class SpatialDynamics(Dynamics):
         return found.reshape(*x.shape[:-1], *found.shape[1:])
 
     def _seen(self, x: Array, what: str) -> tuple[Array, Array]:
-        """Return the result (..., *) of `_read`, and its derivative by x (..., *, S) by central differences."""
+        """Return what `_read` computes, (..., *), and its derivative by x (..., *, S), by central differences."""
         q = x[..., : self.half].reshape(-1, self.half)
         ways = STEP * np.concatenate([np.zeros((1, self.half)), np.eye(self.half), -np.eye(self.half)])
         found = self._read((q + ways[:, None]).reshape(-1, self.half), what)

@@ -52,9 +52,9 @@ class Entries:
 def onnx_bytes(policy: NumpyPolicy, law: tuple[float, NDArray[np.float64]] | None = None) -> bytes:
     """Serialize the policy as an ONNX model: `observation` (n, entries) to `action` (n, joints) in [-1, 1], float32.
 
-    The observation is the environment's own, with all instants of its history; the model normalizes it. The model's
-    metadata is the policy's `meta`. law: (share, K) of a policy with a controller inside; the controller's unsaturated
-    actions are observation @ K. Raises ImportError if the package onnx is missing.
+    The model's input is the environment's observation, with all instants of its history; the model normalizes this
+    input. The model's metadata is the policy's `meta`. law: (share, K) of a policy with a controller inside; the
+    controller's unsaturated actions are observation @ K. Raises ImportError if the package onnx is missing.
     """
     with check.needs("an ONNX file", "onnx", "export"):
         from onnx import TensorProto, checker, helper, numpy_helper
@@ -115,7 +115,7 @@ def onnx_bytes(policy: NumpyPolicy, law: tuple[float, NDArray[np.float64]] | Non
 
 # ------------------------------------------------------------------ C
 def check_name(name: str) -> str:
-    """Validate a C identifier; ValueError for any other name."""
+    """Validate a C identifier; raise ValueError for any other name."""
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z_]\w{0,59}", name, flags=re.ASCII):
         raise check.InvalidValue("name", name, "must be a C identifier: letters, digits, _, at most 60")
     return name

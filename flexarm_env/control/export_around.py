@@ -54,13 +54,13 @@ def around_c_source(
 def onnx_law(policy: AroundPolicy) -> NDArray[np.float64]:
     """Return the controller's matrix K (entries, N): its unsaturated actions are observation @ K.
 
-    ValueError for a controller with a memory, which ONNX files of this package do not have.
+    Raises ValueError for a controller with a memory, which ONNX files of this package do not have.
     """
     return linear_law(bound_controller(policy))
 
 
 def bound_controller(policy: AroundPolicy) -> Controller | Following:
-    """Return the controller; ValueError for a policy that is not bound to an environment."""
+    """Return the controller; raise ValueError for a policy that is not bound to an environment."""
     found: Any = policy.controller
     if found is None:
         raise check.InvalidValue("policy", policy.meta.get("env_id"), "must be bound to its environment: bound(env)")

@@ -1,7 +1,7 @@
 """Control of a tip that slides along a wall under a commanded normal force (task "press"), or lands there ("land").
 
 `HybridForce` and `Impedance` share the reference: the arm at rest (`StaticChain`) whose tip is at the target and whose
-wall reaction is the commanded force. `lqr_force.LQRForce` has the same reference.
+wall reaction is the commanded force. `lqr_force.LQRForce` uses the same reference motion.
 """
 
 from abc import abstractmethod
@@ -82,11 +82,15 @@ class ImpedanceGains(Approach):
 class View(NamedTuple):
     """Quantities of a control period that the controllers of a contact force use: n arms, inertial axes.
 
-    Attributes: signals: joint angles, deflections and their rates. to_target, velocity (n, 2): tip to target, m, and
-        the target's velocity, m/s. target (n, 2): m from the root. along, normal (n, 2): unit vectors of the path and
-        of the wall's normal away from the root. commanded, force (n,): commanded and measured normal force, N. near,
-        share (n,): progress of the approach and of the rise of the force, 0 to 1. touching (n,): 1 once the force has
-        risen, otherwise 0.
+    Attributes:
+        signals: joint angles, deflections and their rates.
+        to_target (n, 2): vectors from tip to target, m.
+        velocity (n, 2): velocities of the target, m/s.
+        target (n, 2): positions of the target, m from the root.
+        along, normal (n, 2): unit vectors of the path, and of the wall's normal away from the root.
+        commanded, force (n,): commanded and measured normal force, N.
+        near, share (n,): progress of the approach, and of the rise of the force, 0 to 1.
+        touching (n,): 1 once the force has risen, otherwise 0.
     """
 
     signals: Signals
@@ -205,7 +209,7 @@ class PressController(WallController):
         self.forget()
 
     def pressed(self, signals: Signals, seen: Array) -> Array:
-        """Return joint torques (n, N), N m; see `WallController.pressed`."""
+        """Return joint torques (n, N), N m, as described in `WallController.pressed`."""
         return self.pressing(self._view(signals, seen[:, self._at] * self._scales))
 
     @abstractmethod
@@ -227,7 +231,7 @@ class PressController(WallController):
         return View(signals, to_target, velocity, target, along, normal, commanded, seen[:, -1], near, share, touching)
 
     def _rest(self, view: View, shift: Array | float, excess: Array | float) -> tuple[Array, Array]:
-        """Return outputs (n, 4 N) minus those at rest at the reference, and the holding torques there (n, N), N m.
+        """Return outputs (n, 4 N) minus their values at rest at the reference, and holding torques (n, N), N m.
 
         shift (n, 2): shift of the target, m. excess (n,): addition to the commanded force, N. The reference is stored
         in `goal` (joint angles) and `_bends`.

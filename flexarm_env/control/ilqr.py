@@ -1,4 +1,6 @@
-"""Iterative LQR with control limits, for many arms at once (Li & Todorov 2004; limits: Tassa et al. 2014).
+"""Iterative linear-quadratic regulator (iLQR) with limits of the controls, for many arms at once.
+
+The method follows Li & Todorov (2004), the limits of the controls follow Tassa et al. (2014).
 
 For each arm the method minimizes
 
@@ -40,7 +42,8 @@ class System(Protocol):
 class Astray(ValueError):
     """Error: neither the initial guess nor the controls `still` lead to finite states.
 
-    Attributes: arms (n,): indices of the arms without finite states.
+    Attributes:
+        arms (n,): mask of the arms without finite states.
     """
 
     def __init__(self, arms: NDArray[np.bool_]) -> None:
@@ -257,8 +260,8 @@ def backward(
     """Solve the local LQ problem backwards: feedforward k (T, n, N) and gains K (T, n, N, S) of du = k + K dx.
 
     states (T + 1, n, S) and controls (T, n, N): trajectory about which the problem is linearized. effort (N,): weights
-    of (u - still)^2. damping (n,): number added to the diagonal of Quu, the Hessian of the cost-to-go with respect to
-    the controls. The sum of controls and k stays within +-bound.
+    of (u - still)^2, with the controls u. damping (n,): number added to the diagonal of Quu, the Hessian of the
+    cost-to-go with respect to the controls. The sum of controls and k stays within +-bound.
     """
     periods, _, count = controls.shape
     A, B = system.linear(states[:-1], controls)
@@ -366,7 +369,8 @@ def _forward(
 ) -> tuple[Array, Array, Array]:
     """Simulate the new control law forward with all `LENGTHS` of the feedforward step.
 
-    Returns states (T + 1, 8, n, S), controls (T, 8, n, N) and costs (8, n). feed, gains: results of `backward`.
+    Returns states (T + 1, 8, n, S), controls (T, 8, n, N) and costs (8, n). feed, gains: feedforward and gains that
+    `backward` returned.
     """
     periods, n, count = controls.shape
     size, tried = system.size, len(LENGTHS)

@@ -62,7 +62,8 @@ Law = tuple[Array, Array, Array, Array]
 def radius(system: tuple[Array, Array, Array], law: Law, gain: float = 1.0) -> float:
     """Return the closed loop's spectral radius with the controller's torques times `gain`; below 1 the loop is stable.
 
-    system: (A, B, C) of `plant`. law: (P, Q, K, D) with z+ = P z + Q y, u = -(K z + D y).
+    system: matrices (A, B, C) that `plant` returns. law: matrices (P, Q, K, D) of the controller z+ = P z + Q y, u =
+    -(K z + D y), with its states z and the measured outputs y.
     """
     A, B, C = system
     P, Q, K, D = law
@@ -108,7 +109,8 @@ def _edge(stable: Callable[[float], bool], grid: Sequence[float] | Array) -> flo
 def pd_law(kp: Array, kd: Array) -> Law:
     """Return the law of a joint-space PD controller u = -(kp angle + kd rate) by outputs of an `ArmModel`.
 
-    kp (N,): N m/rad. kd (N,): N m s/rad. Returns (P, Q, K, D) without controller states.
+    kp (N,): stiffness of each joint, N m/rad. kd (N,): damping of each joint, N m s/rad. Returns (P, Q, K, D) without
+    controller states.
     """
     n = len(kp)
     D = np.hstack([np.diag(kp), np.diag(kd), np.zeros((n, 2 * n))])

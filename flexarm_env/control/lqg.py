@@ -8,7 +8,7 @@ and the bias b of each gauge:
 
 The vector f contains the joints' Coulomb friction torques. A gauge's bias can be distinguished from bending because
 bending decays; an encoder's bias cannot be distinguished from a rotation of the arm. Filtered rates derive from the
-same angles that the filter reads and add no information. The model omits sensor delays, sensor low-passes, and motor
+angles that the filter also reads, and add no information. The model omits sensor delays, sensor low-passes, and motor
 lag.
 """
 
@@ -72,8 +72,8 @@ class Plant(NamedTuple):
     """Linear model of an arm about rest over a control period: x+ = A x + B u; outputs are rows . x.
 
     rigid (2n, N): derivative of x by the joint angles of a stiff arm. inertia (N, N): rigid inertia of the arm, kg m^2.
-    first: lowest flexible frequency with free joints, rad/s. states: names of the states x. shown: output rows of joint
-    angles, of their rates, of the outputs of `bent_of`, and of the rates of these outputs.
+    first: lowest flexible frequency with free joints, rad/s. states: names of the model's states x. shown: output rows
+    of joint angles, of their rates, of the outputs of `bent_of`, and of the rates of these outputs.
     """
 
     A: Array
@@ -254,7 +254,8 @@ def _variances(setup: Setup, encoders: list[Encoder]) -> list[float]:
 class LQG(Controller):
     """LQG controller u = -K x - d + f. The filter estimates x and d; f compensates the predicted Coulomb friction.
 
-    Attributes: z (n, s): estimates relative to each arm's goal (see `Design`).
+    Attributes:
+        z (n, s): estimates relative to each arm's goal (see `Design`).
     """
 
     needs_goals = True
@@ -306,8 +307,8 @@ class LQG(Controller):
     def _friction(self, d: Design, z: Array, torques: Array, sharp: float = 1.0) -> Array:
         """Predict the Coulomb friction (n, N), N m, in the next period: the torque that stops the motors, limited.
 
-        This torque stops the motors by the end of the period. The limit is the joints' friction torque. sharp: factor
-        by which the torque is multiplied before it is limited.
+        The predicted friction torque stops the motors by the end of the period. The limit is the joints' friction
+        torque. sharp: factor by which the torque is multiplied before it is limited.
         """
         # motor rates at the end of the period without friction; torque that makes them zero
         rates = z @ (d.stopping @ d.A).T + torques @ (d.stopping @ d.B).T
@@ -345,7 +346,7 @@ class SpatialLQG(LQG, AboutRest):
     """LQG controller in space, about the goal: u = holding torque - K x - d + f (see `LQG`)."""
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        """Compute the rest, the design and the expected measurements at each arm's goal."""
+        """Compute the arm at rest, the design and the expected measurements at each arm's goal."""
         AboutRest.initialise(self, signals, to_go)
         plants = [plant_in_space(self.setup, self.gravity, angles) for angles in self.goal]
         self.designs = [(self.design(own), np.arange(len(plants)) == i) for i, (own, _) in enumerate(plants)]

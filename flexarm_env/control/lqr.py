@@ -75,7 +75,7 @@ both divided by the first flexible frequency."""
 def riccati(A: Array, B: Array, Q: Array, R: Array) -> tuple[Array, Array]:
     """Solve the discrete algebraic Riccati equation: gain K (u = -K x) and cost matrix P (cost-to-go x' P x).
 
-    A, B: discrete model. Q, R: weights of states and inputs, cost sum x' Q x + u' R u.
+    A, B: matrices of the discrete model. Q, R: weights of states and inputs in the cost, the sum of x' Q x + u' R u.
     """
     from scipy.linalg import solve_discrete_are
 

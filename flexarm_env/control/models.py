@@ -2,8 +2,8 @@
 
 A model.zip stores the network's arrays in `policy.pth`, a PyTorch archive. The archive consists of a pickle of names,
 shapes and offsets, and of raw numbers in separate files. `_Arrays` rebuilds the arrays and substitutes a dummy for
-every other class that the pickle names, so that no such class is called. A `vecnormalize.pkl` beside the model is read
-in the same way.
+every other class that the pickle names, so that no other class is called. A `vecnormalize.pkl` beside the model is read
+by the same method.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def _tensor(flat: NDArray[Any], offset: int, shape: tuple[int, ...], stride: tup
 
 
 def _opened(content: bytes | Path) -> zipfile.ZipFile:
-    """Open a zip archive; ValueError if it unpacks to more than `MOST_BYTES`."""
+    """Open a zip archive; raise ValueError if it unpacks to more than `MOST_BYTES`."""
     archive = zipfile.ZipFile(io.BytesIO(content) if isinstance(content, bytes) else content)
     if sum(info.file_size for info in archive.infolist()) > MOST_BYTES:
         raise ValueError(f"unpacks to more than {MOST_BYTES} bytes")
@@ -127,10 +127,10 @@ def load_model(path: Path, meta: Mapping[str, Any]) -> NumpyPolicy:
     """Load the deterministic policy in a model.zip of PPO, A2C, SAC, TD3, TQC or RecurrentPPO.
 
     Args:
-        path: the file. A `vecnormalize.pkl` in the same folder normalizes the observations.
+        path: path of the model.zip. A `vecnormalize.pkl` in the same folder normalizes the observations.
         meta: training record (env_id, env_kwargs and layout), possibly empty.
     Raises:
-        ValueError: the file is no such model, is damaged, or has another kind of network.
+        ValueError: the file is damaged, or it is not a model of these algorithms with a supported network.
     """
     # a damaged archive can fail in many ways
     try:
@@ -148,7 +148,7 @@ def _network(
 ) -> NumpyPolicy:
     """Build the policy from arrays with PyTorch's names.
 
-    about: the model's parameters. meta: training record. normaliser: VecNormalize statistics or None.
+    about: the model's parameters. meta: record of the training. normaliser: VecNormalize statistics or None.
     """
     # find the algorithm's family and its layers in order
     names, squash = [], False

@@ -5,8 +5,8 @@ from the planned arrival on, of the distance from rest at the goal. The terminal
 regulator at the goal. (If the distance counted from the start, saturated torques would overshoot.) In each period the
 previous plan is followed by its gains from the present state and improved by one iteration. A plan that misses its
 arrival gets a later arrival. At the start of an episode the arrival is postponed until a plan succeeds, later only as
-far as an arm that differs from the nominal one may need. Once the regulator alone stays within the limits, it takes
-over.
+far as an arm that differs from the nominal one may need. Once the regulator alone respects the limits, it replaces the
+plan.
 
 Measurements are joint angles, tip deflections and their rates. The rest of the state is predicted by the model. The
 prediction contains the higher modes of the nominal arm, which are wrong for another arm. The predicted shape is
@@ -58,7 +58,7 @@ class Grid:
         return (self.later if k else self.first).advance(x, u)
 
     def linear(self, x: Array, u: Array) -> tuple[Array, Array]:
-        """Return A and B of all stages (`ilqr.System`)."""
+        """Return the derivatives A and B of all stages (see `ilqr.System`)."""
         A, B = self.later.linear(x, u)
         if self.first is not self.later:
             A[:1], B[:1] = self.first.linear(x[:1], u[:1])
@@ -88,7 +88,7 @@ class MPCGains(StateWeights):
 
 
 class Regulator(NamedTuple):
-    """LQR about rest, u = -K dx, with cost 1/2 dx' P dx; it stays within the torque limits where dx' P dx <= reach."""
+    """LQR about rest, u = -K dx, with cost 1/2 dx' P dx; it stays within the torque limits if dx' P dx <= reach."""
 
     K: Array
     P: Array
@@ -120,9 +120,12 @@ def regulators(plant: Dynamics, x: Array, u: Array, stage: Array) -> list[Regula
 class MPC(Controller):
     """Receding-horizon controller that plans on the nonlinear elastica model of the arm.
 
-    Attributes: x (n, S): estimated states (see `dynamics.Dynamics`). plan: torques (H, n, N), divided by their limits,
-        and feedback gains; its first block is held for `left` more periods. arrival (n,): planned arrival at the goal,
-        in control periods from the episode's start; it may be postponed up to `latest` (n,).
+    Attributes:
+        x (n, S): estimated states (see `dynamics.Dynamics`).
+        plan: torques (H, n, N), divided by their limits, and feedback gains; the first block of the plan is held for
+            `left` more periods.
+        arrival (n,): planned arrival at the goal, in control periods from the episode's start; it may be postponed up
+            to `latest` (n,).
     """
 
     needs_bends = True
@@ -217,8 +220,8 @@ class MPC(Controller):
     def _improve(self, chosen: NDArray[np.bool_], iterations: int) -> Array:
         """Improve the plans of the chosen arms from their present states; return each arm's miss at arrival, dx' P dx.
 
-        chosen (n,): mask of arms. iterations: number of iLQR iterations. The result has one number for each chosen arm,
-        inf if planning failed.
+        chosen (n,): mask of the arms whose plans are improved. iterations: number of iLQR iterations. The result has
+        one number for each chosen arm, inf if planning failed.
         """
         # stage cost from the arrival on, terminal cost P of the regulator
         there = self._ends[:, None] >= self.arrival[chosen]
@@ -286,7 +289,8 @@ RATES, UNKNOWN = 10.0, 9.0
 class SpatialMPC(MPC, AboutRest):
     """`MPC` in space, about the arm's rest at its target under gravity, with an extended Kalman filter.
 
-    Attributes: spread (n, S, S): covariance of the estimated states' errors.
+    Attributes:
+        spread (n, S, S): covariance of the estimated states' errors.
     """
 
     wild, ahead, put_off = 1e3, 2.0, 0.1

@@ -4,7 +4,7 @@
     motion = least_time(plant, plant.rest(start), plant.rest(goal), Bounds(deflection=0.1))
     motion.controls       # (T, n, N) torques divided by their limits, one row per period; zero after each arm's end
 
-`ilqr` computes all these motions on the nonlinear elastica with torque limits. Multipliers enforce bounds on joint
+`ilqr` computes these optimal motions on the nonlinear elastica with torque limits. Multipliers enforce bounds on joint
 angles and deflections, and terminal conditions. Times are whole control periods, found by bisection for all arms
 together. The computed motions are local optima. Plans of `least_effort`, `least_time` and `follow` are replayed on a
 finer mesh with shorter steps (`Motion.replay`). In space, a plan whose replay violates a limit is computed again with
@@ -36,8 +36,8 @@ class Motion:
 
     controls (T, n, N): torques divided by their limits; states (T + 1, n, S); periods (n,): control periods until each
     arm arrives; missed (n,): largest violation of the limits (see `TOLERANCE`). ends (n,): periods after which each
-    arm's controls are zero. replay: replay of the controls on a finer mesh with shorter steps; None: not replayed.
-    step: solver step of the plan, s; nan: the step of the plan's plant.
+    arm's controls are zero. replay: replay of the controls on a finer mesh with shorter steps; None if there is no
+    replay. step: solver step of the plan, s; nan: the step of the plan's plant.
     """
 
     controls: Array
@@ -217,8 +217,8 @@ def least_time(
 ) -> Motion:
     """Plan from a state to rest in the fewest control periods.
 
-    plant, start, goal, bounds: see `least_effort`. most: largest number of control periods. Raises ValueError if an arm
-    cannot arrive within `most` periods.
+    plant, start, goal, bounds: the arguments of `least_effort`. most: largest number of control periods. Raises
+    ValueError if an arm cannot arrive within `most` periods.
     """
     start, goal, own = _posed(plant, start, goal, bounds)
     most, joints = check.integer("most", most, minimum=1), plant.joints
@@ -253,7 +253,7 @@ def least_settling(
     plant: Dynamics, start: Array, goal: Array, off: Callable[[Array, NDArray[np.int64]], tuple[Array, Array]],
     after: tuple[Array, Array], *, guess: Array, periods: Counts, tail: int, most: int = 400,
 ) -> Motion:  # fmt: skip
-    """Plan the motion that brings the tip into its band, and keeps it there, in the fewest control periods.
+    """Plan the quickest motion that brings the tip within a tolerance of its target and keeps the tip there.
 
     Args:
         plant: dynamics of the arm. start, goal: states (n, S) at the start and at the goal; the arm rests at the goal.
@@ -294,7 +294,7 @@ def soonest(
         start: states (n, S). high: numbers of periods (n,) to be tried first. tried: function of arm indices, numbers
             of periods and initial guess that returns a `Motion`.
         most: largest number of periods. guess: initial guess (T, n, N). tail: periods of a motion after the counted
-            periods. low: periods (n,) known to be too few; None: 0.
+            periods. low: periods (n,) known to be too few; None means 0.
     An arm without a motion of at most `most` periods has `periods` 0 and an infinite `missed`.
     """
     n = len(start)
@@ -360,9 +360,9 @@ def follow(
 
     Args:
         plant: dynamics of the arm. start: states (n, S) with the tips at the start of the path. path (T + 1, n, 2 or
-            3): tip positions at the control instants, m from the root. bounds: see `Bounds`. weight: weight of squared
-            distances, 1/m^2, relative to squared torques divided by their limits; a larger weight gives better
-            tracking.
+            3): tip positions at the control instants, m from the root. bounds: limits of the motion, a `Bounds`.
+            weight: weight of squared distances, 1/m^2, relative to squared torques divided by their limits; a larger
+            weight gives better tracking.
     Returns a motion whose `missed` covers the bounds alone.
     """
     start = check.array("start", start, ("n", plant.size), STATES)

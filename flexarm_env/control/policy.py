@@ -94,14 +94,14 @@ class NumpyPolicy:
         return action.astype(np.float32)
 
     def bound(self, env: Any) -> NumpyPolicy:
-        """Return the policy for an environment, single or vector; ValueError if the policy does not fit (`check`)."""
+        """Return the policy for an environment, single or vector; raise ValueError if it does not fit (`check`)."""
         return self.check(Setup.of(env))
 
     def check(self, setup: Setup) -> NumpyPolicy:
         """Return the policy; raise ValueError unless observation and action are the same as in the policy's training.
 
-        If the entries have the same names as in training but other scales, as for another arm, later observations are
-        converted.
+        If the entries have the same names as in training but other scales, as for another arm, the policy converts
+        later observations to its own scales.
         """
         self.ratio = fitted(self.meta, setup, self.size, self.weights[-1][0].shape[1])
         return self
@@ -119,7 +119,10 @@ class AroundPolicy(NumpyPolicy):
         weights: list[tuple[Array32, Array32]],
         normaliser: Mapping[str, Any] | None = None,
     ) -> None:
-        """Store the network and the controller's record; see `NumpyPolicy`. ValueError for invalid `meta["around"]`."""
+        """Store the network and the controller's record; see `NumpyPolicy`.
+
+        Raises ValueError for invalid `meta["around"]`.
+        """
         super().__init__(meta, weights, normaliser)
         self.inside = Inside.read(meta["around"])
         self.controller: Controller | Following | None = None

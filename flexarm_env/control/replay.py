@@ -33,7 +33,7 @@ class Replay:
         rates (n, N): joint rates at the arrival, rad/s; nan without a goal.
         missed (n,): largest violation of the bounds and the goal, in the units of `Motion.missed`.
         kept (n,): whether the replay meets its tolerances (`BENT`, `LEAST`, `OTHERS`): the deflection bound is exceeded
-            by at most 5 % or 5e-4, and the other limits and the goal are missed by at most 0.01.
+            by at most 5 % or 5e-4, and all other limits and the goal are missed by at most 0.01.
     """
 
     deflection: Array
@@ -90,8 +90,8 @@ def replay(
 
     Args:
         plant: plant of the plan. ends (n,): control periods after which each arm has to be at rest at its goal.
-        goal (n, S): goal states; None: no goal. bound: bound on deflections; infinite: none. missed: function that
-            returns the violation of all other limits.
+        goal (n, S): states at the goal; None: no goal. bound: largest permitted deflection divided by length; inf: no
+            bound. missed: function that returns the violation of all other limits.
         rate: characteristic joint rate (`optimal.rates_of`), rad/s, by which joint rates are divided.
     """
     fine = finer(plant)

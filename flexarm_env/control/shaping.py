@@ -42,7 +42,8 @@ class Shaper:
     def residual(self, frequency: float, ratio: float = 0.0) -> float:
         """Return the residual vibration of a mode, divided by the vibration after one impulse at t = 0.
 
-        frequency: undamped, rad/s. ratio: damping ratio. V = exp(-zeta w t_n) |sum_i A_i exp(zeta w t_i - j w_d t_i)|.
+        frequency: undamped frequency of the mode, rad/s. ratio: damping ratio of the mode. V = exp(-zeta w t_n) |sum_i
+        A_i exp(zeta w t_i - j w_d t_i)|.
         """
         pole = frequency * (ratio - 1j * np.sqrt(1.0 - ratio**2))
         t = np.asarray(self.delays)
@@ -52,8 +53,8 @@ class Shaper:
 def zv(frequency: float, ratio: float = 0.0) -> Shaper:
     """Return the zero-vibration shaper: two impulses half a damped period apart.
 
-    frequency: rad/s. ratio: damping ratio, 0 to 0.99. Amplitudes 1/(1 + K), K/(1 + K), K = exp(-zeta pi / sqrt(1 -
-    zeta^2)).
+    frequency: undamped frequency of the mode, rad/s. ratio: damping ratio, 0 to 0.99. Amplitudes 1/(1 + K), K/(1 + K),
+    K = exp(-zeta pi / sqrt(1 - zeta^2)).
     """
     frequency = check.number("frequency", frequency, "rad/s", above=0.0)
     damped = np.sqrt(1.0 - check.number("ratio", ratio, minimum=0.0, maximum=0.99) ** 2)
@@ -64,8 +65,8 @@ def zv(frequency: float, ratio: float = 0.0) -> Shaper:
 def zvd(frequency: float, ratio: float = 0.0) -> Shaper:
     """Return the zero-vibration-derivative shaper (ZVD), which has three impulses.
 
-    The residual vibration grows with the square of a frequency error. frequency: rad/s. ratio: damping ratio, 0 to
-    0.99.
+    The residual vibration grows with the square of a frequency error. frequency: undamped frequency of the mode, rad/s.
+    ratio: damping ratio, 0 to 0.99.
     """
     # the convolution of two ZV shapers
     one = zv(frequency, ratio)
@@ -87,7 +88,7 @@ class ShapedGains(PDGains):
 def closed_loop_shaper(arm: Arm, gains: PDGains, kind: str, posture: tuple[float, ...]) -> Shaper:
     """Design a shaper for the N slowest lightly damped modes of the arm under PD control.
 
-    kind: "zv" or "zvd". posture: elbow angles, rad.
+    kind: kind of the shaper, "zv" or "zvd". posture: elbow angles, rad.
     """
     model = arm_model(arm, posture)
     n = model.n_joints
@@ -112,7 +113,7 @@ def cascade(closed: Array, kind: str, most: int) -> Shaper:
 class Shaped(Controller):
     """Controller that follows a shaped reference: constant acceleration, then deceleration, convolved with impulses.
 
-    In this reference all joints start and stop at the same time.
+    In the shaped reference all joints start and stop at the same time.
     """
 
     kind: str
@@ -152,7 +153,7 @@ class Shaped(Controller):
     def inverse_dynamics(self, left: Array, rates: Array, accelerations: Array) -> Array:
         """Return the rigid arm's torques I qdd + Coriolis (n, N), N m, along the reference, without weight.
 
-        left, rates, accelerations (n, N): see `reference`.
+        left, rates, accelerations (n, N): results of `reference`.
         """
         arm, angles = self.setup.arm, self.goal - left
         found: Array = np.einsum("nij,nj->ni", rigid_inertia(arm, angles), accelerations)
@@ -199,8 +200,8 @@ class SpatialShapedGains(SpatialPDGains):
 def shaper_in_space(arm: Arm, gravity: Array, gains: SpatialShapedGains, kind: str, angles: Array) -> Shaper:
     """Design a shaper for the slowest lightly damped modes of the arm in space under PD control with filtered rates.
 
-    The model is linearized about rest at joint angles (N,), rad. gravity: acceleration of gravity, m/s^2. kind: "zv" or
-    "zvd".
+    The model is linearized about rest at joint angles (N,), rad. gravity: acceleration of gravity, m/s^2. kind: kind of
+    the shaper, "zv" or "zvd".
     """
     free, joints, A = held_model(arm, gravity, angles)
     N, filter_rate = arm.n_links, 1.0 / gains.lag

@@ -41,13 +41,14 @@ class NamedPolicy:
     """A policy that has been named and is not yet bound to an environment.
 
     Attributes:
-        name: for display. env_id, env_kwargs: training environment and its keywords ("" and {}: any).
-            make: function of an environment that returns a policy with `reset` and `act`, and raises ValueError if the
-                policy does not fit. kind: "controller",
-            "policy" (a network run by NumPy), "onnx" or "function". policy: the policy, if it is not a controller; its
-            fit to an environment is not yet checked.
-            path: path of the policy's file; None: no file. asked: environment keywords that the user gave for training;
-                evaluation uses these keywords too.
+        name: name of the policy for display.
+        env_id, env_kwargs: training environment and its keywords ("" and {}: any).
+        make: function of an environment that returns a policy with `reset` and `act`, and raises ValueError if the
+            policy does not fit.
+        kind: "controller", "policy" (a network run by NumPy), "onnx" or "function".
+        policy: the policy, if it is not a controller; its fit to an environment is not yet checked.
+        path: path of the policy's file; None without a file.
+        asked: environment keywords that the user gave for training; evaluation uses these keywords too.
     """
 
     name: str
@@ -151,7 +152,7 @@ def _trained(path: Path) -> dict[str, Any]:
 
 
 def _gains(name: str, path: Path) -> Any:
-    """Read a controller's table of gains from a file of `flexarm tune`; ValueError if it is missing or invalid."""
+    """Read a controller's gains from a file of `flexarm tune`; raise ValueError if missing or invalid."""
     try:
         tables, _ = read_toml(path)
     except OSError as error:
@@ -212,7 +213,7 @@ class OnnxPolicy:
         self.ratio: NDArray[np.float64] | None = None
 
     def fitted(self, env: Any) -> OnnxPolicy:
-        """Return the policy; ValueError unless it fits the environment's observations and actions."""
+        """Return the policy; raise ValueError unless it fits the environment's observations and actions."""
         one = getattr(env, "single_observation_space", None)
         size = (env.observation_space if one is None else one).shape[-1]
         if isinstance(self.shape[1], int) and self.shape[1] != size:
@@ -305,7 +306,7 @@ class FunctionPolicy:
         return None
 
     def _fitting(self, given: Any) -> NDArray[Any]:
-        """Flatten one observation's actions (N,); ValueError for a wrong number."""
+        """Flatten one observation's actions (N,); raise ValueError for a wrong number."""
         found = np.asarray(given)
         if self.joints is not None and found.size != self.joints:
             what = f"must give (n, {self.joints}) for n observations, or ({self.joints},) for one"

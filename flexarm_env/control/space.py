@@ -51,7 +51,7 @@ def held_model(
 
 
 class AboutRest(Controller):
-    """Base of controllers in space: torques of the rest at the target, corrected by the change of the rigid weight.
+    """Base class of controllers in space: holding torques at the target, corrected by the change of the rigid weight.
 
     Goals are static rests of the flexible arm (`linear.static_equilibrium`); each takes a few tenths of a second.
     """
@@ -71,7 +71,7 @@ class AboutRest(Controller):
         return tips(self.setup.arm, found.settings, found.work.q[None])[0, 0], np.array(found.joint_torques())
 
     def _settle(self, target: Array, angles: Array) -> tuple[float, Array, Array]:
-        """Find the rest whose tip is nearest to the target (3,), m, by Broyden's method from joint angles (N,).
+        """Find the arm at rest whose tip is nearest to the target (3,), m, by Broyden's method from joint angles (N,).
 
         Returns the distance between tip and target (m), joint angles (rad) and torques (N m).
         """
@@ -110,7 +110,7 @@ class AboutRest(Controller):
         return goals
 
     def rest_at(self, target: Array, now: Array) -> tuple[float, Array, Array]:
-        """Find the rest whose tip is nearest to a target (3,), m, from joint angles `now` (N,) and two bent postures.
+        """Find the resting arm with its tip nearest to a target (3,), m, from angles `now` (N,) and two bent postures.
 
         Returns the distance between tip and target (m), joint angles (N,), rad, and torques (N,), N m.
         """

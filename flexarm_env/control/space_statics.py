@@ -27,10 +27,13 @@ CELLS = 8
 class Rest:
     """n arms at rest; vectors in inertial axes.
 
-    Attributes: force (n, 3): force on the tip, N. tip (n, 3): position of the tip, m. torques (n, N): holding torques
-        of the joints, N m. jacobian (n, 3, N): derivatives of the tip by the joint angles at fixed curvatures, m.
-        curvatures (n, cells, 3): twist and curvatures of the cells, 1/m. rows (n, G, 3), offsets (n, G): curvatures at
-        the gauges are rows @ force + offsets, 1/m.
+    Attributes:
+        force (n, 3): force on the tip, N.
+        tip (n, 3): position of the tip, m.
+        torques (n, N): holding torques of the joints, N m.
+        jacobian (n, 3, N): derivatives of the tip position by the joint angles at fixed curvatures, m.
+        curvatures (n, cells, 3): twist and curvatures of the cells, 1/m.
+        rows (n, G, 3), offsets (n, G): curvatures at the gauges are rows @ force + offsets, 1/m.
     """
 
     force: Array

@@ -36,8 +36,8 @@ class Plan:
 def rigid_time(inertia: float, angle: float, limit: float) -> float:
     """Return the time, s, of the rigid arm's time-optimal slew, 2 sqrt(I angle / torque).
 
-    This time is the minimum for a rigid arm. inertia: inertia about the hub, kg m^2. angle: angle of the slew, rad.
-    limit: torque limit, N m.
+    The returned time is the minimum for a rigid arm. inertia: inertia about the hub, kg m^2. angle: angle of the slew,
+    rad. limit: torque limit of the motor, N m.
     """
     return 2.0 * float(np.sqrt(inertia * abs(angle) / limit))
 

@@ -93,7 +93,7 @@ def free_starts(frame: Frame, task: Task, starts: Starts, targets: bool) -> Star
 
 
 def _goal(frame: Frame, task: Task, angles: Array, drawn: Array) -> Array:
-    """Return the joint angles (rad) that reach a target from joint angles `angles`; drawn: as in `Starts.target`."""
+    """Return the joint angles (rad) that reach a target from joint angles `angles`; drawn: the target's numbers."""
     if frame.kind.space:
         return drawn
     record = np.zeros(GOAL + len(angles))

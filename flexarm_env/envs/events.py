@@ -137,8 +137,8 @@ def payload_change(frame: Frame, value: Any) -> PayloadChange | None:
 def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool, drawn: int) -> dict[str, Any]:
     """Return the fields of the task record for success, turns and info that differ from their defaults.
 
-    success: keyword `success`. turns: keyword `turns`. absolute: whether target angles are absolute. drawn: index in
-    info of the last drawn number; -1 if no number is drawn.
+    success, turns: values of the environment's keywords of these names. absolute: whether target angles are absolute.
+    drawn: index in info of the last drawn number; -1 if no number is drawn.
     """
     kind = frame.kind
     table = table_of("success", success, (*kind.bands, "hold", "once", "paid"))
@@ -203,7 +203,7 @@ def starts(kind: Kind, arm: Arm, value: Any, rules: int) -> tuple[Starts, bool]:
 def _joint(arm: Arm, k: int, row: Any, of: str = "angles") -> Pair:
     """Return joint k's range (low, high), rad, of `starts.<of>`; raise `InvalidValue` if it exceeds the joint limits.
 
-    row: the user's pair of angles, rad. of: the table's key, which messages name.
+    row: the user's pair of angles, rad. of: key of the pair in the table, for messages.
     """
     low, high = check.limits(f"starts.{of}[{k}]", row, "rad", **ANGLE)
     own = None if arm.joint_limits is None else arm.joint_limits[k]

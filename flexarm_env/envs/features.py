@@ -277,7 +277,7 @@ def reference(frame: Frame, value: Any, periods: int) -> Reference:
 
 
 def gravity_of(kind: Kind, given: Any) -> tuple[float, ...] | None:
-    """Return gravity (2,), in space (3,), m/s^2; the default of the environment's kind if none is given."""
+    """Return gravity (2,), in space (3,), m/s^2; the default of the environment's task if none is given."""
     if given is None:
         return kind.gravity
     what = "three numbers (m/s^2), (x, y, z)" if kind.space else "two numbers (m/s^2), (x, y)"

@@ -156,14 +156,15 @@ class Judge:
         return self._softened(self.motions.reference(self.arm, pose, self.stiffness))
 
     def _softened(self, motion: Motion) -> Motion:
-        """Return the motion with frequencies limited to those that double precision resolves in a period."""
+        """Return the motion with frequencies limited to what double precision resolves in a period."""
         return motion.softened(math.sqrt(STIFFEST / self.period))
 
     def _motion(self, settings: Settings, pose: Array, h: float) -> Motion:
         """Return the small motions about a posture on the settings' mesh, with the integrator's inertia and damping.
 
         h: step of the integrator, s. Linear elements (order 1) with one Gauss point keep the curvature of an element at
-        its mean. E such elements per link are therefore stiffer in bending by 1 / (4 E^2).
+        its mean. With E linear elements per link, the bending stiffness is therefore too large by the fraction 1 / (4
+        E^2).
         """
         elements = (settings.segments or 1) * (settings.elements or 1)
         stiffness = self.stiffness

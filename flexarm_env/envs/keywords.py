@@ -78,7 +78,7 @@ SOLVER_OPTIONS = tuple(dict.fromkeys(name for formulation in FORMULATIONS for na
 def signature_of(function: Callable[..., Any], plan: Callable[..., Any]) -> inspect.Signature:
     """Return the signature, with types and defaults, of a constructor that passes its `**arguments` to `plan`.
 
-    function: a constructor whose first parameter is `self`. plan: a function of the environment's kind and of keywords;
+    function: a constructor whose first parameter is `self`. plan: a function of the task's definition and of keywords;
     its last parameter collects the solver's options. The solver's options have the default None, which selects the
     formulation's default.
     """

@@ -141,7 +141,7 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         return np.concatenate(seen), self._joined(infos)
 
     def _options_of(self, own: slice, options: dict[str, Any] | None) -> dict[str, Any] | None:
-        """Return the reset options of one part; from a list of `num_envs` motions, the part gets those of its arms."""
+        """Return the reset options of one part; of a list of `num_envs` motions, the part gets its arms' motions."""
         motion = (options or {}).get("motion")
         if not (isinstance(motion, list) and not is_table(motion) and len(motion) == self.num_envs > 1):
             return options

@@ -298,7 +298,7 @@ class Guide:
 def guide(plan: Any, motion: Prescribed, starts: Array) -> Guide:
     """Return the guide that simulates an environment's arm under a prescribed motion.
 
-    plan: the environment's `options.Plan`. starts (N,): initial angles of the free joints, rad; NaN: 0.
+    plan: the environment's `options.Plan`. starts (N,): initial angles of the free joints, rad; NaN means 0.
     """
     arm, scene = plan.arm, motion.scene
     if scene is None:

@@ -44,7 +44,7 @@ class Sight:
         return tuple(values) if self.chosen is None else tuple(values[k] for k in self.chosen)
 
     def selection(self, history: int) -> Selection | None:
-        """Return the indices of the observed entries in `history` stacked observations; None: all, in order."""
+        """Return the indices of the observed entries in `history` stacked observations; None for all in order."""
         if self.chosen is None and history == 1:
             return None
         chosen = range(len(self.names)) if self.chosen is None else self.chosen

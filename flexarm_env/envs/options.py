@@ -93,11 +93,11 @@ class Plan:
 
     names, scales: names and scales of the entries of one observation. history: number of observations that are stacked,
     oldest first. record: the task's record. gauges: link and place of each strain gauge. gauge_scales: scale of each
-    gauge, 1/m. limit: number of control periods in an episode. max_steps: keyword `max_episode_steps`. motion: motion
-    of task="replay". entries: entries of info; full: whether info has energies; words: whether info has texts.
-    action_mode: the keyword, which determines the quantity that an action commands. keep_out: shapes to avoid.
-    contacts: obstacles that the arm may touch. estimate: estimated error of the tip due to mesh and step, divided by
-    the arm's length. coarse: warning about this error, or "".
+    gauge, 1/m. limit: number of control periods in an episode. max_steps: value of the keyword `max_episode_steps`.
+    motion: motion of task="replay". entries: the numeric entries of info; full: whether info has energies; words:
+    whether info has texts. action_mode: the keyword, which determines the quantity that an action commands. keep_out:
+    shapes that the arm must avoid. contacts: obstacles that the arm may touch. estimate: estimated error of the tip due
+    to mesh and step, divided by the arm's length. coarse: warning about this error, or "".
     """
 
     kind: Kind
@@ -347,7 +347,7 @@ def _only_with(name: str, value: Any, task: str, wanted: str) -> None:
 
 
 def _arm(kind: Kind, value: Any, joint_limits: Any) -> Arm:
-    """Return the arm of an environment with the given joint limits, after checking it against `kind`."""
+    """Return the arm of an environment with the given joint limits, after checking the arm against the task."""
     arm = arms.resolve(kind.arm if value is None else value)
     check_arm(arm, kind) if kind.space else arm.check_planar()
     least, most = kind.links

@@ -30,9 +30,9 @@ class Request:
     """Options of one reset; NaN means that a number is drawn at random.
 
     angles (N,): joint angles at the start, rad. target (2,): the target as the task's record stores it; in space (N,):
-    joint angles at which the arm reaches the target. vibration (1,): tip deflection divided by L of the initial
-    vibration; in space (3,): deflection in each mode. motion: prescribed motion, or None. force: commanded normal force
-    of the task "press", N.
+    joint angles at which the arm reaches the target. vibration (1,): amplitude of the initial vibration, a tip
+    deflection divided by the arm's length; in space (3,): amplitude of each mode. motion: prescribed motion, or None.
+    force: commanded normal force of the task "press", N.
     """
 
     angles: NDArray[np.float64]

@@ -1,32 +1,34 @@
 """Choose an environment's default mesh, step and Newton tolerance, and estimate the tip's error with these settings.
 
-The usual settings (`options.DEFAULT_OPTIONS`) are used if the rule below accepts them for an arm. Otherwise the step
-becomes a whole fraction of the usual step, and the mesh finer, until the rule accepts them. Solver options that a user
-gives are never changed. Symbols: T control period, h step, L the arm's length, I inertia about a joint.
+The usual settings (`options.DEFAULT_OPTIONS`) are used if the rule below accepts them for an arm. If the rule rejects
+the usual settings, the step becomes a whole fraction of the usual step, and the mesh finer, until the rule accepts
+them. Solver options that a user gives are never changed. Symbols: T control period, h step, L the arm's length, I
+inertia about a joint.
 
 Small motions have the error e_1: the largest distance, divided by L, between the tip of small motions (`small_motions`)
 on the mesh in steps of h and the tip on a fine mesh with exact time integration. The motions last 100 periods with
 bang-bang torques, which are held for 1 and for 8 periods. The small motions include the first frequencies of the links,
 payload, hub, rotors on elastic gears, jumps and tapers of sections, and viscous friction. The inner PD loop, and the
-amplifier with its back-emf, act on these motions at control instants. The motions also include the stiffness of linear
-elements and the numerical damping of Newmark's scheme. The values follow from linear theory.
+amplifier with its back-emf, act on the small motions at control instants. The motions also include the stiffness of
+linear elements and the numerical damping of Newmark's scheme. The values follow from linear theory.
 
 Large bends increase the error by the factor G = 1 + (theta / 0.55 rad)^3. The angle theta is the largest angle between
-the ends of a link in these motions; it depends on torque divided by EI/L and on resonance. Measured over random arms,
-the error is up to 4 e_1 for theta below 0.4 rad; for theta of 0.8, 1.2 and 2 rad, the median error is 2, 6 and 20 e_1.
-Above theta = 1.6 and 3 rad the search begins with the second and the third of `MESHES` (measured).
+the ends of a link in the small motions; it depends on torque divided by EI/L and on resonance. Measured over random
+arms, the error is up to 4 e_1 for theta below 0.4 rad; for theta of 0.8, 1.2 and 2 rad, the median error is 2, 6 and 20
+e_1. Above theta = 1.6 and 3 rad the search begins with the second and the third of `MESHES` (measured).
 
 Coulomb friction T_C adds the error e_2 = sum of T_C h t / I. If a joint reverses within a step, its rate afterwards has
-an error of up to T_C h / I (docs: theory, section 6). This error of the rate acts on the position for t = 1 s.
+an error of up to T_C h / I (docs: theory, section 6). The estimate assumes that the error of the rate acts on the
+position for t = 1 s.
 
 A fast turn with the links' angular velocity Omega has the error e_3 = kappa h^2 times the time integral of Omega^3. The
 coordinates of the exact beam in the plane are positions: in steps of h, a turn lags by the fraction kappa (Omega h)^2
-(`Settings.period_error`). In the other formulations the coordinates are angles: e_3 is a tenth of this value, with
-Omega the rate of elbows without limits.
+(`Settings.period_error`). In all other formulations the coordinates are angles, and e_3 is a tenth of the given value,
+with Omega the rate of elbows without limits.
 
 With backlash, omega_c h must not exceed 0.3 (measured). The steps then resolve the contact of a rotor of inertia J with
 an arm of inertia I through a gear of stiffness k, omega_c = sqrt(k (1/J + 1/I)). For a PD loop that chatters, the
-search begins with such steps, and trials shorten the steps.
+search begins with steps that satisfy this condition, and trials shorten the steps.
 
 For arms of several links, trials (`trials`) of nonlinear episodes measure by which factor the amplification of errors
 exceeds G. The step and then the mesh are refined until the error of a trial is small. The estimate of the tip's error
@@ -145,8 +147,8 @@ def _of_loop(
 
     Trials measure the error: limits of torques, friction and large bends may stop or limit the chatter. first: settings
     at which the search begins. meshes: settings with finer meshes. at: function of (settings, step, s) that returns the
-    settings with this step and a suitable Newton tolerance. least: shortest step, s. trial: the trials; with None the
-    error is infinite.
+    settings with this step and a suitable Newton tolerance. least: shortest step that is tried, s. trial: the trials;
+    with None the error is infinite.
     """
     error, settings = math.inf, first
     if trial is not None and first.modes is None:
@@ -168,9 +170,9 @@ def _meshes(
 ) -> list[Settings]:
     """Return settings with the meshes to try, from the coarsest to the finest.
 
-    first: settings to complete. name: name of the field with the number of elements or nodes. sizes: values of this
-    field that are tried. usual: default options of the formulation. For large bends (rule.theta) the list begins with a
-    finer mesh.
+    first: settings whose mesh is to be chosen. name: name of the field with the number of elements or nodes. sizes:
+    values of this field that are tried. usual: default options of the formulation. For large bends (rule.theta) the
+    list begins with a finer mesh.
     """
     begin = usual[name]
     pieces = max(len(link.jumps) for link in rule.arm.links) + 1

@@ -62,7 +62,8 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
 
         Args:
             seed: seed of the environment's generator; None: the generator continues.
-            options: see the class. An unknown key or a wrong value raises ValueError before anything changes.
+            options: options of the reset (start, target, motion, ...), which the environment's page describes. An
+                unknown key or a wrong value raises ValueError before anything changes.
         """
         asked = request_of(self.plan, options)
         own = guide_of(self.plan, asked)
@@ -197,7 +198,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
 
 
 def checked_action(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return the action as float32 of the given shape, clipped far outside +-1; ValueError if it is invalid."""
+    """Return the action as float32 of the given shape, clipped far outside +-1; raise ValueError if it is invalid."""
     try:
         values = np.asarray(action)
     except (TypeError, ValueError):

@@ -239,7 +239,7 @@ class Motion:
     def _whole(self, power: Callable[[Array], Array], rows: Array, below: Array | None = None) -> Array:
         """Return the upper rows of a function of the square matrix [rows; below]; columns: state, then torques.
 
-        power: matrix function, exponential or power. below: (N, N) block for the torques; None: 0, as for an
+        power: matrix function, exponential or power. below: (N, N) block for the torques; None means 0, as for an
         exponential.
         """
         size, count = rows.shape[1], rows.shape[1] - len(rows)

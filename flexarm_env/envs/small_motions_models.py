@@ -45,7 +45,7 @@ class SmallMotions:
         return Motion.of(arm, _scaled(fine(arm), stiffness), pose)
 
     def on_mesh(self, arm: Arm, settings: Settings, pose: Array, h: float, stiffness: float) -> Motion:
-        """Return the small motions on the settings' mesh in steps of h (s); stiffness: see `reference`."""
+        """Return the small motions on the settings' mesh in steps of h (s); stiffness: factor on EI."""
         parts = fine(arm) if settings.modes else cut(arm, (settings.segments or 1) * (settings.elements or 1))
         if settings.nodes is not None:
             parts = chain(arm, settings.nodes)

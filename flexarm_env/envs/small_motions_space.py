@@ -85,8 +85,8 @@ class _Assembly:
     def add_link(self, link: Link, at: Array, axes: Array, count: int, first: int) -> Array:
         """Add a beam and its rigid ends to M, C and K; return the map (6, n) of the joint at the beam's far end.
 
-        count: number of elements. at: map (6, n) of the joint at the link's root. axes: unit vectors of the link's
-        axes, in inertial axes. first: index of the link's first coordinate.
+        count: number of elements along the beam. at: map (6, n) of the joint at the link's root. axes: unit vectors of
+        the link's axes, in inertial axes. first: index of the link's first coordinate.
         """
         root = moved(at, link.root_offset * axes @ X)
         self.add_body(moved(at, 0.5 * link.root_offset * axes @ X), axes, link.root_mass, link.root_inertia)

@@ -62,7 +62,7 @@ class Camera:
     def see(self, points: ArrayLike) -> tuple[Array, Array]:
         """Project points (..., 3), m, to canvas coordinates (..., 2).
 
-        The second result is the points' distances (...) along the viewing direction, m.
+        The second result contains the distances (...) of the points along the viewing direction, m.
         """
         x, y, z = np.moveaxis((np.asarray(points, np.float64) - self.center) @ self.axes.T, -1, 0)
         away = np.maximum(self.far - z, 0.05 * self.far)

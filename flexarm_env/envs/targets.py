@@ -81,7 +81,7 @@ class Target(ABC):
         return ranges
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:  # noqa: B027
-        """Raise ValueError if a path within these ranges leaves the arm's reach."""
+        """Raise ValueError if a path within the given ranges leaves the arm's reach."""
 
     @abstractmethod
     def path(self, reference: Any, arm: Arm, t: Array) -> list[TimeFunction]:

@@ -45,12 +45,13 @@ class Kind:
     """Definition of a task for arms of `links` links (minimum, maximum; None: any number).
 
     id: id in Gymnasium's registry. task: name of the default task. arm: name of the default arm. duration: default
-    length of an episode, s. target: type of target. rewards: names and default weights of the reward's terms, in the
-    order in which the task's `judge` computes them; the last term is failure. entries: names and scales of an arm's
-    observation, in the order of `observe`. record: class of the task's record for an arm; it determines the kernels.
-    starts: ranges of fresh starts, by arm and version of the rules. bands: default bounds of success with their units,
-    by name. replays: default motions of task="replay"; additional joints use the last motion. space: whether arms leave
-    the plane. period: control period, s. gravity: default gravity, m/s^2. settings: default settings in space.
+    length of an episode, s. target: type of the targets, an angle or a point. rewards: names and default weights of the
+    reward's terms, in the order in which the task's `judge` computes them; the last term is failure. entries: names and
+    scales of an arm's observation, in the order of `observe`. record: class of the task's record for an arm; it
+    determines the kernels. starts: ranges of fresh starts, by arm and version of the rules. bands: default bounds of
+    success with their units, by name. replays: default motions of task="replay"; additional joints use the last motion.
+    space: whether arms leave the plane. period: control period, s. gravity: default gravity, m/s^2. settings: default
+    settings in space.
     """
 
     id: str
@@ -161,7 +162,7 @@ def within(arm: Arm, ranges: Sequence[Pair]) -> list[Pair]:
 
 
 def at_zero(arm: Arm) -> float:
-    """Return the share of starts with all joints at 0: 0.5, or 0 where the limits exclude the angle 0."""
+    """Return the share of starts with all joints at 0: 0.5, or 0 if the limits exclude the angle 0."""
     return 0.5 * all(own is None or own[0] <= 0.0 <= own[1] for own in arm.joint_limits or ())
 
 
@@ -172,8 +173,9 @@ def _slew_starts(arm: Arm, rules: int) -> Starts:
 def _reach_starts(arm: Arm, rules: int) -> Starts:
     """Return the ranges of starts (joint angles, rad) and of targets (distance, m, and bearing, rad).
 
-    Rules 2: each joint begins within +-0.5 rad. Rules 1: the hub within +-1 rad, an elbow within +-3.6 / N rad. Large
-    turns are rare in these ranges, and so are elbows bent to the wrong side, which policies drive into their limits.
+    Under rules 2 each joint begins within +-0.5 rad. Under rules 1 the hub begins within +-1 rad and an elbow within
+    +-3.6 / N rad. With these ranges, large turns and elbows bent to the wrong side are rare; from such elbows policies
+    hit the joint limits.
     """
     length, elbow = arm.total_length, 3.6 / arm.n_links
     hub, elbow = (1.0, elbow) if rules == 1 else (0.5, min(0.5, elbow))
@@ -277,7 +279,7 @@ def info_entries(
 
 
 def afloat(kind: Kind, arm: Arm) -> Kind:
-    """Return the kind for an arm on a floating base; its attitude has a reward term, and success may bound it."""
+    """Return the task for an arm on a floating base; its attitude has a reward term, and success may bound it."""
     if arm.base is None:
         return kind
     terms = list(kind.rewards.items())
@@ -288,14 +290,14 @@ def afloat(kind: Kind, arm: Arm) -> Kind:
 
 
 def priced(kind: Kind, reward: Any) -> Kind:
-    """Return the kind with the terms `cost` and `change` if `reward` gives weights to these terms."""
+    """Return the task's definition with the terms `cost` and `change` if `reward` gives weights to these terms."""
     more = [(name, 0.0) for name in (COST, CHANGE) if isinstance(reward, Mapping) and name in reward]
     terms = list(kind.rewards.items())
     return replace(kind, rewards=dict([*terms[:-1], *more, terms[-1]])) if more else kind
 
 
 def with_own_terms(kind: Kind, value: Any) -> Kind:
-    """Return the kind with the user's reward terms (keyword `reward_terms`), of weight 1.
+    """Return the task's definition with the user's reward terms (keyword `reward_terms`), each of weight 1.
 
     value: for each term's name, a kernel or the kernel's name "module:name".
     """
@@ -334,12 +336,12 @@ def reward_weights(
     """Return the reward weights for one control period: the user's weights, otherwise the task's defaults.
 
     Under rules 2 the terms for distance and attitude are their bound minus the loss (`tasks.task.left_of`). The default
-    weight of failure is the sum of two parts. The first part is the largest loss that the other terms can cause in an
-    episode, so that ending an episode early never pays. The second part is the largest reward of the other terms in
-    `HOLD_TIME`, so that policies learn to avoid the joint limits. Default weights refer to the default control period
-    of the task. For another period all weights except the weight of failure scale in proportion, so that an episode's
-    return does not depend on the period. Under rules 1 distance and attitude cost up to 1, weights do not depend on the
-    period, and the weight of failure is the task's default.
+    weight of failure is the sum of two parts. The first part of the weight is the largest loss that the other terms can
+    cause in an episode, so that ending an episode early never pays. The second part of the weight is the largest reward
+    of the other terms in `HOLD_TIME`, so that policies learn to avoid the joint limits. Default weights refer to the
+    default control period of the task. For another period all weights except the weight of failure scale in proportion,
+    so that an episode's return does not depend on the period. Under rules 1 distance and attitude cost up to 1, weights
+    do not depend on the period, and the weight of failure is the task's default.
 
     joints: number of joints. period: control period, s. limit: control periods of an episode.
     """

@@ -66,7 +66,7 @@ class Rule(Protocol):
     """Interface of `judge.Judge`: errors of small motions."""
 
     def small(self, settings: Settings, h: float) -> float:
-        """Return e_1, the error of small motions with these settings in steps of h (s), divided by L."""
+        """Return e_1, the error of small motions with given settings in steps of h (s), divided by L."""
 
     def halved(self, settings: Settings, h: float) -> float:
         """Return the largest distance between the tips of small motions in steps of h (s) and of h/2, divided by L."""
@@ -124,10 +124,10 @@ def trials_of(
     that affects their motion.
 
     Args:
-        kind: the environment's kind without the user's reward terms, since the episodes ignore rewards. period: control
-            period, s. mode, share: action mode and share of the residual action under a PD loop. amplifier: the
-            amplifier, or None. drawn: ranges (low, high) of factors by name (`starts.FACTORS`); the softest and the
-            stiffest arm run, too.
+        kind: definition of the environment's task without the user's reward terms, because the episodes ignore rewards.
+            period: control period, s. mode, share: action mode and share of the residual action under a PD loop.
+            amplifier: the amplifier, or None. drawn: ranges (low, high) of factors by name (`starts.FACTORS`); the
+            softest and the stiffest arm run, too.
     """
     drive = None if amplifier is None else tuple(None if x is None else tuple(x.tolist()) for x in amplifier)
     ends = corners(drawn or {})
@@ -211,7 +211,7 @@ def _apart(one: Array, two: Array, length: float) -> float:
     The logarithms of errors that grow exponentially are about normally distributed. The result d is therefore the
     larger of two numbers. One number is the largest distance in the lanes. The second number is the distance `TAIL`
     standard deviations above the mean of the logarithms, divided by MARGIN; almost all episodes have smaller distances.
-    one, two: results of a `Trial`. length: length of the arm, m. d is inf if an episode failed.
+    one, two: tip positions from two calls of a `Trial`. length: length of the arm, m. d is inf if an episode failed.
     """
     if np.isinf(one).any() or np.isinf(two).any():
         return math.inf
@@ -244,8 +244,8 @@ def refined(
 
     The search for good settings starts from `first`. A trial is good enough if its error is at most `TRIED`. meshes:
     settings with finer meshes, from the coarsest. at: function of (settings, step, s) that returns the settings with
-    this step and a suitable Newton tolerance. least: shortest step, s. length: L of the arm, m. most: largest number of
-    settings tried.
+    this step and a suitable Newton tolerance. least: shortest step that is tried, s. length: L of the arm, m. most:
+    largest number of settings tried.
     """
     # meshes that small motions find worse, as many nodes on short pieces of a link are, do not help
     worst = NOISE * rule.small(first, least)
@@ -289,9 +289,10 @@ def settled(
 ) -> tuple[Settings, float]:  # fmt: skip
     """Return the settings with the longest step whose episodes agree with episodes on a finer mesh in half the step.
 
-    The second result is the largest distance between the tips of these episodes, divided by L. The search begins with
-    the step of `settings` and halves the step until the distance is at most `TRIED` or the step reaches `least` (s).
-    finer: settings with the finer mesh. at: function of (settings, step, s), see `refined`. length: L of the arm, m.
+    The second result is the largest distance, divided by L, between the tips of the compared episodes. The search
+    begins with the step of `settings` and halves the step until the distance is at most `TRIED` or the step reaches
+    `least` (s). finer: settings with the finer mesh. at: function of (settings, step, s), see `refined`. length: L of
+    the arm, m.
     """
     best, chosen = settings, math.inf
     while True:

@@ -376,7 +376,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         return {key: mask if key in self._masks else _blanked(values, only) for key, values in infos.items()}
 
     def _show(self, sheet: Sheet) -> None:
-        """Make the views of a table for `info`."""
+        """Make the views of the batch's table that `info` contains."""
         at, table = self.batch.info_at, sheet.array[:, : self.num_envs]
         rows = {k: table[first] if last is None else table[first:last].T for k, first, last in self._rows}
         words = dict(zip(("solver_status", "termination_reason"), self._fine, strict=True)) if self.plan.words else {}

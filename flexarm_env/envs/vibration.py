@@ -29,7 +29,7 @@ def shake(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Ar
     """Return the matrix S (n, 1 + 3 N) of initial rates v = S (1, alpha_k, cos alpha_k, sin alpha_k) in the first mode.
 
     The links are straight at absolute angles alpha_k. The first link's tip then deflects by the link's length, without
-    damping and to first order. All rates are those of the straight arm's mode, along axes that turn with the link:
+    damping and to first order. All rates are rates of the straight arm's mode, along axes that turn with the link:
     rates of angles, of tips, and of points within a link relative to the link's root.
     """
     assert settings.dt is not None

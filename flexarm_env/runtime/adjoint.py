@@ -2,9 +2,10 @@
 
 The period is run once more, and the state at the end of each step is stored on a tape. After the run the steps are
 processed in reverse order. One reverse pass computes all derivatives of one scalar, for a few times the cost of the
-period. A block with the layout of the arms' block holds cotangents: x_bar, the cotangent of a number x, is the
-derivative of the scalar by x. At the start of each period the accelerations of elastica arms are solved for anew; those
-of stiff arms jump with the torques. Torques that change within a period change at the start of a step.
+period. A block with the layout of the arms' block contains cotangents: x_bar, the cotangent of a number x, is the
+derivative of the scalar by x. At the start of each period the accelerations of elastica arms are solved for anew,
+whereas the accelerations of stiff arms jump with the torques. Torques that change within a period change at the start
+of a step.
 """
 
 from __future__ import annotations
@@ -246,7 +247,7 @@ def _turn(lane, model, task, actuator, s, record, w, tape):
 
     # in, out   record.torque (joints, lanes), N m, from the start to the end of the step
     # out       w.u, mean torques over the step; w.u0, torques before the step;  tape
-    Ideal motors (actuator None) hold their torque.
+    The torque of ideal motors (actuator None) does not change.
     """
     if actuator is not None:
         torques = record[motors_at(task, actuator).torque * len(lane) :]

@@ -1,6 +1,6 @@
 """One control period and its derivative by state and action, on rows of numbers instead of a batch's blocks.
 
-A row of `Derivative.state` holds all numbers that an arm's period depends on. The first X numbers of a row are the
+A row of `Derivative.state` contains all numbers on which an arm's period depends. The first X numbers of a row are the
 moving numbers: the derivatives are computed for these numbers and with respect to them. The constants of the arm follow
 in the row. The period is that of `episode`, without info: it computes torques, steps, observation and reward from the
 action. The period's derivative, `jacobian`, has D = X + A columns, one per moving number and action, and X + O + 1 rows
@@ -64,7 +64,7 @@ class Derivative(NamedTuple):
     action_bar: np.ndarray  # (n A,): output: cotangents of the actions
     bars: np.ndarray  # (groups, plain.row): scratch blocks for cotangents
     tape: np.ndarray  # (groups, room): numbers stored on the forward pass
-    room: int  # amount of numbers on the tape of a group
+    room: int  # number of values on the tape of a group
     block: np.ndarray  # (groups, plain.row): scratch blocks in lanes without tangents
     scratch: np.ndarray  # (groups, both.row): scratch blocks in lanes with tangents
 
@@ -101,7 +101,7 @@ def tangents(address, first, last):
 def observation_tangents(address, first, last):
     """Compute d.jacobian of the observation in the states d.state, without a step, for groups first ... last - 1.
 
-    address: address of a `Derivative` d.
+    address: address of a `Derivative` d, whose fields are read and written.
     """
     return _columns(dereference(address), first, last, None)
 
@@ -145,7 +145,7 @@ def _columns(d, first, last, moves):
     """Compute Jacobians for groups first ... last - 1: of a period, or of the observation if moves is None.
 
     With fitted steps a run without derivatives finds each arm's number of halvings k. The model for steps of h / 2^k
-    then computes the columns of these arms.
+    then computes the Jacobian columns of all arms with k halvings.
     """
     p, block = d.program, d.scratch[first * d.both.row : (first + 1) * d.both.row]
     for g in range(first, last):
@@ -271,7 +271,7 @@ def seed(lane, d, first, last, block):
 def _go(lane, p, models, model, parts, layout, block, w, moves):
     """Advance the arms in a block by one control period and observe them; if moves is None, only observe them.
 
-    models, model, parts: as in `guided.move`. layout: offsets of the block's sections, in lanes with or without
+    models, model, parts: arguments of `guided.move`. layout: offsets of the block's sections, in lanes with or without
     tangents. w: the integrator's views of the block.
     """
     if moves is not None:
@@ -304,7 +304,7 @@ def close(lane, p, layout, block, w):
 def see(lane, p, layout, block, w):
     """Compute poses, true observation, reward and joint limits of the arms in a block.
 
-    The reward is written to info.reward. info.truncated becomes 1 where a joint is beyond its limits.
+    The reward is written to info.reward. For arms with a joint beyond its limits, info.truncated becomes 1.
 
     layout: offsets of the block's sections, in lanes with or without tangents. w: the integrator's views of the block.
     """

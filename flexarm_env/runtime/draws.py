@@ -97,7 +97,7 @@ def draw_free(lane, p, arm, own, par, w):
 
 @kernel
 def _copy_goal(task, own, mine):
-    """Write the joint angles (rad) that reach the target of `own` into `mine`; both are `START` records."""
+    """Write the joint angles (rad) that reach the target of `own` into `mine`, two `START` records."""
     n = size(task.links)
     at, goal = start_at(0, n), stack(_ONE, task.links + _RECORD)
     goal[TARGET], goal[TARGET + 1] = own[at.target], own[at.target + 1]
@@ -111,7 +111,7 @@ def _copy_goal(task, own, mine):
 
 @kernel
 def draw_more(p, lanes, i, arm, factors, par):
-    """Draw the optional factors (friction, backlash, inertias, EI_y, GJ) of an arm and apply them to par in lane i.
+    """Draw an arm's optional factors (friction, backlash, inertias, EI_y, GJ) and apply them to par in lane i.
 
     factors: a `FACTORS` record; its entries from ALWAYS on are written. par: the arm's own parameters in lanes,
     followed by the laws of its joints (`joints.layout.LAWS`). Each joint law becomes the model's law times the drawn
@@ -153,7 +153,7 @@ def given(requested, drawn):
 
 @kernel
 def place(lanes, i, pose, shake, n_joints, own, rows, q, v, a, b):
-    """Set the state of lane i in the plane: straight links at their joint angles, with the initial vibration.
+    """Set the state of the arm in lane i in the plane: straight links at the joint angles, with initial vibration.
 
     q and v are linear in the `BASIS` (1, alpha_k, cos alpha_k, sin alpha_k) of the links' absolute angles alpha (rad):
     q = pose BASIS, v = vibration * shake BASIS.

@@ -98,7 +98,8 @@ def _changes(lane, record, w):
 def add_work(lane, record: Lanes, live, work, gross):
     """Add work (J) to record.accounted and gross work (J) to record.exchanged, for running arms (live > 1/2).
 
-    accounted: energy at the start of the episode plus work since then. exchanged: sum of their absolute values.
+    accounted: energy at the start of the episode plus work since then. exchanged: absolute value of the start energy
+    plus the absolute values of each period's work.
     """
     accounted, exchanged = record[ACCOUNTED], record[EXCHANGED]
     store_where(lane, live, record, ACCOUNTED, accounted + work, accounted)
@@ -139,11 +140,11 @@ def close_step(lane, p, model, par, record, w: Work, start: Lanes):
 def _may_be_unbalanced(lane, p, w: Work, allowed):
     """Return whether the balance of energy needs evaluation: False if an estimate of the kinetic energy is small.
 
-    allowed: J, the energy that is accounted for. The estimate is p.watched |v|^2 / 2, where p.watched (kg m^2) is the
+    allowed: energy that is accounted for, J. The estimate is p.watched |v|^2 / 2, where p.watched (kg m^2) is the
     straight arm's inertia per rate (`inertia_per_rate`); it is one to three times the kinetic energy (measured). The
-    energy is evaluated if the estimate is at least 2 allowed, and therefore always if the kinetic energy is.
-    Formulations other than the elastica have no estimate: True. (A period of the elastica costs no more than twelve
-    evaluations of its energy.)
+    energy is evaluated if the estimate is at least 2 allowed, and therefore always if the kinetic energy is at least 2
+    allowed. Formulations other than the elastica have no estimate, so the result is True. (A period of the elastica
+    costs no more than twelve evaluations of its energy.)
     """
     # the elastica alone has an estimate of T, from sum v^2 of its angles; all others evaluate E
     if p.model.newton.resolved is None:

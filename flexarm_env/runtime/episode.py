@@ -133,7 +133,7 @@ def read_actions(lane, p, g, action, record, flag):
 
     # in        p.action (arms x joints,) float32, arm by arm;  p.n, number of arms;  record.mode
     # out       action (joints, lanes);  flag (lanes,) status
-    flag: OK where the arm will be moved; RETRY in a lane without an arm or with an arm of another mode;
+    flag: OK if the arm will be advanced; RETRY in a lane without an arm or with an arm of another mode;
     ACTION_NOT_FINITE where an entry of the action is not finite. An entry that is not finite is replaced by 0.
     """
     lanes, n_joints, moved = len(lane), size(p.task.links), moved_mode(p.guide)
@@ -185,8 +185,8 @@ def observe_material(lane, p, par, record, w, seen):
 def find_sound(lane, entries, flag: Lanes, seen: Lanes):
     """Return 1.0 in lanes of arms that were advanced and have finite observations, otherwise 0.0.
 
-    flag (lanes,): status code, 0 (OK) where the arm was moved without error; NOT_FINITE is written if an entry of seen
-    is not finite. A code other than OK is kept. entries: number of rows of `seen` that are checked.
+    flag (lanes,): status code of each arm, 0 (OK) after a period without error. NOT_FINITE is written if an entry of
+    seen is not finite; a code other than OK is kept. entries: number of rows of `seen` that are checked.
     """
     code = flag[0]
     for k in range(entries):
@@ -212,7 +212,7 @@ def reward(lane, p, live, poses, action, record, info, outcome: Lanes):
 
 @kernel
 def record_period(lane, p, par, record, scratch, w, live, info, outcome):
-    """Write the period's info where live > 1/2, except success and reward terms, which `reward` writes.
+    """Write the period's info of running arms (live > 1/2), except success and reward terms, which `reward` writes.
 
     The info contains events, step error, torques (N m), delay (s), estimated error of the formulation (divided by the
     arm's length), reason 0 (the episode continues), in_range (1 if the model is valid at this deflection, otherwise 0)
@@ -305,7 +305,7 @@ def finish(lane, p, g, w, poses, record, seen, info, saved, outcome):
     be repeated. A period is repeated if the arm's Newton iteration failed in a group of several lanes, where steps
     cannot be halved. Arms that must be repeated and arms that were not moved are restored from `saved`, the state at
     the start of the period. The mode of an arm that was just reset changes from FRESH to RUNNING. outcome (2, lanes):
-    the reward, and 1 if a joint is beyond its limits. seen (entries, lanes): true observation.
+    in row 0 the reward, in row 1 the number 1 if a joint is beyond its limits. seen (entries, lanes): true observation.
     """
     lanes, reason_at, count, moved = len(lane), info_of(p.task).reason * len(lane), 0, moved_mode(p.guide)
     for i in range(lanes):
@@ -337,9 +337,9 @@ def finish(lane, p, g, w, poses, record, seen, info, saved, outcome):
 def finish_arm(lane, p, arm, outcome, reason, poses, record, seen, info):
     """Write one arm's reward, flags, info and observation of a period; return 1 if its episode has ended, else 0.
 
-    reason: status code of the period, or ACTION_NOT_FINITE. outcome (2, lanes): the reward, and 1 where a joint is
-    beyond its limits. The last reward term of an episode that fails is the failure weight. The other terms are 0,
-    unless a joint limit ended the episode.
+    reason: status code of the period, or ACTION_NOT_FINITE. outcome (2, lanes): in row 0 the reward, in row 1 the
+    number 1 if a joint is beyond its limits. The last reward term of an episode that fails is the failure weight. The
+    other terms are 0, unless a joint limit ended the episode.
     # in        arm, number in the batch;  poses;  seen, the true observation
     # in, out   record: periods done, mode, memory of sensors and motors
     # out       p.reward, p.terminated, p.truncated, p.observation of the arm;  info in its lane

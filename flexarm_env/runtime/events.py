@@ -1,8 +1,8 @@
 """Events of an episode: pushes at the tip, a change of the payload, and the cost of exceeding limits.
 
 Pushes and payload changes begin at the start of a control period. Pushes and payload changes are drawn and applied
-before the arm's state is saved for a repetition (`keeping`). A repeated period does not draw or apply them again,
-because the record stores which push acts and whether the payload change is still due.
+before the arm's state is saved for a repetition (`keeping`). The events of a repeated period are not drawn or applied
+again, because the record stores which push acts and whether the payload change is still due.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ def _axes(task):
 def draw_events(lanes, p, arm, par, record, info):
     """Draw the payload change and the first push of an arm's episode; write the payload's mass (kg) into info.payload.
 
-    record.change becomes (number of the control period at whose start the payload changes, factor on the nominal
-    payload). lanes: number of arms in a group. arm: number of the arm in the batch; its lane is arm % lanes. par:
+    record.change gets two numbers: the control period at whose start the payload changes, and the factor on the nominal
+    payload. lanes: number of arms in a group. arm: index of the arm in the batch; its lane is arm % lanes. par:
     parameters in lanes, with the present payload mass.
     """
     i = arm % lanes

@@ -2,16 +2,17 @@
 
 A period is computed in steps of h and of h/2 from the same start. The error of the finer run is estimated by the
 distance between the tips of both runs, at the end of the period and extrapolated by another period (theory, eq. 6.4).
-The finer run is kept if its error is allowed. Otherwise h/4 is compared with h/2, and so on up to h/32. The run with
-h/32 is kept even if its error is too large, and its error is reported. The next period begins with the same pair of
-step sizes, or with the next coarser pair if the error was below an eighth of the allowed error. If one arm of a group
-needs a step size, that step size is computed for all arms of the group. Each arm keeps its own result, which does not
-depend on other arms.
+The finer run is kept if its error is allowed. If the error is too large, h/4 is compared with h/2, and so on up to
+h/32. The run with h/32 is kept even if its error is too large, and its error is reported. The next period begins with
+the same pair of step sizes, or with the next coarser pair if the error was below an eighth of the allowed error. If one
+arm of a group needs a step size, that step size is computed for all arms of the group. Each arm keeps its own result,
+which other arms do not influence.
 
-An environment fits the steps of its control periods (`fit_period`), under prescribed motions those between two kinks
-(`guided`). A scene fits the steps of its stretches between samples and kinks (`simulation.Simulation`). All of them
-call `open_fit`, then `start_run` and `end_run` for each step size, and finally `close_fit`. A run of k halvings has
-steps of h / 2^k. Each number k of halvings has its own model, because inertia corrections depend on the step.
+An environment fits the steps of each control period (`fit_period`). Under prescribed motions it fits the steps of each
+stretch between two kinks (`guided`). A scene fits the steps of its stretches between samples and kinks
+(`simulation.Simulation`). Environments and scenes call `open_fit`, then `start_run` and `end_run` for each step size,
+and finally `close_fit`. A run of k halvings has steps of h / 2^k. Each number k of halvings has its own model, because
+inertia corrections depend on the step.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ def record_step_error(lane, p, scratch: Lanes, live, info: Lanes):
 
 @kernel
 def _result(lane, links, saved, scratch):
-    """Return the view of `scratch`, a `SCRATCH` in lanes, that holds a `SAVED`: the arms' results.
+    """Return the view of `scratch`, a `SCRATCH` in lanes, that contains a `SAVED`: the arms' results.
 
     links: number of links. saved: a `SAVED` record in lanes; only its length is used.
     """
@@ -89,7 +90,7 @@ def _result(lane, links, saved, scratch):
 
 @kernel
 def open_fit(lane, links, level, record, saved, scratch, w):
-    """Begin the fit of a period: save status flags and set each arm's number of halvings to that of its last period.
+    """Begin the fit of a period: save the status flags, and start each arm with its last number of halvings.
 
     # in        saved, the state at the start;  level (lanes,): number of halvings of each arm's last period;  w.flag
     #           links, number of links
@@ -145,7 +146,7 @@ def end_run(lane, k, links, allowed, period, poses, record, saved, scratch, leve
 
 @kernel
 def close_fit(lane, links, record, saved, scratch: Lanes, w: Work):
-    """Set every arm to the state of its kept run and to its status flag, after all runs.
+    """After all runs, set every arm to the state and the status flag of its kept run.
 
     # in        scratch.result, a `SAVED` in lanes;  scratch.flag, status codes
     # out       w: q, v, a, b, books, u and flag;  record, the part that was saved
@@ -157,7 +158,7 @@ def close_fit(lane, links, record, saved, scratch: Lanes, w: Work):
 
 @kernel
 def _compare(lanes, i, k, links, allowed, period, poses, record, scratch, result, level, w):
-    """Compare arm i's run of k halvings with its coarser run: keep the run as the result, or store its tips.
+    """Compare arm i's run of k halvings with its coarser run; keep the run as the result, or store its tip positions.
 
     The finer run of a pair (scratch.fine = k) is kept if the distance of the tips is at most allowed (m), or if there
     are no shorter steps. A run that failed in a group of several lanes is kept as well. After any other run,

@@ -99,7 +99,7 @@ def start_motions(lane, p, par, w):
 
 @noinline
 def _follow_motions(lane, p, guide, models, model, par, poses, record: Lanes, action, saved, scratch, block, w):
-    """Advance an arm under prescribed motions by one control period, with torques on its free joints.
+    """Advance an arm under prescribed motions by one control period; actions are torques on its free joints.
 
     A change of a torque between periods is a kink, at which velocities and accelerations are made consistent.
     # in        record.periods, which gives the time; the other inputs as in `move`

@@ -2,7 +2,8 @@
 
 The caller passes groups that no other thread uses at the same time. The scratch memory of the first group is used for
 all groups. All columns of the Jacobian advance together: each step is computed once, the step's matrix is factored once
-more at the end of the step, and each block with tangents holds some of the columns (`physics.integrator.transitions`).
+more at the end of the step, and each block with tangents contains some of the columns
+(`physics.integrator.transitions`).
 """
 
 from __future__ import annotations
@@ -25,10 +26,11 @@ from .motors import command_motors, is_starting, jump_with_torques, may_jump_bef
 def implicit(address, first, last):
     """Compute d.jacobian of one control period for groups first ... last - 1 by implicit differentiation of the steps.
 
-    An arm's Jacobian has the shape (X + O + 1, X + A). Its rows are the moving numbers of the state at the end of the
-    period, the observed entries (divided by their scales) and the reward. Its columns are the moving numbers at the
-    start and the actions. Units are SI units. address: address of a `derivative.Derivative` d, in which the kernel also
-    writes the results of the period. The scratch memory of group `first` is used for all groups. Returns 0.
+    An arm's Jacobian has the shape (X + O + 1, X + A). The Jacobian's rows are the moving numbers of the state at the
+    end of the period, the observed entries (divided by their scales) and the reward. The Jacobian's columns are the
+    moving numbers at the start and the actions. Units are SI units. address: address of a `derivative.Derivative` d, in
+    which the kernel also writes the results of the period. The scratch memory of group `first` is used for all groups.
+    Returns 0.
     """
     d = dereference(address)
     for g in range(first, last):
@@ -54,7 +56,7 @@ def _parameters(d, both):
 
 @kernel
 def _record(d, both):
-    """Return the section of a block with tangents with the records."""
+    """Return the records' section of a block with tangents."""
     return both[d.both.record : d.both.action]
 
 
@@ -62,7 +64,7 @@ def _record(d, both):
 def _period(lane, d, g, chunks, block, scratch, w):
     """Compute Jacobians of group g over one period: values in `block`, tangents in `chunks` further blocks.
 
-    # block     scratch, plain lanes;  w: views of it
+    # block     scratch, lanes without tangents;  w: views of it
     # scratch   `chunks` blocks with tangents, each with some columns
     # out       rows and Jacobians of d
     """
@@ -100,7 +102,7 @@ def _turn(lane, d, s, chunks, record, scratch, w):
 
     # in, out   record.torque, in `record` and in the blocks with tangents
     # out       u (joints, lanes), mean torques over the step, and u0, torques before it, of w and of each further array
-    Ideal motors hold their torque.
+    The torque of ideal motors does not change.
     """
     actuator = d.program.actuator
     if actuator is not None:
@@ -148,7 +150,7 @@ def _jump(lane, d, chunks, par, s, record, saved, block, scratch, w):
     """Let accelerations and their tangents jump with the torques before step s (`motors.jump_with_torques`).
 
     # in        u0, u: inputs before and after, N m and N
-    # in, out   a, b (m/s^2, rad/s^2) of w, and their tangents in the work array with tangentss
+    # in, out   a, b (m/s^2, rad/s^2) of w, and their tangents in the other work arrays
     """
     model, h = d.program.model, d.program.h
     # the residual before the jump belongs to the arm before it, hence two passes over the chunks

@@ -31,8 +31,8 @@ def _inverse(A):
 def _on_the_way(s, turn, start, end):
     """Return the tip's rotation matrix at s, from -1 to 1 over a period, relative to its axes at s = -1.
 
-    The rotation vector is a cubic Hermite polynomial from 0 to `turn` (rad), with slopes start at s = -1 and end at s =
-    1 (rad per unit of s).
+    The rotation vector is a cubic Hermite polynomial from 0 to `turn` (rad). The slopes of this polynomial are `start`
+    at s = -1 and `end` at s = 1 (rad per unit of s).
     """
     two = (2.0 + s * (3.0 - s * s)) * 0.25 * turn
     slopes = (1.0 - s) * (1.0 - s) * (1.0 + s) * 0.25 * start + (s + 1.0) * (s * s - 1.0) * 0.25 * end
@@ -50,8 +50,8 @@ def specific_force(lane, memory, base, room, c, i, r, psi, v, w, period, gravity
         M0 = mean R f = A0 f0 + A1 f1,     M1 = mean s R f = A1 f0 + A2 f1,     A_j = mean s^j R at three Gauss points,
 
     where M0 and M1 follow from the changes of velocity and position, and R is the rotation matrix of the tip's axes.
-    The kernel returns f0, the mean of f. first: whether the episode begins, so that no period precedes. At such a start
-    the velocity in the tip's axes is assumed constant: f = w x R^T v - R^T g.
+    The kernel returns f0, the mean of f. first: whether the episode begins, so that no period precedes. At the start of
+    an episode the velocity in the tip's axes is assumed constant: f = w x R^T v - R^T g.
 
     # in        r (m), psi (rotation vector, rad), v (m/s), gravity (m/s^2), (3,) each, inertial axes;  w (3,): angular
     #           velocity, rad/s, tip axes;  period, s

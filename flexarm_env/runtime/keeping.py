@@ -1,7 +1,7 @@
 """Save and restore the state of arms for periods that are repeated: a `tasks.program.SAVED` record in lanes.
 
-`saved` holds q, v, a, b, books (energy account), u (inputs), psi (prescribed motions), reactions, and the first numbers
-of the record, as many as `saved` has room for.
+`saved` contains q, v, a, b, books (energy account), u (inputs), psi (prescribed motions), reactions, and the first
+numbers of the record, as many as `saved` has room for.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ def _parts(w, record, saved):
     """Return the views of a group's memory that are saved, in the order of the record `SAVED`.
 
     w: the integrator's `Work`: q, v, a, b (coordinates, rates, accelerations, auxiliary ones), books (energy account),
-    inputs u, prescribed motions psi and their reactions. record: its first numbers are saved, as many as fit into
-    `saved`.
+    inputs u, prescribed motions psi and their reactions. record: the arm's record; its first numbers are saved, as many
+    as fit into `saved`.
     """
     # the rest of `saved` is record: as much of it as a period may change
     length = 4 * w.q.shape[0] + w.books.shape[0] + w.u.shape[0] + w.psi.shape[0] + w.reaction.shape[0]
@@ -34,7 +34,7 @@ def write_parts(parts, kept):
 
 @kernel
 def read_parts(parts, kept):
-    """Copy `kept` back into the arrays `parts`, in the order in which `write_parts` stored them."""
+    """Copy `kept` back into the arrays `parts`, in the order of `write_parts`."""
     first = 0
     for part in parts:
         for k in range(part.shape[0]):

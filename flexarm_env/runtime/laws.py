@@ -78,8 +78,8 @@ def _held_filter(low_pass: Any, period: float) -> tuple[Any, Any, Any]:
 def _bow(low_pass: Any, period: float, share: float) -> np.ndarray:
     """Return `LAW.bow` (4,): coefficients of a delayed filter output's deviation from linear interpolation.
 
-    The filter's output `share` of a period before the second instant is (1 - share) y+ + share y + bow . (y, s, u, u+),
-    where the input runs straight from u to u+. All coefficients are 0 without a filter or without a fractional delay.
+    The filter's output `share` of a period before the second instant is (1 - share) y+ + share y + bow . (y, s, u, u+).
+    Here the input changes linearly from u to u+. All coefficients are 0 without a filter or without a fractional delay.
     """
     if low_pass is None or share == 0.0:
         return np.zeros(4)
@@ -127,7 +127,7 @@ def read(lane, laws, room, c, memory, base, stream, arm, value, first):
 
     value: present true value of the quantity, in the unit of its law. laws: one `LAW` per channel. c: number of the
     channel. memory: array in lanes that holds one `CHANNEL` per channel from offset `base` on, each with `room` past
-    outputs. arm: number of the arm in the batch; its lane is arm % lanes. first: whether the episode begins; the
+    outputs. arm: index of the arm in the batch; its lane is arm % lanes. first: whether the episode begins; the
     quantity is then assumed to have been constant. stream: random numbers, or None for readings without noise (a first
     reading needs random numbers). In lanes with tangents the reading has tangents, which rounding does not change.
     """
@@ -177,7 +177,7 @@ def read(lane, laws, room, c, memory, base, stream, arm, value, first):
 
 @kernel
 def _remember(lane, laws, room, o, at, memory, stream, arm, value):
-    """Draw a channel's gain and bias and fill its memory with `value`, at the start of an episode.
+    """Draw gain and bias of a channel and fill the channel's memory with `value`, at the start of an episode.
 
     o: offset of the channel's law in `laws`. at: offsets of the channel's numbers in `memory`. room: past outputs in a
     channel. value: the true quantity, assumed constant before the start. Without a stream nothing is done.
@@ -198,7 +198,7 @@ def read_encoder(lane, laws, room, c, memory, base, stream, arm, angle, first):
 
         rate+ = kept rate + (1 - kept) (reading+ - reading) / period,        kept = exp(-2 pi rate_frequency period)
 
-    angle: true angle, rad. first: whether the episode begins; the rate is then 0. All other arguments are those
+    angle: true angle, rad. first: whether the episode begins; the rate is then 0. All other arguments are the arguments
     of `read`.
     """
     i, o, at = arm % lane_count(lane), c * _LAW.end, channel_of(base, room, c)
@@ -234,7 +234,7 @@ def tip_acceleration(lane, memory, base, room, c, i, x, y, angle, vx, vy, rate, 
     are evaluated at three Gauss points.
 
     first: whether the episode begins, so that no period precedes. The velocity in the tip's axes is then assumed
-    constant: f = rate x v - g.
+    constant, so that f = rate x v - g.
 
     # in        x, y (m), vx, vy (m/s), gravity_x, gravity_y (m/s^2), inertial axes;  angle (rad), rate (rad/s) of the
     #           tip's tangent;  period, s

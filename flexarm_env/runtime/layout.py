@@ -37,7 +37,7 @@ def readings_size(instruments: Any) -> int:
 
 
 def parameters_of(model: Any, space: bool) -> int:
-    """Return the number of an arm's own parameters, including the joints' laws if each arm has its own joint laws.
+    """Return the number of each arm's own parameters, which include joint laws if arms differ in these.
 
     space: whether the arm moves in space.
     """

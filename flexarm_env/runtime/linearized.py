@@ -3,8 +3,9 @@
 A linear model consists of rates (or the state a period later) and outputs, with their derivatives with respect to state
 and torques.
 
-The arms are elasticas whose joints are ideal. Their coordinates are independent, so that q, v and torques determine the
-accelerations. A state consists of the coordinates q, then the rates v. The joint torques are constant over the period.
+The arms are elasticas whose joints are ideal. Joint and node coordinates are independent, so that q, v and torques
+determine the accelerations. A state consists of the coordinates q, then the rates v. The joint torques are constant
+over the period.
 """
 
 from __future__ import annotations

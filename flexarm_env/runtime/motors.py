@@ -26,9 +26,9 @@ _ANGLE, _RATE = 0, POSE.rate - POSE.angle
 def _joint(lane, task, poses: Lanes, k, rates):
     """Return the angle (rad) or rate (rad/s) of joint k, from poses of the links in inertial axes.
 
-    rates: `_ANGLE` or `_RATE`, the offset of the number within a planar pose. In the plane a joint's angle is the root
-    angle of its link minus the tip angle of the preceding link. Spatial poses (targets of three numbers) contain the
-    angle itself.
+    rates: which number is returned, `_ANGLE` or `_RATE` (its offset in a planar pose). In the plane a joint's angle is
+    the root angle of its link minus the tip angle of the preceding link. Spatial poses (targets of three numbers)
+    contain the angle itself.
     """
     if size(task.targets) == 3:
         return poses[SPACE_POSE.end * k + (SPACE_POSE.rate if rates else SPACE_POSE.angle)]
@@ -42,9 +42,9 @@ def _joint(lane, task, poses: Lanes, k, rates):
 def _control(lane, task, controller, model, par, poses, record: Lanes, w: Work):
     """Apply the PD joint controllers: w.u <- clip(share w.u + stiffness (goal - angle) - damping rate), N m.
 
-    Angles (rad) and rates (rad/s) are those of the joints, from encoders on the link side of the gears. If
-    controller.motors is not None, the angles and rates are those of the motors. goal: record.goal, rad. controller:
-    share of the action's torque, stiffness (N m/rad) and damping (N m s/rad) of each joint. Torques are clipped to
+    The angles (rad) and rates (rad/s) are joint angles and rates, from encoders on the link side of the gears. If
+    controller.motors is not None, motor angles and rates are used instead. goal: record.goal, rad. controller: share of
+    the action's torque, stiffness (N m/rad) and damping (N m s/rad) of each joint. Torques are clipped to
     task.torque_limits.
     # in        w.u, torques of the action;  w.q, w.v;  record.goal
     # scratch   poses, or w.y
@@ -96,9 +96,9 @@ def _amplify(lane, task, amplifier, model, par, action: Lanes, factor, w: Work):
 def command(lane, task, controller, amplifier, model, par, action: Lanes, poses, record: Lanes, w: Work):
     """Write the commanded joint torques of a control period into w.u, N m.
 
-    If the joints have an amplifier, the amplifier computes the torque. Otherwise the torque is the action times the
-    torque limit, plus the torque of PD controllers if the joints have PD controllers. A drawn factor on the torque
-    constant multiplies the torque. amplifier, controller: None if absent.
+    If the joints have an amplifier, the amplifier computes the torque. For all other joints the torque is the action
+    times the torque limit, plus the torque of PD controllers if the joints have PD controllers. A drawn factor on the
+    torque constant multiplies the torque. amplifier, controller: None if absent.
     # in        action (joints, lanes) in [-1, 1];  w.q, w.v;  record.goal, record.torque_factor
     # scratch   poses, w.y
     # out       w.u (joints, lanes)
@@ -207,8 +207,8 @@ def start_stiff(lane, p, model, par, s, record, saved: Lanes, block, w: Work):
 def jump_with_torques(lane, p, model, par, s, record, saved, block, w, kept=None):
     """Compute the jump of the accelerations w.a and w.b as inputs jump from w.u0 to w.u (N m, N) before step s.
 
-    The elastica (`NewtonPolicy.resolved`) solves for its accelerations anew. Stiff models solve anew only when an
-    episode begins, because accelerations solved from round-off in stiff strains would be large
+    For an elastica (`NewtonPolicy.resolved`) the kernel solves for the accelerations anew. Stiff models solve anew only
+    when an episode begins, because accelerations solved from round-off in stiff strains would be large
     (`switching.jump_accelerations`). For models with light joints the matrix of the jump includes the joints' damping
     and stiffness. s: number of the step in the period, from 0. saved: state at the start of the period. kept: not None
     if the accelerations before the jump are stored in w.a0.
@@ -245,7 +245,7 @@ def record_commands(lane, task, actuator, record: Lanes, w: Work):
 def update_motor_torques(lane, task, actuator, s, record: Lanes, w: Work):
     """Advance the motors by step s: set w.u to the mean torque and record.torque to the torque at the end, N m.
 
-    A motor approaches its delayed command c by a first-order lag and saturates:
+    A motor's torque approaches its delayed command c by a first-order lag, and saturates:
 
         tau+ = clip(tau + share (c - tau)),     mean = clip(tau + mean_share (c - tau))
 
@@ -279,7 +279,7 @@ def update_motor_torques(lane, task, actuator, s, record: Lanes, w: Work):
 
 @kernel
 def _lag(lane, task, actuator, record: Lanes):
-    """Return (share, mean): the fraction of the way to its command that a motor covers in a step, and its mean.
+    """Return (share, mean): fraction of the way to its command that a torque covers in a step, and its mean.
 
     share = 1 - exp(-h / lag) at the end of a step of length h (s); mean: mean of this fraction over the step. If a lag
     is drawn for each episode, both are read from the record; otherwise they are constants of the actuator.
@@ -310,7 +310,7 @@ def _lateness(lane, task, actuator, record: Lanes):
 def draw_delay(actuator, task, stream, arm, record, lanes):
     """Draw the command delay (whole steps) of an arm's episode into record.delays, unless the delay is fixed.
 
-    actuator.drawn: least and largest delay (steps), or None for a fixed delay. arm: number of the arm in the batch.
+    actuator.drawn: least and largest delay (steps), or None for a fixed delay. arm: index of the arm in the batch.
     lanes: number of arms in a group.
     """
     if actuator is not None and actuator.drawn is not None:
@@ -322,7 +322,7 @@ def draw_lag(p, arm, record, info, lanes):
     """Draw the motors' lag for an arm's episode into the record and, in s, into `info`, unless the lag is fixed.
 
     The record stores share = 1 - exp(-h / lag), the fraction of the way to the command in a step, and the mean of this
-    fraction over the step. arm: number of the arm in the batch. lanes: number of arms in a group.
+    fraction over the step. arm: index of the arm in the batch. lanes: number of arms in a group.
     """
     if p.actuator is not None and p.actuator.lag is not None:
         least, most = p.actuator.lag
@@ -345,7 +345,7 @@ def record_delay(lane, p, record, live, info):
 def draw_lateness(actuator, stream, arm, record, lanes):
     """Draw the extra delay of the next period's commands into record.late; no-op without random delays.
 
-    The extra delay is a whole number of steps from 0 to actuator.jitter[0]. arm: number of the arm in the batch. lanes:
+    The extra delay is a whole number of steps from 0 to actuator.jitter[0]. arm: index of the arm in the batch. lanes:
     number of arms in a group.
     """
     if actuator is not None and actuator.jitter is not None:

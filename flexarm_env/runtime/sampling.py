@@ -1,4 +1,4 @@
-"""Advance one arm of a scene and record its state at sample instants; entry points called from Python."""
+"""Advance one arm of a scene and record its state at sample instants; Python calls the entry points here."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SAMPLE = Layout(
     Field("dissipated", (), "J", "energy dissipated by damping since the start"),
     Field("beyond", (), "J", "work of damping forces by strain rates that the steps do not resolve"),
     Field("torque", ("links",), "N m", "joint torques"),
-    Field("reaction", ("motions",), "N m or N", "force or torque that holds each prescribed coordinate"),
+    Field("reaction", ("motions",), "N m or N", "force or torque that enforces each prescribed coordinate"),
     Field("q", ("rows",), "", "coordinates, m and rad; rows of Lagrange multipliers: N, N m"),
     Field("v", ("rows",), "", "velocities, m/s and rad/s"),
     Field("a", ("rows",), "", "accelerations, m/s^2 and rad/s^2"),
@@ -91,10 +91,10 @@ def advance_evenly(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, b
 
     Returns how many of `most` steps remain, or -1 if the arm failed (w.flag) or `most` steps were not enough. After -1
     the interval is interrupted: stretch.begun and stretch.done store its start and the number of completed steps, and
-    the next call continues with steps of the same length. arm: the model; p: the arm's own parameters; drive: loads and
-    motions as functions of time, or None. stretch: a `STRETCH`, in and out. scheme: coefficients and Newton tolerance
-    of the integrator. chunk: number of steps after which the absolute value of their work is added to the gross work.
-    books: not None if energies are kept, or None.
+    the next call continues with steps of the same length. arm: model of the arm; p: the arm's own parameters; drive:
+    loads and motions as functions of time, or None. stretch: a `STRETCH`, in and out. scheme: coefficients and Newton
+    tolerance of the integrator. chunk: number of steps after which the absolute value of their work is added to the
+    gross work. books: not None if energies are kept, or None.
     """
     start, done = stretch[_AT.time], int(stretch[_AT.done])
     if done > 0:
@@ -185,9 +185,9 @@ def sample_rows(
 
     Returns the number of rows that were written. Steps between two instants are equal and at most stretch.longest.
     Fewer rows than instants are written if the arm has failed (w.flag; the row of a diverged arm is written), or after
-    `most` steps. A call with the remaining instants continues the run with steps of the same length. A solver step ends
-    at each kink. A sample at a kink is the state before the kink, and the next interval starts with AT_KINK. Without
-    kinks every interval starts with the value GOES_ON.
+    `most` steps. A call with the remaining instants continues an interrupted run with steps of the same length. A
+    solver step ends at each kink. A sample at a kink is the state before the kink, and the next interval starts with
+    AT_KINK. Without kinks every interval starts with the value GOES_ON.
 
     # model     model;  drive: loads and motions as functions of time, or None;  par;  links: number of links
     #           scheme: coefficients and Newton tolerance of the integrator

@@ -94,10 +94,10 @@ def room_of(model, par):
 def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, behind, moved, passes, room, out):
     """Write the derivatives of q and v at the steps' ends by theta into out (rows, 2 n).
 
-    wide: the lanes of `lane` with one tangent. here, ahead, behind: `Neighbour`s with unchanged, larger and smaller
-    theta. steps: the run's `Steps`. factors: result of `factor_rows`. moved (rows, motions, 3): derivatives of the
-    prescribed motions by theta. passes: number of solutions per step; 1 suffices if the factored matrix is the exact
-    derivative of the residual. Each further solution reduces the remaining error.
+    wide: the lanes of `lane` with one tangent. here, ahead, behind: `Neighbour` records (models) with unchanged, larger
+    and smaller theta. steps: the run's steps, a `Steps`. factors: factored matrices from `factor_rows`. moved (rows,
+    motions, 3): derivatives of the prescribed motions by theta. passes: number of solutions per step; 1 suffices if the
+    factored matrix is the exact derivative of the residual. Each further solution reduces the remaining error.
     # in, out   room: `room_of` numbers of scratch, first a `Work` whose q, v, a, b hold the state and its tangents
     The state at the end of a step is the prediction plus Newton's increment, with changes of v, a and b in proportion.
     Rotations are updated by `protocol.retract`.
@@ -179,7 +179,7 @@ def _follow(wide, model, drive, w, d, slopes, on, k, moved):
 
 @kernel
 def _add_residual(lane, one, on, k, r, free, given):
-    """Add one neighbour's residual at the state of row k, times its weight, to given (n,).
+    """Compute a model's residual for another theta in the state of row k; add it, times weight, to given (n,).
 
     r, free: scratch memory for residual and matrix.
     """

@@ -58,7 +58,7 @@ def record_motor_angles(lane, instruments, model, par, record: Lanes, w: Work):
 def write_observation(lane, p, arm, poses, record, seen, first):
     """Replace one arm's true entries by sensor readings and write them to the arm's row of p.observation (float32).
 
-    arm: number of the arm in the batch. poses: the links' poses, inertial axes. record: channels (memory of the
+    arm: index of the arm in the batch. poses: the links' poses, inertial axes. record: channels (memory of the
     sensors). seen: true entries at entry, measured entries at return. first: whether the episode begins.
     """
     measure(lane, p, p.stream, arm, poses, record, seen, first)
@@ -70,7 +70,7 @@ def measure(lane, p, stream, arm, poses, record, seen, first):
     """Replace the true entries of one arm in `seen` by its sensors' readings.
 
     A channel is the memory of a sensor for one number. Channels are in the order encoders, accelerometer, gyroscope,
-    camera, force, switch, gauges; each sensor replaces or adds its entries in `seen`. arm: number of the arm in the
+    camera, force, switch, gauges; each sensor replaces or adds its entries in `seen`. arm: index of the arm in the
     batch. stream: random numbers, or None for readings without noise and without drawn gains or biases. first: whether
     the episode begins. poses: the links' poses, m, rad, inertial axes.
     """
@@ -124,8 +124,8 @@ def readings_size(instruments):
 def _true_angle(lane, task, i, k, poses):
     """Return the true angle of joint k, rad, of the arm in lane i, from poses of the links in inertial axes.
 
-    In the plane it is the link's root angle less the tip angle of the link before, or less the attitude of a floating
-    base. Poses in space (targets of three numbers) contain the angle itself.
+    In the plane the joint angle is the link's root angle minus the tip angle of the preceding link, or minus the
+    attitude of a floating base. Poses in space (targets of three numbers) contain the angle itself.
     """
     if size(task.targets) == 3:
         return load_lane(lane, poses, SPACE_POSE.end * k + SPACE_POSE.angle, i)
@@ -245,8 +245,8 @@ def _show(lane, instruments, who, at, c, record, seen, value):
 def _of_tip(lane, p, who, poses, field):
     """Return a vector of the last link's pose in space; field: offset in a pose of tip, turn, velocity or spin.
 
-    tip: position, m; turn: rotation vector, rad; velocity: m/s; all in inertial axes. spin: angular velocity, rad/s,
-    tip axes. who: the arm, a `Who`.
+    tip: position, m; turn: rotation vector, rad; velocity: velocity, m/s; all along inertial axes. spin: angular
+    velocity, rad/s, tip axes. who: the arm, a `Who`.
     """
     o = SPACE_POSE.end * (size(p.task.links) - 1) + field
     x, y = load_lane(lane, poses, o, who.i), load_lane(lane, poses, o + 1, who.i)
@@ -395,7 +395,7 @@ def _past_at(lanes, p, record):
 def draw_age(p, arm, record, lanes):
     """Draw the observation delay (whole control periods) of an arm's episode into its record, unless it is fixed.
 
-    arm: number of the arm in the batch. lanes: number of arms in a group. p.sensors.drawn: least and largest delay.
+    arm: index of the arm in the batch. lanes: number of arms in a group. p.sensors.drawn: least and largest delay.
     """
     if p.sensors is not None and p.sensors.drawn is not None:
         record[(_past_at(lanes, p, record) - 1) * lanes + arm % lanes] = draw_whole(p.stream, arm, p.sensors.drawn)
@@ -423,7 +423,7 @@ def record_drawn(lanes, p, i, record, info):
 def _entry(lanes, p, arm, k, record, seen, first):
     """Return entry k of one arm's observation as float32, with noise and delay.
 
-    seen: measured entries, in lanes; arm: number in the batch. The record holds the last `age` values of the entry.
+    seen: measured entries, in lanes; arm: index in the batch. The record contains the last `age` values of the entry.
     Each call shifts these values by one period and returns the oldest value, or the value at the drawn delay. At the
     start of an episode (first) the past is filled with the present value.
     """

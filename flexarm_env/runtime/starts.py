@@ -62,7 +62,7 @@ def start_episodes(address, mode, count):
 def _start(lane, p, arm, mode, block, w):
     """Start a new episode of one arm: draw it, set its state and record, write its first observation.
 
-    arm: number in the batch. mode: RUNNING, FRESH or GUIDED, for record.mode. All other lanes of the group keep their
+    arm: index in the batch. mode: RUNNING, FRESH or GUIDED, for record.mode. All other lanes of the group keep their
     numbers.
     # block     memory of the arm's group; parameters, poses, record, action, seen and info are written
     # w         q (m, rad), v, a, b, u and books of the lane are written; w.r, w.S, w.v0, w.a0, w.b0 are scratch
@@ -188,7 +188,7 @@ def _place_in_space(lane, p, arm, own, par, poses, record, action, w):
 def _swing(lane, p, i, live, own, par, angles, w):
     """Set the velocities of an arm in space to a vibration in its modes, with the energy of the drawn amplitudes.
 
-    p.ranges.shake (`envs.vibration.swing`) holds modes about joint angles 0. At other angles their rates would swing
+    p.ranges.shake (`envs.vibration.swing`) contains modes about joint angles 0. At other angles their rates would swing
     the joints as well. Therefore
 
         v <- v - (M + c K)^-1 M v,      c large compared with (T / (2 pi))^2 for every period T,
@@ -236,9 +236,10 @@ def _swing(lane, p, i, live, own, par, angles, w):
 def _start_info(lanes, p, arm, record, info):
     """Write the info of an arm before its first period (zeros, in_range 1, error estimate), and its goal angles.
 
-    arm: number in the batch; lanes: number of arms in a group. info: all fields before `further`. error: p.estimate of
-    the formulation's own error, divided by the arm's length. record.target is read. Written are record.goal, the joint
-    angles (rad) that reach the target, and record.hold = 0, the number of instants within the success bands.
+    arm: index in the batch; lanes: number of arms in a group. info: all fields before `further`. error: the field
+    `estimate` of the program, the beam formulation's own error divided by the arm's length. record.target is read.
+    Written are record.goal, the joint angles (rad) that reach the target, and record.hold = 0, the number of instants
+    within the success bands.
     """
     task, i, at = p.task, arm % lanes, info_of(p.task)
     for k in range(i, at.further * lanes, lanes):
@@ -258,7 +259,7 @@ def _start_info(lanes, p, arm, record, info):
 def _first_observation(lane, p, arm, live, record, action, poses, seen, info):
     """Write the first observation of an arm's episode; reward 0, neither terminated nor truncated.
 
-    This kernel also draws the delay of the first commands, and writes the drawn sensor delay and gains into info. live:
+    The kernel also draws the delay of the first commands, and writes the drawn sensor delay and gains into info. live:
     1 in the lane of this arm, otherwise 0. The reward is computed for the info of this lane; reward terms and the last
     action are then set to 0.
     """
@@ -292,7 +293,7 @@ def guided_period(address, begins):
 
 @kernel
 def _start_guided(lane, p, block, w):
-    """Start prescribed motions and observe the arm, which the batch has drawn (`start_episodes`).
+    """Start an arm under prescribed motions, which the batch has drawn (`start_episodes`), and observe the arm.
 
     # in        w.q, w.v before the start;  par;  record and action of the start
     # out       w: consistent v, a, b, u and reactions;  poses, seen, info;  p.reward, flags and p.observation

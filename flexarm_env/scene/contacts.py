@@ -32,7 +32,7 @@ class Contact:
         obstacle: `HalfSpace`, `Sphere`, `Box` or, in space, `Cylinder` (`flexarm_env.shapes`). In the plane shapes have
             two coordinates, in space three.
         stiffness: stiffness k, N/m^n, positive. Time steps must resolve the contact (see `speed`).
-        exponent: exponent n: 1, 1.5 (Hertz), 2, 2.5 or 3.
+        exponent: exponent n of the force law: 1, 1.5 (Hertz), 2, 2.5 or 3.
         damping: damping coefficient alpha, s/m, zero or positive. The coefficient of restitution at low impact speed v
             is about 1 - alpha v.
         friction: coefficient of friction mu, zero or positive.

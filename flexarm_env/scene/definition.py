@@ -40,7 +40,7 @@ class Scene:
     """An arm with its initial state, joints, prescribed motions, loads and duration.
 
     Args:
-        name: a short word.
+        name: name of the scene, a short word.
         arm: the arm, N links.
         duration: length of the run, s. dt: default step, s. sample: default sampling interval, s (None: ``dt``).
         root: "pinned" (position fixed or prescribed, hub angle free unless prescribed) or "free" (a free body; an arm
@@ -138,7 +138,7 @@ class Scene:
         return check.numbers(name, given, what, n, unit) if given else (0.0,) * n
 
     def _check_rates(self) -> None:
-        """Check the initial rates: zero for a start at rest or a held root, and equal across rigid joints."""
+        """Check the initial rates: zero for a start at rest or a fixed root, and equal across rigid joints."""
         # start at rest: a held root and no rates
         if self.start != "unloaded":
             if self.root == "free":
@@ -255,7 +255,7 @@ class Scene:
         check.store(self, **items)
 
     def _can_join(self, joined: dict[float, float]) -> bool:
-        """Return False if this replacement would give two pieces of a function the same start (a very fine table)."""
+        """Return False if joined instants give two pieces of a function one start (table finer than round-off)."""
         starts = [[joined.get(t, t) for t in f.pieces[:, 0].tolist()] for f in self._functions()]
         return all(len(set(own)) == len(own) for own in starts)
 
@@ -392,8 +392,8 @@ def standing_scene(
     """Return a scene of the arm without motions; the arm is pinned or on its floating base.
 
     Args:
-        dt: step, s. gravity: acceleration of gravity, m/s^2, or None. angles: initial angles of the links, rad (in
-            space joint angles). pushed: add a zero force on the tip, which reserves memory for an external force.
+        dt: solver step, s. gravity: acceleration of gravity, m/s^2, or None. angles: initial angles of the links, rad
+            (in space joint angles). pushed: add a zero force on the tip, which reserves memory for an external force.
             contacts: obstacles that the arm may touch.
     """
     root = "pinned" if arm.base is None else "free"

@@ -98,7 +98,7 @@ class PointLoad:
 
     @property
     def functions(self) -> tuple[TimeFunction, ...]:
-        """Functions of time of the components that are given."""
+        """Functions of time of the load's given components."""
         return tuple(f for f in (getattr(self, name) for name in FORCES) if f is not None)
 
     @property

@@ -45,10 +45,10 @@ class _Leaves(Exception):
 def in_plane(scene: Scene) -> InPlane | None:
     """Return the scene in its plane; None if it leaves the plane, has a rigid link, is planar or demands `space`.
 
-    The following conditions must hold to the accuracy `EXACT`. All joint axes must have one direction. This common
-    direction is a principal axis of every section and every inertia tensor. Gravity, forces, the root's motion and
-    velocity, and the payload's offset are perpendicular to the joint axes. Moments act about the direction of the joint
-    axes.
+    The following conditions must hold to the accuracy `EXACT`. All joint axes must have one direction. The common
+    direction of the joint axes must be a principal axis of every section and every inertia tensor. Gravity, forces, the
+    root's motion and velocity, and the payload's offset are perpendicular to the joint axes. Moments act about the
+    direction of the joint axes.
     """
     # rigid links are computed in space only
     rigid = any(link.rigid for link in scene.arm.links)
@@ -194,7 +194,8 @@ def _link(link: Link, frame: Array) -> Link:
 def _section(section: Any, a: float, b: float) -> Any:
     """Return a section that bends in the plane of motion, whose normal (0, a, b) is a principal axis of the section.
 
-    If b = 0, the principal axes y and z are exchanged. If neither is 0, the section must be the same about all axes.
+    If b = 0, the principal axes y and z are exchanged. If neither a nor b is 0, the section must be the same about all
+    axes.
     """
     if a == 0.0:
         return section

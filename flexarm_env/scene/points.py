@@ -18,8 +18,8 @@ def at_points(scene: Scene) -> Scene:
     """Return the scene with links divided at the contact points along them; without such points the scene itself.
 
     The pieces of a link are links with a rigid joint between them. Each formulation computes forces and motions of link
-    ends, so that such points can touch in every formulation. Joints, links and bodies keep their order and get new
-    numbers.
+    ends, so that points along links can touch in every formulation. Joints, links and bodies keep their order and get
+    new numbers.
 
     Raises:
         ValueError: the link is curved, or its section varies, or the arm has sensors that name links.

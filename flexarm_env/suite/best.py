@@ -32,8 +32,9 @@ class Record:
     """Record of a task for n episodes.
 
     Attributes:
-        actions (T, n, N): float32. values (n,): return minus price times cost. by (n,): name of the policy that played
-            each episode, or from which the search began. digest: digest of the task. date: date in ISO format.
+        actions (T, n, N): actions, float32. values (n,): return minus price times cost. by (n,): name of the policy
+            that played each episode, or from which the search began. digest: digest of the task. date: date in ISO
+            format.
     """
 
     actions: NDArray[np.float32]
@@ -70,7 +71,7 @@ def unpacked(planes: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def record(task: Task) -> Record:
-    """Read the record of a suite task. ValueError if the task has no record."""
+    """Read the record of a suite task. Raises ValueError if the task has no record."""
     path = _path(task)
     if not path.is_file():
         raise check.InvalidValue("--best", task.id, "has no record")

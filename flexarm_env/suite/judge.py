@@ -18,8 +18,8 @@ class Judged:
 
     Attributes:
         returns, successes, costs, settled: `returns`, `success`, `cost` and `success_period` of
-            `flexarm_env.episodes.measures`. lengths: control periods. wall_s, cpu_s: total time, without compilation.
-            decision_us: wall time per decision and episode, microseconds.
+            `flexarm_env.episodes.measures`. lengths: number of control periods of each episode. wall_s, cpu_s: total
+            time, without compilation. decision_us: wall time per decision and episode, microseconds.
     """
 
     returns: list[float]

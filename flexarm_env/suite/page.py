@@ -169,7 +169,7 @@ def _learnt(judged: Sequence[tuple[Task, dict[str, Any]]]) -> Iterator[int]:
 
 
 def less_pd(task: Task, numbers: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Return the values (n,) of a hundred episodes minus PD control's values in the same episodes."""
+    """Return the values (n,) of a hundred episodes minus PD control's values in the same hundred episodes."""
     gain: NDArray[np.float64] = values(task, numbers) - np.array(numbers["pd"], float)
     return gain
 

@@ -28,13 +28,14 @@ class Chosen:
     """A policy that is not yet bound to an environment.
 
     Attributes:
-        kind: "controller", "policy", "onnx" or "function". source: name of the policy, with the task's id in place of
-            {task}.
-        fingerprint: hash of the policy. make: function of a vector environment that returns the `Policy`, or raises
-            ValueError if the policy does not fit. run: training seed, if its file records it. training: record of the
-            training (steps, wall_s, cpu_s). canonical: function that returns the policy's numbers as bytes, which
-            determine the seeds of its second
-                hundred episodes (`flexarm_env.suite.second`); None: the policy has only the public hundred.
+        kind: "controller", "policy", "onnx" or "function".
+        source: name of the policy, with the task's id in place of {task}.
+        fingerprint: hash of the policy.
+        make: function of a vector environment that returns the `Policy`, or raises ValueError if the policy does not
+            fit.
+        run: training seed, if the policy's file records it. training: record of the training (steps, wall_s, cpu_s).
+        canonical: function that returns the policy's numbers as bytes, which determine the seeds of its second hundred
+            episodes (`flexarm_env.suite.second`); None: the policy has only the public hundred.
     """
 
     kind: str
@@ -47,7 +48,7 @@ class Chosen:
 
 
 def choose(word: str, task: Task) -> Chosen:
-    """Find the policy that a name denotes for a task. ValueError for an unknown name or a damaged file."""
+    """Find the policy that a name denotes for a task. Raises ValueError for an unknown name or a damaged file."""
     source = word.replace(PLACE, task.id)
     # ONNX file, with its external weights
     path = Path(source)
@@ -94,7 +95,7 @@ def controller(name: str, env: Any) -> Policy:
 
 
 def _gains(name: str, env: Any) -> Any:
-    """Return the tuned gains; None for an arm without any, which `control.make` then rejects with its own message."""
+    """Return the tuned gains; None for an arm without tuned gains, for which `control.make` raises its own error."""
     setup = control.Setup.of(env)
     try:
         return tuned_gains(name, setup.gains, setup.n_joints)

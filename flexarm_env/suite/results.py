@@ -70,8 +70,8 @@ class Results:
     def known(self, task: Task, chosen: Chosen, episodes: int) -> int:
         """Return the number of episodes on which this policy has been evaluated on this task.
 
-        The number is 0 if the stored episodes differ from the requested episodes. It is also 0 for functions, because
-        the source of a function does not determine its behavior.
+        The number is 0 if the stored episodes differ from the requested episodes. For functions the number is also 0,
+        because the source of a function does not determine its behavior.
         """
         entry = self.tasks.get(task.id)
         if entry is None or chosen.kind == "function" or entry["policy"]["fingerprint"] != chosen.fingerprint:
@@ -368,7 +368,7 @@ def begun(folder: Path, name: str, run: int) -> Results:
 
 
 def folder_of(folder: Path, *, earlier: bool = False) -> list[Results]:
-    """Read all results files in a folder. ValueError if a file is damaged, or the folder has no results file."""
+    """Read all results files in a folder. Raises ValueError if a file is damaged, or the folder has no results file."""
     files = sorted(folder.glob("*.json")) if folder.is_dir() else []
     if not files:
         raise ValueError(f"{folder}: no results files (*.json) there; flexarm bench suite --out {folder} writes them")

@@ -30,8 +30,8 @@ FLOOR = "pd"
 class Reference:
     """Reference values J of a task for scores, on the episodes of the protocol.
 
-    digest: digest of the task version. pd: value J of PD control. best: best known value J. by: the method that reached
-    the best value.
+    digest: digest of the task version. pd: the value J of PD control. best: the best known value J. by: the method that
+    reached the best value.
     """
 
     digest: str

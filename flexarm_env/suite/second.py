@@ -3,13 +3,12 @@
 The seeds begin at 2^32 plus the first eight hexadecimal digits of SHA-256(digest of the task, numbers of the policy).
 The numbers are a network's arrays and its normalizer, or a controller's name and gains, without metadata or file bytes.
 The second score does not protect against a policy that is changed until its seeds suit it, because each changed policy
-has other seeds.
-Policies without numbers in these forms (Python functions, ONNX models, actions optimized beforehand) have only the
-public hundred of episodes.
+has other seeds. Policies without such numbers (Python functions, ONNX models, actions optimized beforehand) have only
+the public hundred of episodes.
 
-A permutation test detects a significant difference between both hundreds. The differences from PD control's values on
-the same seeds are redistributed at random over two hundreds. The value p is the share of redistributions in which the
-two means differ at least as much as the measured means. Holm's method (1979) adjusts p for multiple tests.
+A permutation test detects a significant difference between both hundreds. The test redistributes at random, over two
+hundreds, the differences from PD control's values on the same seeds. The value p is the share of redistributions in
+which the two means differ at least as much as the measured means. Holm's method (1979) adjusts p for multiple tests.
 """
 
 import dataclasses

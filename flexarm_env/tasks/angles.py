@@ -1,6 +1,6 @@
 """Inverse kinematics in the plane: compute joint angles of straight links that bring the tip to a point (x, y), m.
 
-The array `angles` holds N joint angles, rad: at entry the present angles, at return the computed angles.
+The array `angles` contains N joint angles, rad: at entry the present angles, at return the computed angles.
 limits (2 N,): lower and upper limit of each joint, rad. If a target is out of reach, the tip is brought near it, on the
 line from the root to the target.
 
@@ -112,9 +112,9 @@ def _bent(lengths, limits, x, y, fx, fy):
 def _force(lengths, limits, x, y, fx, fy):
     """Return (fx, fy, sum of squared angles) of the force that bends a chain of springs to (x, y), from a guess.
 
-    Damped Newton on tip(f) = (x, y); each joint's angle is the force's moment about it. lengths (N,): lengths of the
-    links, m; x, y: target, m; limits (2 N,): lower and upper limit of each joint, rad; fx, fy: the guess, rad/m. The
-    returned sum is inf if no solution is found.
+    Newton's method with damped steps solves tip(f) = (x, y); each joint's angle is the force's moment about the joint.
+    lengths (N,): lengths of the links, m; x, y: target, m; limits (2 N,): lower and upper limit of each joint, rad; fx,
+    fy: the guess, rad/m. The returned sum is inf if no solution is found.
     """
     length = 0.0
     for k in range(lengths.shape[0]):
@@ -243,8 +243,9 @@ def _from_arc(lengths, limits, x, y, side, angles):
 
     An arc has the same angle at all elbows; side: the sign of this angle, 1 or -1. fx, fy: force (rad/m) at (x, y)
     whose moments about the joints are the joint angles. The sum is inf without a solution. Newton's method starts from
-    the arc to (x, y). If this fails, it starts from the arc to an easy point on the same bearing, and the point then
-    moves to (x, y) in steps. `angles` receives the last arc that was a start.
+    the arc to (x, y). If this fails, a second attempt starts from the arc to an easy point on the same bearing, and the
+    point then moves to (x, y) in steps. The array `angles` receives the joint angles of the last arc from which the
+    search started.
     """
     bearing, length, last = math.atan2(y, x), 0.0, _arc_bend(lengths, math.hypot(x, y))
     for k in range(lengths.shape[0]):

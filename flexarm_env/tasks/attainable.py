@@ -92,10 +92,10 @@ def first_unattainable(task, needs, angles, points):
 def _allowed(task, needs, mine):
     """Return 1.0 if a posture reaches its target within the joint limits and the motors can hold it, otherwise 0.0.
 
-    mine: record of one arm. Its field `goal` holds the posture's joint angles, rad; its field `target` holds the target
-    point, m, or an angle that needs no check. If task.turns is not None, the hub's angle is first moved by whole turns
-    to the middle of its limits. needs.bodies: mass moment along and across each link, kg m, with all masses beyond the
-    link at its far joint; needs.gravity: m/s^2; needs.torques: largest joint torques, N m.
+    mine: record of one arm. Its field `goal` contains the posture's joint angles, rad; its field `target` contains the
+    target point, m, or an angle that needs no check. If task.turns is not None, the hub's angle is first moved by whole
+    turns to the middle of its limits. needs.bodies: mass moment along and across each link, kg m, with all masses
+    beyond the link at its far joint; needs.gravity: m/s^2; needs.torques: largest joint torques, N m.
     """
     n, limits, x, y = size(task.links), task.joint_limits, mine[TARGET], mine[TARGET + 1]
     if task.turns is not None and limits[0] > -math.inf and limits[1] < math.inf:

@@ -92,7 +92,7 @@ def land_draw_line(task, stream, arm, start, drawn, path):
     """Write the `PATH` of a target at rest on the wall, on a random side of the wall's point nearest to the root.
 
     drawn (4,): distance of the nearest point from the root, m; distance of the target from the nearest point, m; an
-    unused number; bearing of the nearest point, rad. stream[arm]: random numbers of the arm. start: not used.
+    unused number; bearing of the nearest point, rad. stream[arm]: random numbers of the arm. start: unused argument.
     """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     cosine, sine = math.cos(drawn[3]), math.sin(drawn[3])

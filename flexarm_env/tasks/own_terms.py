@@ -52,7 +52,7 @@ def _with_terms(record: Any, terms: tuple[Any, ...]) -> Any:
 
 
 def _reduced(record: Any) -> Any:
-    """Tell pickle how to rebuild a record of such a class, which cannot be imported by name."""
+    """Tell pickle how to rebuild a record of a class with user-defined terms, which cannot be imported by name."""
     return _remade, (type(record).__mro__[1], type(record).own_terms, tuple(record))
 
 

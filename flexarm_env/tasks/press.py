@@ -100,8 +100,9 @@ def reward_press(lane, task, e, d, shaking, action, record: Lanes, live, info: L
     """Return the reward of a tip that slides along a wall under a commanded normal force, and record success.
 
     e: distance (m) of tip and target along the wall; f = (F_n - F_c) / F_c with the normal force F_n at the period's
-    end and the commanded one F_c; d: distance of tip and target divided by the arm's length; a, b (task.bands): success
-    bands of f and e (m); shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2.
+    end and the commanded normal force F_c; d: distance of tip and target divided by the arm's length; a, b
+    (task.bands): success bands of f and e (m); shaking: sum of squares of deflection rates divided by the links'
+    lengths, 1/s^2.
 
         accuracy exp(-(e / 10 mm)^2), settle 1 / (1 + ((e / b)^2 + (f / a)^2)^2), distance by min(d, 1) (`left_of`),
         effort -sum action^2, vibration -min(shaking, 1), force exp(-(f / 0.25)^2)

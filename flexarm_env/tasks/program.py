@@ -1,4 +1,4 @@
-"""Data of the compiled environment: layouts of an arm's memory, and `Program`, the tuple that holds everything."""
+"""Data of the compiled environment: layouts of an arm's memory, and `Program`, the tuple of all data."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -58,7 +58,7 @@ CHANNEL = Layout("Channel", "room",
     Field("reading", (), "", "last reading"),
     Field("since", (), "", "control periods since the last reading"),
     Field("rate", (), "1/s", "rate by an encoder; in space angular velocity for an accelerometer, an axis per channel"),
-    Field("motor", (), "rad", "angle of the joint's motor, over the ratio; what a force sensor or switch reads"),
+    Field("motor", (), "rad", "motor angle / gear ratio; for a force sensor or switch the quantity that it reads"),
     Field("place", (), "m", "tip at the instant before, for an accelerometer's channels x, y, z"),
     Field("speed", (), "m/s", "its rate"), Field("turn", (), "rad, rad/s", "tip angle, rate; in space rotation vector"),
     Field("past", ("room",), "", "filter outputs `share` of a period before each earlier instant, the newest first"),
@@ -152,7 +152,7 @@ INFO = Layout("Info", "links, targets, terms, further",
     Field("energies", (ENERGIES.length,), "J", "an `ENERGIES`"),
     Field("reward", (), "", "sum of the weighted reward terms"),
     Field("truncated", (), "", "1 if the episode is truncated, otherwise 0"),
-    Field("motors", (2, "links"), "rad, rad/s", "motor angles and rates, over the gear ratio, where energies are kept"),
+    Field("motors", (2, "links"), "rad, rad/s", "motor angles, rates / gear ratio, if energies are recorded"),
     Field("further", ("further",), "", "a `FURTHER` record, or nothing"),
 )  # fmt: skip
 """Entries of info, which the caller reads after a control period."""
@@ -304,8 +304,8 @@ class Instruments(NamedTuple):
 
     The channels of the sensors are in the order of the fields.
 
-    The sensors' entries of the observation follow the entries of task and target. Their order is: goals, accelerometer,
-    gyroscope, camera, force, switch, gauges.
+    The sensors' entries of the observation follow the entries of task and target. The order of these entries is: goals,
+    accelerometer, gyroscope, camera, force, switch, gauges.
     """
 
     period: float  # control period, s

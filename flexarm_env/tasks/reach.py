@@ -52,8 +52,8 @@ def reach_observe(lane, task, poses: Lanes, record: Lanes, out):
     Entries: sine, cosine of each joint angle; N joint rates (rad/s); N tip deflections divided by link length, and
     their N rates (1/s); tip velocity (m/s) and target minus tip (m), in the axes of link 0's root; seven entries of a
     floating base.
-    poses: positions, angles and rates of the links, inertial axes; record: records of the arms, of which the target is
-    read. Each entry is divided by its scale and clipped to +-10.
+    poses: positions, angles and rates of the links, inertial axes; record: records of the arms; the target is read.
+    Each entry is divided by its scale and clipped to +-10.
     """
     n = size(task.links)
     before, spin = 0.0, of_base(lane, task, poses, BASE_POSE.rate)
@@ -118,8 +118,9 @@ def reward_point(lane, task, error, speed, shaking, poses, action, record, live,
 
     In the total each term is multiplied by its weight. If task.paid is not None, settle is 1 / (1 + s^2) (`settled`). s
     is the sum of squares of error and speed (and of a floating base's attitude), each divided by its success band.
-    error: divided by the arm's length. speed: divided by the arm's length, 1/s. shaking: sum of squares of the
-    deflection rates divided by the links' lengths, 1/s^2. Terms are written into info for running arms (live > 1/2).
+    error: distance of the tip from the target divided by the arm's length. speed: relative speed of the tip divided by
+    the arm's length, 1/s. shaking: sum of squares of the deflection rates divided by the links' lengths, 1/s^2. Terms
+    are written into info for running arms (live > 1/2).
     """
     # success: |r - target| / L and speed / L (1/s) within their bands
     good = select_lt(error, task.bands[0], 1.0, 0.0)
@@ -152,8 +153,8 @@ def reach_target(task, angles, first, second):
 def reach_aim(task, record):
     """Write the goal angles (rad) of two links into record[GOAL:]: the elbow side that the joints reach first.
 
-    record: record of one arm. The record's target (m, inertial axes) is read. The record's goal holds the present joint
-    angles at entry and the angles that bring the tip to the target at return (`angles.sooner_angles`).
+    record: record of one arm. The record's target (m, inertial axes) is read. The record's goal contains the present
+    joint angles at entry and the angles that bring the tip to the target at return (`angles.sooner_angles`).
     """
     sooner_angles(task.lengths, task.rates, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 
@@ -163,7 +164,7 @@ def chain_aim(task, record):
     """Write the goal angles (rad) of N links into record[GOAL:]: the angles of least sum of squares at the target.
 
     record: record of one arm. The record's target (m, inertial axes) is read. The first entry of the record's goal is
-    the hub's present angle at entry. At return the goal holds the goal angles (`angles.least_angles`).
+    the hub's present angle at entry. At return the goal contains the goal angles (`angles.least_angles`).
     """
     least_angles(task.lengths, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 
@@ -183,7 +184,7 @@ def reach_draw_path(task, stream, arm, start, drawn, path):
     """Write a circular path with random sense of rotation and random phase into `path`, a `PATH`.
 
     drawn (4,): distance of the circle's center from the root, m; period, s; radius, m; bearing of the center, rad.
-    stream[arm]: random numbers of the arm. start: not used.
+    stream[arm]: random numbers of the arm. start: unused argument.
     """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     # center (inertial axes), from its distance and bearing
@@ -199,7 +200,7 @@ def reach_draw_line(task, stream, arm, start, drawn, path):
     """Write a straight path with random sense of direction into `path`, a `PATH`, from its point nearest to the root.
 
     drawn (4,): distance of the path's nearest point from the root, m; time at which the target reaches this point, s;
-    speed, m/s; bearing of this point, rad. stream[arm]: random numbers of the arm. start: not used.
+    speed, m/s; bearing of this point, rad. stream[arm]: random numbers of the arm. start: unused argument.
     """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     cosine, sine = math.cos(drawn[3]), math.sin(drawn[3])

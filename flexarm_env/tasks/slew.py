@@ -58,8 +58,7 @@ def slew_observe(lane, task, poses: Lanes, record, out):
     Entries: sine and cosine of the hub angle, relative to a floating base; hub rate (rad/s); tip deflection across the
     root's tangent, divided by L; deflection rate divided by L (1/s); target minus tip angle (rad), within +-pi if
     task.turns is not None, otherwise with all turns; seven entries of a floating base. Each entry is divided by its
-    scale and clipped to +-10. poses: pose of the link, inertial axes; record: records of the arms, of which the target
-    is read.
+    scale and clipped to +-10. poses: pose of the link, inertial axes; record: records of the arms; the target is read.
     """
     normal, along, rate, _, _, _, _, sine, cosine = deflection(lane, poses, 0)
     # hub angle as (sin, cos), against a floating base where there is one
@@ -86,8 +85,8 @@ def slew_judge(lane, task, poses, action, record: Lanes, live, info):
     In the total each term is multiplied by its weight. A floating base adds a term for its attitude. If the environment
     prices changes of actions, the price adds another term. If task.paid is not None, settle is 1 / (1 + s^2)
     (`settled`). s is the sum of squares of e, slip and rate (and of a base's attitude), each divided by its success
-    band. poses: pose of the link, inertial axes; info is written for running arms (live > 1/2). Joint limit passed: 1.0
-    where the joint is beyond its limits, otherwise 0.0.
+    band. poses: pose of the link, inertial axes; info is written for running arms (live > 1/2). The joint limit is
+    passed (1.0) if the joint is beyond its limits, otherwise the value is 0.0.
     """
     # tip less root: polar angle and its rate (inertial axes), deflection (root axes)
     normal, along, rate, dx, dy, dvx, dvy, _, _ = deflection(lane, poses, 0)

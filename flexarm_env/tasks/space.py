@@ -62,7 +62,7 @@ def space_observe(lane, task, poses: Lanes, record, out):
     Entries: sine and cosine of N joint angles; N joint rates (rad/s); for each flexible link its tip's deflections
     along y and z and their rates, divided by the link's length, its twist (rad) and twist rate (rad/s); tip velocity
     (m/s) and vector from tip to target (m), in the axes of link 0's root. Each entry is divided by its scale and
-    clipped to +-10. poses: poses of the links; record: the target.
+    clipped to +-10. poses: poses of the links; record: records of the arms; the target is read.
     """
     n, to = size(task.links), 3 * size(task.links)
     for k in range(n):
@@ -111,7 +111,7 @@ def space_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
 def record_pose(lane, task, poses: Lanes, record: Lanes, live, info):
     """Write deflections, twists, tip and target into info for running arms (live > 1/2); return (shaking, past).
 
-    shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2. past: 1.0 where a joint is beyond
+    shaking: sum of squares of deflection rates divided by the links' lengths, 1/s^2. past: 1.0 if a joint is beyond
     its limits.
     """
     n, at = size(task.links), info_of(task)
@@ -158,7 +158,7 @@ def space_pursue(task, record):
     """Move the goal angles (rad), record[GOAL:], so that they reach the moved target; do nothing if targets rest.
 
     record: record of one arm. Its field `target` (m, inertial axes) is read. Its field `goal` (rad) is read and
-    written. task.chain: a `JOINT` per joint, None where targets rest.
+    written. task.chain: one `JOINT` record per joint; None if targets rest.
     """
     if task.chain is not None:
         point = (record[TARGET], record[TARGET + 1], record[TARGET + 2])
@@ -180,7 +180,7 @@ def space_draw_path(task, stream, arm, start, drawn, path):
     """Write a circular path in a random plane, from a random phase, into `path`, a `PATH`.
 
     drawn (5,): distance of the circle's center from the root, m; period, s; radius, m; bearing and elevation of the
-    center, rad. stream[arm]: random numbers of the arm. start: not used.
+    center, rad. stream[arm]: random numbers of the arm. start: unused argument.
     """
     away, _, _ = directions(drawn[3], drawn[4])
     # center of the circle, distance times direction (inertial axes)
@@ -198,7 +198,8 @@ def space_draw_line(task, stream, arm, start, drawn, path):
     """Write a straight path in a random direction, by its point nearest to the root, into `path`, a `PATH`.
 
     drawn (5,): distance of the path's nearest point from the root, m; time at which the target reaches this point, s;
-    speed, m/s; bearing and elevation of this point, rad. stream[arm]: random numbers of the arm. start: not used.
+    speed, m/s; bearing and elevation of this point, rad. stream[arm]: random numbers of the arm. start: unused
+    argument.
     """
     away, around, up = directions(drawn[3], drawn[4])
     turn = 2.0 * math.pi * uniform(stream, arm)

@@ -1,10 +1,10 @@
 """Common parts of all tasks: the record `Task`, the functions that a task registers, kernels for reward and success.
 
 A task consists of a record (a subclass of `Task`, such as `Slew` or `Reach`) and the kernels registered for the record.
-`poses` holds a `physics.layout.POSES` per link, then a `BASE_POSE` where the base floats. Observed entries are divided
-by their scales and clipped to +-10. All arithmetic runs on lanes, one arm per lane, so that a batch and a single arm
-give the same bits. `live` is 1.0 in the lanes of running arms, that is, of arms that were advanced without a failure
-and have finite observations, otherwise 0.0.
+`poses` contains a `physics.layout.POSES` record per link, then a `BASE_POSE` record if the base floats. Observed
+entries are divided by their scales and clipped to +-10. All arithmetic runs on lanes, one arm per lane, so that a batch
+and a single arm give the same bits. `live` is 1.0 in the lanes of running arms, that is, of arms that were advanced
+without a failure and have finite observations, otherwise 0.0.
 
     observe(lane, task, poses, record, out)                write the scaled observation into the first entries of `out`
     judge(lane, task, poses, action, record, live, info)   write success and reward terms into `info` where live > 1/2;
@@ -234,7 +234,7 @@ def past_limits(lane, task, poses: Lanes):
 def record_success(lane, task, good, record: Lanes, live, info):
     """Count the consecutive instants within the success bands; write success (1 or 0) into info of running arms.
 
-    good: 1 where all errors are within their bands. Success means a count (record.hold) of at least task.hold. If
+    good: 1 if all errors are within their bands. Success means a count (record.hold) of at least task.hold. If
     task.once is not None, success lasts to the end of the episode.
     """
     # hold counts periods in a row: an instant outside a band starts the count again
@@ -326,8 +326,7 @@ def record_deflections(lane, task, poses: Lanes, live, info: Lanes):
 def record_tip(lane, task, poses: Lanes, record: Lanes, live, info):
     """Write the tip's position (m, inertial axes) and the target (m or rad) into info for running arms (live > 1/2).
 
-    poses: positions, angles and rates of the links, inertial axes. record: records of the arms, of which the target is
-    read.
+    poses: positions, angles and rates of the links, inertial axes. record: records of the arms; the target is read.
     """
     o, at = POSE.end * (size(task.links) - 1), info_of(task).target
     put_info(lane, live, info, TIP, poses[o + POSE.tip_x])

@@ -138,7 +138,7 @@ def start_path(reference, task, stream, arm, record, lanes):
     """Draw a path for an arm at the start of its episode and put its target at the path's start.
 
     The number of draws from `stream` depends on the kind of path, and paths that the arm cannot follow are drawn again.
-    reference.line: straight lines are drawn. arm: number in the batch; lanes: number of arms in a group.
+    reference.line: not None if straight lines are drawn. arm: index in the batch; lanes: number of arms in a group.
     # in        record.goal, joint angles (rad) from which the arm's posture follows the path
     # in, out   stream[arm]
     # out       record: path, target and its rate

@@ -65,7 +65,7 @@ class Config:
     around: Mapping[str, Any] = field(default_factory=dict)
 
     def lasting(self, n_timesteps: int | None) -> Config:
-        """Return the config with another number of environment steps; None: unchanged."""
+        """Return the config with another number of environment steps; None leaves the number unchanged."""
         return self if n_timesteps is None else replace(self, text={**self.text, "n_timesteps": n_timesteps})
 
     def changed(self, settings: Sequence[str], env_id: str) -> Config:
@@ -185,7 +185,7 @@ def taken_by(algorithm: str) -> set[str]:
 
 
 def checked(config: Config, path: str, env_id: str, allowed: Collection[str]) -> Config:
-    """Return the config; ValueError for an unknown key or an invalid value."""
+    """Return the config; raise ValueError for an unknown key or an invalid value."""
     with check.under(f"{path}: {env_id}"):
         check.known_keys("", config.text, sorted(allowed), f"key of {config.algorithm}")
         check.needed("", config.text, "n_timesteps", "a positive number of environment steps")
@@ -233,7 +233,7 @@ def text_of(config: Config, env_id: str) -> str:
 
 
 def _yaml() -> Any:
-    """Import PyYAML; ValueError if it is not installed."""
+    """Import PyYAML; raise ValueError if it is not installed."""
     with check.needs("a file of hyper-parameters", "pyyaml", "train", ValueError):
         return importlib.import_module("yaml")
 

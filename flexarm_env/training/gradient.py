@@ -61,7 +61,7 @@ class Gradient(BaseAlgorithm):
     """Policy gradient through the simulation over short horizons (short-horizon actor-critic).
 
     Args:
-        policy: "MlpPolicy". env: a vector environment of this package.
+        policy: name of the policy class, "MlpPolicy". env: a vector environment of this package.
         learning_rate: learning rate of actor and critic. n_steps: control periods of a window. gamma: discount factor.
         batch_size, n_epochs: batch size and number of epochs for fitting the critic in each window.
         gae_lambda: weight of longer returns in the critic's targets. max_grad_norm: largest norm of the actor's

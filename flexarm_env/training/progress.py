@@ -43,8 +43,8 @@ class Progress:
     ) -> bool:
         """Add an evaluation after `steps` steps; return whether the evaluation is the best so far.
 
-        solved_at: success rate at which the task counts as solved. best_by: see `cost`. others: values of the columns
-        train_return, std and learning_rate.
+        solved_at: success rate at which the task counts as solved. best_by: argument `by` of `cost`. others: values of
+        the columns train_return, std and learning_rate.
         """
         # row of the learning curve
         row = {

@@ -146,7 +146,7 @@ class Training:
         return own
 
     def _resumed(self, kept: Iterable[str], algorithm: str | None) -> Self:
-        """Return the recorded arguments of the run to be resumed; ValueError for arguments that would change it."""
+        """Return the recorded arguments of the run to be resumed; raise ValueError if others would change it."""
         folder, record = self.folder, read_run(self.folder)
         if algorithm is not None and record["algorithm"] != algorithm:
             raise ValueError(f"{folder}: a run of {record['algorithm']}, not of {algorithm}")
@@ -267,7 +267,7 @@ def restored(folder: Path, read: Callable[[Path, Any], T]) -> T:
 
 
 def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
-    """Load a folder's model and VecNormalize statistics (or None); ValueError if they are unreadable."""
+    """Load a folder's model and VecNormalize statistics (or None); raise ValueError if they are unreadable."""
     import torch
 
     from flexarm_env.training.config import algorithm_class
