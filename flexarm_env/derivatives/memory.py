@@ -62,7 +62,7 @@ class Memory:
         return np.concatenate([own[:, : self._first], past, own[:, self._first :]], axis=1)
 
     def with_past(self, own: Array, first: int = 0) -> Array:
-        """Return states made of `own` and the present stored observations of the batch's arms; first: the first arm."""
+        """Return states made of `own` and the present stored observations of the batch's arms. first: the first arm."""
         if self.frames == 0:
             return own
         batch, late = self._batch, np.zeros((len(own), self._age, self.entries))

@@ -26,8 +26,7 @@ from .places import laws_of, places_of
 
 MOST_AT_ONCE = 3
 """Largest number of Jacobian columns that one pass computes. More columns would lengthen compilation without reducing
-the cost per column.
-"""
+the cost per column."""
 
 
 Found = TypeVar("Found", bound=tuple[Array, ...])
@@ -43,8 +42,7 @@ class Jacobians(NamedTuple):
     A state has S entries, of which the first X move (`Arms.moving`). An action has A entries, an observation O entries.
     `moved` contains the derivatives without the rows and columns of entries that do not move. A, B, C, D, r_x and r_u
     are the derivatives for complete states. Entries that do not move stay constant, and derivatives with respect to
-    these entries are zero.
-    """
+    these entries are zero."""
 
     state: Array  # (n, S): state one control period later
     observation: Array  # (n, O): observation one control period later
@@ -133,8 +131,7 @@ class Differentiable(Protocol):
             observation.
         moving: number of a state's leading entries that are not constant.
         failed: array (n,), True for arms whose solver failed in the last call.
-        past: array (n,), True for arms with a joint beyond its limits at the end of the last call.
-    """
+        past: array (n,), True for arms with a joint beyond its limits at the end of the last call."""
 
     n: int
     state_size: int
@@ -173,8 +170,7 @@ class Periods:
             failed in their lane, as in the environment), "all" or "none". whole: include the terms of all parameters.
     Attributes:
         n, state_size, action_size, observation_size, moving, names, failed, past: as in `Arms`.
-        backwards: whether separate kernels compute cotangents (`vjp`).
-    """
+        backwards: whether separate kernels compute cotangents (`vjp`)."""
 
     def __init__(
         self, batch: Batch, parameters: bool = False, kept: bool = False, guided: tuple[int, Any] | None = None,
@@ -307,8 +303,7 @@ class Periods:
         control period.
 
         If the model has kernels for cotangents (`backwards`), the call costs a few times as much as a period. Without
-        such kernels the cotangents are computed from the Jacobians.
-        """
+        such kernels the cotangents are computed from the Jacobians."""
         given = checked("state_bar", state_bar, (self.n, self.state_size))
         seen = checked("observation_bar", observation_bar, (self.n, self.observation_size))
         paid = checked("reward_bar", reward_bar, (self.n,))
@@ -370,8 +365,7 @@ class Periods:
     def _carried(self, rows: Array) -> None:
         """Raise ValueError for an infinite parameter, one too stiff for double precision, or a factor <= 0.
 
-        Masses and tau_d near 0 may be negative, because differences need such values.
-        """
+        Masses and tau_d near 0 may be negative, because differences need such values."""
         least = np.fmin.reduce(rows[:, self._least], axis=0)
         for k, value in zip(self._least, least.tolist(), strict=True):
             factor = self.names[k].endswith("_factor")
@@ -414,8 +408,7 @@ class Periods:
     def _with_halved(self, name: str, found: Found, *rows: Any) -> Found:
         """Return the results `found` of a method, repeated alone for arms whose Newton iteration failed beside others.
 
-        The repetition halves steps, as the environment does.
-        """
+        The repetition halves steps, as the environment does."""
         for i in np.flatnonzero(self._stuck).tolist():
             if self._one is None:
                 self._one = Periods(self._batch.alone(), self.parameters, self._kept, alone="all")
@@ -439,8 +432,7 @@ class Periods:
 def checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:
     """Validate an array of numbers and return it as float64; raise ValueError if its shape is not `shape`.
 
-    name: name of the argument in the message.
-    """
+    name: name of the argument in the message."""
     rows = check.floats(name, value)
     if rows.shape != shape:
         raise check.InvalidValue(f"{name}.shape", rows.shape, f"must be {shape}")

@@ -48,7 +48,7 @@ class Directions(NamedTuple):
 
 @kernel
 def slopes_room(lane, model, n_par, n_motions):
-    """Return the length of the scratch array of `residual_slopes` and `pose_slopes`; n_par: number of parameters."""
+    """Return the length of the scratch array of `residual_slopes` and `pose_slopes`. n_par: number of parameters."""
     return work_size(len(lane), model, n_motions) + n_par * len(lane)
 
 
@@ -57,7 +57,7 @@ def residual_slopes(lane, model, par, state, u, psi, directions, level, room, r,
     """Compute the residual of equation [64] of one arm and its derivatives along directions; return a status code.
 
     # in        state: q, v, a (n,); u: inputs (N m, N); psi: prescribed motions, a `MOTION` each; par: parameters
-    #           directions: `Directions`; level: rows of multipliers of r are the constraints Phi (0) or their first (1)
+    #           directions: `Directions`. level: rows of multipliers of r are the constraints Phi (0) or their first (1)
     #           or second (2) time derivatives
     # scratch   room: array of the length `slopes_room`
     # out       r (n,): M(q) a + h(q, v) + Phi_q^T lambda - B u (N, N m); slopes (m, n): dr along each direction

@@ -3,8 +3,7 @@
 A Model is a NamedTuple of arrays and numbers, never written after assembly; each formulation has its own
 (`FloatingFrame`, `ExactBeam`, `Elastica`). `physics/protocol.py` specifies the fields from n to newton that all Models
 have. The state is q, v, a (accelerations) and b (the integrator's auxiliary acceleration), float64, one entry per row
-of the system. A field that is None, or a tag (0,), selects terms of a kernel at compile time.
-"""
+of the system. A field that is None, or a tag (0,), selects terms of a kernel at compile time."""
 
 from __future__ import annotations
 
@@ -60,8 +59,7 @@ def damped(arm: Arm) -> tuple[int, ...] | NDArray[np.float64] | None:
 def complete(model: Any) -> Any:
     """Return the model in the form whose kernels contain the terms of all parameters in `par`, even if they are 0.
 
-    A batch or a derivative may then set payload mass, payload inertia and tau_d, although the arm itself has none.
-    """
+    A batch or a derivative may then set payload mass, payload inertia and tau_d, although the arm itself has none."""
     if isinstance(model, Jointed):
         return model._replace(arm=complete(model.arm))
     if isinstance(model, FloatingFrame | FloatingChain):
@@ -106,8 +104,7 @@ def scheme(
 
     The coefficients are those of Arnold & Bruels 2007. newmark: (beta, gamma) of equation [66], used instead of
     rho_inf.
-    modified: True for a modified Newton iteration, with one matrix per step.
-    """
+    modified: True for a modified Newton iteration, with one matrix per step."""
     if newmark is not None:
         alpha_m = alpha_f = 0.0
         beta, gamma = newmark
@@ -131,8 +128,7 @@ class Drive(NamedTuple):
     sets entries without a term (actions).
     terms: int64 (n_terms,), index of the function of each term
     known: int64 (n_motions,), row of the prescribed coordinate, or -1 - j if multiplier j prescribes it
-    motions: int64 (n_motions,), index of the function of each prescribed coordinate
-    """
+    motions: int64 (n_motions,), index of the function of each prescribed coordinate"""
 
     pieces: np.ndarray
     first: np.ndarray
@@ -145,8 +141,7 @@ class Drive(NamedTuple):
 class Mesh(NamedTuple):
     """Sizes that all bodies of a chain of floating frames share, and tags that select terms of their kernels.
 
-    If a field is the tag (0,), the kernels contain the term. If the field is None, they omit the term.
-    """
+    If a field is the tag (0,), the kernels contain the term. If the field is None, they omit the term."""
 
     n: int | tuple[int, ...]  # number of elastic coordinates of a body; if a tuple of zeros, kernels are unrolled
     scratch: tuple[int, ...]  # zeros: length of a stack array for `VECTORS` (floating/layout.py)
@@ -165,8 +160,7 @@ class FloatingFrame(NamedTuple):
     """Bodies of a `FloatingChain`, each with its own frame, joined by multipliers (3.4). Kernels compute a single arm.
 
     `protocol` explains the fields from n to newton; `data`, `gravity` and `loads` are those of `FloatingChain`.
-    table: int64 (bodies, 5), one row of `physics.floating.layout.ROW` per body
-    """
+    table: int64 (bodies, 5), one row of `physics.floating.layout.ROW` per body"""
 
     n: int
     n_factor: int
@@ -200,8 +194,7 @@ class FloatingChain(NamedTuple):
     loads: int64, one `physics.floating.layout.LOADED` per point load, or None
     jointed: (0,) in a `Jointed` arm, otherwise None
     eccentric: float64 (2,), distance (m) from the tip to the payload's center along and across the tip's tangent, or
-    None
-    """
+    None"""
 
     n: int
     n_factor: int
@@ -241,8 +234,7 @@ class ExactBeam(NamedTuple):
     loads: int64, one `physics.exact.layout.ROWS_OF_LOAD` per point load, or None
     jointed: (0,) in a `Jointed` arm, otherwise None
     eccentric: float64 (2,), distance (m) from the tip to the payload's center along and across the tip's tangent, or
-    None
-    """
+    None"""
 
     n: int
     n_factor: int
@@ -280,8 +272,7 @@ class Elastica(NamedTuple):
     loads: float64, one `physics.elastica.layout.LOAD` per point load, or None
     eccentric: float64, `physics.elastica.layout.ECCENTRIC` if the payload's center is not at the tip, otherwise None
     rest: float64 (N k,), stress-free angles (rad) of nodes relative to their link's root; None for straight links
-    bends: float64, `physics.elastica.layout.BENDS` if the law of M is not EI kappa, otherwise None
-    """
+    bends: float64, `physics.elastica.layout.BENDS` if the law of M is not EI kappa, otherwise None"""
 
     n: int | tuple[int, ...]
     n_factor: int | tuple[int, ...]
@@ -315,8 +306,7 @@ class Floating(NamedTuple):
     angles: int64, rows of angles from the inertial x axis, including the attitude
     vectors: int64, pairs of rows of x and y (inertial axes) of vectors that rotate with the arm
     places: int64, pairs of rows of x and y (m) of positions
-    room: one zero per row of the system, the length of a stack array
-    """
+    room: one zero per row of the system, the length of a stack array"""
 
     row: int
     inertia: float
@@ -328,12 +318,11 @@ class Floating(NamedTuple):
 
 
 class Gears(NamedTuple):
-    """Rotors, elastic gears and viscous friction of an arm's joints. The `Jointed` Model contains their laws. SI units.
+    """Rotors, elastic gears and viscous friction of an arm's joints, whose laws the `Jointed` Model contains. SI units.
 
     play: (0,) if a gear has backlash, otherwise None
     spin: 1 / gear ratio of each joint of an arm in space with rotors, otherwise None
-    rotors: int64, offset in S of each joint's `physics.layout.ROTOR`; used with `spin`
-    """
+    rotors: int64, offset in S of each joint's `physics.layout.ROTOR`; used with `spin`"""
 
     play: tuple[int, ...] | None
     spin: np.ndarray | None
@@ -354,8 +343,7 @@ class Jointed(NamedTuple):
     hub: (0,) if the laws add an inertia at the first joint, otherwise None
     contributions: records of the contributions (`physics.contributions`), such as `Gears` and `Floating`
     points: one zero per input of the arm if a contribution acts on a point of the arm, otherwise None
-    derived: (0,) if the compiler derives `vjp_residual` of the whole Model, otherwise None
-    """
+    derived: (0,) if the compiler derives `vjp_residual` of the whole Model, otherwise None"""
 
     n: int | tuple[int, ...]
     n_factor: int | tuple[int, ...]
@@ -420,8 +408,7 @@ class System:
     names (n,): names of the coordinates.
     vectors (k, 2): rows of x and y of vectors in inertial axes that rotate with the arm.
     absolute (k,): rows of angles from the inertial x axis. All other rows stay the same if the whole arm rotates.
-    notes: error estimates of the formulation by name, as fractions of the arm's length.
-    """
+    notes: error estimates of the formulation by name, as fractions of the arm's length."""
 
     model: Any
     par: NDArray[np.float64]

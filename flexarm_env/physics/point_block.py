@@ -15,7 +15,7 @@ from . import protocol
 
 @kernel
 def column(lane, at, room, S: Lanes, i):
-    """Return column i of B or W as a view of n entries of S; at: offset of the matrix's first column in S."""
+    """Return column i of B or W as a view of n entries of S. at: offset of the matrix's first column in S."""
     n = size(room)
     return S[at + i * n : at + (i + 1) * n]
 
@@ -88,7 +88,7 @@ def divide(lane, axes, S: Lanes, A, C):
 
 @kernel
 def subtract(lane, axes, room, S: Lanes, along, target, C, transposed, x: Lanes):
-    """Compute x <- x - target C (along^T x), with C^T if transposed; along, target: offsets of the matrices B and W."""
+    """Compute x <- x - target C (along^T x), with C^T if transposed. along, target: offsets of the matrices B and W."""
     n, rows = len(axes), size(room)
     parts = stack(lane, axes)
     for j in range(n):

@@ -15,7 +15,7 @@ Fields of every Model
 
 Recurring arguments
     lane        lane tag (see `compiler.lanes`); every array below holds lanes unless it says otherwise
-    model       the Model; par: the arm's own parameters
+    model       the Model. par: the arm's own parameters
     state       `State`: q, v, a; u: inputs
     S           n_factor entries: the Newton matrix or its factors
     w           `integrator.work.Work`, the integrator's work array

@@ -87,7 +87,7 @@ class Reading:
         return points[: int(centerline(model, q, points))].copy()
 
     def start_angles(self, scene: Scene, poses: Array) -> Array:
-        """Return the joint angles (N,), rad, at the start of a scene; poses: `Simulation.observe` at the start."""
+        """Return the joint angles (N,), rad, at the start of a scene. poses: `Simulation.observe` at the start."""
         return joint_angles(poses)[0]
 
     def bends(self, arm: Arm, settings: Settings, poses: Array, q: Array) -> Array:

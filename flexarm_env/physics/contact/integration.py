@@ -44,7 +44,7 @@ def measure_near_contacts(lane, model, par, q, S, increment):
 
 @kernel
 def apply_contact_friction(lane, model, S, x, fresh):
-    """Correct a Newton iteration's solution x = S^-1 r by friction of contacts; fresh: True if S has new factors."""
+    """Correct a Newton iteration's solution x = S^-1 r by friction of contacts. fresh: True if S has new factors."""
     if model.newton.contact is not None:
         for part in model.contributions:
             contributions.correct_increment(lane, part, model, S, x, fresh)

@@ -34,7 +34,7 @@ class Meeting(NamedTuple):
 
 @kernel
 def _power(x, root, halves):
-    """Return x^(halves / 2) for x >= 0 and an integer `halves` from 0 to 6; root: the square root of x."""
+    """Return x^(halves / 2) for x >= 0 and an integer `halves` from 0 to 6. root: the square root of x."""
     y = x * 0.0 + 1.0
     for _ in range(halves // 2):
         y = y * x

@@ -50,7 +50,7 @@ HERE = Layout(
     Field("V", ("axes", "n"), "", "columns of S^-1 B, S with the blocks of all points"),
     Field("D", ("axes", "axes"), "m/N", "B^T V"),
 )  # fmt: skip
-"""`HERE`: entries of a point in the matrix array S. axes: number of components of the force on the point; n: number of
+"""`HERE`: entries of a point in the matrix array S. axes: number of components of the force on the point. n: number of
 rows of the Model."""
 
 

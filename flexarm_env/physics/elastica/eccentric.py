@@ -185,7 +185,7 @@ def _product(a, b, c, d):
 def add_offset_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
     """Add to S (row-major, node angles, root) the terms of an eccentric payload beyond those of a payload at the tip.
 
-    # model     payload: the payload's mass, kg; cm: weight of the mass matrix M
+    # model     payload: the payload's mass, kg. cm: weight of the mass matrix M
     # state     on: `Nodes` with the unit tangents e_j in (c, s) and the weighted derivative of e_j'' in (ex, ey)
     # out       S[i, j] += Re p_ij d + Im p_ij d', where d and d' are the parts of that derivative across and along e_i
 

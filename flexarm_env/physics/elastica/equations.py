@@ -10,8 +10,7 @@ d e_j''. For j = i the term -e_i . A_i is added. The payload adds m_p w w^T to P
 last link's R. `eccentric` adds the terms of a payload whose center is off the tip. A root that can move is at x - sum_j
 beta_j e_j, where x is the last two rows of q. For a prescribed root beta = 0. In free flight x is the center of mass,
 so that steps conserve momentum to round-off. The coordinates are the angles of the nodes, with one exception. The first
-coordinate of a link k > 0 is the joint's angle: phi of the link's first node minus phi of the previous tip.
-"""
+coordinate of a link k > 0 is the joint's angle: phi of the link's first node minus phi of the previous tip."""
 
 from ...compiler import Lanes, kernel, sincos, size, stack, unrolled, vjp_of
 from ..arithmetic import scaled_by_share
@@ -40,8 +39,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
     moves. S = weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq.
     par: payload mass (kg) and inertia (kg m^2), EI factor, tau_d (s).
     state: q, v, a.
-    u: joint torques (N m), then force and torque of each point load.
-    """
+    u: joint torques (N m), then force and torque of each point load."""
     on = Nodes(
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
@@ -58,8 +56,7 @@ def residual(lane, model, par, state, u, r, S):
     r: moments (N m) in rows of angles, forces (N, inertial axes) in the two rows of a root that moves.
     par: payload mass (kg) and inertia (kg m^2), EI factor, tau_d (s).
     state: q, v, a.
-    u: joint torques (N m), then force and torque of each point load. S is not used.
-    """
+    u: joint torques (N m), then force and torque of each point load. S is not used."""
     on = Nodes(
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
@@ -78,8 +75,7 @@ def _forces(lane, model, par: Lanes, state, u: Lanes, on: Nodes, r: Lanes):
     #           on: rates phi', unit tangents e, their second rates e'' and sums A_i (N m; all inertial axes) of all
     #           nodes; the inertia and load moment on node i is (-sin phi_i, cos phi_i) . A_i
 
-    Constants from DATA: P, R masses and rotary inertia (kg m^2), K bending stiffness (N m), b first moments (kg m).
-    """
+    Constants from DATA: P, R masses and rotary inertia (kg m^2), K bending stiffness (N m), b first moments (kg m)."""
     q, v, a = state.q, state.v, state.a
     y, c, s, ex, ey, fx, fy = on.rate, on.c, on.s, on.ex, on.ey, on.fx, on.fy
     D = model.data
@@ -171,14 +167,13 @@ def _forces(lane, model, par: Lanes, state, u: Lanes, on: Nodes, r: Lanes):
 def _tangent(lane, model, par: Lanes, q, on: Nodes, weights, S: Lanes):
     """Write S = weights.mass M + weights.damping C + weights.stiffness K of theory (5.2), row-major, model.n rows.
 
-    # state     q: coordinates; on: `Nodes` as `_forces` leaves them, A_i = (fx, fy)
+    # state     q: coordinates. on: `Nodes` as `_forces` leaves them, A_i = (fx, fy)
     # scratch   on.ex, on.ey: become (cm d/dphi'' + cc d/dphi' + ck d/dphi) of e_j''
     # out       S: by the coordinates; by the nodes' angles, before `_to_relative`, with n_i = (-sin phi_i, cos phi_i)
     #           S_ij = P_ij n_i . de_j'' + (ck + tau_d cc) K_ij + cm R_ij - (ck e_i . A_i if i = j)
 
     cm, cc, ck: weights.mass, damping, stiffness. P with the payload, R: masses and rotary inertia (kg m^2); K: bending
-    stiffness (N m) times the EI factor; e_j: unit tangent of node j, inertial axes.
-    """
+    stiffness (N m) times the EI factor; e_j: unit tangent of node j, inertial axes."""
     cm, cc, ck = weights.mass, weights.damping, weights.stiffness
     y, c, s, ex, ey, fx, fy = on.rate, on.c, on.s, on.ex, on.ey, on.fx, on.fy
     D = model.data
@@ -242,8 +237,7 @@ def _subtract_load_forces(lane, model, u: Lanes, fx: Lanes, fy: Lanes):
     """Subtract the point loads' forces (N, inertial axes; in u) times their arms (m) from the sums A_i (fx, fy; N m).
 
     The moment on node i is (-sin phi_i, cos phi_i) . A_i. arm_i of a load is the weight of node i's unit tangent e_i in
-    the position of the load: r_load = r_root + sum_i arm_i e_i.
-    """
+    the position of the load: r_load = r_root + sum_i arm_i e_i."""
     links, loads = size(model.links), model.loads
     m = links * size(model.nodes)
     for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
@@ -269,8 +263,7 @@ def _payload_turns(lane, model, inertia, z: Lanes, r: Lanes):
     """Add the moment of the payload's rotary inertia, J_p l(L) (l(L) . phi''), to the last link's rows of r (N m).
 
     inertia: J_p, kg m^2.
-    z: second rates of all node angles. l(L) = DATA.tips: weights of node angles in the tip's angle.
-    """
+    z: second rates of all node angles. l(L) = DATA.tips: weights of node angles in the tip's angle."""
     D = model.data
     at = constants(model)
     if model.payload_turns is not None:
@@ -289,8 +282,7 @@ def _payload_turns_tangent(lane, model, inertia, cm, S: Lanes):
     """Add the payload's rotary inertia, cm J_p l(L) l(L)^T, to the last link's block of S (row-major, node angles).
 
     inertia: J_p, kg m^2.
-    cm: weight of the mass matrix in S. l(L) = DATA.tips: weights of the node angles in the tip's angle.
-    """
+    cm: weight of the mass matrix in S. l(L) = DATA.tips: weights of the node angles in the tip's angle."""
     D = model.data
     at = constants(model)
     if model.payload_turns is not None:
@@ -305,13 +297,12 @@ def _payload_turns_tangent(lane, model, inertia, cm, S: Lanes):
 def _root_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
     """Write the last two rows and columns of S: x, y of the root, or of the center of mass in free flight.
 
-    # state     payload: its mass, kg; on: `Nodes`, with the weighted derivatives de_j'' of e_j'' by phi_j in ex, ey
+    # state     payload: its mass, kg. on: `Nodes`, with the weighted derivatives de_j'' of e_j'' by phi_j in ex, ey
     # out       S[m + X, j] = moment_j de_j'', S[j, m + X] = cm moment_j n_j, S[m + X, m + X] = cm mass; the same for Y
 
-    cm: weight of M; n_j = (-sin phi_j, cos phi_j); m: number of nodes. sum_j moment_j e_j (kg m), moment_j = payload
-    w_j + b_j - mass beta_j, is the first moment about the point (x, y), 0 up to round-off about the center of mass.
-    See theory, (5.2).
-    """
+    cm: weight of M; n_j = (-sin phi_j, cos phi_j).
+    m: number of nodes. sum_j moment_j e_j (kg m), moment_j = payload w_j + b_j - mass beta_j, is the first moment about
+    the point (x, y), 0 up to round-off about the center of mass. See theory, (5.2)."""
     D = model.data
     at = constants(model)
     if model.root is not None:
@@ -337,8 +328,7 @@ def _to_relative(lane, model, S: Lanes):
 
     The angle of the first node of link k > 0 is the joint's angle plus phi of the previous link's tip node, whose row
     precedes. Therefore the column of each such first node is added to the preceding column, then its row to the
-    preceding row.
-    """
+    preceding row."""
     n, rows = size(model.nodes), size(model.n)
     for k in range(size(model.links) - 1, 0, -1):
         # S <- T^T S T: columns of both nodes of a joint add, then rows
@@ -354,8 +344,7 @@ def _to_relative(lane, model, S: Lanes):
 def add_stiffness(lane, model, S: Lanes, k, x):
     """Add the stiffness x (N m/rad) to diagonal entry k of the dense matrix S. If x is None, fix coordinate k.
 
-    If x is None, row and column k become those of the identity matrix.
-    """
+    If x is None, row and column k become those of the identity matrix."""
     rows = size(model.n)
     if x is None:
         for j in range(rows):
@@ -372,8 +361,7 @@ def add_stiffness(lane, model, S: Lanes, k, x):
 def factor(lane, model, S: Lanes):
     """Factor the dense matrix S = L U in place, row-major, model.n rows, with 1 / U_kk on the diagonal; L_kk = 1.
 
-    Rows are not exchanged, because the weighted mass matrix in S is positive definite and outweighs the other terms.
-    """
+    Rows are not exchanged, because the weighted mass matrix in S is positive definite and outweighs the other terms."""
     rows = size(model.n)
     for k in range(rows):
         inverse = 1.0 / S[k * rows + k]
@@ -429,8 +417,7 @@ def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
     """Add the cotangents from r_bar to par_bar, bar (a `State`) and u_bar; then set r_bar to 0.
 
     The function is the reverse derivative of `residual`. A cotangent is the derivative of a scalar: r_bar by the
-    residual, par_bar by the arm's parameters par, bar by q, v, a, u_bar by the inputs u. S is not used.
-    """
+    residual, par_bar by the arm's parameters par, bar by q, v, a, u_bar by the inputs u. S is not used."""
     q, v, a = state
     _vjp_residual(lane, model, par, q, v, a, u, S, par_bar, bar.q, bar.v, bar.a, u_bar, r_bar)
 

@@ -77,7 +77,7 @@ def _nodes(lane: Any, x: Lanes, order: int, left: Any) -> list[list[Any]]:
 
 
 def _strain_rates(at: Any, ux: Any, uy: Any, omega: Any) -> tuple[Any, Any]:
-    """Return the rates of g_1, g_2 (m/s, section axes). ux, uy: rate of d; omega: rate of psi; at: (c, s, g_1, g_2)."""
+    """Return the rates of g_1, g_2 (m/s, section axes). ux, uy: rate of d. omega: rate of psi; at: (c, s, g_1, g_2)."""
     c, s, g1, g2, *_ = at
     r1, r2 = rotate_back_2d(c, s, ux, uy)
     return r1 + g2 * omega, r2 - g1 * omega
@@ -134,7 +134,7 @@ def _nonlinear_part(section: Any, t: Tables, bends: list[Any], part: Any) -> lis
 
 @traced
 def section_directions(lane, order, q, psi, circle):
-    """Write (sine, cosine) of the section angle at each Gauss point to circle; psi: angle of the left end, rad."""
+    """Write (sine, cosine) of the section angle at each Gauss point to circle. psi: angle of the left end, rad."""
     p, sums = len(order), Sums()
     t = tables(p)
     nodes = _axis(lane, q, p, T, psi)
@@ -147,8 +147,8 @@ def section_directions(lane, order, q, psi, circle):
 def forces(lane, order, gravity, state, left, section, r: Lanes, circle):
     """Write the rows M a + f(q, v) of an element's left vertex and interior to r: N (inertial axes) and N m.
 
-    gravity: m/s^2, or None. state: q, v, a from the left vertex on. left: `Vertex`. circle:
-    (sine, cosine) of psi at the Gauss points. section: `Section` or `Varying`. Returns one list: the right `Vertex`,
+    gravity: m/s^2, or None. state: q, v, a from the left vertex on. left: `Vertex`. circle: (sine, cosine) of psi at
+    the Gauss points. section: constants of the element (`Section` or `Varying`). Returns one list: the right `Vertex`,
     with the element's force on it, then a `Point` for each Gauss point. See theory, (5.1)."""
     p, sums = len(order), Sums()
     t, tau = tables(p), section.tau
@@ -243,7 +243,7 @@ def tangent(lane, order, points, section, weights, S: Lanes):
         return -t.slope[0] if node == 0 else t.slope[max(node - 1, 0)]
 
     def weighted(one: tuple[int, int], two: tuple[int, int]) -> Any:
-        """Return the entry of the weighted matrix before condensation; one, two: coordinates (node, axis)."""
+        """Return the entry of the weighted matrix before condensation. one, two: coordinates (node, axis)."""
         (n1, a1), (n2, a2) = (one, two) if one[1] <= two[1] else (two, one)
         if a2 != T:
             value = sums(slope(n1) * slope(n2), h[a1 + a2])

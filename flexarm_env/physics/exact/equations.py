@@ -5,8 +5,7 @@ Each element passes the state and force of its right vertex to the next element,
 hinged to a tip shares the position of the tip's vertex. The root section of a hinged link has the angle psi + delta. A
 moment on it therefore acts on psi and delta. An element's interior coordinates are condensed once its tangent is known.
 Vertices are eliminated from tip to root without pivoting, because the matrix is symmetric and cm M outweighs its
-indefinite part. The angle of a free hinge, which transmits no moment, is eliminated too. Layout of S: `FACTORS`.
-"""
+indefinite part. The angle of a free hinge, which transmits no moment, is eliminated too. Layout of S: `FACTORS`."""
 
 from ...compiler import Lanes, kernel, load_lane, sincos
 from ..arithmetic import load_vector, store_vector

@@ -80,8 +80,8 @@ def _payload_force(lane, model, psi, motion, mass, weights, S):
     Units are N (inertial axes), N m, kg.
     psi: angle of the tip section.
     motion: rate and second rate of psi, then the tip's acceleration (x, y) minus gravity.
-    mass: mass of the payload, kg. The returned mass is the mass at the tip in the matrix. The returned mass is 0 if the
-    payload has a lever; the lever's factors are then written to S with weights.with_matrix.
+    mass: mass of the payload, kg. The returned mass is the mass at the tip in the matrix, 0 if the payload has a lever;
+    the lever's factors are then written to S with weights.with_matrix.
     """
     rate, second, ax, ay = motion
     if model.eccentric is None:

@@ -131,7 +131,7 @@ def shape_functions(xi: float, length: float, mu: float) -> Array:
     """Return the shape functions of u, v (m, along and across the element's axis) and phi (rad) at xi = x/l: (3, 6).
 
     The columns are for u1, v1, phi1, u2, v2, phi2.
-    length: l (m).
+    length: length l of the element, m.
     mu: shear factor 1 / (1 + 12 EI / (C l^2)); 1 without shear. The functions are equation [41] of the paper.
     """
     eta, half = 1.0 - xi, 0.5 * length

@@ -200,12 +200,12 @@ def forces(
     G, M: force and moment required at the tip.
     g: the force G in frame axes.
 
-    # model    D; par: the arm's parameters (factor on bending stiffness, tau_d)
+    # model    D. par: the arm's parameters (factor on bending stiffness, tau_d)
     # state    q, v, a: elastic coordinates, rates, accelerations; S: `NOW`, written by `propagate_to_tip`
     # in       carried (2,): mass (kg) and inertia (kg m^2) at the tip, read by mass-proportional damping alone
     # in, out  force (3,): force (N, inertial axes) and moment (N m) required at the tip by all bodies beyond it; then
     #          at the root by this body and all beyond
-    # out      r: n rows of q; known, vectors, strains: `KNOWN`, `VECTORS`, `STRAIN`, which `tangent` needs
+    # out      r: n rows of q. known, vectors, strains: `KNOWN`, `VECTORS`, `STRAIN`, which `tangent` needs
     """
     own, n = constants(model), size(model.n)
     now, vec = factors_at(0, n).now, vectors_at(0, n)

@@ -239,7 +239,7 @@ def _block(
 
 
 def _shared(scene: Scene, settings: Settings, bodies: list[Body], offsets: NDArray[np.float64]) -> dict[str, Any]:
-    """Return the fields that `FloatingChain` and `FloatingFrame` share; offsets: angles of rigid joints, rad."""
+    """Return the fields that `FloatingChain` and `FloatingFrame` share. offsets: angles of rigid joints, rad."""
     arm, mesh = scene.arm, _mesh(bodies, scene.arm, settings)
     assert settings.frame is not None
     limits, segments = _limits(scene, bodies, settings.modes is not None), settings.segments or 1

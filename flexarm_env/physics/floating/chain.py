@@ -185,7 +185,7 @@ def add_stiffness(lane, model, S: Lanes, k, x):
 
 @kernel
 def _with_own(lane, model, S: Lanes, at, x, y):
-    """Return x + S[at] y in a jointed arm (`model.jointed`), otherwise x; at: index of `own` of a joint or the root."""
+    """Return x + S[at] y in a jointed arm (`model.jointed`), otherwise x. at: index of `own` of a joint or the root."""
     if model.jointed is None:
         return x
     return x + S[at] * y

@@ -2,8 +2,7 @@
 
 The Model is `physics.model.FloatingChain`, whose table is None, or `FloatingFrame`, in which each body has rows for its
 frame. `D` is one body's block of constants (`layout.BODY`). The argument for the `Mesh` of all bodies is called `mesh`,
-in kernels of a single body `model`.
-"""
+in kernels of a single body `model`."""
 
 from ...compiler import WIDEST, Lanes, absolute, kernel, load, select_lt, sincos, size, stack, store, unrolled
 from ..arithmetic import (
@@ -30,8 +29,7 @@ def _enter(lane, model, q: Lanes, v: Lanes, k, b, pose: Lanes):
 
     On entry, pose is that of the tip section before body b. The pose of the first body, or of a body with its own frame
     (multipliers), is read from q, v. For the first body of a later link, the elbow's angle and rate are added. In all
-    other cases the pose does not change.
-    """
+    other cases the pose does not change."""
     at = 0
     if model.table is not None:
         at = model.table[b, START]
@@ -99,8 +97,7 @@ def _visit(lane, model, q: Lanes, v: Lanes, tell, out):
     end: ROOT_END or TIP_END.
     q: coordinates of the arm.
     v: rates of the coordinates.
-    out: array that is passed to `tell`.
-    """
+    out: array that is passed to `tell`."""
     pose, frame = stack(lane, SIX), stack(lane, SIX)
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
@@ -125,8 +122,7 @@ def _to_pose(lane, model, link, end, pose: Lanes, out: Lanes):
 def link_poses(lane, model, par, q, v, out, tasks=None):
     """Write x, y (m), angle (rad) and their rates of each link's root, then of its tip, in inertial axes.
 
-    out: one `layout.POSES` record for each link. q, v: coordinates and rates of the arm.
-    """
+    out: one `layout.POSES` record for each link. q, v: coordinates and rates of the arm."""
     _visit(lane, model, q, v, _to_pose, out)
 
 
@@ -150,8 +146,7 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
     """Write the displacements on which inputs do work to y: joint angles, then x, y, angle at each point load.
 
     Joint angles (rad) are the root's angle and the elbows' relative angles. Positions (m) are in inertial axes, section
-    angles in rad. since is not read, because angles in the plane add up.
-    """
+    angles in rad. since is not read, because angles in the plane add up."""
     y[0] = q[ANGLE]
     for k in range(1, model.links):
         y[k] = q[elbow_row(model, k)]
@@ -163,11 +158,10 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
 def _damping(lane, model, D, par: Lanes, q, v: Lanes, x: Lanes, total):
     """Return total + x'C(q) v of one body as a tuple of one number; C: Kelvin-Voigt and mass-proportional damping.
 
-    # model    D: constants; par: the arm's parameters (factor on bending stiffness, tau_d)
-    # state    q, v: elastic coordinates and rates; x: rates that are multiplied from the left
+    # model    D: constants of the body. par: the arm's parameters (factor on bending stiffness, tau_d)
+    # state    q, v: elastic coordinates and rates. x: rates that are multiplied from the left
 
-    See theory, (1.3).
-    """
+    See theory, (1.3)."""
     own, n, wide = constants(model), size(model.n), len(model.window)
     if model.damped is not None:
         part = product(lane, model, D, own.K_bend, x, v) * par[STIFFNESS_FACTOR]
@@ -204,8 +198,7 @@ def _payload_drag(lane, model, D, par: Lanes, q, v, x):
     they include the rate of foreshortening, -q'H v.
     J_p, m_p: inertia and mass of the payload.
     phi_t: derivative of the tip section's angle by q.
-    drag: coefficient of mass-proportional damping, 1/s.
-    """
+    drag: coefficient of mass-proportional damping, 1/s."""
     own = constants(model)
     vx, vy, turning = tip(lane, model, D, v)
     xx, xy, turn = tip(lane, model, D, x)
@@ -222,8 +215,7 @@ def damping_power(lane, model, par, q: Lanes, v: Lanes, x: Lanes):
 
     The elastic coordinates and the payload are damped; rigid motion is not damped.
     q: coordinates of the arm.
-    v: rates of the arm.
-    """
+    v: rates of the arm."""
     total, mesh, last = 0.0, model.mesh, model.links * model.segments - 1
     for b in range(last + 1):
         e = _elastic(model, b)
@@ -245,7 +237,7 @@ def _energies(lane, model, D, par: Lanes, q: Lanes, v, frame):
     w: angular velocity of the frame. s_bar(q): first moment. I(q): inertia about the origin.
     E: matrix of a rotation by 90 deg.
 
-    # state    q, v: elastic coordinates and rates; frame: `FRAME` of the body, velocity R' in frame axes
+    # state    q, v: elastic coordinates and rates. frame: `FRAME` of the body, velocity R' in frame axes
     """
     own, n, wide = constants(model), size(model.n), len(model.window)
     c, s = load_pair(lane, frame, FRAME.cos)
@@ -296,8 +288,7 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
 
     q: coordinates of the arm.
     v: rates of the arm.
-    par: payload mass and inertia, factor on bending stiffness. See theory, (2.3).
-    """
+    par: payload mass and inertia, factor on bending stiffness. See theory, (2.3)."""
     pose, frame, ends = stack(lane, SIX), stack(lane, SIX), stack(lane, (0, 0, 0))
     zero = 0.0
     # ends <- 0: T (J), m x, m y (kg m, inertial axes) of the rigid ends, and of the elbows' masses on them
@@ -364,8 +355,7 @@ def out_of_range(lane, model, par: Lanes, q: Lanes):
     DIVERGED: a body's tip deflects by its length or more, or the deflection is NaN.
     OUT_OF_RANGE (only for modes): the deflection exceeds `model.bound`, or the inertia about the root is so small that
     the mass matrix is nearly indefinite. If several bodies are out of range, the body nearest to the root determines
-    the code.
-    """
+    the code."""
     status, payload = 0.0, par[PAYLOAD_MASS]
     for b in range(model.links * model.segments - 1, -1, -1):
         own = q[_elastic(model, b) :]
@@ -394,8 +384,7 @@ def _draw(mesh, D, q, x0, y0, frame, line):
     # in       D: a `STATION`, each entry for all stations of the group; q: elastic coordinates; x0, y0: origin (m);
     #          frame: `FRAME`
 
-    See theory, (4.1).
-    """
+    See theory, (4.1)."""
     n = size(mesh.n)
     at = station_at(0, n)
     # place in frame axes: shape functions, or modes with foreshortening q'H q / 2
@@ -418,8 +407,7 @@ def centerline(model, q, points):
     """Write points (m, inertial axes) along one arm to `points` (n_points, 2) and return the number of points.
 
     The points are the root, then the drawing stations of all bodies from root to tip, until `points` is full. The last
-    point of a link with rigid ends is its joint at the tip.
-    """
+    point of a link with rigid ends is its joint at the tip."""
     lane, many = (0,), len(WIDEST)
     mesh, n = model.mesh, size(model.mesh.n)
     pose, frame, line = stack(lane, SIX), stack(lane, SIX), stack(WIDEST, (0, 0))

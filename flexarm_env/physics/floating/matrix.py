@@ -26,7 +26,7 @@ def tangent(lane, model, D, par: Lanes, carried, cm, cc, ck, v, a: Lanes, known,
     axes) and by the frame's angle. Forces at the tip are constant here; `add_outboard` adds the effect of their change.
     E: matrix of a rotation by 90 deg. t: position of the tip relative to the origin.
 
-    # model    D; par: the arm's parameters; cm, cc, ck: `Weights`
+    # model    D. par: the arm's parameters. cm, cc, ck: `Weights`
     # state    v, a; S: `NOW`; known, vectors, strains: written by `body.forces`; carried (2,): kg, kg m^2 at the tip
     # out      S: `FACTORS.frame`; `arm` = (dt/dq, E t); `swept` = weighted change of the tip's acceleration relative to
     #          the origin by q and angle, the bracket of (theory, eq. 3.3); `matrix`
@@ -130,11 +130,11 @@ def _stretching(lane, model, D, tau, cc, ck, strains: Lanes, S: Lanes):
 
     i, j: coordinates of an element's window.
     gradient: derivative of the element's stretch.
-    N: axial force.
-    H: `SPAN.H`.
+    N: axial force of the element, N.
+    H: coupling matrix `SPAN.H` of the element.
     v: rates of the coordinates.
 
-    # in       tau: tau_d, s; cc, ck: weights of damping and stiffness; strains: a `STRAIN` per element
+    # in       tau: tau_d, s. cc, ck: weights of damping and stiffness. strains: a `STRAIN` per element
     # out      S: added to `FACTORS.matrix`
 
     See theory, (1.2).

@@ -107,7 +107,7 @@ def _to_band(lane, mesh, own: Lanes, at, cm, half, S: Lanes):
     Columns of the origin's acceleration are multiplied by cm, because R enters the residual only through its
     acceleration.
 
-    # in       own: `FACTORS` of the body, whose matrix is overwritten; at: the body's first row; cm: weight of dr/da
+    # in       own: `FACTORS` of the body, whose matrix is overwritten. at: the body's first row. cm: weight of dr/da
     # out      S: the band of half-width `half`
     """
     n, width = size(mesh.n), band_width(half)

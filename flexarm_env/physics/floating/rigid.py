@@ -77,7 +77,7 @@ def propagate_outward(lane, lever, pose, S, first):
     w, alpha: angular velocity and acceleration of the section. If `lever` is None, do nothing.
 
     # in, out  pose (5,), `PASSED`: the acceleration is replaced, angle and rates do not change; inertial axes
-    # out      S: ex, ey, rates and near acceleration in `LEVER_FACTORS`; first: index in S of the first `LEVER_FACTORS`
+    # out      S: ex, ey, rates and near acceleration in `LEVER_FACTORS`. first: index in S of the first `LEVER_FACTORS`
     """
     if lever is not None:
         at, (angle, w, alpha) = _factors_at(first, lever), load_vector(lane, pose, PASSED.angle)
@@ -101,7 +101,7 @@ def transmit_inward(lane, lever, force, weights, S: Lanes, first):
     a_far, a_mid: accelerations minus gravity at e and e/2. Vectors are in inertial axes. If `lever` is None, do
     nothing.
 
-    # in       S: values of `propagate_outward`; weights: `Weights`; first: index in S of the first `LEVER_FACTORS`
+    # in       S: values of `propagate_outward`. weights: `Weights`. first: index in S of the first `LEVER_FACTORS`
     # in, out  force (3,): force (N) and moment (N m) required at the far point, then at the near point
     # out      S, with weights.with_matrix: n, weighted change of the far acceleration, and `turn`, of `LEVER_FACTORS`
 
@@ -141,7 +141,7 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
     e: vector of the lever, m.
     m_far: mass at the far point. If `lever` is None, do nothing. Vectors are in inertial axes.
 
-    # in       S: `LEVER_FACTORS`, written by `transmit_inward`; first: index in S of the first `LEVER_FACTORS`
+    # in       S: `LEVER_FACTORS`, written by `transmit_inward`. first: index in S of the first `LEVER_FACTORS`
     # in, out  tail (9,), by rows: force x, y, moment; columns: acceleration x, y (weighted), angle
 
     See theory, section 5, "Rigid ends".

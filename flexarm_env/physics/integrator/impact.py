@@ -27,7 +27,7 @@ def change_payload(lane, model, resting, par, new, live: Lanes, w: Work, h, book
 
         (M+ + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -(r+ - r-),    solved three times with one factorization.
 
-    # model     par: old payload, replaced by the new one; h: a step, s. In space the inertia is a factor on the tensor
+    # model     par: old payload, replaced by the new one. h: a step, s. In space the inertia is a factor on the tensor
     # state     w.v, w.a, w.b and multipliers in w.q are changed
     # scratch   w.r, w.S, w.q0, w.v0, w.a0, w.b0
 
@@ -84,7 +84,7 @@ def _rest_residual(lane, model, par, w: Work, moving, weights):
 
     The payload is that in par. The function sets w.v to 0 and w.a to these accelerations. With weights.with_matrix it
     also assembles w.S.
-    weights: `Weights` of mass, damping and stiffness.
+    weights: factors of mass, damping and stiffness (`Weights`).
     """
     for k in range(size(model.n)):
         w.v[k] = 0.0

@@ -196,7 +196,7 @@ def newton(lane, model, drive, par, w: Work, slopes, scheme, plain):
     theta (theory, section 6). Lanes that have converged, or have failed before (w.flag), do not change while other
     lanes iterate.
 
-    # model     model, drive, par, scheme; slopes: `NewmarkSlopes` of the step
+    # model     model, drive, par, scheme. slopes: `NewmarkSlopes` of the step
     # state     w.q, w.v, w.a, w.b: prediction, replaced by the step's end; w.u, w.psi at end; w.q0, w.a0 at start
     # scratch   w.r, w.S (out: factors of the Newton matrix), w.shift
 

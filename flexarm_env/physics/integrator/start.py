@@ -42,7 +42,7 @@ def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
     order. With M alone, stresses from strains and strain rates that are too stiff for the step would cause large
     accelerations.
 
-    # model     model; drive: `Drive`, or None (no loads or motions in time, velocities do not jump); par; h: a step, s
+    # model     model. drive: `Drive`, or None (no loads or motions in time, velocities do not jump); par. h: a step, s
     # state     flat: work array `Work` with n_motions prescribed coordinates; q stays, v, a, b and lambda change
     """
     restart_within(lane, model, drive, par, unpack(lane, model, flat, n_motions), t, h, fresh)
@@ -155,7 +155,7 @@ def _residual_with_multipliers(lane, model, par, w, weights):
 
 @kernel
 def _jump_velocities(lane, model, drive, par, w: Work, h, fresh):
-    """Add the velocity jump dv that prescribed motions cause: M dv + Phi_q^T Lambda = 0; h: length of a step, s.
+    """Add the velocity jump dv that prescribed motions cause: M dv + Phi_q^T Lambda = 0. h: length of a step, s.
 
     Phi = 0: constraints.
     Lambda: impulses of the constraints.
@@ -334,7 +334,7 @@ def restart_within(lane, model, drive, par, w: Work, t, h, fresh):
     fresh, with a drive) a and the multipliers are kept and corrected, and b keeps its difference from a. For the
     equations see `restart`.
 
-    # model     model; drive: `Drive`, or None (no loads or motions in time, velocities do not jump); par; h: a step, s
+    # model     model. drive: `Drive`, or None (no loads or motions in time, velocities do not jump); par. h: a step, s
     # state     w.v, w.a, w.b and multipliers in w.q are changed; w.u, w.psi <- values at t+; w.u0, w.reaction, w.books
     # scratch   w.r, w.S, w.q0, w.v0, w.a0, w.b0, w.psi0
 

@@ -40,7 +40,7 @@ def newmark_predict(lane, model, w: Work, h, scheme):
     acceleration, s = 0 zero acceleration. b is the auxiliary acceleration: (1 - alpha_m) b+ + alpha_m b = (1 - alpha_f)
     a+ + alpha_f a.
 
-    # model     model; scheme: `Scheme`, the coefficients of the method
+    # model     model. scheme: `Scheme`, the coefficients of the method
     # state     w.q, w.v, w.a, w.b: state at the start of the step, replaced by the prediction at the step's end
     # scratch   w.r
     # out       w.q0, w.v0, w.a0, w.b0: values at the start of the step, from which a failed step restarts
@@ -194,8 +194,8 @@ def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, boo
     (`balance`) is halved at once. In lanes a failed arm is flagged while the other arms continue, and the intended end
     time is returned. The caller repeats the failed arm alone from time t.
 
-    # model     model; drive: `Drive`, or None without loads and motions in time; par: the arm's parameters; scheme
-    # state     flat: the work array, `Work`; n_motions: number of prescribed coordinates
+    # model     model. drive: `Drive`, or None without loads and motions in time. par: the arm's parameters; scheme
+    # state     flat: the work array, `Work`. n_motions: number of prescribed coordinates
 
     books: a tag, (0,), to add work and dissipation to the energy account w.books; None for no account.
     """
@@ -211,7 +211,7 @@ def advance_within(lane, model, drive, par, w: Work, t, h, n_steps, scheme, book
     integration stops at the last good state with w.flag set. In lanes a failed arm is flagged while the other arms
     continue, and t + n_steps h is returned.
 
-    # model     model; drive: `Drive`, or None without loads and motions in time; par: the arm's parameters; `Scheme`
+    # model     model. drive: `Drive`, or None without loads and motions in time. par: the arm's parameters; `Scheme`
     # state     w.q, w.v, w.a, w.b and the other fields of w, first at t, then at the time reached
 
     books: a tag, (0,), to add work and dissipation to the energy account w.books; None for no account. See theory,

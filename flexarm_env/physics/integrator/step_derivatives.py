@@ -33,7 +33,7 @@ LEAST."""
 
 @kernel
 def _step_weights(slopes):
-    """Return the `Weights` of a step's matrix S = s_a dr/da + s_v dr/dv + dr/dq; slopes: `NewmarkSlopes`."""
+    """Return the `Weights` of a step's matrix S = s_a dr/da + s_v dr/dv + dr/dq. slopes: `NewmarkSlopes`."""
     return Weights(slopes.a, slopes.v, 1.0, newton_share=1.0)
 
 

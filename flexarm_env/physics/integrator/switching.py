@@ -11,7 +11,7 @@ from .work import Work, remove_known_rows, state_of, take_multipliers, unpack
 
 @kernel
 def light_joint_weights(h):
-    """Return the `Weights` of the matrix M + h/2 C + h^2/4 K, for acceleration jumps of light joints; h: step, s."""
+    """Return the `Weights` of the matrix M + h/2 C + h^2/4 K, for acceleration jumps of light joints. h: step, s."""
     return Weights(1.0, 0.5 * h, 0.25 * h * h)
 
 
@@ -23,7 +23,7 @@ def jump_accelerations(lane, model, par, flat, n_motions, h, first, kept=None):
     the integrator. Stretch, shear and rotary modes may be too fast for the step. Accelerations that are solved afresh
     from round-off in such strains would be large, and Newton's iteration would start far from the solution.
 
-    # model     model, par; h: a step, s; B: the inputs' generalized forces; lambda: multipliers of constraints Phi = 0
+    # model     model, par. h: a step, s; B: the inputs' generalized forces; lambda: multipliers of constraints Phi = 0
     # state     flat: work array (n_motions prescribed coordinates); w.a, w.b and multipliers in w.q: in and out
     # scratch   w.r, w.S, w.q0
 

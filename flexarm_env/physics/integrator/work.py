@@ -63,7 +63,7 @@ def shift_size(model, n):
 
 @kernel
 def work_size(lanes, model, n_motions):
-    """Return the length of the flat float64 array that `unpack` divides into views; lanes: number of arms in lanes."""
+    """Return the length of the flat float64 array that `unpack` divides into views. lanes: number of arms in lanes."""
     n, shift = size(model.n), shift_size(model, size(model.n))
     return _work_at(0, lanes, n, shift, size(model.n_factor), size(model.n_inputs), n_motions).end
 

@@ -174,7 +174,7 @@ def places_of(system: System, moved: System) -> list[tuple[int, int]]:
 
 
 def _floating(scene: Scene, system: System, row: int, places: Sequence[tuple[int, int]]) -> Floating:
-    """Return the `Floating` record of the scene's base; row: row of the attitude; places: pairs of position rows."""
+    """Return the `Floating` record of the scene's base. row: row of the attitude. places: pairs of position rows."""
     arm = scene.arm
     assert arm.base is not None
     return Floating(
@@ -212,7 +212,7 @@ def _check_rotors(scene: Scene, elastic: list[int]) -> None:
 
 
 def _law(scene: Scene, k: int, row: int, motor: int) -> tuple[list[int], NDArray[np.float64]]:
-    """Return the `PLACE` and the `LAW` of joint k; row: row of its angle; motor: row of its motor's angle, or -1."""
+    """Return the `PLACE` and the `LAW` of joint k. row: row of its angle. motor: row of its motor's angle, or -1."""
     joint = scene.arm.joint(k)
     on_motor = motor >= 0 and joint.friction_side == "motor"
     known = scene.motion_of(f"{'motor' if on_motor else 'joint'}{k}") is not None

@@ -68,7 +68,7 @@ def joint_law(lane, model, par, i):
 
 @kernel
 def hub_of(lane, model, par):
-    """Return the additional inertia at joint 0, kg m^2, of a model with `hub`; par: the arm's own parameters."""
+    """Return the additional inertia at joint 0, kg m^2, of a model with `hub`. par: the arm's own parameters."""
     return _number(lane, model, par, LAWS.hub)
 
 

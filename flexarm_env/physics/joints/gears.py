@@ -25,7 +25,7 @@ from .layout import GEAR, PLACE, PLACES
 def _friction_row(lane, model, i, own, state: State, total):
     """Return `total` (N m) plus joint i's friction torque: viscous d v and, if the angle is prescribed, T_C sign(v).
 
-    own: `Law` of the joint.
+    own: constants (`Law`) of the joint.
     v: rate of the row on which friction acts. If the angle is not prescribed, the module `friction` solves for the
     Coulomb torque.
     """
@@ -53,8 +53,8 @@ def _through_gear(lane, part, model, i, one, state: State, u: Lanes, weights, r:
     """Write the motor's row of r (N m) and S; in the joint's row replace the input's torque by the gear's, (6.5).
 
     i: index in the table of a joint with an elastic gear.
-    one: `Law` of the joint. The gear torque is k (psi - q) + d (psi' - q') with the motor angle psi and the joint angle
-    q. With weights.with_matrix S receives the `GEAR` fields pivot and slope.
+    one: constants (`Law`) of the joint. The gear torque is k (psi - q) + d (psi' - q') with the motor angle psi and the
+    joint angle q. With weights.with_matrix S receives the `GEAR` fields pivot and slope.
     """
     at, g = PLACES * i, gear_at(model, i)
     row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
@@ -84,7 +84,7 @@ def _at_joint(lane, model, i, one, state: State, weights, r: Lanes, S: Lanes):
     """Add the rotor inertia of a rigid gear, and friction on the link's side, to the joint's row of r (N m) and of S.
 
     i: index of the joint in the table.
-    one: `Law` of the joint. With weights.with_matrix S receives the `GEAR` field own.
+    one: constants (`Law`) of the joint. With weights.with_matrix S receives the `GEAR` field own.
     """
     at, g = PLACES * i, gear_at(model, i)
     row = model.table[at + PLACE.row]

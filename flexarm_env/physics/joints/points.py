@@ -51,7 +51,7 @@ KINDS: list[AtPoint] = []
 
 
 def numbers_in_matrix(rows: int, axes: int) -> int:
-    """Return the number of entries of a `Point` in S; rows: number of rows of the Model; axes: force components."""
+    """Return the number of entries of a `Point` in S. rows: number of rows of the Model; axes: force components."""
     return 2 * rows * axes + 2 * axes * axes + 1
 
 
@@ -59,7 +59,7 @@ def numbers_in_matrix(rows: int, axes: int) -> int:
 def point_displacement(lane, point, model, par, q, y):
     """Write the arm's input displacements to y; the point's displacement (m, inertial axes) begins at `point.input`.
 
-    point: the `Point`. q: coordinates of the arm. y: array with one entry per input of the arm.
+    point: the point (`Point`) of the arm. q: coordinates of the arm. y: array with one entry per input of the arm.
     """
     protocol.input_displacements(lane, model.arm, par, q, y)
 

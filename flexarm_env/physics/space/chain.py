@@ -2,8 +2,7 @@
 
 Wrenches have the residual's sign: inertia forces are positive, applied loads negative. The force (N) of a wrench is
 along inertial axes, the moment (N m) in the axes of the section on which it acts. Gravity is subtracted from
-accelerations.
-"""
+accelerations."""
 
 from __future__ import annotations
 
@@ -60,8 +59,7 @@ class Chain(NamedTuple):
     scratch: tuple of zeros, three for each Gauss point: size of stack arrays
     curved: (0,) if a link is curved without stress, otherwise None
 
-    Terms that a None or a tag switches off are left out of the machine code.
-    """
+    Terms that a None or a tag switches off are left out of the machine code."""
 
     n: int
     n_factor: int
@@ -116,8 +114,7 @@ class Hinge(NamedTuple):
 
     turn: rotation matrix E, axes of the link's root to axes of the preceding section
     lever: vector (m) from the preceding to the link's first section, axes of the preceding section; or None
-    root: `Vertex` (kinematic state) of the link's first section
-    """
+    root: `Vertex` (kinematic state) of the link's first section"""
 
     turn: Any
     lever: Any
@@ -171,8 +168,7 @@ def place_at(lane, q, v, i):
     """Return the `Place` of the vertex in rows i ... i + 5: position (m, inertial axes), rotation vector (rad).
 
     q contains the coordinates. v contains the rates: velocity (m/s, inertial axes) and angular velocity (rad/s, section
-    axes) in the same rows. Pass q for v if the rates of the `Place` are not read.
-    """
+    axes) in the same rows. Pass q for v if the rates of the `Place` are not read."""
     return Place(
         load_vector(lane, q, i),
         load_vector(lane, v, i),
@@ -214,10 +210,10 @@ def joint_placement(lane, model, q: Lanes, v: Lanes, k, tip):
 
         E = mount exp(theta axis),  r_L = r + A (t + E o),  A_L = A E,  w_L = E^T w + axis theta'
 
-    theta: joint angle (rad); t, o: levers `JOINT.before` and `beyond` (m); r, A, w: position, rotation and spin in
-    `tip`. Returns E (root axes to axes of the preceding section), t + E o (m, axes of the preceding section; None if no
-    joint has a lever), the `Place` of the link's first section (r_L, A_L, w_L), and axis theta' (rad/s, root axes).
-    """
+    theta: joint angle (rad).
+    t, o: levers `JOINT.before` and `beyond` (m); r, A, w: position, rotation and spin in `tip`. Returns E (root axes to
+    axes of the preceding section), t + E o (m, axes of the preceding section; None if no joint has a lever), the
+    `Place` of the link's first section (r_L, A_L, w_L), and axis theta' (rad/s, root axes)."""
     o, row = J.end * k, joint_row(model, k)
     axis, held = three_of(lane, model.joints, o + J.axis), tip.p
     # Rodrigues: 1 + sin(theta) axis^ + (1 - cos(theta)) axis^ axis^, from half the angle
@@ -251,10 +247,9 @@ def joint_placement(lane, model, q: Lanes, v: Lanes, k, tip):
 def joint_kinematics(lane, model, state: State, k, tip, weights):
     """Return the `Hinge` of joint k: motion of its link's first section, from the preceding section's `Vertex` tip.
 
-    alpha_L = E^T alpha + axis theta'' + w_L x axis theta' (root axes; for the symbols see `joint_placement`). weights:
-    factors of mass, damping and stiffness (`Weights`). The field `own` of the root's `Vertex` is weights.newton_share
-    times the joint's rate, or 0 if strains are coordinates. See theory, (9.1).
-    """
+    alpha_L = E^T alpha + axis theta'' + w_L x axis theta' (root axes; for the symbols see `joint_placement`).
+    weights: factors of mass, damping and stiffness (`Weights`). The field `own` of the root's `Vertex` is
+    weights.newton_share times the joint's rate, or 0 if strains are coordinates. See theory, (9.1)."""
     q, v, a = state
     o = J.end * k
     turn, lever, root, rate = joint_placement(lane, model, q, v, k, tip.place)
@@ -280,10 +275,10 @@ def rotational_inertia_moment(I, spin, alpha):
 def add_lumped_mass(lane, mass, I, at, weights, S: Lanes, o):
     """Return the (force, moment) of a mass (kg) at a section's origin; add their derivative to the block at o of S.
 
-    I: principal moments about the section's axes (kg m^2); at: `Vertex`. force = m a (N, inertial axes), moment = I
-    alpha + w x I w (N m, section axes). weights: `Weights` of the 6 x 6 block; if weights.with_matrix is False, S is
-    unchanged. See theory, section 9.
-    """
+    I: principal moments about the section's axes (kg m^2).
+    at: kinematic state (`Vertex`) of the section. force = m a (N, inertial axes), moment = I alpha + w x I w (N m,
+    section axes).
+    weights: `Weights` of the 6 x 6 block; if weights.with_matrix is False, S is unchanged. See theory, section 9."""
     w, alpha = at.place.spin, at.alpha
     x, y, z = I[2] - I[1], I[0] - I[2], I[1] - I[0]
     if weights.with_matrix:
@@ -330,9 +325,9 @@ def add_rigid_body(lane, array, o, mass, share, at, weights, S: Lanes, to):
         force = m (a + A (alpha x c + w x (w x c))),   moment = I alpha + w x I w + c x A^T force
 
     array, o: array and offset of the `BODY`; m, I: its mass and inertia (`mass_of`, `inertia_of`); c: its center of
-    mass, section axes; at: `Vertex` of the section (a, A, w, alpha). Force in inertial axes, moment in section axes.
-    Without weights.with_matrix S stays unchanged. See theory, section 9.
-    """
+    mass, section axes.
+    at: kinematic state (`Vertex`) of the section (a, A, w, alpha). Force in inertial axes, moment in section axes.
+    Without weights.with_matrix S stays unchanged. See theory, section 9."""
     zero = 0.0
     force, moment = Vector(zero, zero, zero), Vector(zero, zero, zero)
     if array[o + P.there] != 0.0:
@@ -365,10 +360,10 @@ def add_rigid_body(lane, array, o, mass, share, at, weights, S: Lanes, to):
 def rotor_moment(lane, model, S: Lanes, k, at, weights, o):
     """Return (0, h w x e), the gyroscopic moment (N m) of joint k's rotor on the preceding section, section axes.
 
-    h: the rotor's angular momentum (N m s), in S; e: the joint's axis; w: spin of the section, from its `Vertex` at;
-    section axes (theory, 6). With weights.with_matrix stores w x e for `factor` and adds -h e^ cd to the 6 x 6 matrix
-    at o of S.
-    """
+    h: the rotor's angular momentum (N m s), in S.
+    e: the joint's axis.
+    w: spin of the section, from its `Vertex` at; section axes (theory, 6). With weights.with_matrix stores w x e for
+    `factor` and adds -h e^ cd to the 6 x 6 matrix at o of S."""
     zero, h = 0.0, hinge_at(k)
     axis = nine_of(lane, model.joints, J.end * k + J.mount) @ three_of(lane, model.joints, J.end * k + J.axis)
     sway, spin = cross(at.place.spin, axis), S[h + H.rotor + ROTOR.momentum]
@@ -385,10 +380,10 @@ def point_load_wrench(lane, model, u, k, at_tip, at, weights, S, o):
     """Return the (force, moment) in the residual of the point loads on the root or tip of link k; add their tangent.
 
     Inputs u hold force F and moment M of each load along inertial axes, behind the joint torques. force = -F (inertial
-    axes), moment = -(A^T M + c x A^T F) (section axes) with the load's lever c; at: `Vertex`; at_tip: True for loads on
-    the tip. With weights.with_matrix the moment's derivative by the section's rotation is added to the 6 x 6 matrix at
-    o of S. See theory, section 9.
-    """
+    axes), moment = -(A^T M + c x A^T F) (section axes) with the load's lever c.
+    at: kinematic state (`Vertex`) of the section.
+    at_tip: True for loads on the tip. With weights.with_matrix the moment's derivative by the section's rotation is
+    added to the 6 x 6 matrix at o of S. See theory, section 9."""
     zero = 0.0
     force, moment = Vector(zero, zero, zero), Vector(zero, zero, zero)
     if model.loads is not None:
@@ -414,8 +409,7 @@ def transmit_wrench(lane, model, r, S, k, of):
     """Add a wrench `of` = (force, N, inertial axes; moment, N m, section axes) to the section before joint k.
 
     The wrench is added to the section's rows of r. Where strains are coordinates only the base has rows (k = 0); for k
-    > 0 the wrench is added to `NOTED.on` of link k - 1 in S.
-    """
+    > 0 the wrench is added to `NOTED.on` of link k - 1 in S."""
     if model.strains is not None:
         if k > 0:
             to = noted_at(model, k - 1).on
@@ -438,8 +432,9 @@ def fill_zeros(lane, S: Lanes, o, n):
 def body_sums(lane, model, array, o, mass, share, at):
     """Return ((kinetic, strain = 0, gravitational) energy in J, momentum in kg m/s, inertial axes) of a rigid `BODY`.
 
-    The `BODY` record of the body is at offset o of `array`. at: `Place` (position, rotation, rates) of the body's
-    section. mass, share: as in `mass_of` and `inertia_of`."""
+    The `BODY` record of the body is at offset o of `array`.
+    at: `Place` (position, rotation, rates) of the body's section.
+    mass, share: as in `mass_of` and `inertia_of`."""
     c, I, A = three_of(lane, array, o + P.centre), inertia_of(lane, array, o, share), matrix(at.p)
     # center of mass and its velocity, inertial axes
     r, rate = at.r + A @ c, at.v + A @ cross(at.spin, c)

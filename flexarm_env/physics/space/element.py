@@ -21,8 +21,7 @@ varies, the chord without stress is the curve's own (`layout.ELEMENT`).
 The mass moves as a cubic through the vertices' positions and tangents t = A e_x, integrated by Simpson's rule: a sixth
 at each vertex, four at r_m = (r_l + r_r)/2 + (t_l - t_r) l/8. Errors are of fourth order in l where an element bends.
 
-Rows: forces (N) along inertial axes, moments (N m) in section axes, derivatives of the energy as in the residual.
-"""
+Rows: forces (N) along inertial axes, moments (N m) in section axes, derivatives of the energy as in the residual."""
 
 from __future__ import annotations
 
@@ -59,8 +58,7 @@ class Section(NamedTuple):
     length: reference length l, m
     stretch: EA, and the shear stiffness C* along y and z, which includes the residual bending flexibility, N
     bend: GJ, EI_y, EI (about x, y, z), N m^2
-    rest: rotation vector psi from the left to the right end without stress, rad
-    """
+    rest: rotation vector psi from the left to the right end without stress, rad"""
 
     length: Any
     stretch: Any
@@ -84,8 +82,7 @@ class Middle(NamedTuple):
 
     psi, g: relative rotation vector of the ends, rad, and tan(|psi|/4) psi/|psi|
     R, m: rotation matrix (axes of the middle to inertial axes), and moment conjugate to psi with the helix term's part,
-    N m
-    """
+    N m"""
 
     psi: Any
     R: Any
@@ -113,11 +110,12 @@ def scale(a, d):
 def middle(section, left, right):
     """Compute strains and stress resultants at an element's middle, all in the axes of the middle section (theory, 9).
 
-    section: `Section`; left, right: `Place`s of the ends. Returns (Gamma (-), psi - psi_0 (rad)), `Middle`, and the
-    rates of these strains (1/s, rad/s; None undamped). Gamma: stretch and shear; psi: rotation vector from left to
-    right end, psi_0 without stress. n = D (Gamma + tau Gamma'), m = K (psi - psi_0 + tau psi') / l + l arc^T n, with D:
-    stretch, K: bend of `Section`; arc: `arc_of`.
-    """
+    section: constants of the element (`Section`).
+    left, right: positions, rotations and rates (`Place`) of the ends.
+    Returns three items: the strains (Gamma, without unit; psi - psi_0, rad), the `Middle`, and the rates of the strains
+    (1/s, rad/s; None undamped). Gamma is stretch and shear, psi the rotation vector from the left to the right end,
+    psi_0 that without stress. With D and K, the fields stretch and bend of `Section`, and arc from `arc_of`:
+    n = D (Gamma + tau Gamma'), m = K (psi - psi_0 + tau psi') / l + l arc^T n."""
     share = 1.0 / section.length
     # relative rotation psi, rotation R of the middle, chord e = R^T (r_r - r_l) / l
     relative = shortest_rotation(compose(inverse_rotation(left.p), right.p))
@@ -148,10 +146,9 @@ def middle(section, left, right):
 def element_damping(section, before, after, share):
     """Return the damping power of an element over a step and its unresolved part, both divided by tau_d (W/s).
 
-    before, after: pairs (left, right) of the ends' `Place`s at the step's start and end. share: 1 / step (1/s). The
-    power is the stiffness times the squared change of strain per step. The unresolved part is the power of the same
-    force at the mean of the strain rates before and after the step, minus the first value.
-    """
+    before, after: pairs (left, right) of the ends' `Place`s at the step's start and end.
+    share: 1 / step (1/s). The power is the stiffness times the squared change of strain per step. The unresolved part
+    is the power of the same force at the mean of the strain rates before and after the step, minus the first value."""
     (stretch_0, bend_0), _, (stretch_rate_0, bend_rate_0) = middle(section, before[0], before[1])
     (stretch_1, bend_1), _, (stretch_rate_1, bend_rate_1) = middle(section, after[0], after[1])
     # Gamma', kappa' (section axes): (strain_1 - strain_0) / h, and n, m that they cause
@@ -168,9 +165,9 @@ def bow_of(uneven, psi):
     """Return chord / l - (e_x + Gamma) = psi x (psi x e_x)/24 + the part of uneven elements; axes of the middle.
 
     psi: rotation vector from left to right end, rad. uneven: (chord, a_y, a_z), or None where section and curvature are
-    constant. chord: stress-free chord / l minus that of a circular arc; a_y, a_z: distance from the middle to the
-    center of flexibility for bending about y, z, divided by l.
-    """
+    constant.
+    chord: stress-free chord / l minus that of a circular arc; a_y, a_z: distance from the middle to the center of
+    flexibility for bending about y, z, divided by l."""
     arc = BOW * cross(psi, cross_with_ex(psi))
     if uneven is None:
         return arc
@@ -180,10 +177,9 @@ def bow_of(uneven, psi):
 
 @kernel
 def arc_of(uneven, psi):
-    """Return dGamma/dpsi = -d(`bow_of`)/dpsi, a 3 x 3 matrix in the axes of the middle; psi: rad; uneven: see `bow_of`.
+    """Return dGamma/dpsi = -d(`bow_of`)/dpsi, a 3 x 3 matrix in the axes of the middle. psi: rad; uneven: see `bow_of`.
 
-    Gamma: stretch and shear at the middle; psi: rotation vector from the left to the right end.
-    """
+    Gamma: stretch and shear at the middle; psi: rotation vector from the left to the right end."""
     x, y, z = BOW * psi
     zero = x * 0.0
     if uneven is None:
@@ -196,8 +192,7 @@ def mean(g, a, b):
     """Return (a + b + g x (b - a))/2: the spin of an element's middle, axes of the middle, from its ends' spins a, b.
 
     a, b: spins of the left and right end, rad/s, each in its section's axes; g = tan(|psi|/4) psi/|psi| of the ends'
-    relative rotation vector psi. The result equals P a + Q b, with P, Q = 1/2 -+ g^/2.
-    """
+    relative rotation vector psi. The result equals P a + Q b, with P, Q = 1/2 -+ g^/2."""
     return 0.5 * (a + b + cross(g, b - a))
 
 
@@ -206,8 +201,8 @@ def forces(section, at):
     """Return ((force, moment) on the left end, on the right end) from the stress resultants n, m of a `Middle` at.
 
     Forces -+ R n (N, inertial axes). Moments (N m, each in its section's axes): P^T l (n x e) - T^-1 m and Q^T l (n x
-    e) + T^-T m, with P, Q = 1/2 -+ g^/2 and R, e, g, T of the `Middle`; l: length in section (`Section`).
-    """
+    e) + T^-T m, with P, Q = 1/2 -+ g^/2 and R, e, g, T of the `Middle`.
+    l: length in section (`Section`)."""
     push = at.R @ at.n
     turn = section.length * cross(at.n, at.e)
     # P^T and Q^T applied to l n x e
@@ -237,10 +232,12 @@ def fill(lane, S, o, xx, xt, tx, tt):
 def tangent(lane, section, at, weights, S, o):
     """Store the derivative of `forces` by positions and rates in the `FACTOR` at offset o of S (theory, 9).
 
-    section: `Section`; at: `Middle`; weights: `Weights` of dr/dq (stiffness) and dr/dv (damping). Rows: forces along
-    inertial axes, moments in section axes; columns: positions (inertial), rotations in body axes. Also stores the
-    derivatives of n by the ends (by_place, by_left, by_right). Changes of moments of third order in psi are neglected.
-    """
+    section: constants of the element (`Section`).
+    at: kinematics of its middle (`Middle`).
+    weights: factors of dr/dq (stiffness) and dr/dv (damping).
+    Rows: forces along inertial axes, moments in section axes.
+    Columns: positions (inertial axes), rotations in body axes. Also stores the derivatives of n by the ends (by_place,
+    by_left, by_right). Changes of moments of third order in psi are neglected."""
     R, g, T, e, psi, l = at.R, at.g, at.T, at.e, at.psi, section.length
     Tt, rate, c = T.T, weights.stiffness, weights.stiffness
     if section.tau is not None:
@@ -357,8 +354,7 @@ def _by_turn(t, weights):
     """Return B = A^T d(t'')/d(rotation increment of its vertex), 3 x 3 in section axes, for the `Tangent` t.
 
     t'': second rate of the vertex' tangent A e_x. Rates and accelerations follow the increment with the `Weights`
-    weights: B sums the derivatives times mass, damping, stiffness.
-    """
+    weights: B sums the derivatives times mass, damping, stiffness."""
     w, zero = t.w, t.w[0] * 0.0
     ck, cd, cm = weights.stiffness, weights.damping, weights.mass
     # -(e^ (cm - own^ cd) + t''^ ck + ((w x e)^ + w^ e^) cd), e = e_x
@@ -378,8 +374,7 @@ def inertia_wrenches(lane, mass, length, left, right, weights, S, o):
     f = m ((a_l + a_r)/2 + l/8 (t''_l - t''_r)), a: acceleration less gravity, t: tangent A e_x of each end; left,
     right: `Vertex`; mass m (kg), length l (m). Returns (force, moment) on the left and the right end: f/2 (N, inertial
     axes), +- l/8 e_x x A^T f (N m, section axes). Without weights.with_matrix the `FACTOR` stays unchanged.
-    See theory, section 9, "inertia".
-    """
+    See theory, section 9, "inertia"."""
     arm = length * 0.125
     tl, tr = tangent_of(left), tangent_of(right)
     bent = tl.A @ tl.second - tr.A @ tr.second
@@ -406,9 +401,10 @@ def inertia_wrenches(lane, mass, length, left, right, weights, S, o):
 def _add(lane, S: Lanes, o, x, xt, A, tx, tt, arm):
     """Add the derivative of a middle mass's wrench on one end, by motion of an end, to the 6 x 6 block at o of S.
 
-    Rows: force (inertial axes), moment (section axes); columns: position (inertial axes), rotation (section axes).
-    Force rows: x 1 and xt/2. Moment rows: tx e_x^ A^T and arm e_x^ tt. x, tx, arm: numbers; xt, A, tt: 3 x 3.
-    """
+    Rows: force (inertial axes), moment (section axes).
+    Columns: position (inertial axes), rotation (section axes). Force rows: x 1 and xt/2. Moment rows: tx e_x^ A^T and
+    arm e_x^ tt.
+    x, tx, arm: numbers; xt, A, tt: 3 x 3."""
     for a in range(3):
         S[o + 7 * a] += x
         for b in range(3):
@@ -421,7 +417,7 @@ def _add(lane, S: Lanes, o, x, xt, A, tx, tt, arm):
 
 @kernel
 def _add_turn(lane, S: Lanes, o, f):
-    """Add e_x^ f^ = f e_x^T - f_x 1 (rows y and z) to the rotation block of the 6 x 6 matrix at o of S; f: vector."""
+    """Add e_x^ f^ = f e_x^T - f_x 1 (rows y and z) to the rotation block of the 6 x 6 matrix at o of S. f: vector."""
     S[o + 27] += f[1]
     S[o + 28] -= f[0]
     S[o + 33] += f[2]

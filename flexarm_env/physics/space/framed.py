@@ -2,8 +2,7 @@
 
 If segments are reduced to modes, each inner mode has rows of its own, behind all other rows. A mode has an amplitude
 (rad) about x, y and z of the frame. A mode rotates sections relative to the frame, in addition to the shape functions
-of the ends' rotations.
-"""
+of the ends' rotations."""
 
 from __future__ import annotations
 
@@ -53,8 +52,7 @@ def _bent(lane, model, par, table, a, b):
     """Return the moments K (a, b) (N m) on both ends of a segment whose ends rotate by a and b (rad), in frame axes.
 
     The stiffness K begins at offset `table` of model.frames. The arm's own factors (par) on GJ, EI_y and EI are
-    applied.
-    """
+    applied."""
     factors = factors_of(lane, par)
     l, r = product(lane, model, table, a, b)
     return scale(l, factors), scale(r, factors)
@@ -67,8 +65,7 @@ def _strained(a, b):
     The results are phi_l,r +- phi_l x phi_r / 4 - d_x (d x e_x) / 24, d = phi_r - phi_l, in frame axes (theory, 9). The
     second term arises because sections rotate relative to each other by log(exp(-a) exp(b)) = b - a - a x b / 2. The
     third term accounts for the sections of a helix, which without shear are rotated relative to its chord. If sections
-    shear, a part of the third term remains even in short segments.
-    """
+    shear, a part of the third term remains even in short segments."""
     d = b - a
     c, helix = 0.25 * cross(a, b), d[0] * HELIX * cross_with_ex(d)
     return a + c - helix, b - c - helix
@@ -76,7 +73,7 @@ def _strained(a, b):
 
 @kernel
 def _strained_rate(a, b, x, y):
-    """Return the time derivatives (rad/s) of both results of `_strained`; x, y: rates of rotations a, b; frame axes."""
+    """Return the time derivatives (rad/s) of both results of `_strained`. x, y: rates of rotations a, b; frame axes."""
     d, e = b - a, y - x
     c = 0.25 * (cross(x, b) + cross(a, y))
     helix = HELIX * (e[0] * cross_with_ex(d) + d[0] * cross_with_ex(e))
@@ -88,8 +85,7 @@ def _unstrained(a, b, l, r, apart, both):
     """Return the moments (N m) on phi_l and phi_r that are equivalent to moments l, r on the `_strained` rotations.
 
     The function applies the transposed derivative of `_strained`. a, b: rotations phi_l, phi_r (rad). apart: (l - r) /
-    4. both: (l + r) / 24. All vectors are in frame axes.
-    """
+    4. both: (l + r) / 24. All vectors are in frame axes."""
     d = b - a
     more = d[0] * ex_cross(both)
     more = Vector(more[0] + dot(both, cross_with_ex(d)), more[1], more[2])
@@ -102,8 +98,7 @@ def _stretch(lane, model, frame, at, q, row):
 
     e is the length of the chord minus the segment's length, H is `FRAME.coupling`. phi contains the rotations of both
     ends and the amplitudes of inner modes, which begin at row `row` of q. at: offsets of the segment's `FRAME` record
-    (`frame_at`). Vectors are in frame axes.
-    """
+    (`frame_at`). Vectors are in frame axes."""
     a, b = frame.left.phi, frame.right.phi
     l, r = product(lane, model, at.coupling, a, b)
     e = frame.length - model.frames[at.length]
@@ -120,8 +115,7 @@ def _stretch_rate(lane, model, frame, rates, slopes, at, q, v, row):
     """Return the rate (m/s) of the stretch e + phi' H phi / 2; slopes: H phi of both ends (m), from `_stretch`.
 
     rates: `Rates` of the frame. q, v: the arm's coordinates and rates; the segment's inner modes begin at row `row`.
-    at: offsets of the segment's `FRAME` record (`frame_at`).
-    """
+    at: offsets of the segment's `FRAME` record (`frame_at`)."""
     e = rates.d[0] + dot(slopes[0], rates.left) + dot(slopes[1], rates.right)
     if model.inner is not None:
         for i in range(inner_of(model)):
@@ -135,8 +129,9 @@ def _elastic(lane, model, par: Lanes, frame, rates, tau, at, state, row):
     """Return the `Stiff` of a segment: force along the chord (N) and moments on phi_l, phi_r (N m), in frame axes.
 
     The forces are elastic, with Kelvin-Voigt damping (theory, eq. 1.3) unless tau is None. tau: time constant (s).
-    rates: `Rates` of the frame, only read with damping. at: offsets of the segment's `FRAME` record (`frame_at`). row:
-    first row of its inner modes in state."""
+    rates: `Rates` of the frame, only read with damping.
+    at: offsets of the segment's `FRAME` record (`frame_at`).
+    row: first row of its inner modes in state."""
     q, v, _ = state
     e, hl, hr = _stretch(lane, model, frame, at, q, row)
     a, b = frame.left.phi, frame.right.phi
@@ -176,8 +171,7 @@ def _inner_forces(lane, model, par: Lanes, frame, tau, pull, second, at, state, 
 
     `framed` adds the translational inertia. tau: time constant (s) or None. pull: force along the chord (N). second:
     angular accelerations (rad/s^2) of left section, right section (section axes) and frame (frame axes). at: offsets of
-    the segment's `FRAME` record (`frame_at`). row: first row of the inner modes in state and r. See theory, (9.3).
-    """
+    the segment's `FRAME` record (`frame_at`). row: first row of the inner modes in state and r. See theory, (9.3)."""
     q, v, a = state
     width, factor = inner_of(model) + 3, par[STIFFNESS_FACTOR]
     for i in range(inner_of(model)):
@@ -213,9 +207,10 @@ def _off(lane, model, to, a, b, x, row):
 def _rate(lane, model, frame, rates, left, right, to, v, row, n):
     """Return the velocity (m/s, inertial axes) of a mass point at the offset n (m, frame axes) from the chord.
 
-    left, right: `Place`s of the ends. rates: `Rates` of the frame. v: rates of the arm; the segment's inner modes begin
-    at row `row`. to: offset of the point's `WEIGHT` record in model.frames.
-    """
+    left, right: `Place`s of the ends.
+    rates: `Rates` of the frame.
+    v: rates of the arm; the segment's inner modes begin at row `row`.
+    to: offset of the point's `WEIGHT` record in model.frames."""
     xi, slip = model.frames[to + W.xi], _off(lane, model, to, rates.left, rates.right, v, row)
     slip = frame.A @ (slip + cross(rates.spin, n))
     return (1.0 - xi) * left.v + xi * right.v + slip
@@ -225,8 +220,7 @@ def _rate(lane, model, frame, rates, left, right, to, v, row, n):
 def _most_force(section, sixth, mass):
     """Return the largest force (N) that enters the tangent of a segment, or infinity without a bound (see `MOST`).
 
-    section: `Section`; sixth: a sixth of the segment's mass (kg); mass: weight of the mass in the matrix (1/s^2).
-    """
+    section: `Section`. sixth: a sixth of the segment's mass (kg). mass: weight of the mass in the matrix (1/s^2)."""
     x, y, z = section.bend
     square = section.length * section.length
     own = minimum(minimum(x, y), z) / square
@@ -245,7 +239,7 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
 
     See theory, (9.3). Forces along inertial axes (N), moments in section axes (N m).
 
-    # model    section: `Section` of segment i (index over all links); par: factors on stiffnesses, tau_d
+    # model    section: constants (`Section`) of segment i (index over all links); par: factors on stiffnesses, tau_d
     # state    left, right: `Vertex` of the segment's ends; state: q, v, a of the arm (rows of inner modes are read)
     # out      r (n,): rows of inner modes, N m;  S, with weights.with_matrix: the `FACTOR` at offset f
     """
@@ -306,9 +300,10 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
 def _momenta(lane, model, at, a, b, c, x, row):
     """Return the angular momenta (kg m^2/s) of the rotary inertia: left section, right section, frame, in own axes.
 
-    a, b, c: angular velocities of left section, right section and frame (rad/s, own axes). x: rates; the inner modes
-    begin at row `row`. at: offsets of the segment's `FRAME` record (`frame_at`). Given accelerations for a, b, c and x,
-    the function returns inertia moments (N m) without gyroscopic terms."""
+    a, b, c: angular velocities of left section, right section and frame (rad/s, own axes).
+    x: rates; the inner modes begin at row `row`.
+    at: offsets of the segment's `FRAME` record (`frame_at`). Given accelerations for a, b, c and x, the function
+    returns inertia moments (N m) without gyroscopic terms."""
     l, r = product(lane, model, at.rotary, a, b)
     lc, rc = constant(lane, model, at.rotary, 3), constant(lane, model, at.rotary, 4)
     own = scale(a, lc) + scale(b, rc) + scale(c, constant(lane, model, at.rotary, 5))
@@ -325,8 +320,9 @@ def _momenta(lane, model, at, a, b, c, x, row):
 def _rotary(lane, model, at, left, right, frame, state, row):
     """Return the rotary inertia moments (N m) on left section, right section and frame, each in its own axes.
 
-    The moments are d(momentum)/dt + w x momentum. at: offsets of the `FRAME` record. left, right: kinematic states
-    (`Vertex`) of the two ends.
+    The moments are d(momentum)/dt + w x momentum.
+    at: offsets of the `FRAME` record.
+    left, right: kinematic states (`Vertex`) of the two ends.
     frame: angular velocity and angular acceleration of the frame. The rates and accelerations of the segment's inner
     modes begin at row `row` of state."""
     wl, wr, (spin, alpha) = left.place.spin, right.place.spin, frame
@@ -339,8 +335,8 @@ def _rotary(lane, model, at, left, right, frame, state, row):
 def frame_sums(lane, model, par: Lanes, q, v, left, right, i):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of segment i.
 
-    left, right: `Place`s (position, rotation, rates) of the segment's ends. q, v: coordinates and rates, from which the
-    inner modes are read. See theory, (9.3)."""
+    left, right: `Place`s (position, rotation, rates) of the segment's ends.
+    q, v: coordinates and rates, from which the inner modes are read. See theory, (9.3)."""
     at, row = frame_at(model, i), inner_row(model, i)
     frame = frame_of(left, right)
     rates = rates_of(frame, left, right)
@@ -382,9 +378,10 @@ def frame_sums(lane, model, par: Lanes, q, v, left, right, i):
 def frame_damping(lane, model, par, state, left, right, other_l, other_r, i):
     """Return v1^T C v2 / tau_d (W/s): power of segment i's damping forces at rates v1 for a second set of rates v2.
 
-    left, right: `Place`s of the ends with the first rates. other_l, other_r: `Place`s of the same ends with the second
-    rates. state.v contains the first rates of the inner modes, state.a their second rates. i: index over all links. See
-    theory, (9.3)."""
+    left, right: `Place`s of the ends with the first rates.
+    other_l, other_r: `Place`s of the same ends with the second rates. state.v contains the first rates of the inner
+    modes, state.a their second rates.
+    i: index over all links. See theory, (9.3)."""
     at, row = frame_at(model, i), inner_row(model, i)
     q, v, x = state
     frame = frame_of(left, right)
@@ -420,9 +417,10 @@ def _strains(lane, model, state, left, right, at, row):
 def frame_damping_over(lane, model, par, before, after, share, i):
     """Return the damping power of segment i over a step and its unresolved part, both divided by tau_d (W/s).
 
-    before, after: (q, v, left `Place`, right `Place`) at the step's start and end. share: 1 / step (1/s). The power
-    uses mean strain rates, i.e. the change of strain divided by the step. The unresolved part is the excess power of
-    the mean damping force, as in `element.element_damping`. See theory, (9.3)."""
+    before, after: (q, v, left `Place`, right `Place`) at the step's start and end.
+    share: 1 / step (1/s). The power uses mean strain rates, i.e. the change of strain divided by the step. The
+    unresolved part is the excess power of the mean damping force, as in `element.element_damping`. See theory,
+    (9.3)."""
     at, row = frame_at(model, i), inner_row(model, i)
     (q0, v0, left_0, right_0), (q, v, left, right) = before, after
     (e_0, near_0, far_0), (e_rate_0, near_rate_0, far_rate_0) = _strains(

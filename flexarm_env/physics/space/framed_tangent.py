@@ -99,8 +99,7 @@ def _inner_column(lane, model, stiff, geometric, own, share, weights, at, k, by)
     """Return the 3 x 3 derivative of the moment (N m; rows x, y, z) on inner mode k by the coordinates of `by`.
 
     by: the coordinates (`Column`). own: result of `_inner_own`. share: weighted EA / l (N/m). geometric: weighted force
-    along the chord (N).
-    """
+    along the chord (N)."""
     cm, (slope, bow), pair = weights.mass, own, (inner_of(model) + 2) * k
     # material: H phi (EA / l) d(stretch)
     strain = by.phi_l.T @ stiff.slope_l + by.phi_r.T @ stiff.slope_r
@@ -154,8 +153,8 @@ def _diagonal(lane, model, at, i, A, geometric, cm):
 def _bending(lane, model, par, frame, stiff, pull, strong, rate, weights, at):
     """Return blocks (ll, lr, rr) of the symmetric derivative of the moments on phi_l, phi_r by phi, with inertia (N m).
 
-    strong: EA / l with damping (N/m). rate: weight of K with damping. pull: chord's force (N). stiff: `Stiff`. Frame
-    axes."""
+    strong: EA / l with damping (N/m). rate: weight of K with damping. pull: chord's force (N). stiff: forces (`Stiff`)
+    of the segment. Frame axes."""
     c, a, b = weights.stiffness, frame.left.phi, frame.right.phi
     (x, y, z), (a0, a1, a2), (b0, b1, b2) = HELIX * (b - a), 0.25 * a, 0.25 * b
     zero, one = x * 0.0, x * 0.0 + 1.0
@@ -211,8 +210,8 @@ def _rows_by(P, Q, left, right):
 def _turned(lane, model, frame, now, bending, late, bent, weights, at):
     """Return the `Turned` of a segment: d phi = T^-1 dth - T^-T dbeta at each end, each rotation in its own axes.
 
-    now: (force between the ends, moments on phi_l, phi_r). bending: from `_bending`. late: `Late` or None. bent:
-    `Bent`."""
+    now: (force between the ends, moments on phi_l, phi_r). bending: from `_bending`. late: `Late` or None. bent: mass
+    moments (`Bent`) of the segment."""
     cm, c, P, Q = weights.mass, weights.stiffness, frame.left.T, frame.right.T
     # d(moment on phi), d phi = T^-1 dth - T^-T dbeta: ll P by dth of the left section, ll P^T + lr Q^T by -dbeta
     Pt, Qt, (ll, lr, rr) = P.T, Q.T, bending

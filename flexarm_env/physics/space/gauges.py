@@ -32,7 +32,7 @@ AXIS = {"xy": (2, 1.0), "xz": (1, -1.0), "torsion": (0, 1.0)}
 def gauges(scene: Scene, settings: Settings, spots: Sequence[Any]) -> Array:
     """Return (G, GAUGE.length): one packed `GAUGE` record for each spot (link, place) or (link, place, measure).
 
-    place: fraction of the link's length; measure: a key of `AXIS`, "xy" by default.
+    place: fraction of the link's length. measure: a key of `AXIS`, "xy" by default.
     """
     found = []
     if settings.modes is not None and len(spots):

@@ -53,7 +53,7 @@ def ends_by(lane, model, table, others, x, row, l, r):
 
 @kernel
 def inner_by(lane, model, table, others, i, a, b, x, row):
-    """Return the product of row i of a table with (a, b, inner amplitudes); a, b: vectors of the left and right end.
+    """Return the product of row i of a table with (a, b, inner amplitudes). a, b: vectors of the left and right end.
 
     table: offset in model.frames. The table has `others` columns, of which the first two are for the left and right
     end, then the columns of the inner modes.
@@ -152,7 +152,7 @@ def transposed_solution(lane, n, S: Lanes, o, x: Lanes, i):
 
 @kernel
 def _subtract_from_ends(lane, model, S: Lanes, table, x: Lanes, row, right):
-    """Subtract table^T y, with y the inner rows of x, from both ends' rows; table: offset in S of 12 columns per mode.
+    """Subtract table^T y, with y the inner rows of x, from both ends' rows. table: offset in S of 12 columns per mode.
 
     row, right: first rows in x of the inner modes and of the right end. The left end's part is returned, to be added,
     as a force (inertial axes) and a moment (section axes).

@@ -274,13 +274,13 @@ def store_spin_lag(lane, model, par: Lanes, S, k, spin, weights):
 
 @kernel
 def joint_motion_of_root(lane, model, S, k, a):
-    """Return a + lag x a, the rotation of link k's root per joint angle in root axes; a: the same without damping.
+    """Return a + lag x a, the rotation of link k's root per joint angle in root axes. a: the same without damping.
 
-    lag: `HINGE.lag`. The joint's angle rotates the root's axes, so that rates in these axes change by w x a, where w is
-    the spin of the root. Springs with dampers are 1 + tau_d c_v times as stiff as springs alone; c_v is the weight of
-    dr/dv. The change of rates therefore acts like an additional rotation tau_d / (1 + tau_d c_v) w x a (theory, 9).
-    Without damping the function returns a. It also returns a if strains are coordinates, because dampers of strains do
-    not depend on these rates.
+    lag: the vector `HINGE.lag` of the joint. The joint's angle rotates the root's axes, so that rates in these axes
+    change by w x a, where w is the spin of the root. Springs with dampers are 1 + tau_d c_v times as stiff as springs
+    alone; c_v is the weight of dr/dv. The change of rates therefore acts like an additional rotation tau_d / (1 + tau_d
+    c_v) w x a (theory, 9). Without damping the function returns a. It also returns a if strains are coordinates,
+    because dampers of strains do not depend on these rates.
     """
     if model.damped is None or model.strains is not None:
         return a

@@ -41,8 +41,7 @@ def restore_chords(lane, model, start, q):
     """Recompute the positions of vertices in q from root to tip, so that segments have the same chords as in `start`.
 
     The function changes nothing unless segments have floating frames. Rotations in q do not change. In the axes of a
-    segment's middle section, the chord's components are those in `start`.
-    """
+    segment's middle section, the chord's components are those in `start`."""
     if model.frames is None:
         return
     tip, moved_tip = place_at(lane, start, start, 0), place_at(lane, q, q, 0)
@@ -64,8 +63,7 @@ def restore_chords(lane, model, start, q):
 def _element_sums(lane, model, par, left, right, element):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of an exact element.
 
-    left, right: `Place` (position, rotation, rates) of each end. element: index over all links. See theory, (9.2).
-    """
+    left, right: `Place` (position, rotation, rates) of each end. element: index over all links. See theory, (9.2)."""
     # inlined: each step of a free arm needs the momentum alone, and unused energies are then not compiled
     section = section_at(lane, model, par, element)
     gamma, bent = middle(section, left, right)[0]
@@ -123,7 +121,7 @@ def add_vector_pairs(a, b):
 
 @inlined
 def _sums_along(lane, model, par, k, q, v, root, total):
-    """Return `total` plus the energies (J) and momentum (kg m/s) of link k; root: `Place` of its first section."""
+    """Return `total` plus the energies (J) and momentum (kg m/s) of link k. root: `Place` of its first section."""
     if model.strains is not None:
         if count_of(model, k) > 0:
             total = add_vector_pairs(total, strained_sums(lane, model, par, k, q, v, root))
@@ -207,7 +205,7 @@ def _mean_damping_power(lane, model, par, start, v0, end, v, h):
 
 @kernel
 def last_section(lane, model, q, v, k, root):
-    """Return the `Place` of link k's last section; root: `Place` of its first section. Pass q for v to ignore rates."""
+    """Return the `Place` of link k's last section. root: `Place` of its first section. Pass q for v to ignore rates."""
     if count_of(model, k) == 0:
         return root
     if model.strains is not None:
@@ -297,7 +295,7 @@ def _tip_lever(model, k):
 
 @kernel
 def put_pose(lane, model, k, q: Lanes, v: Lanes, root, tip, out: Lanes):
-    """Store the `SPACE_POSE` of link k in `out`; root, tip: `Place`s of the link's first and last section."""
+    """Store the `SPACE_POSE` of link k in `out`. root, tip: `Place`s of the link's first and last section."""
     o, row, frame = SP.end * k, joint_row(model, k), matrix(root.p)
     A, lever = matrix(tip.p), Vector(_tip_lever(model, k), 0.0, 0.0)
     # r + A t, v + A (w x t): from the last section along the rigid end (inertial axes)

@@ -144,8 +144,8 @@ def cross(a, b):
 def rotating_acceleration(w, alpha, a):
     """Return alpha x a + w x (w x a), the acceleration (m/s^2) of a point of a rigid body relative to its origin.
 
-    w, alpha: angular velocity and acceleration (rad/s, rad/s^2); a: position of the point, m. All vectors are in the
-    same axes.
+    w, alpha: angular velocity and acceleration (rad/s, rad/s^2).
+    a: position of the point, m. All vectors are in the same axes.
     """
     return cross(alpha, a) + cross(w, cross(w, a))
 

@@ -241,7 +241,7 @@ def noted_tangent(lane, S: Lanes, to, i):
 
 @kernel
 def _own_force(lane, S, to, i, g):
-    """Return the generalized forces (N m) on s and d of interval i; g: moment (N m, root axes) on all points beyond.
+    """Return the generalized forces (N m) on s and d of interval i. g: moment (N m, root axes) on all points beyond.
 
     s is the integral of the strain over the interval, d its first moment (rad).
     to: offsets of the link's stored kinematics in S (`noted_at`). The function applies the transposed derivative of the
@@ -355,7 +355,7 @@ def sweep_inward(lane, model, k, r, S):
 def strained_sums(lane, model, par, k, q, v, root):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of link k.
 
-    root: `Place` of the link's first section; q, v: coordinates and rates of the arm. See theory, (9.5).
+    root: `Place` of the link's first section. q, v: coordinates and rates of the arm. See theory, (9.5).
     """
     n, at, row, A0 = size(model.points), strained_at(model, k), strain_row(model, k), matrix(root.p)
     zero = 0.0
@@ -388,7 +388,7 @@ def strained_sums(lane, model, par, k, q, v, root):
 
 @kernel
 def point_of(model, k, i, q, root):
-    """Return the position (m, inertial axes) of Gauss point i of link k in one lane; root: `Place` of its root."""
+    """Return the position (m, inertial axes) of Gauss point i of link k in one lane. root: `Place` of its root."""
     lane, n, at, row = (0,), len(model.points), strained_at(model, k), strain_row(model, k)
     p, r = identity_rotation(lane), Vector(0.0, 0.0, 0.0)
     for j in range(n):

@@ -5,7 +5,7 @@ acceleration changes by
 
     cm R + 2 cd w x R + ck (alpha x R + w x (w x R)),
 
-The axes rotate with the section at the point; w, alpha: angular velocity and acceleration of that section; cm, cd,
+The axes rotate with the section at the point. w, alpha: angular velocity and acceleration of that section; cm, cd,
 ck: `Weights` of mass, damping, stiffness. Rotations of sections relative to each other within a step are neglected.
 The relative rotations are of first order in the step, and the omission hardly slows Newton's iteration.
 """
@@ -271,7 +271,7 @@ def strained_tangent(lane, model, par: Lanes, k, weights, S: Lanes, f):
     f: offset of the link's `FACTOR` record. RR, the block of the last section, is not written here. `NOTED` must
     contain the values that `sweep_outward` and `sweep_inward` store.
     par: factors on stiffnesses, tau_d.
-    weights: `Weights` of mass, damping and stiffness. See theory, (9.5).
+    weights: factors of mass, damping and stiffness (`Weights`). See theory, (9.5).
     """
     n, m, at, to = size(model.points), size(model.polynomials), strained_at(model, k), noted_at(model, k)
     zero, cm = 0.0, weights.mass
