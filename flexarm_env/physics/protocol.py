@@ -250,8 +250,8 @@ def _everywhere(lane, model, par, q):
 def _by_assembling(lane, model, par, state, u, r, S):
     """Default of `residual`: compute the residual r, equation [64], by `assemble` without a matrix.
 
-    r <- M a + h(q, v) + Phi_q^T lambda - B u, n rows (N, N m). state: q, v, a. u: inputs, i.e. joint torques (N m),
-    then point loads. S: scratch memory.
+    r <- M a + h(q, v) + Phi_q^T lambda - B u, n rows (N, N m). state: coordinates q, velocities v, accelerations a. u:
+    inputs, i.e. joint torques (N m), then point loads. S: scratch memory.
     """
     assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
 

@@ -108,10 +108,10 @@ def acts(lane, part, model, par, q, S, instant):
     """Return whether a point may touch in any lane at coordinates q.
 
     The value of `instant` selects the test. None: always True.
-    ITERATE: by the clearance; the gaps in S are then distances or a lower bound of distances.
-    STEP_START: by the readings in S, which are those of the previous step until `after_step`.
-    STEP_END: by the gaps of the last iterate.
-    STEPS_START: by the clearance or the distances; stores the readings for STEP_START.
+    ITERATE: the test uses the clearance; the gaps in S are then distances or a lower bound of distances.
+    STEP_START: the test uses the readings in S, which are those of the previous step until `after_step`.
+    STEP_END: the test uses the gaps of the last iterate.
+    STEPS_START: the test uses the clearance or the distances, and stores the readings for STEP_START.
     """
     if instant is None:
         return True

@@ -1,8 +1,8 @@
 """Optional terms of the elastica: curved links, a nonlinear law of M, a payload with an eccentric center of mass.
 
-See theory, section 5. The vector from the root to an eccentric payload is sum_j w_j E_j. The unit tangents are complex
-numbers, E_j = exp(i phi_j), with real part x and imaginary part y in inertial axes. The weights w_j = along_j + i
-across_j (m) are complex. For a payload at the tip they are real. The payload's force A acts on node i as conj(w_i) A,
+See docs/theory.md, section 5. The vector from the root to an eccentric payload is sum_j w_j E_j. The unit tangents are
+complex numbers, E_j = exp(i phi_j), with real part x and imaginary part y in inertial axes. The weights w_j = along_j +
+i across_j (m) are complex. For a payload at the tip they are real. The payload's force A acts on node i as conj(w_i) A,
 and the matrix P_ij of the chain's masses receives m_p conj(w_i) w_j. If the root moves with the center of mass, beta is
 complex as well.
 """
@@ -143,7 +143,7 @@ def add_nonlinear_stiffness(lane, model, factor, q, S: Lanes):
     """Add to S (row-major, node angles) the stiffness of a nonlinear law M(kappa) in excess of EI; 0 for a linear law.
 
     factor: product of the arm's own factor on EI and the weight of the stiffness in the matrix.
-    q: coordinates of the arm. See theory, section 5, "Eccentric payload".
+    q: coordinates of the arm. See docs/theory.md, section 5, "Eccentric payload".
     """
     if model.bends is not None:
         x, m, rows = stack(lane, model.scratch), _nodes(model), size(model.n)
@@ -192,7 +192,7 @@ def add_offset_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
     p_ij (kg m^2) is the complex coefficient of masses minus the real coefficient that is in S already. The complex
     coefficient is conj(w_i) w_j m_p plus, if the root moves, the terms of beta.
     w_j (m): complex weight of e_j in the payload's position from the root; -beta_j (m): complex weight of e_j in the
-    root's position. Do nothing without an eccentric payload. See theory, section 5, "Eccentric payload".
+    root's position. Do nothing without an eccentric payload. See docs/theory.md, section 5, "Eccentric payload".
     """
     if model.eccentric is not None:
         D, m, rows = model.data, _nodes(model), size(model.n)

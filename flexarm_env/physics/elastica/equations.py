@@ -38,7 +38,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
     r = M a + h(q, v) - B u: moments (N m) in rows of angles, forces (N, inertial axes) in the two rows of a root that
     moves. S = weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq.
     par: payload mass (kg) and inertia (kg m^2), EI factor, tau_d (s).
-    state: q, v, a.
+    state: coordinates q, velocities v, accelerations a.
     u: joint torques (N m), then force and torque of each point load."""
     on = Nodes(
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
@@ -55,7 +55,7 @@ def residual(lane, model, par, state, u, r, S):
 
     r: moments (N m) in rows of angles, forces (N, inertial axes) in the two rows of a root that moves.
     par: payload mass (kg) and inertia (kg m^2), EI factor, tau_d (s).
-    state: q, v, a.
+    state: coordinates q, velocities v, accelerations a.
     u: joint torques (N m), then force and torque of each point load. S is not used."""
     on = Nodes(
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
@@ -262,7 +262,7 @@ def _subtract_load_torques(lane, model, u: Lanes, r: Lanes):
 def _payload_turns(lane, model, inertia, z: Lanes, r: Lanes):
     """Add the moment of the payload's rotary inertia, J_p l(L) (l(L) . phi''), to the last link's rows of r (N m).
 
-    inertia: J_p, kg m^2.
+    inertia: rotary inertia J_p of the payload, kg m^2.
     z: second rates of all node angles. l(L) = DATA.tips: weights of node angles in the tip's angle."""
     D = model.data
     at = constants(model)
@@ -281,7 +281,7 @@ def _payload_turns(lane, model, inertia, z: Lanes, r: Lanes):
 def _payload_turns_tangent(lane, model, inertia, cm, S: Lanes):
     """Add the payload's rotary inertia, cm J_p l(L) l(L)^T, to the last link's block of S (row-major, node angles).
 
-    inertia: J_p, kg m^2.
+    inertia: rotary inertia J_p of the payload, kg m^2.
     cm: weight of the mass matrix in S. l(L) = DATA.tips: weights of the node angles in the tip's angle."""
     D = model.data
     at = constants(model)
@@ -302,7 +302,7 @@ def _root_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
 
     cm: weight of M; n_j = (-sin phi_j, cos phi_j).
     m: number of nodes. sum_j moment_j e_j (kg m), moment_j = payload w_j + b_j - mass beta_j, is the first moment about
-    the point (x, y), 0 up to round-off about the center of mass. See theory, (5.2)."""
+    the point (x, y), 0 up to round-off about the center of mass. See docs/theory.md, (5.2)."""
     D = model.data
     at = constants(model)
     if model.root is not None:

@@ -58,8 +58,8 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
     """Write the displacements on which inputs do work to y: joint angles (rad), then x, y, angle of each load point.
 
     q: coordinates of the arm. Positions (m, inertial axes) are root + sum_j arm_j e_j, with the load's weights arm_j
-    (m) and the nodes' unit tangents e_j. par and since are not used, because angles in the plane add up. See theory,
-    section 5.
+    (m) and the nodes' unit tangents e_j. par and since are not used, because angles in the plane add up. See
+    docs/theory.md, section 5.
     """
     n, links = size(model.nodes), size(model.links)
     m = n * links
@@ -82,7 +82,7 @@ def _bending(lane, model, shares, x: Lanes, y: Lanes):
 
     K_k: bending stiffness of link k (N m) for an EI factor of 1.
     shares: one number per link; None or a tag stands for 1. The sum uses differences from the angle of the link's root
-    node. Because K 1 = 0, a rigid rotation contributes exactly 0. See theory, (5.2).
+    node. Because K 1 = 0, a rigid rotation contributes exactly 0. See docs/theory.md, (5.2).
     """
     D = model.data
     at = constants(model)
@@ -119,7 +119,7 @@ def energy(lane, model, par: Lanes, q, v):
 
     par: the arm's payload mass (kg), payload inertia (kg m^2) and EI factor.
     q: coordinates of the arm.
-    v: rates of the coordinates. See theory, (5.2).
+    v: rates of the coordinates. See docs/theory.md, (5.2).
     """
     D = model.data
     at = constants(model)
@@ -174,7 +174,7 @@ def link_poses(lane, model, par, q, v, out, tasks=None):
     Vectors are in inertial axes. Root and tip are the joints, so that rigid ends lie between them. The angles are those
     of the beam's end tangents.
     q: coordinates of the arm.
-    v: rates of q. par and tasks are not used. See theory, section 5.
+    v: rates of q. par and tasks are not used. See docs/theory.md, section 5.
     """
     D = model.data
     at = constants(model)

@@ -149,7 +149,7 @@ def forces(lane, order, gravity, state, left, section, r: Lanes, circle):
 
     gravity: m/s^2, or None. state: q, v, a from the left vertex on. left: `Vertex`. circle: (sine, cosine) of psi at
     the Gauss points. section: constants of the element (`Section` or `Varying`). Returns one list: the right `Vertex`,
-    with the element's force on it, then a `Point` for each Gauss point. See theory, (5.1)."""
+    with the element's force on it, then a `Point` for each Gauss point. See docs/theory.md, (5.1)."""
     p, sums = len(order), Sums()
     t, tau = tables(p), section.tau
     place = _nodes(lane, state.q, p, left.place)
@@ -380,7 +380,7 @@ def damping_sums(lane, order, q, v, x, psi, left, section):
     """Return a list of one number, x^T C v / tau_d (W/s): power of an element's damping forces C v at the rates x.
 
     psi: angle of the left vertex in q, and its rates in v and in x. left: (x, y, vx, vy) of the left end for v, then
-    for x, if the arrays do not contain them; otherwise None. See theory, (5.1)."""
+    for x, if the arrays do not contain them; otherwise None. See docs/theory.md, (5.1)."""
     p, sums = len(order), Sums()
     t = tables(p)
     one, two = ((None,) * 4 if at is None else at for at in left)

@@ -133,7 +133,7 @@ def _vertex_behind_hinge(lane, model, state: State, k, left):
 
     The root section has the angle psi + delta (rad), where delta is the hinge angle. Forces (N, inertial axes) include
     the elbow's inertia forces. The moment (N m) only includes the elbow part behind the hinge, because a hinge
-    transmits none. state: q, v, a."""
+    transmits none. state: coordinates q, velocities v, accelerations a."""
     (x, y, psi), (vx, vy, spin), (ax, ay, alpha), (fx, fy, _) = left.place, left.rate, left.acceleration, left.force
     elbow, d = elbow_of(model, k), rows_of(model).hinges + k - 1
     alpha = alpha + state.a[d]
@@ -152,8 +152,8 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
     """Write the residual r = M a + f(q, v) - B u [64]; with weights.with_matrix also S, condensed to vertices.
 
     Rows of r are forces (N, inertial axes) on x and y, and moments (N m) on psi and delta. S = weights.mass M +
-    weights.damping C + weights.stiffness K, in the fields `interior` and `condensed` of FACTORS. state: q, v, a. u:
-    joint torques, then point loads."""
+    weights.damping C + weights.stiffness K, in the fields `interior` and `condensed` of FACTORS. state: coordinates q,
+    velocities v, accelerations a. u: joint torques, then point loads."""
     q, v, a = state
     p, rows, own = len(model.order), rows_of(model), element_factors_at(0, len(model.order))
     zero = 0.0

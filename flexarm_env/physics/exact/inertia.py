@@ -30,7 +30,7 @@ def _multiply_mass(lane, model, par: Lanes, a: Lanes, r: Lanes):
 
     a: accelerations in the rows of CHAIN (m/s^2, inertial axes; rad/s^2).
     r: forces (N) and moments (N m) in the same rows.
-    par: contains the payload's mass (kg) and inertia (kg m^2). See theory, (6.2).
+    par: contains the payload's mass (kg) and inertia (kg m^2). See docs/theory.md, (6.2).
     """
     rows, zero = rows_of(model), 0.0
     # left: (a_x, a_y, a_psi) of the current vertex and the rows of r that it has so far
@@ -67,7 +67,7 @@ def rotate_vectors(lane, model, start: Lanes, q: Lanes, share, x: Lanes):
     """Rotate each node's vector (x, y; inertial axes) in x by `share` times its section's rotation from start to q.
 
     start and q are coordinates; the angles psi (rad) of both must differ little. Interior amplitudes are rotated by the
-    mean rotation of both vertices. See theory, (6.2).
+    mean rotation of both vertices. See docs/theory.md, (6.2).
     """
     order, p, rows = model.order, len(model.order), rows_of(model)
     i = rows.elements

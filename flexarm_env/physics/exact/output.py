@@ -105,7 +105,7 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
 def damping_power(lane, model, par: Lanes, q: Lanes, v: Lanes, x: Lanes):
     """Return x^T C(q) v, W: the power of the Kelvin-Voigt damping forces C v at the rates x; 0 without damping.
 
-    See theory, (5.1).
+    See docs/theory.md, (5.1).
     """
     if model.damped is None:
         return 0.0

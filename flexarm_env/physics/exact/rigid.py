@@ -129,7 +129,7 @@ def beam_start(lane, model, state: State, k, tip, i):
     For k = 0 `tip` is the joint at the chain's root. The force components of the new vertex are 0. The new vertex's
     moment is the hub's inertia torque minus the hub torque (k = 0), or the inertia torque of the elbow part beyond the
     hinge. `beam_start_rows` later transmits the beam's force to `tip`.
-    state: q, v, a of the arm. See theory, section 5, "Rigid ends".
+    state: q, v, a of the arm. See docs/theory.md, section 5, "Rigid ends".
     """
     (x, y, psi), (vx, vy, turning), (ax, ay, alpha), (_, _, moment) = tip.place, tip.rate, tip.acceleration, tip.force
     # omega is for centripetal terms, `turning` for strain rates, which a damped model alone reads
@@ -161,7 +161,7 @@ def _through(lane, model, k, end, lever, motion, force, moment, far, weights, S)
     motion: rate and second rate of the lever's angle, then acceleration (x, y) of the near point minus gravity. force
     (N), moment (N m): at the far point.
     far: mass at the far point, kg, used only in the matrix. With weights.with_matrix the lever's factors are written to
-    S. See theory, section 5, "Rigid ends".
+    S. See docs/theory.md, section 5, "Rigid ends".
     """
     rate, second, ax, ay = motion
     ex, ey = lever
@@ -245,7 +245,7 @@ def condense_to_near_point(lane, model, S, k, end, tail):
     Matrices are tuples (xx, xy, xt, yy, yt, tt), with t for psi.
     k, end: link and end of the lever; its `LEVER_FACTORS` are in S. With n = (-e_y, e_x), the far point moves by dx + n
     dpsi (a linear map T), the lever's middle by dx + n/2 dpsi. The result is T^T (tail + far mass) T, plus the lever's
-    own mass and `turn` on psi. Without levers the function returns `tail`. See theory, section 5, "Rigid ends".
+    own mass and `turn` on psi. Without levers the function returns `tail`. See docs/theory.md, section 5, "Rigid ends".
     """
     if model.rigid is None:
         return tail
@@ -379,7 +379,7 @@ def next_vertex_motion(lane, model, q, v, i):
 def rigid_end_sums(lane, model, q: Lanes, v: Lanes, k):
     """Return kinetic energy (J) and first moments of mass (x, y; kg m, inertial axes) of the rigid ends of link k.
 
-    See theory, section 5, "Rigid ends".
+    See docs/theory.md, section 5, "Rigid ends".
     """
     zero = 0.0
     kinetic, mx, my = zero, zero, zero

@@ -101,7 +101,7 @@ def propagate_to_tip(lane, model, D, q, v, a, pose, S):
 
     A: rotation by the frame's angle theta.
     E: matrix of a rotation by 90 deg.
-    w, alpha: theta', theta''.
+    w, alpha: angular velocity theta' and acceleration theta'' of the frame.
     t: position of the tip in frame axes.
     R: position of the frame's origin.
 

@@ -210,7 +210,7 @@ def factor(lane, model, S: Lanes):
     the section's weighted acceleration (x, y) and angle to the change of force and moment at the section. Pivots are
     stored inverted. At a free elbow the angle of the section beyond the elbow is eliminated. The moment at this elbow
     is the joint's torque, so the elbow transmits no change of moment. A fixed elbow transmits the whole change. See
-    theory, (3.3).
+    docs/theory.md, (3.3).
     """
     stride, first = _stride(model), _bodies_at(model)
     tail, (inertia, mass) = stack(lane, NINE), load_pair(lane, S, ROOT.tail)
@@ -279,7 +279,8 @@ def solve(lane, model, S: Lanes, x: Lanes):
 
     The order is from tip to root, then the root's 3 x 3 system, then back from root to tip. flow (3,) is in inertial
     axes. On the way to the root, flow is the force and moment at a section that result from the reduced right sides of
-    the bodies beyond. On the way back, flow is the weighted acceleration and angle of the section. See theory, (3.3).
+    the bodies beyond. On the way back, flow is the weighted acceleration and angle of the section. See docs/theory.md,
+    (3.3).
     """
     mesh, stride, first = model.mesh, _stride(model), _bodies_at(model)
     flow, levers, zero = stack(lane, THREE), _levers_at(model), 0.0

@@ -161,7 +161,7 @@ def _damping(lane, model, D, par: Lanes, q, v: Lanes, x: Lanes, total):
     # model    D: constants of the body. par: the arm's parameters (factor on bending stiffness, tau_d)
     # state    q, v: elastic coordinates and rates. x: rates that are multiplied from the left
 
-    See theory, (1.3)."""
+    See docs/theory.md, (1.3)."""
     own, n, wide = constants(model), size(model.n), len(model.window)
     if model.damped is not None:
         part = product(lane, model, D, own.K_bend, x, v) * par[STIFFNESS_FACTOR]
@@ -288,7 +288,7 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
 
     q: coordinates of the arm.
     v: rates of the arm.
-    par: payload mass and inertia, factor on bending stiffness. See theory, (2.3)."""
+    par: payload mass and inertia, factor on bending stiffness. See docs/theory.md, (2.3)."""
     pose, frame, ends = stack(lane, SIX), stack(lane, SIX), stack(lane, (0, 0, 0))
     zero = 0.0
     # ends <- 0: T (J), m x, m y (kg m, inertial axes) of the rigid ends, and of the elbows' masses on them
@@ -384,7 +384,7 @@ def _draw(mesh, D, q, x0, y0, frame, line):
     # in       D: a `STATION`, each entry for all stations of the group; q: elastic coordinates; x0, y0: origin (m);
     #          frame: `FRAME`
 
-    See theory, (4.1)."""
+    See docs/theory.md, (4.1)."""
     n = size(mesh.n)
     at = station_at(0, n)
     # place in frame axes: shape functions, or modes with foreshortening q'H q / 2

@@ -137,7 +137,7 @@ def _stretching(lane, model, D, tau, cc, ck, strains: Lanes, S: Lanes):
     # in       tau: tau_d, s. cc, ck: weights of damping and stiffness. strains: a `STRAIN` per element
     # out      S: added to `FACTORS.matrix`
 
-    See theory, (1.2).
+    See docs/theory.md, (1.2).
     """
     n, wide = size(model.n), len(model.window)
     W, own, kept = factors_at(0, n).matrix, span_at(constants(model).spans, wide), strain_at(0, wide)
@@ -175,7 +175,7 @@ def _drag_tangent(lane, model, D, carried: Lanes, cc, ck, v: Lanes, vectors: Lan
     #          cc, ck: weights of dr/dv, dr/dq
     # out      S: added to `FACTORS.matrix`
 
-    See theory, section 2.
+    See docs/theory.md, section 2.
     """
     own, n = constants(model), size(model.n)
     W, px = factors_at(0, n).matrix, vectors_at(0, n).px
@@ -199,7 +199,7 @@ def _drag_tangent(lane, model, D, carried: Lanes, cc, ck, v: Lanes, vectors: Lan
 @unrolled
 @kernel
 def add_outboard(lane, model, D, S: Lanes, tail: Lanes):
-    """Add the matrix of all bodies beyond the tip to the body's matrix: arm' tail swept. See theory, (3.3).
+    """Add the matrix of all bodies beyond the tip to the body's matrix: arm' tail swept. See docs/theory.md, (3.3).
 
     arm contains the derivatives of the tip section's displacement and rotation by each coordinate. swept contains the
     derivatives of the tip section's weighted acceleration (cm, cc, ck times the derivatives by accelerations, rates,
@@ -255,7 +255,7 @@ def condense(lane, model, D, S: Lanes, tail: Lanes):
     #          the body for all bodies beyond, then at its root section: the Schur complement of the elastic rows
     # in, out  S: `FACTORS.matrix`, then its factors
 
-    See theory, (3.3).
+    See docs/theory.md, (3.3).
     """
     add_outboard(lane, model, D, S, tail)
     own, n = constants(model), size(model.n)
@@ -329,7 +329,7 @@ def reduce(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
     # in, out  flow (3,): force and moment (inertial axes) that the reduced right sides of the bodies beyond cause;
     #          in: at the tip section; out: at the root section, to be subtracted from the right side there
 
-    See theory, (3.3).
+    See docs/theory.md, (3.3).
     """
     own, n = constants(model), size(model.n)
     at = factors_at(0, n)
@@ -361,7 +361,7 @@ def reduce(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
 @unrolled
 @kernel
 def restore(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
-    """Substitute back in one body: x <- increments of the body's elastic coordinates. See theory, (3.3).
+    """Substitute back in one body: x <- increments of the body's elastic coordinates. See docs/theory.md, (3.3).
 
     # in       S: factors that `condense` stored, and `FACTORS.swept`
     # in, out  x (n,): reduced right side, then the solution

@@ -102,7 +102,7 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
 
 @kernel
 def _to_band(lane, mesh, own: Lanes, at, cm, half, S: Lanes):
-    """Write a body's matrix to its rows and columns of the band; those of R are in inertial axes. See theory, (3.5).
+    """Write a body's matrix to its rows and columns of the band; rows of R are in inertial axes (theory, 3.5).
 
     Columns of the origin's acceleration are multiplied by cm, because R enters the residual only through its
     acceleration.
@@ -177,7 +177,7 @@ def constraint_residual(lane, model, psi: Lanes, state: State, level, scale, r: 
         Phi = (R_b + A t_b - R_{b+1},  angle of the tip section + psi - theta_{b+1})                   (theory, eq. 3.4)
 
     R, theta: origin (inertial axes) and angle of the frame of body b and of the next body.
-    A: rotation by theta_b.
+    A: rotation matrix for the angle theta_b.
     t_b: tip in frame axes.
     level: 0 for Phi (m, rad), 1 and 2 for its time derivatives.
     psi: angles, rates and accelerations of prescribed joints (`MOTION`). A rigid joint has a constant angle instead. A

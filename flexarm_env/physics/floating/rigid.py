@@ -105,7 +105,7 @@ def transmit_inward(lane, lever, force, weights, S: Lanes, first):
     # in, out  force (3,): force (N) and moment (N m) required at the far point, then at the near point
     # out      S, with weights.with_matrix: n, weighted change of the far acceleration, and `turn`, of `LEVER_FACTORS`
 
-    See theory, section 5, "Rigid ends".
+    See docs/theory.md, section 5, "Rigid ends".
     """
     if lever is not None:
         at = _factors_at(first, lever)
@@ -144,7 +144,7 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
     # in       S: `LEVER_FACTORS`, written by `transmit_inward`. first: index in S of the first `LEVER_FACTORS`
     # in, out  tail (9,), by rows: force x, y, moment; columns: acceleration x, y (weighted), angle
 
-    See theory, section 5, "Rigid ends".
+    See docs/theory.md, section 5, "Rigid ends".
     """
     if lever is not None:
         at, mass = _factors_at(first, lever), lever.mass

@@ -62,7 +62,7 @@ def _flag_unbalanced(lane, model, par, w: Work, active, turn, h):
     # state     w.q0, w.v0 at the start of the step; w.q, w.v, w.u at its end
     # out       w.flag <- NEWTON_FAILED.   # scratch  w.r, w.y, w.y0
 
-    See theory, section 6, "Steps that are refused".
+    See docs/theory.md, section 6, "Steps that are refused".
     """
     kinetic0, strain0, gravity0 = energy(lane, model, par, w.q0, w.v0)
     kinetic, strain, gravity = energy(lane, model, par, w.q, w.v)

@@ -54,7 +54,8 @@ def evaluate(drive, f, t, side):
 def set_inputs(lane, drive, u: Lanes, t, side):
     """Write the inputs that depend on time into u (N m, N): each driven entry is the sum of its terms at time t (s).
 
-    drive: `Drive` of the scene. Entries without a term, such as actions, keep their value. u: array of n_inputs lanes.
+    drive: the scene's loads and motions (`Drive`). Entries without a term, such as actions, keep their value. u: array
+    of n_inputs lanes.
     side: time (s) slightly before or after t. It selects the piece of a function that jumps at t.
     """
     before = -1
@@ -71,7 +72,7 @@ def set_inputs(lane, drive, u: Lanes, t, side):
 def set_motions(lane, drive, psi: Lanes, t, side):
     """Write value, rate and second rate of each prescribed coordinate at time t (s) to psi, one `MOTION` each.
 
-    drive: `Drive` of the scene.
+    drive: the scene's loads and motions (`Drive`).
     psi: array of n_motions * 3 lanes (m or rad, with rates).
     side: time (s) slightly before or after t. It selects the piece of a function that jumps at t.
     """

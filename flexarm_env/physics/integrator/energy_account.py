@@ -35,13 +35,13 @@ def account_for_step(lane, model, drive, par, w: Work, h):
     The dissipation is the power of damping at the step's mean strain rates. Rates at the ends of the step differ from
     the mean by second order of h. In very stiff strains this difference exceeds the rates themselves. The damping
     forces then do additional work, entry BEYOND of w.books, which the strain energy absorbs and returns.
-    drive: `Drive`, or None without motions in time.
+    drive: the scene's loads and motions (`Drive`), or None without motions in time.
 
     # state     w.q0, w.v0, w.u0, w.y0, w.psi0, w.reaction0 at the start; w.q, w.v, w.u, w.psi, w.reaction at the end
     # out       w.books (energy account); w.u0, w.y0, w.psi0, w.reaction0 <- values at the end, for the next step
     # scratch  w.r, which a completed step no longer needs
 
-    See theory, section 6, "Work and energy".
+    See docs/theory.md, section 6, "Work and energy".
     """
     # work of inputs: (u0 + u) / 2 . (y - y0)
     input_displacements(lane, model, par, w.q, w.y, (w.q0, w.y0))

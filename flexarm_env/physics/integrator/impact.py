@@ -131,7 +131,7 @@ def _accelerate(lane, model, par, w: Work, h):
     The function applies three corrections -(r+ - r-), with one factorization of M+ + h/2 C + h^2/4 K (mass matrix with
     the new payload, damping, stiffness). r+ is the residual at the current a.
     h: length of a step, s.
-    Scratch: w.r, w.S.
+    Scratch memory: w.r, w.S.
     """
     for i in range(3):
         first = i == 0
@@ -153,7 +153,7 @@ def _account_for_impact(lane, model, books, par, w: Work, before, struck):
 
     before: (kinetic, strain, gravitational) energy before the change.
     struck: 1 in lanes that gripped an object at rest, otherwise 0.
-    books: a tag, or None for no account.
+    books: a compile-time tag, or None for no energy account.
     """
     if books is not None:
         after = energy(lane, model, par, w.q, w.v)

@@ -70,8 +70,8 @@ def _take_multipliers(lane, drive, algebraic, w: Work, fresh):
 
     At a kink (with a drive, not fresh) the solution is the change of the multipliers, which is added to their values in
     w.q.
-    algebraic: rows of multipliers, or None (nothing to do).
-    drive: `Drive`, or None.
+    algebraic: rows of the multipliers; None: nothing to do.
+    drive: the scene's loads and motions (`Drive`), or None.
     fresh: True at a fresh start.
     """
     if drive is not None and algebraic is not None and not fresh:
@@ -85,7 +85,8 @@ def _take_multipliers(lane, drive, algebraic, w: Work, fresh):
 def _restart_auxiliary_acceleration(lane, n, drive, w: Work, fresh):
     """Set the auxiliary acceleration to b = a; at a kink (with a drive, not fresh) add the difference stored in w.b.
 
-    n: number of rows. drive: `Drive`, or None. fresh: True at a fresh start. In prescribed rows the difference is 0.
+    n: number of rows. drive: the scene's loads and motions (`Drive`), or None. fresh: True at a fresh start. In
+    prescribed rows the difference is 0.
     """
     if drive is not None and not fresh:
         for i in range(drive.known.shape[0]):
@@ -165,7 +166,7 @@ def _jump_velocities(lane, model, drive, par, w: Work, h, fresh):
     # out       w.v0: v before the jump; w.a0: dv, in rows of multipliers the impulses Lambda; w.reaction; w.books
     # scratch   w.r, w.S, w.a, w.b0
 
-    See theory, section 6, "Kinks".
+    See docs/theory.md, section 6, "Kinks".
     """
     n = size(model.n)
     for k in range(n):
@@ -198,7 +199,7 @@ def _solve_jump(lane, model, drive, par, w: Work):
     # out       w.a0 and w.a: dv, with Lambda in rows of multipliers; w.v = 0
     # scratch   w.r, w.S
 
-    See theory, section 6, "Kinks".
+    See docs/theory.md, section 6, "Kinks".
     """
     n = size(model.n)
     for i in range(drive.known.shape[0]):
@@ -244,7 +245,7 @@ def _remove_damping_layer(lane, model, drive, par, w: Work, h, fresh):
     # state     w.a0: in, dv; out, dv - e.   w.books: work and loss are added.   w.q0 (unless fresh): in and out
     # out       w.reaction: impulses of the motions (N s, N m s), times SMALL.   # scratch  w.r, w.S, w.v, w.a
 
-    See theory, section 6, "Kinks".
+    See docs/theory.md, section 6, "Kinks".
     """
     n, part = size(model.n), 0.5 * h * SMALL
     for k in range(n):
@@ -281,7 +282,7 @@ def damping_layer(lane, model, drive, par, w: Work, rest, h, fresh):
     # out       w.r: e; w.v: SMALL h/2 g, g = (1 - s)^2 (1 + 3 s) dv
     # scratch   w.S
 
-    See theory, section 6, "Kinks".
+    See docs/theory.md, section 6, "Kinks".
     """
     n, part = size(model.n), 0.5 * h * SMALL
     for k in range(n):
@@ -338,7 +339,7 @@ def restart_within(lane, model, drive, par, w: Work, t, h, fresh):
     # state     w.v, w.a, w.b and multipliers in w.q are changed; w.u, w.psi <- values at t+; w.u0, w.reaction, w.books
     # scratch   w.r, w.S, w.q0, w.v0, w.a0, w.b0, w.psi0
 
-    See theory, section 6, "Kinks".
+    See docs/theory.md, section 6, "Kinks".
     """
     n = size(model.n)
     times, half = 1, 0.0

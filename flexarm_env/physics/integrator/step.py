@@ -117,14 +117,14 @@ def _project_onto_constraints(lane, model, drive, par, algebraic, w: Work):
         M dv + Phi_q^T Lambda = 0, Phi_q dv = -dPhi/dt;    M da + Phi_q^T dlambda = 0, Phi_q da = -d2Phi/dt2;    db = da
 
     Phi = 0: constraints.
-    lambda: their multipliers (forces).
+    lambda: multipliers of the constraints, which are forces.
     Lambda: impulses. The step satisfies the constraints at the level of positions. Velocities violate the constraints'
     time derivative by O(h^2), accelerations by O(h). At rho_inf = 1 both errors would alternate and grow. The equation
     of da neglects the change of other forces by dv. Otherwise stiff damping, which the step does not resolve, would act
     explicitly and be unstable.
 
     # state     w.v, w.a, w.b and the multipliers in w.q: in and out, at the end of the step
-    # scratch   w.r, w.S.   algebraic: rows of multipliers, or None (nothing to do)
+    # scratch   w.r, w.S.   algebraic: rows of the multipliers; None: nothing to do
     """
     if algebraic is not None:
         if algebraic.shape[0] == 0:
@@ -167,8 +167,8 @@ def _compute_reactions(lane, model, drive, par, w):
     The forces are the rows of the residual r of equation [64] at the prescribed coordinates, or the multipliers that
     prescribe them. Without motions, or if drive is None, do nothing.
     drive: the scene's loads and motions over time (`Drive`).
-    algebraic: rows of multipliers, or None.
-    Scratch: w.r, w.S.
+    algebraic: rows of the multipliers, or None without multipliers.
+    Scratch memory: w.r, w.S.
     """
     if drive is not None and drive.known.shape[0] > 0:
         assemble(lane, model, par, state_of(w), w.u, STEP_END_ALONE, w.r, w.S)
@@ -214,8 +214,8 @@ def advance_within(lane, model, drive, par, w: Work, t, h, n_steps, scheme, book
     # model     model. drive: `Drive`, or None without loads and motions in time. par: the arm's parameters; `Scheme`
     # state     w.q, w.v, w.a, w.b and the other fields of w, first at t, then at the time reached
 
-    books: a tag, (0,), to add work and dissipation to the energy account w.books; None for no account. See theory,
-    (6.1).
+    books: a tag, (0,), to add work and dissipation to the energy account w.books; None for no account. See
+    docs/theory.md, (6.1).
     """
     if books is not None:
         start_energy_account(lane, model, drive, par, w)

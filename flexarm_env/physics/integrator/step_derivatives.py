@@ -59,7 +59,8 @@ def _have_converged(lane, scheme, first, before, left):
 
 @kernel
 def factor_step_end(lane, model, par, w, slopes):
-    """Compute and factor the Newton matrix at the end of a step in w.S; store which joints stick. Scratch: w.r."""
+    """Compute and factor the Newton matrix at the end of a step in w.S; store which joints stick. Scratch memory:
+    w.r."""
     # the matrix of Newton's last iteration belongs to an earlier iterate
     weights = _step_weights(slopes)
     assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
@@ -95,7 +96,7 @@ def _shift_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
     """Compute the tangents of q, v and a at the step's end, where q = (predicted q) (+) d with the total increment d.
 
     v and a change with d by `slopes`. x contains the tangents of the prediction on entry. w.shift: d at the step's end.
-    passes: as in `step_tangents`. See theory, section 9, "Derivatives".
+    passes: as in `step_tangents`. See docs/theory.md, section 9, "Derivatives".
     """
     n, moved, total = size(model.n), accumulated_increment(lane, w)[0], accumulated_increment(wide, x)[0]
     reset_shift(wide, model, x)
@@ -217,7 +218,7 @@ def _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, ahead
     """Transform the cotangents of q, v, a in bar from the step's end to its prediction; w.shift: increment D.
 
     The total cotangent of q at the end must vanish, so that forces of stiff strains cancel instead of being summed up.
-    The cotangent of the prediction is -T(D)^-1 (s_v v_bar + s_a a_bar + s_b b_bar). See theory, section 9,
+    The cotangent of the prediction is -T(D)^-1 (s_v v_bar + s_a a_bar + s_b b_bar). See docs/theory.md, section 9,
     "Derivatives".
     """
     n, moved = size(model.n), accumulated_increment(lane, w)[0]

@@ -29,7 +29,7 @@ def jump_accelerations(lane, model, par, flat, n_motions, h, first, kept=None):
 
     first: None, or (for models with `NewtonPolicy.light_joints`) lanes > 1/2 that start from a = 0. The matrix is then
     M + h/2 C + h^2/4 K, and in the lanes `first` all forces contribute to da.
-    kept: a tag to store the accelerations before the jump in w.a0, or None. See theory, section 6, "Kinks".
+    kept: a tag to store the accelerations before the jump in w.a0, or None. See docs/theory.md, section 6, "Kinks".
     """
     w: Work = unpack(lane, model, flat, n_motions)
     n = size(model.n)

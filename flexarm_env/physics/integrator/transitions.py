@@ -161,7 +161,8 @@ def jump_tangents(lane, wide, model, parx, w, x, h, first):
 def _light_equation(lane, wide, model, parx, w, x, h, first):
     """Compute x.r <- r(u) - r(u0) + S da for a jump with light joints; S changes along the direction, too.
 
-    x: contains values before the jump, x.q0 = r(u0). w: the arm after the jump. See theory, section 9, "Derivatives".
+    x: contains values before the jump, x.q0 = r(u0). w: the arm after the jump. See docs/theory.md, section 9,
+    "Derivatives".
     """
     n = size(model.n)
     for k in range(n):

@@ -202,7 +202,7 @@ def set_prescribed(lane, known, psi: Lanes, q: Lanes, v: Lanes, a: Lanes, b: Lan
 def move_multipliers(lane, algebraic, target: Lanes, values: Lanes, clear):
     """Copy the rows of multipliers from `values` to `target`, or, if clear is True, set them to 0.
 
-    algebraic: rows of multipliers, or None (nothing to do). Multipliers are stored in q. A solution for accelerations
+    algebraic: rows of the multipliers; None: nothing to do. Multipliers are stored in q. A solution for accelerations
     or velocity jumps, however, contains the multipliers in its own array.
     """
     if algebraic is not None:
@@ -216,7 +216,7 @@ def move_multipliers(lane, algebraic, target: Lanes, values: Lanes, clear):
 def take_multipliers(lane, algebraic, w: Work, active, c_m):
     """Update the multipliers in w.q: lambda <- lambda - c_m r, equation (3.5), and set their rows of w.r to 0.
 
-    algebraic: rows of multipliers, or None (nothing to do).
+    algebraic: rows of the multipliers; None: nothing to do.
     active: lanes > 1/2 are updated; None means all lanes.
     c_m: da+/dq+ of the step, or 1 in solutions for accelerations. The factor c_m reverses the scaling of the
     multipliers' columns in the matrix.

@@ -42,7 +42,8 @@ def assemble(lane, model, par, state: State, u: Lanes, weights, r: Lanes, S: Lan
     """Assemble the residual r (N, N m) and, with weights.with_matrix, the matrix S of the arm and its contributions.
 
     r = M a + h(q, v) - B u, equation [64]; S = weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq.
-    par: the arm's own parameters. state: q, v, a. u: inputs, i.e. joint torques (N m), then point loads.
+    par: the arm's own parameters. state: coordinates q, velocities v, accelerations a. u: inputs, i.e. joint torques (N
+    m), then point loads.
     """
     for part in model.contributions:
         contributions.prepare(lane, part, model, par, state, weights, S)
@@ -269,7 +270,7 @@ def conserve_momentum(lane, model, par, before, h, q, v, u, r, S):
     changed so that the momentum changes by the impulse of the mean force. The function returns None if a support holds
     the arm.
     u: inputs, i.e. joint torques (N m), then point loads.
-    Scratch: r, S.
+    Scratch memory: r, S.
     """
     for part in model.contributions:
         found = contributions.conserve_momentum(lane, part, model, par, before, h, q, v, u, r, S)

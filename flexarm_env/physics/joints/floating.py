@@ -111,7 +111,7 @@ def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, 
 
     # state     q; v: in and out, (n,) lanes.   # scratch   r, S
 
-    See theory, section 6, "A floating base".
+    See docs/theory.md, section 6, "A floating base".
     """
     n, base, sums = size(model.n), part, stack(lane, _SUMS)
     a, still = stack(lane, base.room), stack(lane, base.room)
@@ -210,7 +210,7 @@ def _turn(lane, base, q: Lanes, rate, v: Lanes):
     """Add a rigid rotation of base and arm about the origin at `rate` (rad/s) to v.
 
     Rows of angles change by rate, rows of vectors (x, y; m, inertial axes) by rate (-y, x).
-    base: the `Floating` record.
+    base: the record `Floating` of the base.
     """
     for j in range(base.angles.shape[0]):
         v[base.angles[j]] += rate
@@ -224,8 +224,8 @@ def _turn(lane, base, q: Lanes, rate, v: Lanes):
 def _take_part(lane, base, q: Lanes, r: Lanes, sums: Lanes):
     """Project generalized forces r (n,) on the rigid motions: sums <- force (N) along x, y, moment (N m) about origin.
 
-    base: the `Floating` record. Positions take part in the translations. Angles take part in the rotation; vectors (x,
-    y) take part in it by x r_y - y r_x.
+    base: the record `Floating` of the base. Positions take part in the translations. Angles take part in the rotation;
+    vectors (x, y) take part in it by x r_y - y r_x.
     """
     x, y, turn = 0.0, 0.0, 0.0
     for j in range(0, base.places.shape[0], 2):

@@ -131,7 +131,7 @@ def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
     # out       r (n,); fields of `GEAR`: before (friction torque, N m), slides (1 or 0), free: 1 if the joint does
     #           not slide and friction within T_C balances the other forces of the joint's row, otherwise 0
 
-    See theory, (6.6).
+    See docs/theory.md, (6.6).
     """
     if model.newton.friction is not None:
         protocol.assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
@@ -176,7 +176,7 @@ def account_for_friction(lane, model, par, state, u, r, S, start, books):
 
     start: coordinates at the step's start. The mean torque is the average of the torques stored at the step's start and
     those of the present state. The present torques are stored in S for the next step.
-    Scratch: r.
+    Scratch memory: r.
     """
     if model.newton.friction is not None:
         _account_for_half(lane, model, state, S, start, books)
@@ -271,7 +271,7 @@ def solve_torques(lane, model, S: Lanes, transposed):
     and bound (N m). The field torque receives T.
     W_ij: entry of S^-1 in the friction rows of joints i and j.
     transposed: if True, use W^T, for cotangents; all bounds are then 0. The Gaussian elimination has no pivoting. See
-    theory, (6.6).
+    docs/theory.md, (6.6).
     """
     joints, one, zero = count(model), 1.0, 0.0
     for i in range(joints):
@@ -303,7 +303,8 @@ def solve_torques(lane, model, S: Lanes, transposed):
 def add_torques(lane, model, S: Lanes, x: Lanes):
     """Add the friction torques T (N m) to the solution, x <- x + W T, so that sticking joints have exactly the rate 0.
 
-    W: columns of S^-1. The increment of a sticking joint becomes gap + x_i, which brings it to rest. See theory, (6.6).
+    W: columns of S^-1 for the rows on which friction acts. The increment of a sticking joint becomes gap + x_i, which
+    brings it to rest. See docs/theory.md, (6.6).
     """
     n = size(model.n)
     # gap + x_i = w/c, before x changes
@@ -325,7 +326,7 @@ def hold_sticking_joints(lane, model, S: Lanes, x: Lanes):
     """Hold joints that stuck in the last `apply_friction` at rest: x <- x + W T, so that their rows of x become 0.
 
     x (n,): on entry a solution S^-1 y without friction.
-    W: columns of S^-1.
+    W: columns of S^-1 for the rows on which friction acts.
     T: friction torques. S contains the factors of the Newton matrix and the `GEAR` records.
     """
     if model.newton.friction is not None:

@@ -125,8 +125,8 @@ def friction_cotangents(lane, model, par_bar: Lanes, weights, ahead, S: Lanes, x
     The cotangents of the rates w = v + ahead a are added to v_bar and a_bar. W^T x contains the cotangents of the
     torques, with the columns W of S^-1. For sticking joints it must vanish; this requires the solution of a linear
     system with the transposed entries of W in the rows of these joints. The torques of sliding joints are T_C in the
-    directions `slides` (`store_directions`); their cotangents are added to the arms' own T_C in par_bar. See theory,
-    (6.6).
+    directions `slides` (`store_directions`); their cotangents are added to the arms' own T_C in par_bar. See
+    docs/theory.md, (6.6).
     """
     if model.newton.friction is not None:
         for i in range(count(model)):

@@ -123,7 +123,7 @@ def assemble(lane, part, model, par, state: State, u, weights, r: Lanes, S: Lane
     """Add gears, rotors, viscous friction and hub inertia to r (N m); with weights.with_matrix also add entries to S.
 
     state: coordinates q, velocities v, accelerations a.
-    u: inputs, which begin with the joint torques. S receives one `GEAR` per joint. See theory, (6.5).
+    u: inputs, which begin with the joint torques. S receives one `GEAR` per joint. See docs/theory.md, (6.5).
     """
     for i in range(count(model)):
         one = joint_law(lane, model, par, i)
@@ -157,7 +157,7 @@ def before_factor(lane, part, model, S: Lanes):
     """Eliminate the motors' rows: add their Schur complement slope - slope^2 / pivot to the joints' diagonal in S.
 
     pivot: diagonal entry of the motor's row. -slope: entry that couples motor and joint. Both are in `GEAR`. See
-    theory, (6.5).
+    docs/theory.md, (6.5).
     """
     for i in range(count(model)):
         g, row = gear_at(model, i), model.table[PLACES * i + PLACE.row]
@@ -276,7 +276,7 @@ def _gear_deflection(play, half, wound):
 def energy(lane, part, model, par, q: Lanes, v: Lanes, sums):
     """Return the energies `sums` (kinetic, strain, gravitational; J) plus those of rotors, gear springs, hub inertia.
 
-    See theory, (6.5).
+    See docs/theory.md, (6.5).
     """
     kinetic, strain, gravity = sums
     for i in range(count(model)):
@@ -340,7 +340,7 @@ def vjp_residual(lane, part, model, par, state: State, bar, u_bar: Lanes, r_bar:
 
 @kernel
 def multiply(lane, part, model, S: Lanes, x: Lanes, y: Lanes):
-    """Add the part of S x from motors, gears and rotors to y (n rows); S is not factored yet. See theory, (6.5)."""
+    """Add the part of S x from motors, gears and rotors to y (n rows); S is not factored yet (theory, 6.5)."""
     for i in range(count(model)):
         at, g = PLACES * i, gear_at(model, i)
         row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]

@@ -87,7 +87,8 @@ def store_block(lane, point, model, par, state, u: Lanes, stiffness, S: Lanes):
     """Store B and k of the point's block B k B^T. A contribution's `assemble` calls this function if it needs a matrix.
 
     stiffness: k (N/m) times the weight of dr/dq in the matrix. Column i of B contains the generalized forces of a force
-    of 1 N on the point along axis i, i.e. the amounts by which this force lowers the arm's residual. See theory, (6.7).
+    of 1 N on the point along axis i, i.e. the amounts by which this force lowers the arm's residual. See
+    docs/theory.md, (6.7).
     """
     store_columns(lane, model, par, state, u, point.input, point.axes, point.room, S, point.at)
     S[_stiffness_at(point)] = 0.0 + stiffness
@@ -115,8 +116,8 @@ def before_factor(lane, part, model, S: Lanes):
 def after_factor(lane, part, model, S: Lanes):
     """Compute W = S^-1 B and C = (1 + k B^T W)^-1 k from B and k in S, by Gauss-Jordan elimination without pivoting.
 
-    With W and C `after_solve` adds the block B k B^T of the point's stiffness k to solutions with the factors in S.
-    See theory, (6.7).
+    With W and C `after_solve` adds the block B k B^T of the point's stiffness k to solutions with the factors in S. See
+    docs/theory.md, (6.7).
     """
     point, axes, n = part.point, len(part.point.axes), size(part.point.room)
     # with factors that do not contain the block yet, because C is still 0

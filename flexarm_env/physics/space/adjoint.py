@@ -125,8 +125,8 @@ def _up(lane, model, S, k, x):
     """Apply the transpose of `elimination._up` and `_joint_up` to the rows of link k in x, from tip to root.
 
     Loop over the vertices from the tip: subtract RL^T (x of this vertex) from x of the preceding vertex. RL is a block
-    of the element's `FACTOR` record in S. Then cross the joint and update the joint's row of x. See theory, section 9,
-    "Elimination".
+    of the element's `FACTOR` record in S. Then cross the joint and update the joint's row of x. See docs/theory.md,
+    section 9, "Elimination".
     """
     h, row, under, count = hinge_at(k), joint_row(model, k), rows_before(model, k), count_of(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -168,8 +168,8 @@ def _down(lane, model, S, k, x):
     """Apply the transpose of `elimination._down` and `_joint_down` to the rows of link k in x, from root to tip.
 
     Solve for the joint's row of x first, then for each vertex: subtract LR^T (x of the preceding vertex) and solve with
-    the transposed factors of RR. LR and RR are blocks of the element's `FACTOR` record in S. See theory, section 9,
-    "Elimination".
+    the transposed factors of RR. LR and RR are blocks of the element's `FACTOR` record in S. See docs/theory.md,
+    section 9, "Elimination".
     """
     h, row, under = hinge_at(k), joint_row(model, k), rows_before(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)

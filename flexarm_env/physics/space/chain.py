@@ -249,7 +249,7 @@ def joint_kinematics(lane, model, state: State, k, tip, weights):
 
     alpha_L = E^T alpha + axis theta'' + w_L x axis theta' (root axes; for the symbols see `joint_placement`).
     weights: factors of mass, damping and stiffness (`Weights`). The field `own` of the root's `Vertex` is
-    weights.newton_share times the joint's rate, or 0 if strains are coordinates. See theory, (9.1)."""
+    weights.newton_share times the joint's rate, or 0 if strains are coordinates. See docs/theory.md, (9.1)."""
     q, v, a = state
     o = J.end * k
     turn, lever, root, rate = joint_placement(lane, model, q, v, k, tip.place)
@@ -278,7 +278,8 @@ def add_lumped_mass(lane, mass, I, at, weights, S: Lanes, o):
     I: principal moments about the section's axes (kg m^2).
     at: kinematic state (`Vertex`) of the section. force = m a (N, inertial axes), moment = I alpha + w x I w (N m,
     section axes).
-    weights: `Weights` of the 6 x 6 block; if weights.with_matrix is False, S is unchanged. See theory, section 9."""
+    weights: `Weights` of the 6 x 6 block; if weights.with_matrix is False, S is unchanged. See docs/theory.md, section
+    9."""
     w, alpha = at.place.spin, at.alpha
     x, y, z = I[2] - I[1], I[0] - I[2], I[1] - I[0]
     if weights.with_matrix:
@@ -327,7 +328,7 @@ def add_rigid_body(lane, array, o, mass, share, at, weights, S: Lanes, to):
     array, o: array and offset of the `BODY`; m, I: its mass and inertia (`mass_of`, `inertia_of`); c: its center of
     mass, section axes.
     at: kinematic state (`Vertex`) of the section (a, A, w, alpha). Force in inertial axes, moment in section axes.
-    Without weights.with_matrix S stays unchanged. See theory, section 9."""
+    Without weights.with_matrix S stays unchanged. See docs/theory.md, section 9."""
     zero = 0.0
     force, moment = Vector(zero, zero, zero), Vector(zero, zero, zero)
     if array[o + P.there] != 0.0:
@@ -383,7 +384,7 @@ def point_load_wrench(lane, model, u, k, at_tip, at, weights, S, o):
     axes), moment = -(A^T M + c x A^T F) (section axes) with the load's lever c.
     at: kinematic state (`Vertex`) of the section.
     at_tip: True for loads on the tip. With weights.with_matrix the moment's derivative by the section's rotation is
-    added to the 6 x 6 matrix at o of S. See theory, section 9."""
+    added to the 6 x 6 matrix at o of S. See docs/theory.md, section 9."""
     zero = 0.0
     force, moment = Vector(zero, zero, zero), Vector(zero, zero, zero)
     if model.loads is not None:

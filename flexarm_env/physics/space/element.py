@@ -373,8 +373,8 @@ def inertia_wrenches(lane, mass, length, left, right, weights, S, o):
 
     f = m ((a_l + a_r)/2 + l/8 (t''_l - t''_r)), a: acceleration less gravity, t: tangent A e_x of each end; left,
     right: `Vertex`; mass m (kg), length l (m). Returns (force, moment) on the left and the right end: f/2 (N, inertial
-    axes), +- l/8 e_x x A^T f (N m, section axes). Without weights.with_matrix the `FACTOR` stays unchanged.
-    See theory, section 9, "inertia"."""
+    axes), +- l/8 e_x x A^T f (N m, section axes). Without weights.with_matrix the `FACTOR` stays unchanged. See
+    docs/theory.md, section 9, "inertia"."""
     arm = length * 0.125
     tl, tr = tangent_of(left), tangent_of(right)
     bent = tl.A @ tl.second - tr.A @ tr.second

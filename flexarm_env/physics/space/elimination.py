@@ -114,7 +114,7 @@ def _condense_strains(lane, model, S: Lanes, k):
     # out       `NOTED.matrix` <- its factors, `over` <- matrix^-1 by_root; `FACTOR.LL` <- LL + T^T RR T - on_root over
     T is the linear map `_to_last`.
 
-    See theory, (9.4).
+    See docs/theory.md, (9.4).
     """
     n, to, f = _rows(model), noted_at(model, k), factor_at(model, k, 0)
     zero = 0.0
@@ -168,7 +168,7 @@ def _joint_down(lane, model, S: Lanes, k, x: Lanes, of):
     force) / pivot. The new row times `HINGE.column` is subtracted from the wrench on the section before. The row of a
     fixed joint keeps its value. c is `HINGE.swing`, the motion of the link's first section per joint angle;
     `HINGE.column` is the wrench on the section before per joint angle.
-    See theory, (9.1).
+    See docs/theory.md, (9.1).
     """
     h, row, (a, b) = hinge_at(k), joint_row(model, k), of
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -190,7 +190,7 @@ def _joint_up(lane, model, S: Lanes, k, x: Lanes):
     """Compute the angle of joint k by back substitution, store it in x, and return the motion of the link's root.
 
     The motion is a pair: position along inertial axes, rotation in root axes. The product of `HINGE.row` with the
-    motion of the section before is subtracted from the joint's row of x. See theory, (9.1).
+    motion of the section before is subtracted from the joint's row of x. See docs/theory.md, (9.1).
     """
     h, row, (a, turned_by) = hinge_at(k), joint_row(model, k), _moved_before(lane, model, x, S, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -228,7 +228,7 @@ def _down(lane, model, S, k, x):
 
     The force is along inertial axes, the moment in root axes. From the tip inward, x of each vertex becomes RR^-1 x;
     then LR times this x is subtracted from x of the preceding vertex. RR (factored) and LR are 6 x 6 blocks of each
-    element's `FACTOR` record in S. See theory, section 9, "Elimination".
+    element's `FACTOR` record in S. See docs/theory.md, section 9, "Elimination".
     """
     if model.strains is not None:
         return _strains_down(lane, model, S, k, x)
@@ -269,7 +269,7 @@ def _strains_down(lane, model, S, k, x: Lanes):
 
     The force is along inertial axes, the moment in root axes. `NOTED.on` of link k contains the wrench on the link's
     last section (0 at the tip). `NOTED.on` of link k - 1 is set to zero, so that `_joint_down` can add to it. The
-    strains' rows of x become matrix^-1 x with the matrix `NOTED.matrix`. See theory, (9.4).
+    strains' rows of x become matrix^-1 x with the matrix `NOTED.matrix`. See docs/theory.md, (9.4).
     """
     to, n, i, zero = noted_at(model, k), _rows(model), strain_row(model, k), 0.0
     a, b = load_vector(lane, S, to.on), load_vector(lane, S, to.on + 3)
@@ -296,7 +296,7 @@ def _up(lane, model, S, k, x, moved):
     """Compute the increments of the vertices of link k by back substitution, from the motion of its root outward.
 
     moved: increments (position along inertial axes, rotation in root axes) of the root. From x of each vertex subtract
-    RR^-1 RL (motion of the preceding vertex); `FACTOR.RL` contains the matrix RR^-1 RL. See theory, section 9,
+    RR^-1 RL (motion of the preceding vertex); `FACTOR.RL` contains the matrix RR^-1 RL. See docs/theory.md, section 9,
     "Elimination".
     """
     if model.strains is not None:

@@ -121,7 +121,7 @@ def _along(lane, model, par, k, state, root, weights, r, S):
     Returns the `Vertex` (kinematic state) of the link's last section, and the (force, moment) on its root (N along
     inertial axes; N m in root axes). If strains are coordinates the wrench on the root is 0 here; `_gathered` computes
     it from the wrench on the last section.
-    See theory, section 9.
+    See docs/theory.md, section 9.
     """
     zero, first = 0.0, factor_at(model, k, 0)
     on_root = Vector(zero, zero, zero), Vector(zero, zero, zero)
@@ -165,7 +165,7 @@ def _gathered(lane, model, par, k, state, weights, r, S, of):
     If strains are coordinates, the wrenches of the Gauss points are summed from tip to root, and the strains' rows of r
     and S are written. For a rigid link, the wrench in the link's rows of r is moved to the root. The force is along
     inertial axes (N), the moment in root axes (N m).
-    See theory, section 9.
+    See docs/theory.md, section 9.
     """
     i = joint_row(model, k) + 1
     if model.strains is not None:
@@ -192,7 +192,7 @@ def _exact(lane, model, section, left, right, element, weights, S, f):
     left, right: `Vertex` (kinematic state) of each end.
     element: index of the element, counted over all links. Forces are along inertial axes (N), moments in section axes
     (N m). The function stores the section force n and, with weights.with_matrix, the tangent in the `FACTOR` record at
-    offset f of S. See theory, (9.2).
+    offset f of S. See docs/theory.md, (9.2).
     """
     inner = middle(section, left.place, right.place)[1]
     store_vector(lane, S, f + F.force, inner.n)
@@ -272,7 +272,7 @@ def _handed(lane, model, u: Lanes, weights, r: Lanes, S: Lanes, k, force, moment
     moment becomes E m + s x A^T force (axes of the section before); row = axis . m + (axis x o) . E^T A^T force - u_k
     (N m), u_k: joint torque. E maps root axes to axes of the section before, A maps these axes to inertial axes. s is
     the lever from the section before to the link's first section, o its part beyond the joint. With weights.with_matrix
-    the `HINGE` gets what `elimination` needs. See theory, (9.1).
+    the `HINGE` gets what `elimination` needs. See docs/theory.md, (9.1).
     """
     h, axis = hinge_at(k), three_of(lane, model.joints, J.end * k + J.axis)
     turn = matrix_in(lane, S, h + H.now_turn)

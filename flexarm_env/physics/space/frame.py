@@ -91,7 +91,7 @@ def _turn(A, own, share):
     """Return the `Turn` of a section: its rotation relative to the frame, and the derivative of the frame's roll.
 
     A and own are the rotation matrices of frame and section, from their axes to inertial axes. share is 1 / p_y of the
-    `Frame`. The function is valid for relative rotations below a right angle. See theory, (9.3).
+    `Frame`. The function is valid for relative rotations below a right angle. See docs/theory.md, (9.3).
     """
     E = A.T @ own
     # quaternion of E from its trace: cos(a/2) = sqrt(1 + tr E) / 2, sin(a/2) n = part (E - E^T)
@@ -203,7 +203,7 @@ def frame_second_rates(frame, rates, left, right):
 
     The y and z components are the time derivatives of w_y = -d_z / l and w_z = d_y / l in the rotating frame, where d
     is the velocity of the right end relative to the left end. The x component follows from the condition p_z = 0 in
-    frame axes, where p is the sum of both sections' y axes. See theory, (9.3).
+    frame axes, where p is the sum of both sections' y axes. See docs/theory.md, (9.3).
     """
     spin, share = rates.spin, frame.over
     # y and z, from the chord's second rate

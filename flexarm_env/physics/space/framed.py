@@ -171,7 +171,8 @@ def _inner_forces(lane, model, par: Lanes, frame, tau, pull, second, at, state, 
 
     `framed` adds the translational inertia. tau: time constant (s) or None. pull: force along the chord (N). second:
     angular accelerations (rad/s^2) of left section, right section (section axes) and frame (frame axes). at: offsets of
-    the segment's `FRAME` record (`frame_at`). row: first row of the inner modes in state and r. See theory, (9.3)."""
+    the segment's `FRAME` record (`frame_at`). row: first row of the inner modes in state and r. See docs/theory.md,
+    (9.3)."""
     q, v, a = state
     width, factor = inner_of(model) + 3, par[STIFFNESS_FACTOR]
     for i in range(inner_of(model)):
@@ -237,7 +238,7 @@ def _clipped(a, most):
 def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
     """Return the (force, moment) on the left and on the right end of segment i: elastic, damping and inertia forces.
 
-    See theory, (9.3). Forces along inertial axes (N), moments in section axes (N m).
+    See docs/theory.md, (9.3). Forces along inertial axes (N), moments in section axes (N m).
 
     # model    section: constants (`Section`) of segment i (index over all links); par: factors on stiffnesses, tau_d
     # state    left, right: `Vertex` of the segment's ends; state: q, v, a of the arm (rows of inner modes are read)
@@ -336,7 +337,7 @@ def frame_sums(lane, model, par: Lanes, q, v, left, right, i):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of segment i.
 
     left, right: `Place`s (position, rotation, rates) of the segment's ends.
-    q, v: coordinates and rates, from which the inner modes are read. See theory, (9.3)."""
+    q, v: coordinates and rates, from which the inner modes are read. See docs/theory.md, (9.3)."""
     at, row = frame_at(model, i), inner_row(model, i)
     frame = frame_of(left, right)
     rates = rates_of(frame, left, right)
@@ -381,7 +382,7 @@ def frame_damping(lane, model, par, state, left, right, other_l, other_r, i):
     left, right: `Place`s of the ends with the first rates.
     other_l, other_r: `Place`s of the same ends with the second rates. state.v contains the first rates of the inner
     modes, state.a their second rates.
-    i: index over all links. See theory, (9.3)."""
+    i: index over all links. See docs/theory.md, (9.3)."""
     at, row = frame_at(model, i), inner_row(model, i)
     q, v, x = state
     frame = frame_of(left, right)
@@ -419,7 +420,7 @@ def frame_damping_over(lane, model, par, before, after, share, i):
 
     before, after: (q, v, left `Place`, right `Place`) at the step's start and end.
     share: 1 / step (1/s). The power uses mean strain rates, i.e. the change of strain divided by the step. The
-    unresolved part is the excess power of the mean damping force, as in `element.element_damping`. See theory,
+    unresolved part is the excess power of the mean damping force, as in `element.element_damping`. See docs/theory.md,
     (9.3)."""
     at, row = frame_at(model, i), inner_row(model, i)
     (q0, v0, left_0, right_0), (q, v, left, right) = before, after

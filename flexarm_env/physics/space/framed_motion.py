@@ -70,8 +70,8 @@ def late_of(lane, model, par, frame, rates, spins, stiff, late, at):
     d phi' = (phi' / 2) x (dth + dbeta) - w x dth - X dbeta, X dbeta = w_x (0, dbeta_z, -dbeta_y), w_x: spin of the
     frame. The strain rates follow from phi and phi'.
     spins: angular velocities of both sections (rad/s, section axes).
-    late: tau_d times a weight (s), see `framed_tangent.tangent`. stiff: forces (`Stiff`) of the segment. See theory,
-    (9.3).
+    late: tau_d times a weight (s), see `framed_tangent.tangent`. stiff: forces (`Stiff`) of the segment. See
+    docs/theory.md, (9.3).
     """
     x, y, spin = 0.25 * late * rates.left, 0.25 * late * rates.right, late * rates.spin
     # d phi' by the rotations of the left section, the right section, and the frame

@@ -357,7 +357,7 @@ def tangent(lane, model, par, tau, frame, rates, spins, rate_l, stiff, pull, now
     Parts: inertia of the unbent segment, material stiffness, rotation of the force between the ends, and, to first
     order of phi, velocity-dependent damping and inertia. spins: angular velocities of the sections (section axes).
     rate_l: `own` of the left `Vertex`. tau: s or None. pull: bounded force along the chord. now: (force between the
-    ends, moments on phi). See theory, (9.3)."""
+    ends, moments on phi). See docs/theory.md, (9.3)."""
     at, row = frame_at(model, i), inner_row(model, i)
     rate = weights.stiffness
     if tau is not None:

@@ -235,7 +235,7 @@ def multiplied(lane, model, S, inner, x: Lanes, y: Lanes, row, left, right):
     inner: offsets of the segment's `INNER` record in S (`inner_at`).
     x: amplitudes; y: forces; in both, the inner modes begin at row `row`.
     left, right: motion (position, rotation) of the ends. The function returns the (force, moment) on the left end and
-    on the right end that the condensed blocks do not contain. See theory, (9.3).
+    on the right end that the condensed blocks do not contain. See docs/theory.md, (9.3).
     """
     n, zero = 3 * inner_of(model), 0.0
     nothing = Vector(zero, zero, zero)

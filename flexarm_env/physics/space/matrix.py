@@ -169,7 +169,7 @@ def eliminate_joint(lane, model, S: Lanes, k):
     `turn`, `shift`, `swing` of the `HINGE`. The `HINGE` also receives three results: the pivot, `column` (the wrench on
     the preceding section per joint angle) and `row` (the joint's moment per motion of the preceding section, divided by
     the pivot). The preceding section's 6 x 6 block receives the transformed root block minus column row^T. The
-    geometric part of the wrench on the root is included. See theory, (9.1).
+    geometric part of the wrench on the root is included. See docs/theory.md, (9.1).
     """
     h, o, below = hinge_at(k), factor_at(model, k, 0) + F.LL, before(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -265,7 +265,7 @@ def store_spin_lag(lane, model, par: Lanes, S, k, spin, weights):
 
     w: argument `spin`, rad/s, root axes.
     c_v: weights.damping (1/s).
-    tau: tau_d (s). `joint_motion_of_root` reads the stored vector. See theory, section 9.
+    tau: tau_d (s). `joint_motion_of_root` reads the stored vector. See docs/theory.md, section 9.
     """
     if model.damped is not None and model.strains is None:
         tau = par[TAU_D]

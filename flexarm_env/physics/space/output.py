@@ -63,7 +63,8 @@ def restore_chords(lane, model, start, q):
 def _element_sums(lane, model, par, left, right, element):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of an exact element.
 
-    left, right: `Place` (position, rotation, rates) of each end. element: index over all links. See theory, (9.2)."""
+    left, right: `Place` (position, rotation, rates) of each end. element: index over all links. See docs/theory.md,
+    (9.2)."""
     # inlined: each step of a free arm needs the momentum alone, and unused energies are then not compiled
     section = section_at(lane, model, par, element)
     gamma, bent = middle(section, left, right)[0]

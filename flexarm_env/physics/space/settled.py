@@ -47,7 +47,7 @@ def _chord(section, left, right, n, cv):
     n: section force (N), axes of the middle.
     left, right: `Place`s of the ends, with final rotations and spins.
     cv: change of velocity per change of position (1/s). The function solves n / D = Gamma + tau Gamma' for the chord e;
-    D is the stiffness against stretch and shear Gamma. See theory, section 9, "Increments".
+    D is the stiffness against stretch and shear Gamma. See docs/theory.md, section 9, "Increments".
     """
     relative = shortest_rotation(compose(inverse_rotation(left.p), right.p))
     psi, half, g, T = turn_of(relative)
@@ -122,7 +122,7 @@ def correct_positions(lane, model, par, w: Work, active, slopes, predicted):
     predicted: None if the call follows the Newton increment w.r; the section forces then include this increment to
     first order. Otherwise (a compile-time tag) the call follows the prediction, and the section forces are those at the
     step's start. Segments with floating frames keep the chords of the step's start, only after the prediction. After
-    the prediction w.r is scratch memory. See theory, section 9, "Increments".
+    the prediction w.r is scratch memory. See docs/theory.md, section 9, "Increments".
     """
     if predicted is not None:
         copy_rows(lane, model.n, w.q, w.r)

@@ -11,7 +11,7 @@ The vector `rel` is the relative angular velocity along the axes of the interval
 a weighted sum of the link's tangents. Positions are therefore a function of the coordinates. The transposed derivative
 of this function maps the forces on the points to generalized forces, to round-off. The chain therefore obeys its
 conservation laws for any number of points. All vectors are in the axes of the link's root unless stated otherwise. See
-theory, section 9.
+docs/theory.md, section 9.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def bend_of(lane, model, at, i, row, q, v, a):
 
     at: offsets of the link's constants (`strained_at`).
     q, v, a: the arm's coordinates, rates, accelerations.
-    row: row of the link's first strain. See theory, (9.5).
+    row: row of the link's first strain. See docs/theory.md, (9.5).
     """
     s, d = _sum(lane, model, at.sums, i, q, row), _sum(lane, model, at.slants, i, q, row)
     # s and d of kappa_0 add, which lies in the link's x-y plane: bending about z
@@ -180,7 +180,7 @@ def sweep_outward(lane, model, k, state, root, S):
 
     state: q, v, a of the arm.
     root: `Vertex` of the link's first section. `NOTED` contains orientations, angular rates, accelerations, inertia
-    forces and moments of all Gauss points, in the axes of the link's root. See theory, (9.5).
+    forces and moments of all Gauss points, in the axes of the link's root. See docs/theory.md, (9.5).
     """
     n, at, to, row = size(model.points), strained_at(model, k), noted_at(model, k), strain_row(model, k)
     q, v, a = state
@@ -268,7 +268,7 @@ def elastic(lane, model, par: Lanes, k, state, r):
     r <- r + factors K (q + tau v) - correction a (N m), in the rows of the link's strains. K and correction are the
     matrices `STRAINED.stiffness` and `correction` of the link's polynomials.
     factors: the arm's factors on GJ, EI_y, EI.
-    tau: tau_d times the link's share (s). See theory, (9.4).
+    tau: tau_d times the link's share (s). See docs/theory.md, (9.4).
     """
     n, at, row = size(model.polynomials), strained_at(model, k), strain_row(model, k)
     factors, zero = factors_of(lane, par), 0.0
@@ -318,8 +318,8 @@ def sweep_inward(lane, model, k, r, S):
     """Return the force (N, inertial axes) and the moment (N m, root axes) on the root of link k.
 
     The function sums the forces that `sweep_outward` stored in S from tip to root, beginning with the wrench on the
-    link's last section (`NOTED.on`). The generalized forces on the strains are added to their rows of r. See theory,
-    (9.5).
+    link's last section (`NOTED.on`). The generalized forces on the strains are added to their rows of r. See
+    docs/theory.md, (9.5).
     """
     n, m, at, to = size(model.points), size(model.polynomials), strained_at(model, k), noted_at(model, k)
     frame, A = matrix_in(lane, S, to.frame), matrix_in(lane, S, to.turn + 9 * n)
@@ -355,7 +355,7 @@ def sweep_inward(lane, model, k, r, S):
 def strained_sums(lane, model, par, k, q, v, root):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of link k.
 
-    root: `Place` of the link's first section. q, v: coordinates and rates of the arm. See theory, (9.5).
+    root: `Place` of the link's first section. q, v: coordinates and rates of the arm. See docs/theory.md, (9.5).
     """
     n, at, row, A0 = size(model.points), strained_at(model, k), strain_row(model, k), matrix(root.p)
     zero = 0.0

@@ -36,7 +36,7 @@ def _turns(lane, S, to, i):
     """Store the derivatives of the rotation of interval i's end by s and d in fields `by_sum`, `by_slant` (root axes).
 
     s is the integral of the strain over the interval, d its first moment. The interval's rotation vector is psi = s + s
-    x d. See theory, (9.5).
+    x d. See docs/theory.md, (9.5).
     """
     A, x, psi = (
         matrix_in(lane, S, to.turn + 9 * i),
@@ -132,7 +132,8 @@ def _on_strains(lane, model, S: Lanes, at, to, force, moment, ck, theta_too, col
     ck: weight of dr/dq. theta_too: (polynomial, axis) for a strain's column. Rotations `theta` and displacements
     `moved` then also rotate the present forces, with weight ck. theta_too is None for the column of a root rotation.
     Strain row i of the column is S[column + stride i]. Vectors are in root axes.
-    at, to: offsets of the link's constants (`strained_at`) and stored kinematics (`noted_at`). See theory, (9.5).
+    at, to: offsets of the link's constants (`strained_at`) and stored kinematics (`noted_at`). See docs/theory.md,
+    (9.5).
     """
     n, m = size(model.points), size(model.polynomials)
     total, couple, g = force, moment + cross(load_vector(lane, S, to.r + 3 * n), force), moment
@@ -184,7 +185,8 @@ def _by_strain(lane, model, weights, S, at, to, j, c):
 
     The function adds column 3 j + c to the strain rows of `matrix` and writes row 3 j + c of `on_root`, `last` and the
     root position's part of `by_root`.
-    at, to: offsets of the link's constants (`strained_at`) and stored kinematics (`noted_at`). See theory, (9.5).
+    at, to: offsets of the link's constants (`strained_at`) and stored kinematics (`noted_at`). See docs/theory.md,
+    (9.5).
     """
     n, m, zero = size(model.points), size(model.polynomials), 0.0
     cm, cd, ck = weights.mass, weights.damping, weights.stiffness
@@ -241,7 +243,7 @@ def _by_turn(lane, model, weights, S: Lanes, f, at, to, axis, c):
 
     The function adds column 3 + c of the 6 x 6 block LL at offset f of S (force in inertial axes, moment in root axes)
     and fills `by_root`. In inertial axes, the root's acceleration minus gravity and the force on the last section stay
-    fixed. See theory, (9.5).
+    fixed. See docs/theory.md, (9.5).
     """
     n, zero = size(model.points), 0.0
     cm, cd, ck = weights.mass, weights.damping, weights.stiffness
@@ -270,8 +272,8 @@ def strained_tangent(lane, model, par: Lanes, k, weights, S: Lanes, f):
 
     f: offset of the link's `FACTOR` record. RR, the block of the last section, is not written here. `NOTED` must
     contain the values that `sweep_outward` and `sweep_inward` store.
-    par: factors on stiffnesses, tau_d.
-    weights: factors of mass, damping and stiffness (`Weights`). See theory, (9.5).
+    par: the arm's factors on stiffnesses, and tau_d.
+    weights: factors of mass, damping and stiffness (`Weights`). See docs/theory.md, (9.5).
     """
     n, m, at, to = size(model.points), size(model.polynomials), strained_at(model, k), noted_at(model, k)
     zero, cm = 0.0, weights.mass
