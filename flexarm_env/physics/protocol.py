@@ -23,70 +23,104 @@ Recurring arguments
 
 Residual and Newton matrix
     residual(lane, model, par, state, u, r, S)
-        r <- M(q) a + h(q, v) + Phi_q^T lambda - B u, equation [64]. S is scratch.
+        Compute the residual r <- M(q) a + h(q, v) + Phi_q^T lambda - B u, equation [64]. S is scratch memory.
+
     assemble(lane, model, par, state, u, weights, r, S)
-        The same r, and S <- weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq, equations [72]-[78].
-        Columns of multipliers are scaled by weights.mass; `constraint_residual` writes their rows of r. With
-        weights.with_matrix False only r is computed, and `solve` can still use the factors in S.
+        Compute the same residual r, and the Newton matrix S <- weights.mass dr/da + weights.damping dr/dv +
+        weights.stiffness dr/dq, equations [72]-[78]. Columns of multipliers are scaled by weights.mass. Rows of
+        multipliers of r are written by `constraint_residual`. If weights.with_matrix is False, only r is computed, and
+        `solve` can still use the factors in S.
+
     inertia_forces(lane, model, par, turn, a, r)
-        With turn = (start, q, share) first rotate the vectors in a by `share` times the rotation of their section from
-        start to q. Then r <- M a, unless r is None. Only with `NewtonPolicy.period_correction`: M is constant.
+        With turn = (start, q, share), first rotate the vectors in a by `share` times the rotation of their section from
+        start to q. Unless r is None, then compute r <- M a. The function is needed only with
+        `NewtonPolicy.period_correction`, for which M is constant.
+
     constraint_residual(lane, model, psi, state, level, scale, r)
-        Rows of multipliers of r <- scale * Phi (level 0), its first (1) or second (2) time derivative, equation [65].
-        psi: values and rates of prescribed motions.
+        Write scale * Phi (level 0), or its first (level 1) or second (level 2) time derivative, equation [65], to the
+        rows of multipliers of r. psi contains values and rates of prescribed motions.
+
     factor(lane, model, S), solve(lane, model, S, x)
-        Factor S in place; x <- S^-1 x in place.
+        Factor the matrix S in place. Replace the right side x by the solution S^-1 x.
+
     add_stiffness(lane, model, S, k, x)
-        Before `factor`: add x (N m/rad) to the diagonal entry of row k, a joint's angle, in addition to
-        earlier values. If x is None, replace row and column k, of the root or of a joint, by those of the identity.
+        Before `factor`, add x (N m/rad) to the diagonal entry of row k, a joint's angle, in addition to values added
+        earlier. If x is None, replace row and column k, of the root or of a joint, by those of the identity matrix.
 
 Newton iteration
     correct_positions(lane, model, par, w, active, slopes, predicted)
-        Correct w.q, v, a and b by at most the order of |increment|^2, where `active`: after the Newton increment w.r
-        (predicted None), and after the prediction from w.q0 (a tag; only with `NewtonPolicy.predicts`).
+        Correct w.q, v, a and b by at most the order of |increment|^2, in the lanes `active`. If predicted is None, the
+        call follows the Newton increment w.r. If it is a tag, the call follows the prediction from w.q0, which is the
+        case only with `NewtonPolicy.predicts`.
 
 Coordinates
     retract(lane, model, q, share, d, more)
-        q <- q (+) (share d + more), more may be None. A sum, except for rotations, which body-axes increments compose.
-        Rows of multipliers of d are zero.
-    local_difference(lane, model, start, q, d)    d <- the increment with start (+) d = q.
-    tangent_map(lane, model, d, inverse, x)       x <- T^T x, or T^-T x (inverse), in rows of rotations, with
-                                                  exp(d + e) = exp(d) exp(T e) to first order.
+        Apply an increment to the coordinates: q <- q (+) (share d + more), where more may be None. The operation (+) is
+        a sum, except for rotations, which are composed with increments in body axes. Rows of multipliers of d are zero.
+
+    local_difference(lane, model, start, q, d)
+        Compute the increment d from start to q: start (+) d = q.
+
+    tangent_map(lane, model, d, inverse, x)
+        Multiply the rotation rows of x by T^T, or by T^-T if inverse is True. The tangent map T satisfies exp(d + e) =
+        exp(d) exp(T e) to first order in e.
+
     set_joint_configuration(lane, model, live, angles, rates, q, v)
-        In space, where `live` > 1/2: q <- straight links at joint angles `angles` (links,), rad. Unless rates is None,
-        v <- their motion with rates (n,): of joints, and of vertices relative to their rotating link, in link axes.
+        In space, in lanes with `live` > 1/2, set q to straight links at the joint angles `angles` (links,), rad. Unless
+        rates (n,) is None, set v to the motion with these rates: rates of joints, and rates of vertices relative to
+        their rotating link, in link axes.
 
 Work, energy and momentum
     input_displacements(lane, model, par, q, y, since=None)
-        y[i] <- displacement conjugate to input i (rad or m). With since = (start, y0) rotations are integrated from y0
-        at the coordinates `start`, because they do not add up.
-    energy(lane, model, par, q, v)                Return (kinetic, strain, gravitational) energy, J.
+        Write to y[i] the displacement (rad or m) on which input i does work. With since = (start, y0), rotations are
+        integrated from their values y0 at the coordinates `start`, because rotations do not add up.
+
+    energy(lane, model, par, q, v)
+        Return the kinetic, strain and gravitational energy, J.
+
     damping_power(lane, model, par, q, v, x, since=None)
-        Return x^T C(q) v, W; v^T C v is dissipated. With since = (start, v0, h, S), only where q contains rotations or
-        the arm may touch obstacles: of a step of h from `start`, v0 to q, v with mean rates x return (dissipated mean
-        power, excess of the mean of the damping forces' power over it, or None), W. S: the step's, or None.
+        Return x^T C(q) v, W. The power v^T C v is dissipated. With since = (start, v0, h, S), return two powers (W) of
+        a step of h from `start`, v0 to q, v with mean rates x: the mean dissipated power, and the excess of the mean
+        power of the damping forces over it, or None. since is given only if q contains rotations or if the arm may
+        touch obstacles. S is the matrix array of the step, or None.
+
     conserve_momentum(lane, model, par, before, h, q, v, u, r, S)
-        Return (momentum, force that changes it), or None where a support holds the arm. With `before`, the pair at the
-        start of the step, first change v so that the momentum changes by the impulse of the mean force.
+        Return the pair (momentum, force that changes it), or None if a support holds the arm. If `before` is the pair
+        at the start of the step, first change v so that the momentum changes by the impulse of the mean force.
 
 Output
     link_poses(lane, model, par, q, v, out, tasks=None)
-        out <- one `layout.POSES` per link. In space one `layout.SPACE_POSES`, and only for tasks (a tag or None).
-    strain_gauge(lane, model, q, row)             Return a gauge's reading, 1/m; row: of `gauges.curvature_rows`.
-    out_of_range(lane, model, par, q)             Return 0.0 where the model is valid, otherwise a status code.
-    centerline(model, q, points)                  points (n_points, 2 or 3) <- positions along the chain, m;
-                                                  returns their number. The kernel has one lane only.
+        Write one `layout.POSES` per link to out. In space, write `layout.SPACE_POSES` instead, and only for tasks (if
+        tasks is a tag).
 
-Reverse derivatives; `compiler.vjp_of` derives them from the functions above unless a formulation has a faster way
-    solve_transposed(lane, model, S, x)           x <- S^-T x.
+    strain_gauge(lane, model, q, row)
+        Return the reading of a strain gauge, 1/m. `gauges.curvature_rows` makes the argument row.
+
+    out_of_range(lane, model, par, q)
+        Return 0.0 if the model is valid at q, otherwise a status code.
+
+    centerline(model, q, points)
+        Write positions along the chain (m) to points (n_points, 2 or 3) and return their number. The kernel has one
+        lane.
+
+Reverse derivatives, which `compiler.vjp_of` derives from the functions above unless a formulation has a faster way
+    solve_transposed(lane, model, S, x)
+        Replace the right side x by the solution S^-T x.
+
     vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar)
-        Add the cotangents that r_bar causes to par_bar, bar (a `State`) and u_bar; r_bar <- 0. S is scratch.
-    multiply(lane, model, S, x, y)                y <- y + S x, S as `assemble` leaves it (models with light joints).
+        Add the cotangents from r_bar to par_bar, bar (a `State`) and u_bar, then set r_bar to 0. S is scratch memory.
+
+    multiply(lane, model, S, x, y)
+        Add S x to y, with the matrix S as `assemble` leaves it. Models with light joints need this function.
+
     vjp_product(lane, model, par, par_bar, state, u, weights, x, S, bar, u_bar, y_bar)
-        `vjp_residual` of the product S x with a constant x.
-    vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar)   The same of `task_poses`.
+        Do the same as `vjp_residual` for the product y = S x with a constant x.
+
+    vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar)
+        Do the same as `vjp_residual` for the poses of `task_poses`.
+
     note_inverse(lane, model, d, share), noted_inverse(lane, model, d, share, x)
-        Store the coefficients of T^-T of d in `share`; x <- T^-T x with them.
+        Store the coefficients of T^-T of d in `share`. Multiply x by T^-T, with the coefficients in `share`.
 """
 
 from __future__ import annotations

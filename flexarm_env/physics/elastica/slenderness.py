@@ -1,18 +1,19 @@
 """Estimate the error of neglecting stretch and shear in the elastica, from a scene alone, before the run.
 
 Small vibrations about the initial configuration define the modes of the elastica. The inertia forces m u of mode k
-cause section forces N and Q along the chain. The work of these section forces in stretch and shear adds the flexibility
+cause section forces N and Q along the chain. The work of N and Q in stretch and shear increases the mode's flexibility
+by the fraction
 
     epsilon_k = omega_k^2 int N^2 / EA + Q^2 / C ds / (u' M u)
 
-to the mode's bending flexibility (to first order; Grammel). The added flexibility divides the square of the mode's
-frequency by 1 + epsilon. Each mode's response to the scene's loads and motions is computed in time with and without
-epsilon. The estimate is a sum of three terms. The first is the largest distance between the two tip motions. The second
-is a fraction of the distance between the deflections; this fraction grows with the arm's rotation. The third is the
-stretch along the arm (theory, section 5). The model is linear about the initial configuration. The estimate is right
-within a factor of about 3 for one link and of 4 for several links that do not swing far. A small error (below 0.3 % of
-the length) is mostly overestimated. The estimate does not cover links in fast rotation. For links in fast rotation a
-run's error estimate uses the distance to a softer companion run (`Notes.softer`), if this distance exceeds the
+The fraction refers to bending alone and is of first order (Grammel). The added flexibility divides the square of the
+mode's frequency by 1 + epsilon. Each mode's response to the scene's loads and motions is computed in time with and
+without epsilon. The estimate is a sum of three terms. The first is the largest distance between the two tip motions.
+The second is a fraction of the distance between the deflections; this fraction grows with the arm's rotation. The third
+is the stretch along the arm (theory, section 5). The model is linear about the initial configuration. The estimate is
+right within a factor of about 3 for one link and of 4 for several links that do not swing far. A small error (below 0.3
+% of the length) is mostly overestimated. The estimate does not cover links in fast rotation. For links in fast rotation
+a run's error estimate uses the distance to a softer companion run (`Notes.softer`), if this distance exceeds the
 estimate.
 """
 

@@ -269,7 +269,7 @@ def _handed(lane, model, u: Lanes, weights, r: Lanes, S: Lanes, k, force, moment
     """Transmit a wrench across joint k: return (force, moment) on the section before, write the joint's row of r.
 
     force (N, inertial) and moment m (N m, root axes) act on the link's first section. The force does not change; the
-    moment becomes E m + s x A^T force (axes of the section before); row = axis . m + (axis x o) . E^T A^T force - u_k
+    moment becomes E m + s x A^T force (axes of the section before); row = axis . m + (axis x o)^T E^T A^T force - u_k
     (N m), u_k: joint torque. E maps root axes to axes of the section before, A maps these axes to inertial axes. s is
     the lever from the section before to the link's first section, o its part beyond the joint. With weights.with_matrix
     the `HINGE` gets what `elimination` needs. See docs/theory.md, (9.1).

@@ -354,8 +354,8 @@ def _columns(frame):
 def tangent(lane, model, par, tau, frame, rates, spins, rate_l, stiff, pull, now, i, q, weights, S, f):
     """Store the derivative of `framed` for segment i in the `FACTOR` at offset f of S, in the axes of `framed`.
 
-    Parts: inertia of the unbent segment, material stiffness, rotation of the force between the ends, and, to first
-    order of phi, velocity-dependent damping and inertia. spins: angular velocities of the sections (section axes).
+    The parts are inertia of the unbent segment, material stiffness, rotation of the force between the ends, and, to
+    first order of phi, velocity-dependent damping and inertia. spins: sections' angular velocities, section axes.
     rate_l: `own` of the left `Vertex`. tau: s or None. pull: bounded force along the chord. now: (force between the
     ends, moments on phi). See docs/theory.md, (9.3)."""
     at, row = frame_at(model, i), inner_row(model, i)
