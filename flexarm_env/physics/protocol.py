@@ -8,7 +8,7 @@ Fields of every Model
     n           rows of the system: an int, or a tuple of n zeros where n is a compile-time constant
     n_factor    float64 entries per arm that the Newton matrix and its factors need (int or tuple of zeros)
     n_inputs    entries of u: joint torques, then one `layout.LOAD` per point load (int or tuple of zeros)
-        fixed       int64 (n_fixed,): coordinates that never move, such as those of a pinned root; may be empty
+    fixed       int64 (n_fixed,): coordinates that never move, such as those of a pinned root; may be empty
     algebraic   int64 (n_multipliers,) or None: rows of q that hold Lagrange multipliers
     weight      float64 (n,): reciprocal of each coordinate's characteristic size (1/L for lengths, 1 for angles)
     newton      `NewtonPolicy`: the rules by which the integrator solves a step, and the data that they need

@@ -208,8 +208,8 @@ def check_steps(scene: Scene, settings: Settings, system: System, start: bool = 
 
     Steps fitted to a tolerance (`step_tolerance`) are not checked.
 
-    start: True to check also points that are inside an obstacle at the start. The energy k d^(n + 1) / (n + 1) of their
-        penetration d determines the speed of the corresponding impact, with which they leave.
+    start: True to check also points that are inside an obstacle at the start. Such a point leaves at the speed whose
+        impact has the energy k d^(n + 1) / (n + 1) of the point's penetration d.
 
     Raises:
         ValueError: the steps are too long. The message names the contact, the largest stiffness and the longest step.

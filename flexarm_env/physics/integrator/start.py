@@ -234,8 +234,10 @@ def _remove_damping_layer(lane, model, drive, par, w: Work, h, fresh):
     account would apply the forces C dv for half of the step. Let s = (M + h/2 C)^-1 M, with prescribed coordinates at
     rest and Phi_q s = 0. The function subtracts from dv the part
 
-            e = (1 - s)^3 (1 + 3 s) dv:    the part that damping ends within the step, to order h^3, and 0 without
-            damping. (1 - s) x solves (M + h/2 C) y + Phi_q^T mu = h/2 C x.
+        e = (1 - s)^3 (1 + 3 s) dv,
+
+    To order h^3, e is the part that damping ends within the step, and 0 without damping. The vector y = (1 - s) x is the
+    solution of (M + h/2 C) y + Phi_q^T mu = h/2 C x.
 
     M, C: mass and damping matrix.
     mu: multipliers of the constraints Phi = 0. The impulse of damping is h/2 C (g - e), where g has one factor (1 - s)
