@@ -129,7 +129,7 @@ def beam_start(lane, model, state: State, k, tip, i):
     For k = 0 `tip` is the joint at the chain's root. The force components of the new vertex are 0. The new vertex's
     moment is the hub's inertia torque minus the hub torque (k = 0), or the inertia torque of the elbow part beyond the
     hinge. `beam_start_rows` later transmits the beam's force to `tip`.
-    state: q, v, a of the arm. See docs/theory.md, section 5, "Rigid ends".
+    state: coordinates q, velocities v, accelerations a of the arm. See docs/theory.md, section 5, "Rigid ends".
     """
     (x, y, psi), (vx, vy, turning), (ax, ay, alpha), (_, _, moment) = tip.place, tip.rate, tip.acceleration, tip.force
     # omega is for centripetal terms, `turning` for strain rates, which a damped model alone reads
@@ -187,7 +187,8 @@ def beam_start_rows(lane, model, state: State, u: Lanes, k, tip, i, r: Lanes, we
     On entry r[i : i + 3] is the force (N, inertial axes) and moment (N m) on the start of link k's beam. On return
     these rows are those of the vertex `tip`: the near point of the preceding tip lever, or of the root lever for k = 0.
     The hinge's row is the moment minus the joint torque u[k].
-    state: q, v, a of the arm. With weights.with_matrix the levers' factors are written to S.
+    state: coordinates q, velocities v, accelerations a of the arm. With weights.with_matrix the levers' factors are
+    written to S.
     """
     _, _, psi = tip.place
     (ax, ay, alpha), (gx, gy, moment) = tip.acceleration, tip.force

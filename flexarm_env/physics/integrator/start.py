@@ -236,8 +236,8 @@ def _remove_damping_layer(lane, model, drive, par, w: Work, h, fresh):
 
         e = (1 - s)^3 (1 + 3 s) dv,
 
-    To order h^3, e is the part that damping ends within the step, and 0 without damping. The vector y = (1 - s) x is the
-    solution of (M + h/2 C) y + Phi_q^T mu = h/2 C x.
+    To order h^3, e is the part that damping ends within the step, and 0 without damping. The vector y = (1 - s) x is
+    the solution of (M + h/2 C) y + Phi_q^T mu = h/2 C x.
 
     M, C: mass and damping matrix.
     mu: multipliers of the constraints Phi = 0. The impulse of damping is h/2 C (g - e), where g has one factor (1 - s)

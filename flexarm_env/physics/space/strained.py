@@ -178,7 +178,7 @@ def last_place(lane, model, k, q, v, root):
 def sweep_outward(lane, model, k, state, root, S):
     """Return the `Vertex` of the last section of link k; store in `NOTED` of S the values that `sweep_inward` reads.
 
-    state: q, v, a of the arm.
+    state: coordinates q, velocities v, accelerations a of the arm.
     root: `Vertex` of the link's first section. `NOTED` contains orientations, angular rates, accelerations, inertia
     forces and moments of all Gauss points, in the axes of the link's root. See docs/theory.md, (9.5).
     """
