@@ -147,10 +147,9 @@ def section_directions(lane, order, q, psi, circle):
 def forces(lane, order, gravity, state, left, section, r: Lanes, circle):
     """Write the rows M a + f(q, v) of an element's left vertex and interior to r: N (inertial axes) and N m.
 
-    gravity: m/s^2, or None. state: coordinates, velocities, accelerations (q, v, a) from the left vertex on. left:
-    `Vertex`. circle: (sine, cosine) of psi at the Gauss points. section: constants of the element (`Section` or
-    `Varying`). Returns one list: the right `Vertex`, with the element's force on it, then a `Point` for each Gauss
-    point. See docs/theory.md, (5.1)."""
+    gravity: m/s^2, or None. state: q, v, a from the left vertex on. left: `Vertex`. circle: (sine, cosine) of psi at
+    the Gauss points. section: constants of the element (`Section` or `Varying`). Returns one list: the right
+    `Vertex`, with the element's force on it, then a `Point` for each Gauss point. See docs/theory.md, (5.1)."""
     p, sums = len(order), Sums()
     t, tau = tables(p), section.tau
     place = _nodes(lane, state.q, p, left.place)

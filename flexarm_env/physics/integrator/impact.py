@@ -70,7 +70,7 @@ def _is_gripped_at_rest(lane, resting, par: Lanes, new: Lanes, live):
     """Return 1 in live lanes whose arm grips an object at rest, i.e. payload mass or inertia increases; 0 elsewhere.
 
     resting: a tag if gripped objects are at rest; if None the result is 0 in all lanes. par: contains the old payload.
-    new: mass (kg) and inertia (kg m^2) of the new payload. live: 1 in lanes that may grip, otherwise 0.
+    new: mass (kg) and inertia (kg m^2) of the new payload. live: 1 in lanes whose payload changes, otherwise 0.
     """
     if resting is not None:
         more = select_lt(par[PAYLOAD_MASS], new[0], live, 0.0)
