@@ -41,8 +41,8 @@ RATE, ACCELERATION, FORCE, VERTEX = (AXES * k for k in range(1, 5))
 class Point(NamedTuple):
     """State and section forces at a Gauss point, computed by `forces` and used by `tangent`."""
 
-    c: Any  # cos psi
-    s: Any  # sin psi
+    c: Any  # cosine of the section angle psi
+    s: Any  # sine of the section angle psi
     g1: Any  # m, l (1 + Gamma_1): component of l r' along the section's normal
     g2: Any  # m, l Gamma_2: component of l r' in the section's plane
     n1: Any  # N, normal force times w/2 (w: Gauss weight), including damping

@@ -44,12 +44,12 @@ CHAIN = Layout(
 OWN = len(NORMAL_AND_SHEAR) + len(BENDING)
 SECTION = Layout(
     "Section", "",
-    Field("k1", (), "N/m", "EA / 2l, stretching stiffness"),
-    Field("k2", (), "N/m", "C / 2l, shear stiffness"),
-    Field("kb", (), "N m", "EI / 2l, bending stiffness"),
+    Field("k1", (), "N/m", "stretching stiffness EA / 2l"),
+    Field("k2", (), "N/m", "shear stiffness C / 2l"),
+    Field("kb", (), "N m", "bending stiffness EI / 2l"),
     Field("length", (), "m", "length l of an element"),
-    Field("ml", (), "kg", "m l / 2; m: mass per length"),
-    Field("jl", (), "kg m^2", "J l / 2; J: rotary inertia per length"),
+    Field("ml", (), "kg", "m l / 2 with the mass m per length"),
+    Field("jl", (), "kg m^2", "J l / 2 with the rotary inertia J per length"),
     Field("own", (OWN,), "", "further constants of the material laws (`materials.NORMAL_AND_SHEAR`, `BENDING`)"),
 )  # fmt: skip
 """`SECTION`: constants of each element of a link with one section."""
@@ -125,15 +125,15 @@ HINGE = Layout(
     Field("pinned", (), "", "1: the hinge angle delta is fixed; 0: it is free"),
     Field("x", (), "", "coupling of psi + delta with x, over the pivot"),
     Field("y", (), "", "coupling of psi + delta with y, over the pivot"),
-    Field("inverse", (), "", "1 / pivot of psi + delta"),
+    Field("inverse", (), "", "reciprocal of the pivot of psi + delta"),
     Field("own", (), "", "joint stiffness of a jointed arm on delta; after factoring divided by the pivot"),
 )  # fmt: skip
 FACTORS = Layout(
     "Factors", "links, elements, order",
     Field("pinned", (AXES,), "", "1: x, y or psi of the root is fixed; 0: it is free"),
     Field("root", (SIX,), "", "`SYMMETRIC` matrix of the root vertex, after factoring"),
-    Field("hinges", ("links - 1", HINGE.length), "", "a `HINGE` each"),
-    Field("elements", ("links", "elements", ELEMENT_FACTORS.length), "", "an `ELEMENT_FACTORS` each"),
+    Field("hinges", ("links - 1", HINGE.length), "", "one `HINGE` for each link but the first"),
+    Field("elements", ("links", "elements", ELEMENT_FACTORS.length), "", "one `ELEMENT_FACTORS` for each element"),
 )  # fmt: skip
 """`FACTORS`: layout of S, the Newton matrix, which `factor` replaces by its factors."""
 

@@ -75,7 +75,7 @@ BODY = Layout(
     Field("root", ("n",), "", "rho: the root section is rotated by rho'q (rad) relative to the frame"),
     Field("moment", ("n",), "", "K_bend q0: bending forces subtracted for a stress-free shape q0"),
     Field("spent", (), "J", "q0'K_bend q0 / 2: bending energy at q = 0"),
-    Field("spans", ("elements", SPAN.length), "", "a `SPAN` per finite element"),
+    Field("spans", ("elements", SPAN.length), "", "one `SPAN` for each finite element"),
     Field("stations", ("stations", STATION.length), "", "a `STATION` per drawing station, in lanes of len(WIDEST)"),
 )  # fmt: skip
 body_at = kernel(BODY.offsets)
@@ -137,13 +137,13 @@ KNOWN = Layout(
     Field("s", (2,), "kg m", "s_bar(q): first moment, frame axes"),
     Field("t", (2,), "kg m/s", "s_bar': time derivative of the first moment in the frame, frame axes"),
     Field("inertia", (), "kg m^2", "I(q): inertia about the origin"),
-    Field("spin_rate", (), "kg m^2/s", "I'/2 = (c_u + G q)'q'"),
+    Field("spin_rate", (), "kg m^2/s", "half of the inertia's rate, I'/2 = (c_u + G q)'q'"),
     Field("g", (2,), "N", "force required at the tip by all bodies beyond, frame axes"),
 ).places  # fmt: skip
 # in S: d(r_q, f_R, f_theta) by (q, R'', theta) of one body, frame axes, then its factors
 FACTORS = Layout(
     "Factors", "n",
-    Field("now", (NOW.end,), "", "`NOW` of the last residual"),
+    Field("now", (NOW.end,), "", "the record `NOW` of the last residual"),
     Field("frame", (2,), "", "cos theta, sin theta; this and all later fields: of the last matrix"),
     Field("arm", ("n + 1", 2), "", "J: derivative of the tip's position by q, then by theta; frame axes"),
     Field("swept", ("n + 1", 2), "", "weighted derivative of the tip's acceleration by q, theta, eq. 3.3"),

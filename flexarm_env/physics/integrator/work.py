@@ -32,7 +32,7 @@ WORK = Layout(
     Field("u", _INPUTS, "N m, N", "inputs: joint torques (N m), then one `LOAD` per point load"),
     Field("u0", _INPUTS, "N m, N", "u at the start of the step, or before a jump"),
     Field("y", _INPUTS, "rad, m", "displacements on which the inputs do work"),
-    Field("y0", _INPUTS, "rad, m", "y at the start of the step"),
+    Field("y0", _INPUTS, "rad, m", "displacements y at the start of the step"),
     Field("psi", _MOTIONS, "", "one `MOTION` per prescribed coordinate: value, rate, second rate"),
     Field("psi0", _MOTIONS, "", "psi at the start of the step, or before a jump"),
     Field("reaction", ("motions", "lanes"), "N, N m",

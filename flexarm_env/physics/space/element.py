@@ -89,7 +89,7 @@ class Middle(NamedTuple):
     # without unit: chord / l = Gamma + e_x + bow
     e: Any
     g: Any
-    T: Any  # T^-1(psi)
+    T: Any  # matrix T^-1(psi), inverse of the tangent map of rotations
     n: Any  # N: section force, axes of the middle section
     m: Any
     # only with damping, otherwise None

@@ -75,7 +75,7 @@ FRAME = Layout(
     Field("inner_rotary", ("inner", "inner + 3", 3), "kg m^2",
           "rotary inertia of each inner mode with left, right, frame, inner modes"),
     Field("inner_near", ("inner", 3), "kg m", "int m (1 - xi) h of each inner mode"),
-    Field("inner_far", ("inner", 3), "kg m", "int m xi h of each inner mode"),
+    Field("inner_far", ("inner", 3), "kg m", "integral of m xi h for each inner mode"),
     Field("inner_moment", ("inner", 3), "N m", "stiffness times stress-free amplitudes, about x, y, z"),
     Field("roll", ("inner + 2", "inner + 2", 3), "kg m^2",
           "int m h_i h_j across planes (left, right, inner): [1] h_i on y, h_j on z; [2] reverse"),
@@ -93,7 +93,7 @@ JOINT = Layout(
     "Joint", "",
     Field("axis", (3,), "", "unit vector of the joint's axis, axes of the link's root"),
     Field("mount", (3, 3), "", "rotation at angle 0: axes of the link's root to axes of the section before"),
-    Field("quaternion", (4,), "", "quaternion of `mount`"),
+    Field("quaternion", (4,), "", "quaternion of the rotation `mount`"),
     Field("before", (3,), "m", "lever from the origin of the section before to the joint, axes of the section before"),
     Field("beyond", (3,), "m", "lever from the joint to the link's first section, axes of the link's root"),
     Field("near", (BODY.length,), "", "`BODY` fixed to the section before (elbow, rigid end)"),
@@ -150,8 +150,8 @@ HINGE = Layout(
           "w x e: spin w of the section before, joint axis e, both in its axes; only with rotors"),
     Field("rotor", (ROTOR.end,), "", "`physics.layout.ROTOR` of the joint's rotor"),
     Field("now_turn", (3, 3), "", "`turn` of the last residual; `solve` reads `turn` instead"),
-    Field("now_lever", (3,), "m", "`lever` of the last residual"),
-    Field("now_frame", (3, 3), "", "`frame` of the last residual"),
+    Field("now_lever", (3,), "m", "field `lever` of the last residual"),
+    Field("now_frame", (3, 3), "", "field `frame` of the last residual"),
     Field("now_force", (3,), "N", "force on the link's first section, inertial axes, of the last residual"),
     Field("now_moment", (3,), "N m", "moment on the link's first section, root axes, of the last residual"),
 )  # fmt: skip
@@ -160,7 +160,7 @@ BASE = Layout("Base", "", Field("matrix", (6, 6), "", "block of the base"), Fiel
 
 PLACE = Layout(
     "Place", "",
-    Field("row", (), "", "row of the joint's angle"),
+    Field("row", (), "", "row of the angle of the joint at the link's root"),
     Field("elements", (), "", "number of elements; 0: a rigid link, whose six rows hold the increment of its root"),
     Field("factor", (), "", "offset of the link's first `FACTOR` in S"),
 )  # fmt: skip
