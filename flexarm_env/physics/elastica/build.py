@@ -66,8 +66,8 @@ def phase_correction(
 
         C = M - (M + h^4 / 60 K M^-1 K) (M + 2 kappa h^2 K)^-1 M
 
-    The correction C does not affect rigid motion, momentum or statics. In very stiff links rounding would violate this
-    property. C is then computed from differences of angles, K = D^T k D, with F = D M^-1 D^T:
+    The correction C does not affect rigid motion, momentum or statics. In very stiff links rounding would disturb rigid
+    motion, momentum and statics. C is then computed from differences of angles, K = D^T k D, with F = D M^-1 D^T:
 
         C = D^T ((a + b / a) (k^-1 + a F)^-1 - b / a k) D,   a = 2 kappa h^2, b = h^4 / 60
 

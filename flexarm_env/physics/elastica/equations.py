@@ -170,7 +170,7 @@ def _tangent(lane, model, par: Lanes, q, on: Nodes, weights, S: Lanes):
     # state     q: coordinates. on: `Nodes` as `_forces` leaves them, A_i = (fx, fy)
     # scratch   on.ex, on.ey: become (cm d/dphi'' + cc d/dphi' + ck d/dphi) of e_j''
     # out       S: by the coordinates; by the nodes' angles, before `_to_relative`, with n_i = (-sin phi_i, cos phi_i)
-    #           S_ij = P_ij n_i . de_j'' + (ck + tau_d cc) K_ij + cm R_ij - (ck e_i . A_i if i = j)
+    #           S_ij = P_ij n_i . de_j'' + (ck + tau_d cc) K_ij + cm R_ij - (ck e_i^T A_i if i = j)
 
     cm, cc, ck: weights.mass, damping, stiffness. P with the payload, R: masses and rotary inertia (kg m^2); K: bending
     stiffness (N m) times the EI factor; e_j: unit tangent of node j, inertial axes."""

@@ -55,8 +55,8 @@ _views = inlined(WORK.views)
 def shift_size(model, n):
     """Return the number of rows of `Work.shift`: 2 n if the model has a period correction or rotations, otherwise 0.
 
-    With a period correction the first n rows are the shift of the displacement, the others scratch. With rotations they
-    are the two arrays of `accumulated_increment`.
+    With a period correction the first n rows are the shift of the displacement, the others scratch. With rotations the
+    rows are the two arrays of `accumulated_increment`.
     """
     return 0 if model.newton.period_correction is None and model.newton.rotations is None else 2 * n
 

@@ -325,8 +325,8 @@ def add_rigid_body(lane, array, o, mass, share, at, weights, S: Lanes, to):
 
         force = m (a + A (alpha x c + w x (w x c))),   moment = I alpha + w x I w + c x A^T force
 
-    array, o: array and offset of the `BODY`; m, I: its mass and inertia (`mass_of`, `inertia_of`); c: its center of
-    mass, section axes.
+    The `BODY` record is at offset o of `array`. m and I are its mass and inertia (`mass_of`, `inertia_of`), c is its
+    center of mass in section axes.
     at: kinematic state (`Vertex`) of the section (a, A, w, alpha). Force in inertial axes, moment in section axes.
     Without weights.with_matrix S stays unchanged. See docs/theory.md, section 9."""
     zero = 0.0

@@ -114,7 +114,8 @@ def _stretch(lane, model, frame, at, q, row):
 def _stretch_rate(lane, model, frame, rates, slopes, at, q, v, row):
     """Return the rate (m/s) of the stretch e + phi' H phi / 2; slopes: H phi of both ends (m), from `_stretch`.
 
-    rates: `Rates` of the frame. q, v: the arm's coordinates and rates; the segment's inner modes begin at row `row`.
+    rates: rates of frame and strains (`Rates`). q, v: the arm's coordinates and rates; the segment's inner modes begin
+    at row `row`.
     at: offsets of the segment's `FRAME` record (`frame_at`)."""
     e = rates.d[0] + dot(slopes[0], rates.left) + dot(slopes[1], rates.right)
     if model.inner is not None:
@@ -209,7 +210,7 @@ def _rate(lane, model, frame, rates, left, right, to, v, row, n):
     """Return the velocity (m/s, inertial axes) of a mass point at the offset n (m, frame axes) from the chord.
 
     left, right: `Place`s of the ends.
-    rates: `Rates` of the frame.
+    rates: rates of frame and strains (`Rates`).
     v: rates of the arm; the segment's inner modes begin at row `row`.
     to: offset of the point's `WEIGHT` record in model.frames."""
     xi, slip = model.frames[to + W.xi], _off(lane, model, to, rates.left, rates.right, v, row)

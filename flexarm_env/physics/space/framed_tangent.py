@@ -57,7 +57,7 @@ class Bent(NamedTuple):
 
     near: Any  # kg m: first moment, int m (1 - x/l) n
     far: Any  # kg m: first moment, int m x/l n
-    left: Any  # kg m^2: int m h h phi about y, z of the left end; n rotates by it about the chord
+    left: Any  # kg m^2: int m h h phi about y, z of the left rotation, as n rotates about the chord
     right: Any
     roll: Any  # kg m^2: int m n^2; None without inner modes
 
