@@ -39,7 +39,7 @@ SPACE_POSES = Layout(
     Field("rate", (), "rad/s", "rate of the joint angle"),
     Field("deflection", (2,), "m", "deflection of the tip along y and z of the root's section axes"),
     Field("deflection_rate", (2,), "m/s", "time derivative of the deflection, root axes"),
-    Field("twist", (), "rad", "twist of the tip against the root: x part of the rotation vector between them"),
+    Field("twist", (), "rad", "twist of the tip relative to the root: x component of their rotation vector"),
     Field("twist_rate", (), "rad/s", "time derivative of the twist"),
     Field("tip", (3,), "m", "position of the tip, inertial axes"),
     Field("velocity", (3,), "m/s", "velocity of the tip, inertial axes"),

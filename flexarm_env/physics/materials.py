@@ -7,8 +7,9 @@ this module are linear:
 
     N = EA Gamma_1,   Q = C Gamma_2,   M = EI kappa.
 
-Arguments of a law: e, strain times a length l; length, l (m); own, further fields of the section besides stiffnesses
-(`NORMAL_AND_SHEAR`, `BENDING`). A law returns an `Answer`. docs/architecture.md shows two other laws.
+Arguments of a law are the strain times a length l (argument e), the length l in m (length), and further fields of the
+section besides its stiffnesses (own; see `NORMAL_AND_SHEAR`, `BENDING`). A law returns an `Answer`.
+docs/architecture.md shows two other laws.
 """
 
 from typing import Any, NamedTuple

@@ -288,7 +288,7 @@ class Elastica(NamedTuple):
     gravity: tuple[int, ...] | None  # tag: there is gravity
     payload: tuple[int, ...] | None  # tag: there is a payload; if None, the payload mass in `par` is not read
     payload_turns: tuple[int, ...] | None  # tag: the payload has rotary inertia
-    damping: tuple[int, ...] | np.ndarray | None  # None: no tau_d; (0,): equal tau_d in all links; else shares
+    damping: tuple[int, ...] | np.ndarray | None  # None: no damping; (0,): equal tau_d in all links; else shares
     data: np.ndarray
     loads: np.ndarray | None
     eccentric: np.ndarray | None

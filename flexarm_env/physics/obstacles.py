@@ -17,7 +17,7 @@ OBSTACLE = Layout(
     Field("kind", (), "", "index of the shape's class in `shapes.SHAPES`"),
     Field("place", (3,), "m", "reference point of the shape, inertial axes"),
     Field("axes", (3, 3), "", "axes of the shape as columns; half-space: the first is the outward normal"),
-    Field("sizes", (3,), "m", "sphere: radius; cylinder: radius and half length; box: half sides"),
+    Field("sizes", (3,), "m", "radius of a sphere, radius and half length of a cylinder, or half sides of a box"),
 )  # fmt: skip
 O = OBSTACLE.places
 HALF_SPACE, SPHERE, BOX, CYLINDER = range(4)

@@ -172,8 +172,8 @@ def _tangent(lane, model, par: Lanes, q, on: Nodes, weights, S: Lanes):
     # out       S: by the coordinates; by the nodes' angles, before `_to_relative`, with n_i = (-sin phi_i, cos phi_i)
     #           S_ij = P_ij n_i . de_j'' + (ck + tau_d cc) K_ij + cm R_ij - (ck e_i^T A_i if i = j)
 
-    cm, cc, ck: weights.mass, damping, stiffness. P with the payload, R: masses and rotary inertia (kg m^2); K: bending
-    stiffness (N m) times the EI factor; e_j: unit tangent of node j, inertial axes."""
+    cm, cc, ck: weights.mass, damping, stiffness. P are the masses with the payload, R the rotary inertia (kg m^2). K is
+    the bending stiffness (N m) times the EI factor, e_j the unit tangent of node j in inertial axes."""
     cm, cc, ck = weights.mass, weights.damping, weights.stiffness
     y, c, s, ex, ey, fx, fy = on.rate, on.c, on.s, on.ex, on.ey, on.fx, on.fy
     D = model.data

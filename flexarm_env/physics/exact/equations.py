@@ -234,7 +234,7 @@ def _eliminate(lane, S, o, tail):
     """Eliminate an element's right vertex. Return the Schur complement LL - LR (RR + tail)^-1 LR^T on the left vertex.
 
     S[o]: the element's `CONDENSED` record with blocks LL, LR, RR of left and right vertex. RR becomes the factors L D
-    L^T of RR + tail; LR becomes LR L^-T D^-1. tail: symmetric 3x3 matrix (xx, xy, xt, yy, yt, tt; t for psi) of all
+    L^T of RR + tail. LR becomes LR L^-T D^-1. tail: symmetric 3x3 matrix (xx, xy, xt, yy, yt, tt; t for psi) of all
     elements beyond the right vertex. The result is a matrix in the form of tail."""
     xx, xy, xt, yy, yt, tt = _six(lane, S, o + RR)
     i0, l1, l2, i1, l3, i2 = _factor_three(

@@ -22,8 +22,8 @@ from ..point_block import column, divide, product, store_columns, store_solution
 class Point(NamedTuple):
     """A point of the arm on which a contribution acts, stored in the field `point` of the contribution's record.
 
-    S contains these arrays from offset `at` on: B and W, one column of n numbers per axis; C (axes x axes); scratch
-    memory of the size of C; k.
+    S contains these arrays from offset `at` on: B and W, one column of n numbers per axis; C (axes x axes), scratch
+    memory of the size of C, and k.
     """
 
     input: int  # index of its first entry in the arm's inputs (N) and input displacements (m, inertial axes)

@@ -211,9 +211,10 @@ def joint_placement(lane, model, q: Lanes, v: Lanes, k, tip):
         E = mount exp(theta axis),  r_L = r + A (t + E o),  A_L = A E,  w_L = E^T w + axis theta'
 
     theta: joint angle (rad).
-    t, o: levers `JOINT.before` and `beyond` (m); r, A, w: position, rotation and spin in `tip`. Returns E (root axes to
-    axes of the preceding section), t + E o (m, axes of the preceding section; None if no joint has a lever), the
-    `Place` of the link's first section (r_L, A_L, w_L), and axis theta' (rad/s, root axes)."""
+    t and o are the levers `JOINT.before` and `JOINT.beyond` (m). r, A and w are position, rotation and spin of the
+    section `tip`. Returns E (root axes to axes of the preceding section), t + E o (m, axes of the preceding section;
+    None if no joint has a lever), the `Place` of the link's first section (r_L, A_L, w_L), and axis theta' (rad/s, root
+    axes)."""
     o, row = J.end * k, joint_row(model, k)
     axis, held = three_of(lane, model.joints, o + J.axis), tip.p
     # Rodrigues: 1 + sin(theta) axis^ + (1 - cos(theta)) axis^ axis^, from half the angle

@@ -268,11 +268,11 @@ def _note(lane, model, S, k, hinge, tip, on_root):
 def _handed(lane, model, u: Lanes, weights, r: Lanes, S: Lanes, k, force, moment):
     """Transmit a wrench across joint k: return (force, moment) on the section before, write the joint's row of r.
 
-    force (N, inertial) and moment m (N m, root axes) act on the link's first section. The force does not change; the
-    moment becomes E m + s x A^T force (axes of the section before); row = axis . m + (axis x o)^T E^T A^T force - u_k
-    (N m), u_k: joint torque. E maps root axes to axes of the section before, A maps these axes to inertial axes. s is
-    the lever from the section before to the link's first section, o its part beyond the joint. With weights.with_matrix
-    the `HINGE` gets what `elimination` needs. See docs/theory.md, (9.1).
+    force (N, inertial) and moment m (N m, root axes) act on the link's first section. The force does not change. The
+    moment becomes E m + s x A^T force (axes of the section before). The joint's row is axis . m + (axis x o)^T E^T A^T
+    force - u_k (N m) with the joint torque u_k. E maps root axes to axes of the section before, A maps these axes to
+    inertial axes. s is the lever from the section before to the link's first section, o its part beyond the joint. With
+    weights.with_matrix the `HINGE` gets what `elimination` needs. See docs/theory.md, (9.1).
     """
     h, axis = hinge_at(k), three_of(lane, model.joints, J.end * k + J.axis)
     turn = matrix_in(lane, S, h + H.now_turn)

@@ -233,7 +233,7 @@ def multiplied(lane, model, S, inner, x: Lanes, y: Lanes, row, left, right):
     """Multiply the part of the matrix that `condense` eliminated by x and the ends' motions; add the inner rows to y.
 
     inner: offsets of the segment's `INNER` record in S (`inner_at`).
-    x: amplitudes; y: forces; in both, the inner modes begin at row `row`.
+    x contains amplitudes, y forces. In both, the inner modes begin at row `row`.
     left, right: motion (position, rotation) of the ends. The function returns the (force, moment) on the left end and
     on the right end that the condensed blocks do not contain. See docs/theory.md, (9.3).
     """

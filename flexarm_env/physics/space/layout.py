@@ -1,9 +1,9 @@
 """Rows of the coordinates, and offsets of all constants and matrices in the flat arrays of a chain in space.
 
-Rows of q: the base's position (x, y, z; m, inertial axes) and rotation vector (rad, section axes to inertial axes); for
-each link the angle of the joint at the link's root, then position and rotation vector of the link's vertices (the right
-ends of its elements) from root to tip. Last come the amplitudes (rad), about x, y and z of the frame, of the inner
-modes of each segment with a floating frame. Rows of v and a are the same with velocities along inertial axes and
+Rows of q: the base's position (x, y, z; m, inertial axes) and rotation vector (rad, section axes to inertial axes). For
+each link follow the angle of the joint at the link's root, then position and rotation vector of the link's vertices
+(the right ends of its elements) from root to tip. Last come the amplitudes (rad), about x, y and z of the frame, of the
+inner modes of each segment with a floating frame. Rows of v and a are the same with velocities along inertial axes and
 angular velocities in the section's own axes. Rows of a residual are forces along inertial axes and moments in section
 axes.
 
@@ -51,7 +51,7 @@ WEIGHT = Layout(
 FRAME = Layout(
     "SpatialFrame", "inner, points",
     Field("length", (), "m", "reference length l of the segment"),
-    Field("pull", (), "N/m", "EA / l, stiffness against stretch of the chord"),
+    Field("pull", (), "N/m", "EA / l, stiffness of the chord for stretch"),
     Field("bend", (3, 3), "N m",
           "stiffness K about x, y, z for the rotations phi: blocks (left, left), (left, right), (right, right)"),
     Field("coupling", (3, 3), "m", "coupling H of stretch with bending (theory 1.2), blocks as in `bend`"),
@@ -84,7 +84,7 @@ FRAME = Layout(
 BODY = Layout(
     "Body", "",
     Field("mass", (), "kg", "mass of the body; for the payload, the arm's parameter replaces this value"),
-    Field("there", (), "", "1: the body exists; 0: it does not; the payload always exists"),
+    Field("there", (), "", "1: the body exists, 0: no body; 1 for the payload"),
     Field("centre", (3,), "m", "center of mass, measured from the section's origin, section axes"),
     Field("inertia", (3, 3), "kg m^2", "inertia tensor about the center of mass, section axes"),
 )  # fmt: skip
