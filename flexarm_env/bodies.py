@@ -106,7 +106,7 @@ _ROTATION = {"type": "array", "minItems": 2, "maxItems": 3}
 
 def inertia_field(text: str) -> Any:
     """Declare a field of a record with a moment of inertia or an inertia tensor."""
-    words = f"{text}: a number for any axis, or in space a tensor of three rows"
+    words = f"{text}: one number for all axes, or in space a tensor of three rows"
     return value(inertia, _TENSOR, words, "kg m^2", 0.0)
 
 

@@ -166,7 +166,7 @@ def _bounds(rule: Rule) -> list[str]:
     found += [] if low is None else ["zero or positive"] if low == 0.0 else [f"at least {low:g}"]
     found += [] if high is None else [f"at most {high:g}"]
     found += [", ".join(f'"{word}"' for word in rule.json["enum"])] if "enum" in rule.json else []
-    return [*found, "or left out"] if rule.optional else found
+    return [*found, "optional"] if rule.optional else found
 
 
 def rows(kind: Any) -> list[tuple[str, str, str, str]]:
@@ -200,7 +200,7 @@ def flags(kind: Any) -> list[Flag]:
     for name, rule in rules(kind).items():
         parsed, metavar = (str, "NAME") if "enum" in rule.json else PARSED.get(rule.json.get("type", ""), (None, ""))
         if parsed is not None:
-            limits = [word for word in _bounds(rule) if word != "or left out"]
+            limits = [word for word in _bounds(rule) if word != "optional"]
             inside = ", ".join([*filter(None, [rule.unit]), *limits])
             found.append(Flag(name, parsed, metavar, f"{rule.text}{f' ({inside})' if inside else ''}"))
     return found

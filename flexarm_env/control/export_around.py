@@ -22,10 +22,11 @@ def around_c_source(
     """Generate a policy with a controller inside as one C99 file: the network's source, the controller's, their sum.
 
     Args:
-        policy: policy bound to an environment. entries: observation entries of one instant. name: prefix of the file's
-            definitions: NAME_reset, NAME_act (values in SI units to actions) and NAME_decide (the environment's
-            observation to actions), each with a NAME_memory. elbows, targets: arguments that `in_c.controller_source`
-            gets for the controller.
+        policy: policy bound to an environment.
+        entries: names of the observation's entries, without the history of earlier observations.
+        name: prefix of the file's functions NAME_reset, NAME_act (from values in SI units to actions) and NAME_decide
+            (from the environment's observation to actions). Each function has an argument of the type NAME_memory.
+        elbows, targets: arguments that are passed on to `in_c.controller_source`.
     Raises:
         ValueError: `export.c_source` or `in_c.controller_source` raises it, or the controller restarts in every period.
     """
