@@ -330,8 +330,8 @@ class Controller(ABC):
 
         beside: actions of another policy, with the shape of the result. These actions are added before the saturation,
         and the controller's state estimates are advanced under the sum. Raises RuntimeError before the first `reset`.
-        Raises ValueError for an observation that is not finite, or whose shape differs from the shape given to `reset`;
-        the memory is then unchanged.
+        Raises ValueError if the observation is not finite, if its number of entries is not the environment's, or if its
+        number of rows differs from that in `reset`; the memory is then unchanged.
         """
         signals = self.read(observation)
         count, begun = len(signals.angles), len(self.goal)

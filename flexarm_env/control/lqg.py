@@ -167,9 +167,10 @@ def measured(setup: Setup, gains: LQGGains, own: Plant) -> Design:
 
 
 def designed(setup: Setup, gains: LQGGains, own: Plant, seen: Array, variances: Array, bias: Array) -> Design:
-    """Compute regulator and time-varying Kalman gains for measurement rows `seen` (p, 2n).
+    """Compute regulator and time-varying Kalman gains for p measurements `seen` @ x of the arm's state x.
 
-    variances (p,): variances of the measurements. bias (b,): standard deviations of the biases of the last b
+    seen (p, 2 n): one row per measurement; n is the number of the model's coordinates, so that x has n coordinates and
+    n rates. variances (p,): variances of the measurements. bias (b,): standard deviations of the biases of the last b
     measurements.
     """
     from scipy.linalg import block_diag

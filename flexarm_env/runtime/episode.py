@@ -280,7 +280,7 @@ def record_energies(lane, p, par, w: Work, live, info):
         put_info(lane, live, info, at.dissipated, w.books[DISSIPATED] + w.books[BEYOND])
         put_info(lane, live, info, at.work, w.books[WORK_DONE])
         n, motors = size(p.task.links), info_of(p.task).motors
-        # B^T q are joint angles (rad), B^T v their rates (rad/s)
+        # B^T q: angles (rad) on which the joint torques do work, with elastic gears those of the motors; B^T v: rates
         for rates in range(2):
             input_displacements(lane, p.model, par, w.v if rates else w.q, w.y)
             for k in range(n):

@@ -60,12 +60,12 @@ def _bent(lane, model, par, table, a, b):
 
 @kernel
 def _strained(a, b):
-    """Return the rotations of both ends by which K is multiplied, from a = phi_l, b = phi_r (rad), to second order.
+    """Return near and far (rad), the rotations of both ends that K multiplies, to second order; frame axes (theory, 9).
 
-    The results are phi_l,r +- phi_l x phi_r / 4 - d_x (d x e_x) / 24, d = phi_r - phi_l, in frame axes (theory, 9). The
-    second term arises because sections rotate relative to each other by log(exp(-a) exp(b)) = b - a - a x b / 2. The
-    third term accounts for the sections of a helix, which without shear are rotated relative to its chord. If sections
-    shear, a part of the third term remains even in short segments."""
+    near, far = phi_l + c - h, phi_r - c - h with c = phi_l x phi_r / 4, h = d_x (d x e_x) / 24, d = phi_r - phi_l. a,
+    b: phi_l, phi_r (rad), rotations of both sections relative to the segment's frame. c makes far - near the sections'
+    relative rotation log(exp(-a) exp(b)) = b - a - a x b / 2. h subtracts the rotation of a helix's sections relative
+    to its chord, which they have without shear; with shear a part of h remains even in short segments."""
     d = b - a
     c, helix = 0.25 * cross(a, b), d[0] * HELIX * cross_with_ex(d)
     return a + c - helix, b - c - helix
@@ -404,7 +404,7 @@ def frame_damping(lane, model, par, state, left, right, other_l, other_r, i):
 def _strains(lane, model, state, left, right, at, row):
     """Return the strains (stretch, near, far) of a segment (m, rad, rad) and their rates, without inner bending.
 
-    state: pair (q, v) of the arm. left, right: `Place`s of the ends. near, far: `_strained` rotations of both ends."""
+    state: pair (q, v). left, right: `Place`s of the ends. near, far: their `_strained` rotations, frame axes."""
     q, v = state
     frame = frame_of(left, right)
     rates, a, b = rates_of(frame, left, right), frame.left.phi, frame.right.phi
