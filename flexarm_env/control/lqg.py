@@ -198,7 +198,6 @@ def designed(setup: Setup, gains: LQGGains, own: Plant, seen: Array, variances: 
         S = A @ (S - L[k] @ C @ S) @ A.T + W
         S = 0.5 * (S + S.T)
 
-    # rows of the motors' rates
     rates = [own.rows.get(f"motor{k}_rate", own.rows[f"joint{k}_rate"]) for k in range(n)]
     none = np.zeros((more, n))
     return Design(

@@ -114,7 +114,6 @@ class Config:
             chosen["policy_kwargs"] = _value("policy_kwargs", chosen["policy_kwargs"])
         if isinstance(chosen.get("train_freq"), list):
             chosen["train_freq"] = tuple(chosen["train_freq"])
-        # default policy class
         usual = "MlpLstmPolicy" if self.algorithm == "recurrent_ppo" else "MlpPolicy"
         return {"policy": self.text.get("policy", usual), **chosen}
 
@@ -146,7 +145,6 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
     check.choice("algo", algorithm, tuple(CLASSES))
     env_id = env_id.removeprefix("flexarm_env:")
     if path is None:
-        # default file of the algorithm
         path = default_path(algorithm, env_id)
         if not path.is_file():
             what = "comes with settings for tasks of the suite alone (flexarm/...); give others by --config FILE"
@@ -167,7 +165,6 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
         unknown = check.UnknownKey(f"{path}: {env_id}", ids, "entry")
         raise ValueError(f"{unknown}; another environment needs its own hyperparameters, --config FILE")
     with check.in_file(path):
-        # the entry's environment keywords
         given = check.table_of("env_kwargs", content.get("env_kwargs") or {}).get(env_id) or {}
         given = check.table_of(f"env_kwargs.{env_id}", given)
         inside = check.table_of("around", content.get("around") or {}).get(env_id) or {}
