@@ -191,7 +191,7 @@ class Backward(Writer):
         if not known(step):
             raise Refused("a loop by a step that is not known has no derivative backwards")
         if known(start) and known(stop) and len(range(start, stop, step)) <= FEW:
-            # unrolled
+            # unrolled: one copy of the body per iteration, since the number of iterations is known and small
             for k in range(start, stop, step):
                 self.assign(node.target, k)
                 self.block(node.body)
