@@ -51,7 +51,7 @@ def call(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) ->
         return call(writer, function.choice(*items), items, named)
     if function is isinstance and items[1:] == [tuple]:
         return isinstance(items[0], tuple | Record | Stored)
-    # of a named tuple its class is known
+    # the class of a named tuple is known at compile time
     if function is isinstance and isinstance(items[0], Record | Stored) and is_static(items[1]):
         return issubclass(items[0].instance_class, items[1])
     if is_static(function) and all(map(is_static, items)) and function in (range, tuple, isinstance, hasattr):

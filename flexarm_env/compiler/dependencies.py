@@ -198,7 +198,7 @@ class Description:
             return f"{type(item).__name__} {item.traits} {self.describe(item.function)}"
         if isinstance(item, OfPart):
             return f"part {item.part} {self.describe(item.function)}"
-        # of a family; its registered functions are described where they are used (`choices`)
+        # a function of a family: its registered functions are described where they are used (`choices`)
         if hasattr(item, "choice"):
             return f"choice {item.__module__}.{item.__name__} {item.place}"
         if isinstance(item, FunctionType):

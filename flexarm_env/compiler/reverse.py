@@ -211,7 +211,7 @@ class Backward(Writer):
         self.names = dict(before)
         self.bind(name, Integer(k))
         way = Loop(loop.latch, loop.end)
-        # marks a loop that break and continue are refused in
+        # marks a loop in which break and continue are refused
         way.ends = None  # type: ignore[assignment]
         self._round(node.body, way, before)
         loop.close()

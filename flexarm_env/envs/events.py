@@ -110,7 +110,7 @@ def pushes(frame: Frame, value: Any) -> Pushes | None:
         what = f"must be a whole number of control_dt = {frame.period:g} s"
         raise check.InvalidValue("pushes.lasting", lasting, what)
     until = math.inf if "until" not in table else check.number("pushes.until", table["until"], "s", minimum=0.0)
-    # whole periods are compared with `until`, which may be one but for round-off
+    # 1e-6: numbers of whole periods are compared with `until`, which may be a whole number but for round-off
     return Pushes(wait=wait / frame.period, force=force, lasting=float(periods), until=until / frame.period + 1e-6)
 
 

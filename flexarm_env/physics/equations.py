@@ -76,7 +76,7 @@ def residual_slopes(lane, model, par, state, u, psi, directions, level, room, r,
         for i in range(min(many, ways - first)):
             for k in range(size(model.n)):
                 slopes[first + i, k] = w.r[k * len(lane) + many + i]
-    # values: those of the first lane
+    # all lanes contain the same arm, so that the first one has the values
     for k in range(size(model.n)):
         r[k] = w.r[k * len(lane)]
     store(w.flag, 0, splat(lane, 0.0) + out_of_range(lane, model, own, w.q))

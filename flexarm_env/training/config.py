@@ -106,7 +106,6 @@ class Config:
     def arguments(self) -> dict[str, Any]:
         """Return the keywords of the algorithm's class, including policy and policy_kwargs."""
         chosen = {k: v for k, v in self.text.items() if k not in ZOO}
-        # schedules and expressions from text
         for key in SCHEDULED:
             if isinstance(chosen.get(key), str):
                 chosen[key] = schedule(key, chosen[key])
