@@ -205,7 +205,6 @@ def _write(module: Any, kernel: Kernel, shapes: Sequence[Any], direct: bool, nam
     if direct:
         b.ret(ir.Constant(WORD, 0) if found is None else whole(b, found))
         return "none"
-    # the result goes to memory
     out = b.inttoptr(code.args[1], WORD.as_pointer())
     try:
         spec, _ = _given(b, _whole(writer, found), out, 0)

@@ -122,7 +122,6 @@ class Writer(Expressions):
         if not parts:
             self.b.ret_void()
             return
-        # build the struct leaf by leaf
         whole_result = ir.Constant(self.code.return_value.type, ir.Undefined)
         for k, leaf in enumerate(parts):
             whole_result = self.b.insert_value(whole_result, leaf, k)

@@ -116,7 +116,7 @@ def plant(setup: Setup, posture: tuple[float, ...]) -> Plant:
     # rigid modes: null space of M^-1 K, scaled to unit joint angles
     modes = np.linalg.svd(stiffness)[2][-n:].T
     rigid = np.vstack([modes @ np.linalg.inv(joints @ modes), np.zeros((size, n))])
-    # lowest nonzero frequency
+    # the n rigid modes have frequency 0: the next one is the lowest flexible frequency
     first = float(np.sqrt(np.sort(-np.linalg.eigvals(stiffness).real)[n]))
     rows = dict(zip(free.outputs, free.C, strict=True))
     inertia = rigid_inertia(setup.arm, np.array([(0.0, *(posture or (0.0,) * (n - 1)))]))[0]

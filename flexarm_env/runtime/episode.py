@@ -360,7 +360,7 @@ def finish_arm(lane, p, arm, outcome, reason, poses, record, seen, info):
         total = 0.0
     if reason == OUT_OF_RANGE:
         info[at.in_range * lanes + i] = 0.0
-    # the last term is the failure's: minus its weight in the period in which the arm fails, otherwise 0
+    # last term: minus the failure's weight in the period in which the arm fails, otherwise 0
     lost = 0.0
     if reason != OK:
         lost = -task.weights[n_terms - 1]

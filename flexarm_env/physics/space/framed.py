@@ -434,10 +434,10 @@ def frame_damping_over(lane, model, par, before, after, share, i):
     l, r = _bent(lane, model, par, at.bend, near, far)
     pull = e * model.frames[at.pull]
     power = pull * e + dot(l, near) + dot(r, far)
-    # (rate_0 + rate_1) / 2 less those: what end rates do beyond the dissipation
+    # (rate_0 + rate_1) / 2 less those: the end rates' work beyond the dissipation
     near, far = (0.5 * (near_rate_0 + near_rate) - near, 0.5 * (far_rate_0 + far_rate) - far)
     beyond = pull * ((e_rate_0 + e_rate) * 0.5 - e) + dot(l, near) + dot(r, far)
-    # inner modes p: dissipation K (dp/h)^2, and what the mean of the end rates does beyond it
+    # inner modes p: dissipation K (dp/h)^2, and the work of the mean end rates beyond it
     factors = factors_of(lane, par)
     for j in range(inner_of(model)):
         o = row + 3 * j
