@@ -329,7 +329,6 @@ def estimate(
         if (root := clamped(scene, settings)) is not None:
             mesh = max(mesh, distance(base, run(bare, root, sample, levels)))
         return {"time_step": time_step / length, "mesh": mesh / length}, _why(time_step, mesh)
-    # companion of twice the step
     if count_steps(scene, doubled, end, wide) <= 0.75 * steps:
         companion = run(scene, doubled, wide)
         found = distance(mine, companion)

@@ -196,8 +196,12 @@ class Batch:
             self.record(i)[MODE] = OVER
 
     def _inertia(self) -> float:
-        """Return `runtime.energy_balance.inertia_per_rate`, kg m^2, of an elastica; 0 for formulations that do not need
-        it. The result is inf without absolute angles, as in space; every period then evaluates the energy."""
+        """Return 2 T of the arm turning rigidly at 1 rad/s, divided by the number of its absolute angles, kg m^2.
+
+        The energy balance of an elastica estimates the kinetic energy T with this inertia and so avoids most
+        evaluations of the energy (`runtime.energy_balance`). The result is 0 for other formulations, which have no
+        such estimate. It is inf without absolute angles, as in space: every period then evaluates the energy.
+        """
         model, q, v = self.system.model, self.system.q0, np.zeros(len(self.system.q0))
         if model.newton.resolved is None:
             return 0.0

@@ -280,7 +280,6 @@ class Arm:
         elbows = check.instances("elbows", self.elbows, Elbow)
         if elbows and len(elbows) != n - 1:
             raise check.InvalidValue("elbows", elbows, f"must be empty or hold {n - 1} (one less than the links)")
-        # one drive per joint
         joints = check.instances("joints", self.joints, Joint)
         if joints and len(joints) != n:
             raise check.InvalidValue("joints", joints, f"must be empty or hold {n} (one for each link)")
@@ -288,7 +287,6 @@ class Arm:
         check.text("source", self.source)
         if self.base is not None:
             check.instance("base", self.base, Base)
-        # sensors must fit the links
         if self.sensors is not None:
             check.instance("sensors", self.sensors, Sensors)
             with check.under("sensors"):
@@ -306,7 +304,6 @@ class Arm:
     @property
     def spatial(self) -> bool:
         """Whether the arm is computed in space: its links turn out of the x-y plane, or a link is rigid."""
-        # the root joint's axis, mount or tensor
         hub = self.hub_axis != bodies.Z or self.hub_mount is not None or isinstance(self.hub_inertia, tuple)
         parts: tuple[Elbow | Payload, ...] = (*self.elbows, self.payload)
         return hub or any(part.spatial for part in parts) or any(link.rigid for link in self.links)
@@ -349,14 +346,12 @@ class Arm:
     @property
     def mass(self) -> float:
         """Mass of links, elbows and payload, kg."""
-        # masses on the links' rigid ends
         ends = sum(k.root_mass + k.tip_mass for k in self.links)
         return sum(k.mass for k in self.links) + ends + sum(e.mass for e in self.elbows) + self.payload.mass
 
     @property
     def damping(self) -> tuple[float, tuple[float, ...] | None]:
         """Largest tau_d of the links, s, and each link's tau_d divided by the largest (None if all are equal)."""
-        # a link's own tau_d takes precedence over the arm's
         own = [self.tau_d if link.tau_d is None else link.tau_d for link in self.links]
         largest = max(own)
         return largest, None if min(own) == largest else tuple(tau / largest for tau in own)
@@ -364,7 +359,6 @@ class Arm:
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the N joints: "hub", then "elbow" (for a single elbow) or "elbow_1", "elbow_2" and so on."""
-        # a single elbow has no number
         count = self.n_links - 1
         return ("hub", *(("elbow",) if count == 1 else tuple(f"elbow_{k + 1}" for k in range(count))))
 

@@ -241,7 +241,6 @@ def _make_env(episode: Episode, named: str | None, **more: Any) -> Any:
 def _played(env: Any, episode: Episode) -> Iterator[tuple[Array32, dict[str, Any]]]:
     """Replay an episode; yield (observation, info) at the start and after each step."""
     options = _restored(episode.options)
-    # restore the generator that drew the start
     if episode.generator is not None:
         env.unwrapped.np_random.bit_generator.state = dict(episode.generator)
     k, policy = 0, Actions(episode.actions)
@@ -269,7 +268,6 @@ def save_episodes(path: str | os.PathLike[str], episodes: Sequence[Episode]) -> 
         "episodes": [_plain(f"episodes[{k}]", {key: getattr(e, key) for key in ABOUT}) for k, e in enumerate(episodes)],
     }
     arrays: dict[str, Any] = {"meta": json.dumps(meta), "lengths": np.array([len(e) for e in episodes])}
-    # concatenate the episodes' arrays
     for name in ("observations", *STEPS):
         arrays[name] = np.concatenate([getattr(e, name) for e in episodes])
     for name in episodes[0].infos:

@@ -124,7 +124,6 @@ def bodies(arm: Arm) -> Iterator[tuple[int, Body]]:
         if isinstance(link, RigidLink):
             yield k, Body(link.mass, np.array(link.centre), tensor(link.inertia))
             continue
-        # rigid ends
         if link.rigid_ends:
             for mass, along, inertia in link.ends:
                 place = complex(link.place(along - link.root_offset)) if link.curved else along
@@ -407,7 +406,6 @@ def timescales(arm: Arm, control_dt: float | None = None) -> TimeScales:
     # minimum time of a quarter turn, 2 sqrt(I (pi/2) / tau)
     quarters = tuple(math.pi / rate_scale(arm, k) for k in range(arm.n_links))
     slew = max(quarters)
-    # rounded up to half a second
     duration = math.ceil(2.0 * (TURNS * slew + SETTLED)) / 2.0
     period = _leading(slew / PERIODS) if control_dt is None else control_dt
     return TimeScales(quarters, slew, duration, period, round(max(0.5, 1.0 - period / slew), 4))

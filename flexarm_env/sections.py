@@ -145,7 +145,6 @@ class Taper:
 
     def __post_init__(self) -> None:
         """Validate sides and material, then the section at both ends."""
-        # validate both pairs (root, tip)
         for name in ("widths", "thicknesses"):
             what = "two positive numbers (m), root and tip"
             sides = check.numbers(f"section.{name}", getattr(self, name), what, 2, "m", above=0.0)
@@ -283,7 +282,7 @@ class Link:
         bends = curves.jumps(self.curvature)
         if isinstance(self.section, Section | Taper):
             return bends
-        # two points with the same s
+        # a jump: two points with the same s
         places = [s for s, _ in self.section]
         return tuple(sorted({*bends, *(s for s, after in pairwise(places) if s == after)}))
 
@@ -355,7 +354,6 @@ class Link:
 
     def cut(self, n: int, option: str) -> list[Link]:
         """Return the n pieces of :meth:`mesh` as links."""
-        # equal pieces of a uniform, straight link
         if isinstance(self.section, Section) and not self.curved:
             return [Link(self.length / n, self.section)] * n
         ends = self.mesh(n, option)
@@ -384,7 +382,6 @@ class Link:
 
     def integral(self, what: str, power: int = 0) -> float:
         """Return the integral of `what` (field of :class:`Section`) times s^power along the beam, s from its root."""
-        # closed form for constant sections
         if isinstance(self.section, Section):
             return float(getattr(self.section, what) * self.length ** (power + 1) / (power + 1))
         s, weights = self.quadrature()

@@ -315,7 +315,6 @@ class Sensors:
         """Validate the types of the sensors."""
         for name, kind in (("encoders", Encoder), ("strain_gauges", StrainGauge)):
             check.store(self, **{name: check.instances(name, getattr(self, name), kind)})
-        # at most one of each kind
         for name, single in SINGLES.items():
             if getattr(self, name) is not None:
                 check.instance(name, getattr(self, name), single)
@@ -351,7 +350,6 @@ class Sensors:
                 raise check.InvalidValue(name, getattr(self, name), "must be left out: no contact forces are recorded")
         if "gyroscope" not in OF_THE_TIP[axes] and (own := self.gyroscope) is not None:
             raise check.InvalidValue("gyroscope", own, "must be left out: there are gyroscopes in space alone")
-        # none, one for all joints, or one per joint
         if len(self.encoders) not in (0, 1, len(links)):
             raise check.InvalidValue("encoders", f"{len(self.encoders)} encoders", f"must be one, or {len(links)}")
         for i, gauge in enumerate(self.strain_gauges):
@@ -430,7 +428,6 @@ def _read(path: str, kind: type[S], entry: Any) -> S:
     if isinstance(entry, kind):
         return entry
     table = check.table_of(path, entry)
-    # nested table of the filter
     if isinstance(table.get("low_pass"), Mapping):
         with check.under(path):
             check.known_keys("", table, check.names_of(kind))

@@ -105,7 +105,6 @@ def check_options(formulation: str, names: Iterable[str]) -> None:
     taken = options_of(formulation)
     for name in names:
         if name not in taken:
-            # hint: formulations that have this option
             others = [other for other, options in _DEFAULTS.items() if name in options]
             hint = f"it belongs to {' and '.join(others)}" if others else ""
             raise check.UnknownKey(str(name), taken, f"option of {formulation}", hint)
@@ -205,7 +204,6 @@ class Settings:
                 raise check.InvalidValue(name, value, "must not be given together with modes, which replaces it")
         if self.formulation == "floating_frame":
             self._check_frame()
-        # limits of the whole link
         if (self.segments or 1) * (self.elements or 1) > MOST_ELEMENTS:
             what = f"must be at most {MOST_ELEMENTS} elements a link: take fewer segments or elements"
             raise check.InvalidValue("segments * elements", f"{self.segments} * {self.elements}", what)
@@ -305,7 +303,6 @@ def merged(base: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
     `frame`. The options `newmark` and `rho_inf` exclude each other.
     """
     given = {name: value for name, value in options.items() if value is not None}
-    # options of `base` that the given ones exclude
     dropped = {"frame"} if given.get("multipliers") else set()
     if "modes" in given:
         dropped.update(_MESH)

@@ -273,7 +273,6 @@ def _columns(t: object, least: int, **values: object) -> tuple[Array, ...]:
     _increasing("t", times)
     if len(times) > 1 and np.diff(times).min() < 1.0 / check.LARGEST:
         raise check.InvalidValue("t", times, f"must be at least {1.0 / check.LARGEST:g} s apart")
-    # values: as many as times; magnitudes: within `LARGEST`
     columns = [times]
     for name, value in values.items():
         columns.append(check.column(name, value))
@@ -364,7 +363,6 @@ def hermite_table(
         missing = [a[i + 1] - a0, v[i + 1] - v0 - a0 * h, y[i + 1] - y0 - v0 * h - a0 * h**2 / 2]
         for jerk in np.linalg.solve(_THIRDS, np.array(missing) / [d, d**2, d**3]):
             rows.append(_row(x, y0, v0, a0 / 2, jerk / 6))
-            # state at the end of the sub-interval
             x, y0 = x + d, y0 + v0 * d + a0 * d**2 / 2 + jerk * d**3 / 6
             v0, a0 = v0 + a0 * d + jerk * d**2 / 2, a0 + jerk * d
     return _of_pieces("hermite_table", _with_ends_held(time, y, rows), t=time, psi=y, psi_dot=v, psi_ddot=a)

@@ -183,7 +183,6 @@ def number(
 
     ``minimum`` and ``maximum`` are inclusive, ``above`` is exclusive. A number with a unit is also limited by `SIZES`.
     """
-    # sentence with the rule
     if maximum is None and above == 0.0:
         allowed = "must be a positive number"
     elif maximum is None and minimum == 0.0:
@@ -198,7 +197,6 @@ def number(
         allowed = "must be a finite number" + (f", {limits}" if limits else "")
     if unit:
         allowed += f" ({unit})"
-    # type, then bounds
     if isinstance(value, bool | np.bool_) or not isinstance(value, Real):
         raise InvalidValue(path, value, allowed)
     try:
@@ -234,7 +232,6 @@ def limits(path: str, value: object, unit: str = "", **bounds: float) -> tuple[f
     """Validate two numbers (low, high) with low <= high. bounds: bounds of both numbers as in :func:`number`."""
     what = f"two numbers{f' ({unit})' if unit else ''}, (low, high)"
     low, high = numbers(path, value, what, 2, unit, **bounds)
-    # order of the bounds
     if low > high:
         raise InvalidValue(path, (low, high), "must be (low, high) with low at most high")
     return low, high

@@ -144,14 +144,12 @@ def binary(b: Any, op: str, x: Any, y: Any) -> Any:
         if op in ("FloorDiv", "Mod", "Div") and y == 0:
             raise Refused("a division by zero that is known beforehand")
         try:
-            # constant folding by Python
             with np.errstate(all="ignore"):
                 return KNOWN[op](x, y)
         except (ArithmeticError, TypeError, ValueError) as error:
             raise Refused(f"{x} and {y}: {error}") from None
     if is_tuple(x) or is_tuple(y):
         return _of_tuples(op, x, y)
-    # two integers
     if whole_kind(x) and whole_kind(y) and op not in ("Div", "Pow"):
         return _wholes(b, op, x, y)
     if op == "Pow":
@@ -262,7 +260,6 @@ def _floored(b: Any, op: str, p: Value, q: Value) -> Value:
     # quotient (p - rest) / q, then to the nearest integer against rounding errors
     ratio = b.fdiv(b.fsub(p.value, rest), q.value)
     ratio = b.select(apart, b.fsub(ratio, ir.Constant(DOUBLE, 1.0)), ratio)
-    # nearest integer to the quotient
     down = p.like(ratio, 1).call("floor").value
     up = b.fcmp_ordered(">", b.fsub(ratio, down), ir.Constant(DOUBLE, 0.5))
     down = b.select(up, b.fadd(down, ir.Constant(DOUBLE, 1.0)), down)

@@ -35,7 +35,7 @@ class Beside(Generic[T]):
     def _run(self, make: Callable[[], T]) -> None:
         """Function of the thread: make the value without messages; drop an exception, because `get` will raise it
         again."""
-        # nobody waits for it
+        # no message and no error, because nobody waits for the result
         with unannounced(), contextlib.suppress(Exception):
             self._found = make()
 

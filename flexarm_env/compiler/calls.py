@@ -51,10 +51,9 @@ def call(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) ->
         return call(writer, function.choice(*items), items, named)
     if function is isinstance and items[1:] == [tuple]:
         return isinstance(items[0], tuple | Record | Stored)
-    # of a named tuple its class is known
+    # the class of a named tuple is known at compile time
     if function is isinstance and isinstance(items[0], Record | Stored) and is_static(items[1]):
         return issubclass(items[0].instance_class, items[1])
-    # Python's functions that are evaluated at compile time
     if is_static(function) and all(map(is_static, items)) and function in (range, tuple, isinstance, hasattr):
         return function(*items)
     name = getattr(function, "__name__", told(function))
@@ -77,7 +76,6 @@ def _kernel(writer: Any, kernel: Kernel, items: list[Any]) -> Any:
     for item in items:
         if is_static(item) and not isinstance(item, Hashable):
             raise Refused(f"{told(item)} for {kernel.function.__name__}(): numbers, arrays, None and tuples are given")
-    # compile the specialization, or reuse it
     code, result = writer.module.function(kernel, items)
     writer.module.calls(writer.code, code)
     b = writer.b

@@ -236,7 +236,6 @@ def lead(boards, task, function, address, groups, rounds, stage):
             return CALL
     if stage != LOOK:
         _share(boards, workers, task)
-    # wait until all groups are finished
     looks = 0
     while _fresh(boards, head + FINISHED) != groups:
         looks += 1
@@ -346,7 +345,7 @@ class Crew:
                     self._boards[STATE - BOARD] = AWAKE
                     result = lead(*given, LOOK)
         except BaseException:
-            # Ctrl-C, say: no thread may go on writing into the caller's arrays
+            # interrupted, for example by Ctrl-C: no thread may go on writing into the caller's arrays
             self._end()
             raise
         self._busy = False

@@ -91,7 +91,6 @@ def completed(
         duplicate argument.
     """
     given = list(items)
-    # parameters after the positional arguments
     for name in names[len(given) :]:
         if name not in named and name not in defaults:
             raise Refused(f"{word}() wants {name!r}")

@@ -198,7 +198,7 @@ class Description:
             return f"{type(item).__name__} {item.traits} {self.describe(item.function)}"
         if isinstance(item, OfPart):
             return f"part {item.part} {self.describe(item.function)}"
-        # of a family; its registered functions are described where they are used (`choices`)
+        # a function of a family: its registered functions are described where they are used (`choices`)
         if hasattr(item, "choice"):
             return f"choice {item.__module__}.{item.__name__} {item.place}"
         if isinstance(item, FunctionType):
@@ -255,14 +255,12 @@ def key_words(function: Any, shapes: Sequence[Any]) -> list[Any]:
     function: the Python function of a kernel. shapes: the kernel's argument types (`kinds.described_as`).
     """
     words: list[Any] = []
-    # registered functions from outside
     if FOREIGN:
         words.append([(choice, one.__module__, _file(one), getattr(one, "part", "")) for choice, one in choices()])
     # a kernel from outside: its file, bytecode and closure values
     if not _is_own(function):
         words.append((_file(function), code_digest(function.__code__), sorted(lane_parameters(function).items())))
         words += [_described(cell)[0] for cell in function.__closure__ or ()]
-    # named tuple classes from outside among the arguments
     for cls in _foreign_classes(shapes):
         words += _described(cls)
     # bytecode is that of one Python version

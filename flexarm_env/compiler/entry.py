@@ -96,7 +96,6 @@ class _Kept(OrderedDict[int, tuple[Any, Placed, Arrays, list[Any]]]):
             arrays = list(_arrays(value))
             about = [(x.flags.num, x.shape, x.dtype) for x in arrays]
             found = self[id(value)] = value, Placed(value), arrays, about
-            # drop the oldest
             while len(self) > self.LIMIT:
                 try:
                     self.popitem(last=False)
@@ -143,7 +142,6 @@ def call(kernel: Kernel, items: Sequence[Any]) -> Any:
             more = words_of(item)
             letters += "q" * len(more)
             values += more
-    # compiled form for these kinds of arguments
     key = tuple(shapes)
     form = kernel.forms.get(key)
     if form is None:

@@ -61,7 +61,6 @@ class Module:
 
     def function(self, kernel: Any, items: Sequence[Any]) -> tuple[Any, Any]:
         """Return the LLVM function of a kernel for arguments of the kinds of `items`, and a template of its result."""
-        # one function for each specialization
         key = (kernel.function, tuple(map(kind, items)))
         if key not in self.made:
             if key in self._open or sum(one[0] is kernel.function for one in self._open) > DEEPEST:

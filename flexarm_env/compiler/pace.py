@@ -167,7 +167,6 @@ class Team:
         """
         if self.pace is None:
             return self._crew.run(function, address, groups)
-        # time the step for the pace
         threads, began = self.pace.threads, time.perf_counter()
         if threads == 1:
             count = step(address, 0, groups)

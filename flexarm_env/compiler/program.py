@@ -114,7 +114,6 @@ def _value(spec: Any, found: Any) -> Any:
 def program_of(kernel: Kernel, shapes: Sequence[Any], direct: bool) -> Program:
     """Return a kernel's program for the argument types `shapes` (`kinds.described_as`): from disk or compiled now."""
     with _LOCK:
-        # cache key: sources, argument types, target
         key = objects.key_of(kernel.function, shapes, direct, *target_text())
         kept = objects.load(key)
         if kept is not None:
@@ -206,7 +205,6 @@ def _write(module: Any, kernel: Kernel, shapes: Sequence[Any], direct: bool, nam
     if direct:
         b.ret(ir.Constant(WORD, 0) if found is None else whole(b, found))
         return "none"
-    # the result goes to memory
     out = b.inttoptr(code.args[1], WORD.as_pointer())
     try:
         spec, _ = _given(b, _whole(writer, found), out, 0)

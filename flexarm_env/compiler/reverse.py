@@ -191,7 +191,7 @@ class Backward(Writer):
         if not known(step):
             raise Refused("a loop by a step that is not known has no derivative backwards")
         if known(start) and known(stop) and len(range(start, stop, step)) <= FEW:
-            # unrolled
+            # unrolled: one copy of the body per iteration, since the number of iterations is known and small
             for k in range(start, stop, step):
                 self.assign(node.target, k)
                 self.block(node.body)
@@ -211,7 +211,7 @@ class Backward(Writer):
         self.names = dict(before)
         self.bind(name, Integer(k))
         way = Loop(loop.latch, loop.end)
-        # marks a loop that break and continue are refused in
+        # marks a loop in which break and continue are refused
         way.ends = None  # type: ignore[assignment]
         self._round(node.body, way, before)
         loop.close()

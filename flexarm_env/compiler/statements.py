@@ -122,7 +122,6 @@ class Writer(Expressions):
         if not parts:
             self.b.ret_void()
             return
-        # build the struct leaf by leaf
         whole_result = ir.Constant(self.code.return_value.type, ir.Undefined)
         for k, leaf in enumerate(parts):
             whole_result = self.b.insert_value(whole_result, leaf, k)
@@ -182,7 +181,6 @@ class Writer(Expressions):
                 return getattr(builtins, name)
             raise Refused(f"{name!r} is not defined")
         if isinstance(item, Slot):
-            # load the current value from the slots
             return rebuilt(item.template, iter([self.b.load(place) for place in item.places]), self.b)
         return item
 
@@ -210,7 +208,6 @@ class Writer(Expressions):
             if self.b.block.is_terminated:
                 return
             self.line = statement.lineno
-            # dispatch by AST node class
             write = getattr(self, "on_" + type(statement).__name__, None)
             if write is None:
                 raise Refused(f"{type(statement).__name__.lower()} is no statement of kernels")
@@ -279,7 +276,6 @@ class Writer(Expressions):
         if isinstance(test, bool):
             self.block(node.body if test else node.orelse)
             return
-        # run-time condition: then block, else block if any, block after both
         before, ends = self.names, list[Names]()
         then, after = self.code.append_basic_block("then"), self.code.append_basic_block("after")
         other = self.code.append_basic_block("else") if node.orelse else after

@@ -103,7 +103,6 @@ def announced(function: Callable[..., Any]) -> Iterator[None]:
                 sys.stderr.write(f"\r  {time.monotonic() - start:.0f} s ")
                 sys.stderr.flush()
         if shown:
-            # erase the counter
             sys.stderr.write("\r" + " " * 12 + "\r")
             sys.stderr.flush()
 

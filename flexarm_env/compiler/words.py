@@ -272,7 +272,6 @@ SYMBOLIC: dict[Any, Callable[..., Any]] = {
 
 WORDS: dict[Any, Callable[..., Any]] = {
     **{word: _on_symbols(function) for word, function in SYMBOLIC.items()},
-    # memory and lanes
     lanes.load: load,
     lanes.store: store,
     lanes.splat: lambda e, lane, x: number(e.b, x).full(*shape_of(lane)),
@@ -282,7 +281,6 @@ WORDS: dict[Any, Callable[..., Any]] = {
     lanes.lane_count: lambda e, lane: shape_of(lane)[0],
     lanes.size: lambda e, n: len(n) if is_tuple(n) else n,
     lanes.dereference: lambda e, x: x,
-    # Python's built-in functions
     len: _length,
     float: _float,
     int: lambda e, x: arithmetic.truncated(e.b, x),
@@ -290,7 +288,6 @@ WORDS: dict[Any, Callable[..., Any]] = {
     abs: lambda e, x: arithmetic.absolute(e.b, x),
     min: _extreme("<"),
     max: _extreme(">"),
-    # math and NumPy
     math.sqrt: _intrinsic("sqrt", math.sqrt, False, flat=False),
     math.floor: _intrinsic("floor", math.floor, True),
     math.ceil: _intrinsic("ceil", math.ceil, True),

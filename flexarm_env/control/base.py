@@ -233,13 +233,11 @@ class Reader:
         deflections, deflection_rates = (
             tuple(arm.by_link(name)[k] for name in names for k in bending) for names in (own.bends, own.rates)
         )
-        # names of the entries that tell the distance to the target
         error = ("target_error",) if setup.task == "slew" else tuple(f"to_target_{axis}" for axis in arm.axes)
         aims = tuple(f"{joint}_error" for joint in joints)
         self.aimed = goals or (
             not bends and any(name not in place for name in (*error, *deflections)) and aims[0] in place
         )
-        # all required entries have to be observed
         needed = [f"{joint}_{of}" for of in ("sin", "cos", "rate") for joint in joints]
         needed += aims if self.aimed else [*deflections, *error]
         for name in (*needed, *(deflection_rates if bends else ())):
@@ -247,7 +245,7 @@ class Reader:
                 known = ", ".join(setup.names)
                 hint = ' (observation="measured" has it)' if name in aims else ""
                 raise ValueError(f"observation: {who} needs the entry {name}{hint}, which is not among {known}")
-        # positions of the entries in one instant
+        # indices within one instant: an observation may stack several
         self._sin, self._cos, self._rates = ([place[f"{j}_{of}"] for j in joints] for of in ("sin", "cos", "rate"))
         self._bends, self._bend_rates, self._error, self._goals = (
             [place[name] for name in names if name in place] for names in (deflections, deflection_rates, error, aims)
@@ -330,8 +328,8 @@ class Controller(ABC):
 
         beside: actions of another policy, with the shape of the result. These actions are added before the saturation,
         and the controller's state estimates are advanced under the sum. Raises RuntimeError before the first `reset`.
-        Raises ValueError for an observation that is not finite, or whose shape differs from the shape given to `reset`;
-        the memory is then unchanged.
+        Raises ValueError if the observation is not finite, if its number of entries is not the environment's, or if its
+        number of rows differs from that in `reset`; the memory is then unchanged.
         """
         signals = self.read(observation)
         count, begun = len(signals.angles), len(self.goal)
@@ -350,7 +348,7 @@ class Controller(ABC):
         torques = self.torques(signals, to_go)
         if beside is not None:
             torques = torques + np.reshape(beside, torques.shape) * self.limits
-        # saturate, then advance the estimate under the applied torques
+        # the estimates advance under the torques that act, hence after the saturation
         torques = np.clip(torques, -self.limits, self.limits)
         self.predict(torques)
         self.step += 1

@@ -118,7 +118,6 @@ def kept_by(plant: Dynamics, bounds: Bounds | None, **states: Array) -> Bounds:
     own = check.instance("bounds", Bounds() if bounds is None else bounds, Bounds)
     for what, x in states.items():
         for one in within(plant, own, len(x), 0):
-            # arms whose state violates a limit
             outside = np.flatnonzero(one.violation(x[None]) > TOLERANCE)
             if outside.size:
                 arm = int(outside[0])

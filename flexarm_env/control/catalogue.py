@@ -131,7 +131,6 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
     """
     check.choice("controller", name, NAMES)
     setup = env if isinstance(env, Setup) else Setup.of(env)
-    # reject tasks, action modes and bases that controllers do not support
     if not isinstance(env, Setup):
         plan = env.unwrapped.plan
         if plan.task != plan.kind.task:
@@ -145,7 +144,6 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
         if name == "mpc" and plan.contacts:
             what = "must be left out with mpc: its plans ignore obstacles that push the arm back"
             raise check.InvalidValue("contacts", plan.contacts, what)
-    # arms in space have their own classes
     classes = CLASSES[setup.arm.axes]
     if name not in classes:
         there = ", ".join(f'"{one}"' for one in classes)
@@ -156,7 +154,6 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
             there = ", ".join(f'"{one}"' for one in _SPACE_WALL)
             raise check.InvalidValue("controller", name, f'must be one of {there} for task="{PRESS}" in space')
         made = _SPACE_WALL[name]
-    # default, table or instance of gains
     if gains is None:
         gains = tuned_gains(name, setup.gains, setup.n_joints)
         gains = for_arm(gains, setup) if kind is LQRGains and setup.n_joints == 1 else gains

@@ -71,7 +71,6 @@ def onnx_bytes(policy: NumpyPolicy, law: tuple[float, NDArray[np.float64]] | Non
         before, last = last, f"x{len(nodes)}"
         nodes.append(helper.make_node(operator, [before, *(name for name, _ in given)], [last], **attributes))
 
-    # double precision, normalization, layers, squashing
     then("Cast", to=TensorProto.DOUBLE)
     if policy.normaliser is not None:
         n = policy.normaliser
@@ -177,7 +176,6 @@ def c_source(policy: NumpyPolicy, entries: Entries, name: str) -> str:
     count, widths = len(entries.names), [w.shape[1] for w, _ in policy.weights]
     if count == 0 or size % count:
         raise check.InvalidValue("entries", count, f"must be a divisor of {size}, which the policy observes")
-    # constants of the preprocessor
     declared = {
         "ENTRIES": count, "HISTORY": size // count, "OBSERVATION": size, "ACTIONS": joints, "WIDTH": max(size, *widths),
         "MOST": _number(CLIP), "FAR": _number(FAR),
@@ -227,7 +225,6 @@ def _head(policy: NumpyPolicy, entries: Entries, history: int) -> str:
     kwargs = json.dumps(meta["env_kwargs"]) if meta["env_kwargs"] else ""
     limits = ", ".join(f"{limit:g}" for limit in entries.torque_limits)
     mode = meta["env_kwargs"].get("action_mode", "torque")
-    # meaning of an action
     means = f"the joints' torques over {limits} N m" if limits else f'what the environment takes, action_mode "{mode}"'
     of_one = zip(entries.names, entries.scales, strict=True)
     units = [f"    {k}: {one} / {scale:.9g}" for k, (one, scale) in enumerate(of_one)]

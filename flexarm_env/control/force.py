@@ -241,7 +241,6 @@ class PressController(WallController):
         pressing = (view.normal + self.friction * view.along) * size
         end = view.target + view.velocity * dt + shift
         reference = self._tip + view.near[:, None] * (end - self._tip)
-        # the arm at rest there, and its rates
         before, bent = self.goal, self._bends
         self.goal, self._bends, holding = self.chain.solve(before, -pressing, reference, 3)
         rates = (self.goal - before) / dt

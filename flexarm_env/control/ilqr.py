@@ -334,7 +334,6 @@ def _corner(H: Array, g: Array, low: Array, high: Array) -> Array:
                 u[:, j] = np.clip(-(g[:, j] + H[:, i, j] * u[:, i]) / H[:, j, j], low[:, j], high[:, j])
                 tried.append(u)
         each = np.array(tried)
-        # objective of the four candidates
         worth = np.einsum("cni,cni->cn", each, 0.5 * np.einsum("nij,cnj->cni", H, each) + g)
         return np.asarray(each[np.argmin(worth, axis=0), np.arange(len(g))])
     u = np.clip(np.zeros(g.shape), low, high)

@@ -77,23 +77,19 @@ def controller_source(
     if (plain or space) and elbows is not None:
         what = "gains in space are those at the targets" if space else "gains of PD are the same in all postures"
         raise check.InvalidValue("elbows", elbows, f"must be left out: {what}")
-    # design tables and scalar sizes
     held = [] if plain or space else _postures(controller, elbows)
     known = _in_space(controller, targets) if space else _in_plane(controller, slew, held)
     sizes = {word: value for word, value in known.items() if isinstance(value, int | float)}
-    # positions of the observation's entries
     places = {"SINES": read._sin, "COSINES": read._cos, "RATES": read._rates, "GAUGES": read._gauges}
     places |= {"BENDS": read._bends, "BEND_RATES": read._bend_rates, "ERRORS": read._goals if aimed else read._error}
     declared = {"JOINTS": setup.n_joints, "ENTRIES": len(setup.names), "HISTORY": setup.history, **sizes}
     pointed = many and not aimed
-    # source fragments that the controller needs
     parts = [] if plain or space else ["times"]
     parts += ["rigid"] if kind is ShapedPD or (pointed and not space and setup.n_joints == 2) else []
     if not space:
         parts += ["aim_joints" if aimed else "aim_point" if many else "aim_tip", *(["posture"] if held else [])]
     texts = [c_part("memory").replace("FIELDS", _FIELDS[kind]), *map(c_part, (*parts, *_BODIES[kind], "act"))]
     body = "\n".join(texts).replace("GAUGED", _GAUGED if read._gauges else "").replace("SHARP", repr(SHARP))
-    # fill the placeholders of the fragments
     for word, text in _BESIDE.items():
         body = body.replace(word, text if inside else "")
     body = body if held else body.replace(_NEAREST, "")
@@ -122,7 +118,6 @@ def _postures(own: Controller, elbows: Pairs | None) -> Held:
         raise check.InvalidValue("elbows", elbows, what)
     if elbows is None:
         elbows = [(-math.pi, math.pi) if one is None else one for one in (arm.joint_limits or (None, None))[1:]][:count]
-    # grid of elbow angles between the given limits
     ranges = []
     for k, pair in enumerate(check.sequence("elbows", elbows, f"{count} pairs (low, high), rad", count)):
         ends = check.sequence(f"elbows[{k}]", pair, "two numbers (rad), (low, high)", 2)
@@ -148,7 +143,6 @@ def _in_space(own: Controller, targets: Points | None) -> dict[str, Any]:
     points = check.sequence("targets", () if targets is None else targets, "points (x, y, z), m, of the tip")
     if not points:
         raise check.InvalidValue("targets", targets, "must be the controller's targets, points (x, y, z) in m")
-    # static rest of each target
     rests = []
     for i, point in enumerate(points):
         target = np.array(vector(f"targets[{i}]", point, "m"))
@@ -157,7 +151,6 @@ def _in_space(own: Controller, targets: Points | None) -> dict[str, Any]:
             raise check.InvalidValue(f"targets[{i}]", point, f"must be where the tip can rest: {off:.3g} m from there")
         rests.append((target, *rest))
     where, angles, torques = map(np.array, zip(*rests, strict=True))
-    # rigid arm: joint axes, bodies, gravity
     parts = own.bodies
     found = {
         "limit": own.limits, "scale": np.array(own.setup.scales), "length": [link.span for link in arm.links],
@@ -168,11 +161,9 @@ def _in_space(own: Controller, targets: Points | None) -> dict[str, Any]:
         "gravity": own.gravity, "target": where, "rest": angles, "rest_torque": torques,
         "TARGETS": len(points), "BODIES": len(parts),
     }  # fmt: skip
-    # PD, input shaping, and observer designs at each target
     if isinstance(own, SpatialPD):
         gains = own.gains
         found["filter"] = [own.passed, gains.rate**2, 2.0 * gains.ratio * gains.rate]
-    # impulses for each target's rest
     if isinstance(own, SpatialShapedPD):
         shapers = [shaper_in_space(arm, own.gravity, own.shaped, own.kind, angle) for angle in angles]
         found |= _impulses(shapers, own.shaped.effort * own.limits)
@@ -213,7 +204,6 @@ def _in_plane(own: Controller, slew: float | None, held: Held) -> dict[str, Any]
     slew: slew of TimeOptimal, rad. held: postures for which gains are tabulated.
     """
     setup = own.setup
-    # rigid arm: inertia, lengths, limits
     arm, inertia = setup.arm, link_inertia(setup.arm)
     ranges = [(-np.inf, np.inf) if one is None else one for one in arm.joint_limits or (None,) * arm.n_links]
     found: dict[str, Any] = {
@@ -223,7 +213,7 @@ def _in_plane(own: Controller, slew: float | None, held: Held) -> dict[str, Any]
         "posture": np.rint(np.array(held) / GRID),
     }  # fmt: skip
     found |= {"POSTURES": len(held), "GRID": GRID} if held else {}
-    # PD gains, impulses, LQR designs, plan, Kalman filters: one table row per posture
+    # tables have one row per posture
     if isinstance(own, PD | ShapedPD):
         found |= {"kp": own.kp, "kd": own.kd}
     if isinstance(own, ShapedPD):

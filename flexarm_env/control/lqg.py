@@ -116,7 +116,7 @@ def plant(setup: Setup, posture: tuple[float, ...]) -> Plant:
     # rigid modes: null space of M^-1 K, scaled to unit joint angles
     modes = np.linalg.svd(stiffness)[2][-n:].T
     rigid = np.vstack([modes @ np.linalg.inv(joints @ modes), np.zeros((size, n))])
-    # lowest nonzero frequency
+    # the n rigid modes have frequency 0: the next one is the lowest flexible frequency
     first = float(np.sqrt(np.sort(-np.linalg.eigvals(stiffness).real)[n]))
     rows = dict(zip(free.outputs, free.C, strict=True))
     inertia = rigid_inertia(setup.arm, np.array([(0.0, *(posture or (0.0,) * (n - 1)))]))[0]
@@ -167,9 +167,10 @@ def measured(setup: Setup, gains: LQGGains, own: Plant) -> Design:
 
 
 def designed(setup: Setup, gains: LQGGains, own: Plant, seen: Array, variances: Array, bias: Array) -> Design:
-    """Compute regulator and time-varying Kalman gains for measurement rows `seen` (p, 2n).
+    """Compute regulator and time-varying Kalman gains for p measurements `seen` @ x of the arm's state x.
 
-    variances (p,): variances of the measurements. bias (b,): standard deviations of the biases of the last b
+    seen (p, 2 n): one row per measurement; n is the number of the model's coordinates, so that x has n coordinates and
+    n rates. variances (p,): variances of the measurements. bias (b,): standard deviations of the biases of the last b
     measurements.
     """
     from scipy.linalg import block_diag
@@ -197,7 +198,6 @@ def designed(setup: Setup, gains: LQGGains, own: Plant, seen: Array, variances: 
         S = A @ (S - L[k] @ C @ S) @ A.T + W
         S = 0.5 * (S + S.T)
 
-    # rows of the motors' rates
     rates = [own.rows.get(f"motor{k}_rate", own.rows[f"joint{k}_rate"]) for k in range(n)]
     none = np.zeros((more, n))
     return Design(

@@ -150,7 +150,6 @@ def _network(
 
     about: the model's parameters. meta: record of the training. normaliser: VecNormalize statistics or None.
     """
-    # find the algorithm's family and its layers in order
     names, squash = [], False
     for hidden, last, squashed in LAYERS:
         matches = (re.fullmatch(rf"{hidden}\.weight", name) for name in state)
@@ -162,7 +161,7 @@ def _network(
         raise ValueError("its network is none of PPO, A2C, SAC, TD3, TQC or RecurrentPPO with a plain policy")
     if any(name.startswith("features_extractor.") or ".features_extractor." in name for name in state):
         raise ValueError("its network has a features extractor of its own, which is not read")
-    # activation function; the library's default differs between families
+    # the library's default activation differs between families
     chosen = about.get("policy_kwargs")
     chosen = chosen if isinstance(chosen, dict) else {}
     usual = "relu" if squash else "tanh"
@@ -172,7 +171,6 @@ def _network(
     for k, name in enumerate(names):
         arrays |= {f"w{k}": state[f"{name}.weight"].T, f"b{k}": state[f"{name}.bias"]}
     own = {"format": format_of(meta), "layers": len(names), "activation": activation, "squash": squash}
-    # LSTM layers before the network, if any
     cells = len([name for name in state if LSTM.fullmatch(name)])
     if not cells:
         return policy_from({**meta, **own}, arrays | (normaliser or {}), bound=bool(meta))

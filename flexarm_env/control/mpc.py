@@ -151,7 +151,6 @@ class MPC(Controller):
     def initialise(self, signals: Signals, to_go: Array) -> None:
         """Compute the states at rest, regulators and first plans of new episodes."""
         n, gains, setup = len(to_go), self.gains, self.setup
-        # rests at the goals, holding torques, terminal costs
         self.home, self.still = self.plant.still(self.goal)
         owned = self._regulators()
         self.K, self.P = np.stack([r.K for r in owned]), np.stack([r.P for r in owned])

@@ -319,7 +319,6 @@ def soonest(
             else:
                 low[arm] = total
                 aim[arm] = (total + periods[arm]) // 2 if periods[arm] else min(most, int(total / FALL) + 1)
-    # drop periods after the last arrival
     controls = controls[: max(1, int(ends.max()))]
     return Motion(controls, ilqr.rollout(plant, start, controls), periods, missed, ends)
 

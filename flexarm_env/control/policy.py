@@ -83,13 +83,11 @@ class NumpyPolicy:
 
     def _decided(self, x: NDArray[np.float64]) -> Array32:
         """Evaluate the layers; return actions (..., N) for the normalized observation."""
-        # hidden layers
         for w, b in self._layers[:-1]:
             x = x @ w + b
             x = np.tanh(x) if self.meta["activation"] == "tanh" else np.maximum(x, 0.0)
         w, b = self._layers[-1]
         x = x @ w + b
-        # bounded actions: tanh or clipping
         action = np.tanh(x) if self.meta["squash"] else np.clip(x, -1.0, 1.0)
         return action.astype(np.float32)
 
@@ -235,7 +233,6 @@ def policy_from(meta: dict[str, Any], arrays: Mapping[str, NDArray[Any]], bound:
 
     Raises ValueError with the entry, its value and the rule.
     """
-    # metadata
     of_training = ("env_id", "env_kwargs", "layout") if bound else ()
     for key in ("format", *of_training, "layers", "activation", "squash"):
         check.needed("meta", meta, key, "every policy says it")
@@ -267,7 +264,6 @@ def policy_from(meta: dict[str, Any], arrays: Mapping[str, NDArray[Any]], bound:
         table |= {"mean": ("finite", ("entries",)), "variance": ("finite", ("entries",))}
         table |= {"clip": ("finite", ()), "epsilon": ("finite", ())}
     known = check.arrays(arrays, table, {})
-    # observation statistics have to be nonnegative
     weights = [(known[f"w{k}"], known[f"b{k}"]) for k in range(layers)]
     if "mean" not in arrays:
         return of_network(meta, weights)

@@ -100,15 +100,12 @@ def replay(
     deflection, worst = np.abs(fine.deflections(x)), np.zeros(count)
     off, rates = np.full((2, count, plant.n_inputs), np.nan)
     for k, u in enumerate(controls):
-        # fine steps within one control period
         states = np.empty((shares, *x.shape))
         for i in range(shares):
             x = states[i] = fine.advance(x, u)
         on = k < ends  # what follows is not the plan's
-        # extremes over the fine steps
         deflection[on] = np.maximum(deflection, np.abs(fine.deflections(states)).max(axis=0))[on]
         worst[on] = np.maximum(worst, missed(fine, states))[on]
-        # goal error at each arm's arrival
         there = ends == k + 1
         if goal is not None and there.any():
             off[there] = (x[:, joints] - goal[:, plant.joints])[there]

@@ -130,7 +130,6 @@ class Shaped(Controller):
         for i, shaper in enumerate(shapers):
             count = len(shaper.delays)
             self.amplitudes[i, :count], self.delays[i, :count] = shaper.amplitudes, shaper.delays
-        # at least two control periods
         self.period = np.maximum(quickest, 2.0 * self.setup.control_dt)
 
     def _reference(self, t: float) -> tuple[Array, Array]:

@@ -92,14 +92,12 @@ def find_policy(word: str, flag: str = "--policy") -> NamedPolicy:
     flag: the option's name in messages. Raises ValueError for an unknown word or a damaged file.
     """
     word = word.strip()
-    # a controller, with tuned gains or those of a file
     if word in NAMES:
         return NamedPolicy(word, "", {}, lambda env: controller(word, env))
     path, (name, _, file) = Path(word), word.partition("@")
     if file and name in NAMES:
         path, gains = Path(file), _gains(name, Path(file))
         return NamedPolicy(f"{name}@{path.stem}", "", {}, lambda env: controller(name, env, gains), path=path)
-    # an ONNX file, then module:name
     if path.suffix.lower() == ".onnx" and path.is_file():
         onnx = OnnxPolicy(path)
         env_id, kwargs = str(onnx.meta.get("env_id", "")), onnx.meta.get("env_kwargs", {})
@@ -107,14 +105,12 @@ def find_policy(word: str, flag: str = "--policy") -> NamedPolicy:
     if ":" in word and not path.exists():
         function = FunctionPolicy(word, function_named(word, flag), flag)
         return NamedPolicy(word, "", {}, function.fitted, "function", function)
-    # a policy of the package
     if not path.exists() and word in names():
         return _of_network(word, load_npz(Path(str(HOME / word / "policy.npz"))), path)
     if not path.exists():
         known = ", ".join((*NAMES, *names()))
         what = f"must be a run folder, a file (.npz, .zip, .onnx) that exists, module:name, or one of {known}"
         raise check.InvalidValue(flag, word, what)
-    # a run folder, then a file of Stable-Baselines3 or of this package
     if path.is_dir():
         inside = [path / one for one in ("policy.npz", "model.zip") if (path / one).is_file()]
         if not inside:
@@ -218,7 +214,6 @@ class OnnxPolicy:
         size = (env.observation_space if one is None else one).shape[-1]
         if isinstance(self.shape[1], int) and self.shape[1] != size:
             raise ValueError(f"{self.path}: takes observations of shape {self.shape}; the task's is (n, {size})")
-        # scales of another arm's observations are converted
         if self.meta:
             setup = Setup.of(env)
             try:
@@ -332,7 +327,6 @@ def function_named(word: str, flag: str = "--policy") -> Any:
     flag: the option's name in the message of a ValueError.
     """
     found = imported(flag, word)
-    # a class is instantiated without arguments
     if inspect.isclass(found):
         try:
             found = found()

@@ -124,7 +124,6 @@ class SpatialHybridForce(WallController):
         velocity = self._way / (self._periods + 1.0)[:, None]
         speed = np.linalg.norm(velocity, axis=1)[:, None]
         along = velocity / np.maximum(speed, 1e-9)
-        # tip, and normal force
         now, force = self.estimated(signals, along, values[:, 7] if self._sees_force else None)
         if self._sees_way:
             error = (hub @ values[:, :3, None])[..., 0]

@@ -60,7 +60,6 @@ def plan(A: Array, B: Array, start: Array, limits: Array, least: int = 1, most: 
     high, most = least, check.integer("most", max(1000, 4 * least) if most is None else most, minimum=least)
     found = _feasible(A, B, start, limits, high)
     low = high if found is None else least - 1
-    # grow by 1.3 until feasible
     while found is None:
         if high >= most:
             raise ValueError(f"most = {most}: no plan of so few periods brings the arm to rest at its goal")

@@ -47,7 +47,7 @@ def method_of(model: Any, program: Any, extras: Any, kept: bool, alone: str) -> 
     kept: whether motions are prescribed.
     alone: "all" if each arm is computed alone.
     """
-    # what a period does beside the equations of its steps and jumps
+    # parts of a period that the equations of its steps and jumps do not contain
     beside = (
         program.models is not None,  # numbers of halvings are found by the run
         model.algebraic is not None,  # multipliers: the step is projected onto the constraints

@@ -53,7 +53,7 @@ def places_of(
     friction = model.newton.friction is not None
     moving: list[_Place] = []
     forces = set() if model.algebraic is None else set(model.algebraic.tolist())
-    # rigid links' rows follow others, and nothing looks at them
+    # rows of rigid links (weight 0) follow from other rows, and nothing reads them
     passive = set(np.flatnonzero(model.weight == 0.0).tolist()) - forces
     free = [k for k in range(rows) if k not in fixed | passive]
     for name in ("q", "v") if afresh else ("q", "v", "a", "b"):
@@ -94,7 +94,7 @@ def places_of(
         given += recorded("change", CHANGE, 2)
     if afresh and friction:  # with the last torques they say which joints slide, and nothing else
         given += [_Place(f"a[{k}]", int(work.a[0]) + k * stride) for k in free]
-    # of what acted last a jump is told, or its last bits
+    # inputs that acted last: the jump at the start of a period depends on them
     if not afresh or friction or extras.payload_change is not None:
         last = [_Place(f"torque[{k}]", int(work.u[0]) + k * stride) for k in range(len(work.u) // stride)]
         given += last if afresh else last[links:]

@@ -201,7 +201,7 @@ def _all_within(arm: Arm, frame: Frame, task: Task, starts: Starts) -> bool:
     if limits[0][1] - limits[0][0] < 2.0 * math.pi:
         return False
     nearest, farthest = _distances(arm, limits[1:])
-    # distances change continuously with the elbows, so that all between two that are reached are reached too
+    # the distance changes continuously with the elbows, so that every value between two reachable ones is reachable
     return nearest <= low and high <= farthest
 
 

@@ -110,7 +110,7 @@ def pushes(frame: Frame, value: Any) -> Pushes | None:
         what = f"must be a whole number of control_dt = {frame.period:g} s"
         raise check.InvalidValue("pushes.lasting", lasting, what)
     until = math.inf if "until" not in table else check.number("pushes.until", table["until"], "s", minimum=0.0)
-    # whole periods are compared with `until`, which may be one but for round-off
+    # 1e-6: numbers of whole periods are compared with `until`, which may be a whole number but for round-off
     return Pushes(wait=wait / frame.period, force=force, lasting=float(periods), until=until / frame.period + 1e-6)
 
 
@@ -121,7 +121,12 @@ def _range(path: str, table: dict[str, Any], key: str, unit: str, minimum: float
 
 
 def payload_change(frame: Frame, value: Any) -> PayloadChange | None:
-    """Read `payload_change`: a payload that the arm grips or releases once in an episode."""
+    """Read `payload_change`: a payload that the arm grips or releases once in an episode; None if `value` is None.
+
+    value: table with `time` (s), `factor` (on the nominal payload's mass and inertia) and `gripped`. In the result
+    the time is in control periods. Its `resting` is (0,) if the gripped body rests before the change, so that
+    velocities jump, and None if the body moves with the tip.
+    """
     if value is None:
         return None
     table = table_of("payload_change", value, ("time", "factor", "gripped"))

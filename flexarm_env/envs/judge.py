@@ -62,7 +62,7 @@ class Judge:
         n = arm.n_links
         self.inertia: Array = np.array([inertia_beyond(arm, k) for k in range(n)])
         self.friction = sum(arm.joint(k).friction_coulomb / float(self.inertia[k]) for k in range(n))
-        # frequencies of rotors on their gears, and of those that play makes contacts of, rad/s
+        # largest frequency (rad/s) of a rotor on its elastic gear; contact: of gears with backlash alone
         self.swing = max(self._swing(k) for k in range(n))
         self.contact = max(self._swing(k) if arm.joint(k).backlash else 0.0 for k in range(n))
         self.motions = small_motions(arm)
@@ -137,7 +137,7 @@ class Judge:
         if drive.residual is not None:
             stiffness = limits / (0.25 * math.pi)
             damping = 2.0 * np.sqrt(stiffness * self.inertia[:, None])
-            # one column a run of `HELD`
+            # one column per run of `HELD`
             goal = np.array([1.0, 1.0, -1.0, 0.5])
             share = drive.residual * np.array([0.0, 1.0, 1.0, 1.0])
             asked = share * full * action + stiffness * (goal - angles) - damping * rates

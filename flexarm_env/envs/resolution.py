@@ -204,7 +204,6 @@ def _search(rule: Worst, meshes: list[Settings], fractions: tuple[int, ...]) -> 
     h = meshes[0].dt
     assert h is not None
     kept = rule.motions.kept
-    # the usual settings are good enough
     if rule.bound(meshes[0], h) <= kept and rule.spin(meshes[0], h) <= SPUN:
         return meshes[0]
     best: tuple[float, Settings, int] = math.inf, meshes[-1], fractions[-1]

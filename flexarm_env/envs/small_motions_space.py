@@ -61,14 +61,12 @@ class _Assembly:
             at = at.copy()
             at[3:, k] += axes @ axis_of(arm, k)
             self.add_body(at, axes, 0.0, arm.elbow(k).inertia_right if k else arm.hub_inertia)
-            # the link itself: rigid, or a beam with rigid ends
             if isinstance(link, RigidLink):
                 self.add_body(moved(at, axes @ np.array(link.centre)), axes, link.mass, link.inertia)
                 at = moved(at, link.length * axes @ X)
             else:
                 at = self.add_link(link, at, axes, count, first)
                 first += 6 * count
-        # payload, offset from the tip
         payload = arm.payload
         offset = np.array([*payload.offset, 0.0])[:3]
         self.add_body(moved(at, axes @ offset), axes, payload.mass, payload.inertia)

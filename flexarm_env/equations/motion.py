@@ -65,19 +65,17 @@ class Equations:
         self._room = np.zeros(
             int(uncompiled(slopes_room)(WITH_SLOPES, model, len(self.par), simulation.n_motions))
         )
-        # rows that can move
         self.algebraic = np.asarray(() if model.algebraic is None else model.algebraic, np.int64)
         prescribed = [int(k) for k in simulation.drive.known if k >= 0]
         still = {*self.algebraic.tolist(), *np.flatnonzero(model.weight == 0.0).tolist()}
         still |= {*([] if driven else prescribed), *(() if model.fixed is None else model.fixed.tolist())}
         self.free: Rows = np.array([k for k in range(self.n) if k not in still], np.int64)
-        # of these the independent ones
+        # a dependent row follows from other free rows through the constraints
         place = {int(row): i for i, row in enumerate(self.free)}
         dependent = [place[row] for row in _dependent(model)]
         self.dependent: Rows = np.array(dependent, np.int64)
         self.independent: Rows = np.array([i for i in range(len(self.free)) if i not in dependent], np.int64)
         order = {int(self.free[i]): j for j, i in enumerate(self.independent)}
-        # joints, motors and what torques turn
         rows = _joint_rows(simulation)
         self.joints = {k: order[row] for k, row in rows.items() if row in order}
         self.motors, self.base = motor_rows(simulation), system.coordinates.get("base")
@@ -93,7 +91,6 @@ class Equations:
         turning = [k for k, i in self.turned.items() if moving[i] not in prescribed and (k > 0 or grounded)]
         self.inputs: Rows = np.array(turning, np.int64)
         self.driven: Rows = np.array([order[row] for row in prescribed if row in order], np.int64)
-        # what turns with the arm
         # rows of angles that a steady rotation turns: absolute angles, in space those of the first joint
         root = [system.coordinates[name] for name in ("joint0", "motor0") if name in system.coordinates]
         self.pairs, self.turned_rigidly = system.vectors, list(system.absolute) or root

@@ -166,7 +166,7 @@ def chain_of(arm: Arm, segments: int = 4, placement: str = "gauss") -> Chain:
             before = mass
             if i < len(pieces) - 1:
                 made[-1] = _with_mass(made[-1], before)
-        # what sits on the link's tip, in the axes of the last piece: the elbow's mass and left inertia, or the payload
+        # mass on the link's tip, axes of the last piece: the elbow's mass and left inertia, or the payload
         R, end = rotations.matrices((link.turn - sum(piece[1] for piece in pieces)) * _Z), pieces[-1][4]
         if k < arm.n_links - 1:
             elbow = arm.elbow(k + 1)

@@ -96,7 +96,7 @@ def differences(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0
             try:
                 found["tip_apart"] = tip_apart(chain, gravity)
             except ValueError as error:
-                # the solver, or MuJoCo, rejects the arm; its model stands all the same
+                # the solver or MuJoCo rejects the arm; the exported model remains valid
                 found["tip_apart"] = f"not computed: {error}"
         else:
             found["tip_apart"] = "not computed: it needs mujoco (pip install mujoco)"

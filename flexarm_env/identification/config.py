@@ -152,17 +152,14 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
     """Build the Config from the file's table; raise ValueError that names the key path and the value."""
     check.known_keys("", table, _KEYS)
     n = arm.n_links
-    # inputs: one channel per driven joint
     inputs = _channels("inputs", table, False)
     for channel in inputs:
         if channel.name not in {f"{kind}{k}" for kind in INPUTS for k in range(n)}:
             what = f"must be {', '.join(f'{kind}K' for kind in INPUTS)}, with joint K from 0 to {n - 1}"
             raise check.InvalidValue("inputs", channel.name, what)
-    # at most one input per joint
     joints = [channel.joint for channel in inputs]
     if len(set(joints)) < len(joints):
         raise check.InvalidValue("inputs", [c.name for c in inputs], "must have one entry for each joint")
-    # sensors of the config, of the arm, or ideal ones
     sensors = table.get("sensors")
     own = arm.sensors or Sensors.ideal(arm.links)
     carried = own if sensors is None else from_table(check.table_of("sensors", sensors))
@@ -171,13 +168,11 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
     space = arm.spatial or _leaves_the_plane(experiment)
     with check.under("sensors"):
         carried.check_for(arm.links, AXES[space])
-    # parameters with unique names
     parameters = tuple(_parameter(p, v) for p, v in check.table_of("parameters", table.get("parameters", {})).items())
     names = [p.name for p in parameters]
     for p in parameters:
         if names.count(p.name) > 1:
             raise check.InvalidValue(f'parameters."{p.path}".name', p.name, "must be the name of one parameter alone")
-    # solver, with the default formulation of plane or space
     usual = "geometrically_exact" if space else "elastica"
     solver = {"formulation": usual, **check.table_of("solver", table.get("solver", {}))}
     good = check.number("good", table.get("good", 70.0), "%", maximum=100.0)
@@ -193,7 +188,6 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
         evaluations=check.integer("evaluations", table.get("evaluations", 60), minimum=1), good=good,
         seed=check.integer("seed", table.get("seed", 0), minimum=0),
     )  # fmt: skip
-    # every output has to be a reading of some sensor
     known = carried.readings(arm, AXES[space])
     for channel in config.outputs:
         if channel.name not in known:
@@ -226,7 +220,6 @@ def _channel(path: str, name: str, entry: Any, offsets: bool, keys: tuple[str, .
     check.known_keys(path, table, keys)
     column = check.text(f"{path}.column", check.needed(path, table, "column", "must be a column of the log"))
     kind = "angle" if name.endswith("_angle") else name.rstrip("0123456789")
-    # accepted units depend on the kind of channel
     known = _UNITS_OF.get(kind, tuple(UNITS))
     unit = UNITS[check.choice(f"{path}.unit", table["unit"], known)] if "unit" in table else 1.0
     gain = check.number(f"{path}.gain", table.get("gain", 1.0), "SI over the unit")

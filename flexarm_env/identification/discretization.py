@@ -73,7 +73,6 @@ def resolve(solver: Solver, found: Fit) -> Resolved:
         wanted = [kind for kind in MOST if left[kind] > 0 and (np.abs(shifts[kind]) > limit).any()]
         if not wanted:
             break
-        # refine the insufficient kinds and fit again from the shifted parameters
         finer, moved = problem, z
         for kind in wanted:
             finer, left[kind] = refined(finer, kind), left[kind] - 1

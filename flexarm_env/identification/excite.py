@@ -112,12 +112,10 @@ def excite(
         raise check.InvalidValue("seconds", seconds, what)
     t = np.arange(round(seconds * rate) + 1) / rate
     motion = _motion(t, given.n_links, low, high, rng)
-    # the arm and its perturbed copies; first scale the torques to their limits
     lot = [given, *(_drawn(given, factor, rng) for _ in range(draws))]
     torques = _torques(given, motion, min(1.0, angle))
     torques *= min(1.0, float((most / np.abs(torques).max(axis=0)).min()))
     for _ in range(TRIES):
-        # simulate all arms; reduce the torques until both bounds hold
         turned, bent = np.array([_reach(one, scene, t, torques, options) for one in lot]).max(axis=0)
         if turned <= angle and bent <= bending:
             return Excitation(t, torques, (low, high), within, float(turned), float(bent))

@@ -42,7 +42,6 @@ class Problem:
         """Parameter changes (p,) that correspond to a change of 1 in z."""
         found = []
         for p, x in zip(self.experiment.parameters, self.experiment.start, strict=True):
-            # given size, or start value, or a tenth of the bounds' distance
             found.append(p.size or abs(x) or 0.1 * (p.high - p.low))
         return np.array(found)
 
@@ -155,7 +154,6 @@ class Solver:
         best = self.state["starts"][int(np.argmin(costs))]
         z = np.array(self.state.get("best", best[1]))
         z, cost, ended = self._least_squares(z, noise, self.config.evaluations)
-        # weigh the priors against the residuals found
         if any(p.prior is not None for p in self.problem.experiment.parameters):
             errors = np.concatenate([e.ravel() for e in self.problem.errors(z)])
             z, cost, ended = self._least_squares(z, float(errors.std()), self.config.evaluations)
@@ -169,7 +167,6 @@ class Solver:
         low, high = self.problem.bounds
         rng = np.random.default_rng(self.config.seed)
         n = len(low)
-        # random starts within SPREAD sizes
         drawn = [np.clip(SPREAD * rng.uniform(-1.0, 1.0, n), low, high) for _ in range(self.config.starts - 2)]
         return [np.zeros(n), np.zeros(n), *drawn][: self.config.starts]
 
@@ -228,7 +225,6 @@ class Solver:
         """Return a hash of the problem and its data, by which a saved state of another problem is recognized and
         ignored."""
         config = self.config
-        # config, arm, parameters, then all data
         seed = repr((config, self.problem.experiment.arm, self.problem.experiment.parameters)).encode()
         digest = hashlib.sha256(seed)
         for run in self.problem.runs:

@@ -46,7 +46,6 @@ class Run:
             power += own / own.sum()
         # at least 20 samples after the first change of each reading: an encoder may count nothing for a while
         moved = [int(np.argmax(self.kept & (y != y[self.kept][0]))) for y in self.outputs.values()]
-        # first index with the share of the total
         n = max(int(np.searchsorted(np.cumsum(power), share * power.sum())), max(moved) + 20) + 1
         inputs, outputs = ({name: x[:n] for name, x in of.items()} for of in (self.inputs, self.outputs))
         return Run(self.stem, self.t[:n], inputs, outputs, self.kept[:n])
@@ -70,7 +69,6 @@ def read_run(path: str | os.PathLike[str], config: Config) -> Run:
     header, lines = csv_lines(path)
     where = os.fspath(path)
     channels = (config.time, *config.inputs, *config.outputs)
-    # every column once, every row complete
     for channel in channels:
         if header.count(channel.column) != 1:
             have = listed(header)
@@ -115,7 +113,6 @@ def _numbers(where: str, k: int, channel: Channel, lines: list[list[str]]) -> Ar
 def _even(where: str, column: str, t: Array) -> float:
     """Return the sampling interval, s, of the instants t (n,), s; raise BadLog unless they are evenly spaced."""
     steps = np.diff(t)
-    # increasing, without gaps, and close to a straight line
     bad = np.flatnonzero(steps <= 0.0)
     if len(bad):
         i = int(bad[0])

@@ -170,7 +170,6 @@ def arm_text(result: Identification) -> str:
     paths = ", ".join(
         p.path for p in result.parameters if not p.path.startswith(("inputs", "outputs", "loads", "gravity"))
     )
-    # provenance of the numbers
     table["source"] = (
         f"flexarm identify on {datetime.now(UTC):%Y-%m-%d}: {paths} fitted to {trained}; the rest is that of "
         f"{result.given.name}: {result.given.source}"
@@ -184,7 +183,6 @@ def arm_text(result: Identification) -> str:
         "vaf_train": {row.run.stem: dict(row.vaf) for row in result.train},
         "vaf_held_out": {row.run.stem: dict(row.vaf) for row in result.held_out},
     }
-    # factors for domain randomization
     ranges = {key: list(value) for key, value in result.ranges.items()}
     return tomli_w.dumps({"arm": table, "randomization": ranges, "identification": own})
 
@@ -223,7 +221,6 @@ def page(result: Identification) -> str:
             parts.append(f"What is told of these: the sum of changes weighed {direction(known)}.")
     names = [c.name for c in result.config.outputs]
     n = len(result.train)
-    # VAF / NRMSE of each run by the fitted arm, the given arm and one oscillator
     judged: list[tuple[str, ...]] = []
     for i, row in enumerate((*result.train, *result.held_out)):
         for kind, of in (("fitted", row), ("before", result.unfitted[i]), ("one oscillator", result.baseline[i])):

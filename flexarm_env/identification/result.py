@@ -56,7 +56,6 @@ def identify(
     given = arms.resolve(arm)
     setup = read_config(config, given)
     parameters = setup.chosen(None if fit is None else tuple(fit))
-    # read the logs
     runs = [read_run(path, setup) for path in data]
     others = [read_run(path, setup) for path in hold_out]
     if not runs:
@@ -66,11 +65,9 @@ def identify(
         if stems.count(stem) > 1:
             raise check.InvalidValue("data", stem, "must be there once: two logs of one name cannot be told apart")
     files = {run.stem: os.fspath(p) for run, p in zip((*runs, *others), (*data, *hold_out), strict=True)}
-    # plausible units, then fit, then refine time step and mesh
     experiment = Experiment(given, setup, parameters, [run.stem for run in runs])
     for run in (*runs, *others):
         _units(experiment, run, files[run.stem])
-    # fit, then refine step and mesh
     problem = Problem(experiment, runs)
     state = None if out is None else Path(out) / "fit.json"
     solver = Solver(problem, progress=progress, state=state)
@@ -79,7 +76,6 @@ def identify(
     # the joints' initial angles follow the fitted parameters; they are not reported
     values, n = problem.values(best.z), len(parameters)
     worth = dataclasses.replace(whole, half=whole.half[:n], correlation=whole.correlation[:n, :n])
-    # predictions of all runs by the fitted arm, the given arm and one oscillator per output
     everything = (*runs, *others)
     train = tuple(_judged(run, experiment.predict(values, run), setup) for run in runs)
     held = tuple(_judged(run, experiment.predict(experiment.elsewhere(values), run), setup) for run in others)
@@ -129,7 +125,6 @@ def _judged(run: Run, readings: Mapping[str, Array], config: Config) -> Predicti
     explained, error, shown = {}, {}, {}
     for channel in config.outputs:
         y, own = run.outputs[channel.name], readings[channel.name]
-        # the fitted offset of a run
         if channel.offset is None:
             own = own + float(np.mean((y - own)[run.kept]))
         shown[channel.name] = own
@@ -218,7 +213,6 @@ def _ranges(parameters: Sequence[Parameter], values: Array, worth: Uncertainty) 
         for key, word in kinds.items():
             mine = p.path.endswith(f".{word}") or p.path == word
             if mine and (key != "payload" or p.path.startswith("payload")) and value > 0.0 and np.isfinite(half):
-                # relative half width, at most 0.5
                 share = min(half / value, 0.5)
                 low, high = found.get(key, (1.0, 1.0))
                 found[key] = float(min(low, round(1.0 - share, 4))), float(max(high, round(1.0 + share, 4)))

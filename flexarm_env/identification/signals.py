@@ -138,7 +138,6 @@ STILL = 0.02
 def read_off(run: Run, name: str) -> list[Ringing]:
     """Fit the free vibration of an output in every interval in which the run's inputs are constant for at least 1.5
     s."""
-    # intervals with all inputs still
     still = np.ones(len(run.t), bool)
     for values in run.inputs.values():
         rate = np.abs(np.gradient(values, run.period))

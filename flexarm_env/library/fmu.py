@@ -86,7 +86,6 @@ def write_fmu(env: Any, path: Path, name: str, form: str = "3.0", cpu: str | Non
             raise ValueError(f"{path}: a unit holds machine code: {built.why}")
         source, plan = built.source, env.unwrapped.plan
         variables = list(_variables(source, plan))
-        # C initializers: default parameters and default target
         first, aim = (
             ", ".join(number(one.start or 0.0) for one in variables if one.kind == kind)
             for kind in ("PARAMETER", "TARGET")
@@ -167,12 +166,10 @@ def _pack(
         "INSIDE": inside, "TYPES": types, "FUNCTIONS": functions, "TOKEN": token, "VARIABLES": rows,
         "PERIOD": repr(about.period),
     })  # fmt: skip
-    # compile and link
     (folder / UNIT).write_text(text)
     code_file, why = linked(folder, f"{name}.so", [UNIT, *(file.name for file in files if file.name != inside)])
     if code_file is None:
         raise ValueError(f"{path}: a unit holds machine code: {why}")
-    # archive: model description and binary
     held = io.BytesIO()
     with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as unit:
         unit.writestr("modelDescription.xml", _description(about, token, variables))
@@ -189,7 +186,6 @@ def _variables(source: Any, plan: Any) -> Iterator[Variable]:
     for k in joints:
         what = "asked of the motor, through a period" if torque else f'action_mode "{plan.action_mode}", within +-1'
         yield Variable(f"{'torque' if torque else 'action'}[{k}]", "INPUT", k, "N m" if torque else "", what, 0.0)
-    # tunable parameters of the arm
     for k, one in enumerate(source.parameters):
         yield Variable(one.name, "PARAMETER", k, one.unit, f"{one.meaning}, tunable", *one[3:6])
     angle, target, vibration = source.farthest
@@ -205,7 +201,6 @@ def _variables(source: Any, plan: Any) -> Iterator[Variable]:
         first = (0.6 * length, 0.3 * length) if inside else plan.kind.target.reached(plan.arm, first)
     for k, value in enumerate(first):
         yield Variable(f"target[{k}]", "TARGET", k, "m" if point else "rad", what, value, -target, target)
-    # initial vibration and seed of the noise
     what = "tip deflection over the arm's length, at the start"
     yield Variable("start_vibration", "VIBRATION", 0, "", what, 0.0, 0.0 - vibration, vibration)
     yield Variable("seed", "SEED", 0, "", "that sensor noise follows from", 0)
@@ -281,7 +276,6 @@ def _description(about: _About, token: str, variables: list[Variable]) -> bytes:
     if new:
         how["fixedInternalStepSize"] = number(about.period)
     ElementTree.SubElement(tree, "CoSimulation", how)
-    # units in SI base units
     units = ElementTree.SubElement(tree, "UnitDefinitions")
     for unit, base in UNITS.items():
         found = ElementTree.SubElement(units, "Unit", name=unit)

@@ -112,7 +112,6 @@ class Source:
         self.absent, self.symbols, self.cpu = absent, symbols, cpu
         self.batch, self.plan, self.setup = env.unwrapped.batch, env.unwrapped.plan, Setup.of(env)
         self.joints = self.plan.arm.n_links
-        # layout of a link's pose
         self.poses = self.batch.reading.poses
 
     def files(self) -> dict[str, str]:
@@ -139,10 +138,8 @@ class Source:
         # byte offsets of the program's arrays in world 0, and entries of a request
         at, request = {key: place[0] for key, place in world.places.items()}, REQUEST.offsets(0, self.joints, 0)
         targets = self.joints if self.aims_at_joints else len(batch.task.targets)
-        # meaning of the target in the header's comments
         near, far = self.reach
         meant = MEANT[plan.kind.target.numbers].format(near=near, far=far)
-        # sizes and comments, then structs, then byte offsets, then limits of arguments
         known = {
             "HEAD": self._head(), "VERSION": VERSION, "JOINTS": self.joints, "OBSERVATION": batch.observation.size,
             "PERIOD": repr(plan.period), "STATE": world.changing, "CLIP": f"{CLIP:g}", "GIVEN": targets,
@@ -288,7 +285,6 @@ class Source:
             f"NAME: a flexible-link robot arm, {what}",
             f"written by flexarm_env {VERSION}: {settings.formulation}, dt = {settings.dt:.6g} s; for {self.cpu}",
         ]
-        # say why derivatives are missing
         if self.periods is None:
             lines.append(f"Derivatives of a period are not in it: {self.absent}.")
         return _listed(lines, " * ")
@@ -333,7 +329,6 @@ class Source:
         """Return the declarations of the derivatives for the header; "" without derivatives."""
         if self.periods is None:
             return ""
-        # comment with the names of the state's entries
         names = [f" *   {k}: {name}" for k, name in enumerate(self.periods.names)]
         return self.filled("derivatives.h", STATES="\n".join(names), S=str(self.periods.state_size))
 
@@ -374,7 +369,6 @@ def _members(layout: Layout, sizes: dict[str, int], inner: dict[str, Layout]) ->
     """Return the members of a C struct, all double, for a layout; `inner` gives the layouts of nested structs."""
     lines = []
     for field, shape in zip(layout.fields, layout.shapes(**sizes), strict=True):
-        # nested struct, then arrays that are not empty
         if field.name in inner:
             lines += [f"    struct {{\n{_members(inner[field.name], {}, {})}\n    }} {field.name};"]
         elif all(shape):

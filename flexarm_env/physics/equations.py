@@ -76,7 +76,7 @@ def residual_slopes(lane, model, par, state, u, psi, directions, level, room, r,
         for i in range(min(many, ways - first)):
             for k in range(size(model.n)):
                 slopes[first + i, k] = w.r[k * len(lane) + many + i]
-    # values: those of the first lane
+    # all lanes contain the same arm, so that the first one has the values
     for k in range(size(model.n)):
         r[k] = w.r[k * len(lane)]
     store(w.flag, 0, splat(lane, 0.0) + out_of_range(lane, model, own, w.q))
@@ -87,7 +87,9 @@ def residual_slopes(lane, model, par, state, u, psi, directions, level, room, r,
 def pose_slopes(lane, model, par, state, u, psi, directions, rows, room, poses, values, slopes):
     """Compute poses and strain gauge readings of one arm and their derivatives along directions.
 
-    # in        as in `residual_slopes`; rows (G, ...): one row per gauge, from `gauges.curvature_rows`
+    # in        state: q, v, a (n,); u: inputs (N m, N); psi: prescribed motions, a `MOTION` each; par: parameters
+    #           directions: `Directions`, m changes of q, v, a and u
+    #           rows (G, ...): one row per gauge, from `gauges.curvature_rows`
     # scratch   room: `slopes_room` numbers; poses: (p len(lane),)
     # out       values (p + G,): `protocol.task_poses`, then readings (1/m); slopes (m, p + G)
 

@@ -260,7 +260,6 @@ class Session:
 
     def advance(self) -> bytes | None:
         """Advance one control period: choose torques, apply limits, step the environment; return a READING."""
-        # take the command of this period and update the watchdog
         asked, self._asked = self._asked, None
         self.silent = 0 if asked is not None else self.silent + 1
         if asked is not None:

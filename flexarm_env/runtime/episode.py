@@ -280,7 +280,7 @@ def record_energies(lane, p, par, w: Work, live, info):
         put_info(lane, live, info, at.dissipated, w.books[DISSIPATED] + w.books[BEYOND])
         put_info(lane, live, info, at.work, w.books[WORK_DONE])
         n, motors = size(p.task.links), info_of(p.task).motors
-        # B^T q are joint angles (rad), B^T v their rates (rad/s)
+        # B^T q: angles (rad) on which the joint torques do work, with elastic gears those of the motors; B^T v: rates
         for rates in range(2):
             input_displacements(lane, p.model, par, w.v if rates else w.q, w.y)
             for k in range(n):
@@ -360,7 +360,7 @@ def finish_arm(lane, p, arm, outcome, reason, poses, record, seen, info):
         total = 0.0
     if reason == OUT_OF_RANGE:
         info[at.in_range * lanes + i] = 0.0
-    # the last term is the failure's: minus its weight in the period in which the arm fails, otherwise 0
+    # last term: minus the failure's weight in the period in which the arm fails, otherwise 0
     lost = 0.0
     if reason != OK:
         lost = -task.weights[n_terms - 1]

@@ -55,7 +55,7 @@ def fit_period(lane, p, models, par, poses, record: Lanes, action, saved, scratc
     """
     links, level = size(p.task.links), record[LEVEL : LEVEL + 1]
     open_fit(lane, links, level, record, saved, scratch, w)
-    # a run of k halvings is left out where no lane needs it
+    # the run of k halvings is skipped if no lane needs it
     for k in range(FITS):
         if start_run(lane, k, saved, scratch, record, w):
             take_steps(lane, p, models[k], 2**k, par, poses, record, action, saved, block, w)

@@ -17,7 +17,7 @@ def _parts(w, record, saved):
     inputs u, prescribed motions psi and their reactions. record: the arm's record; its first numbers are saved, as many
     as fit into `saved`.
     """
-    # the rest of `saved` is record: as much of it as a period may change
+    # the rest of `saved` is the part of the record that a period may change
     length = 4 * w.q.shape[0] + w.books.shape[0] + w.u.shape[0] + w.psi.shape[0] + w.reaction.shape[0]
     return w.q, w.v, w.a, w.b, w.books, w.u, w.psi, w.reaction, record[: saved.shape[0] - length]
 

@@ -96,7 +96,6 @@ def _read_off(lane, d, block, w):
     poses = block[(d.work + PARAMETERS) * len(lane) :]
     out = poses[POSE.end * links * len(lane) :]
     link_poses(lane, d.model, _par(lane, d, block), w.q, w.v, poses)
-    # outputs: deflections and their rates (m, m/s, link axes), then x, y of the tip (inertial axes)
     for k in range(links):
         normal, _, rate, _, _, _, _, _, _ = deflection(lane, poses, k)
         store(out, 2 * links + k, normal)

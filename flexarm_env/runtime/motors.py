@@ -257,7 +257,7 @@ def update_motor_torques(lane, task, actuator, s, record: Lanes, w: Work):
     """
     n, at = size(task.links), motors_at(task, actuator)
     share, mean = _lag(lane, task, actuator, record)
-    # row of the command that acts in step s: in the first `late` steps of a period that of the period before
+    # row of the command that acts in step s; the first `late` steps of a period use the previous period's command
     age = actuator.age + 1 if s < actuator.late else actuator.age
     for k in range(n):
         # command (N m) that acts without jitter

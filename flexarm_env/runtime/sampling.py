@@ -209,7 +209,7 @@ def sample_rows(
         if kinks is not None:
             stop, k, kinked = next_stop(kinks, k, stretch[_AT.time], instants[i])
             wanted = instants[i] <= stop + NEAR * max(1.0, instants[i])
-        # steps to the stop; a run that stands on it already takes none
+        # number of steps to the stop; 0 if the run is already there
         moving = stretch[_AT.time] < stop or stretch[_AT.done] > 0.0
         most = advance_evenly(lane, model, drive, par, w, stretch, stop, chunk, most, scheme, books)
         if most < 0:

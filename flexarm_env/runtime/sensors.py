@@ -91,7 +91,7 @@ def measure(lane, p, stream, arm, poses, record, seen, first):
             for value in readings:
                 _show(lane, instruments, who, at, c, record, seen, value)
                 at, c = at + 1, c + 1
-        # force sensor and contact switch: `record_contact_forces` has stored what they read
+        # force sensor and contact switch: `record_contact_forces` has stored their readings
         for _ in range(contact_channels(instruments)):
             value = load_lane(lane, record, channel_of(base, instruments.room, c).motor, who.i)
             _show(lane, instruments, who, at, c, record, seen, value)

@@ -99,7 +99,6 @@ class Scene:
         """Validate each field, then combinations of fields; an `InvalidValue` names the invalid field."""
         n = check.instance("arm", self.arm, Arm).n_links
         validate(self)
-        # each field by itself
         values: dict[str, Any] = {
             "position": _vector("position", self.position, "m"),
             "angles": self._one_a_link("angles", "rad", n),
@@ -112,7 +111,6 @@ class Scene:
             "solver": _solver(self.solver),
             "contacts": contacts_of("contacts", self.contacts, self.arm),
         }
-        # sampling interval: dt unless given
         check.store(self, sample=self.dt if self.sample is None else self.sample)
         for name in ("dt", "sample"):
             if getattr(self, name) > self.duration:
@@ -139,7 +137,6 @@ class Scene:
 
     def _check_rates(self) -> None:
         """Check the initial rates: zero for a start at rest or a fixed root, and equal across rigid joints."""
-        # start at rest: a held root and no rates
         if self.start != "unloaded":
             if self.root == "free":
                 raise check.InvalidValue("start", self.start, 'must be "unloaded" where the root is free')
@@ -153,7 +150,6 @@ class Scene:
                 own, still = self.rates[k], self.rates[k] - self.arm.relative(self.rates, k)
                 what = f"that of the link before, {self.rates[k - 1]!r}" if still == self.rates[k - 1] else "0"
                 raise check.InvalidValue(f"rates[{k}]", own, f"must be {what}: joint {k} is rigid")
-        # the root's velocity must belong to a motion, or the root be free
         if self.root != "free" and any(self.velocity):
             for name, rate in zip(ROOT, self.velocity, strict=False):
                 if rate and self.motion_of(name) is None:
@@ -206,7 +202,6 @@ class Scene:
         for i, load in enumerate(self.loads):
             if isinstance(load, JointTorque):
                 path, joint = f"loads[{i}].joint", load.joint
-                # a joint torque acts on a free joint only
                 if joint >= n:
                     raise check.InvalidValue(path, joint, f"must be a joint of the arm, 0 to {n - 1}")
                 if joint in prescribed:
@@ -217,7 +212,6 @@ class Scene:
                     what = 'must not be 0 where the root is free; give the torque to link 0, end "root", or arm.base'
                     raise check.InvalidValue(path, joint, what)
             elif isinstance(load, PointLoad):
-                # a point load acts on any link
                 if load.link >= n:
                     raise check.InvalidValue(f"loads[{i}].link", load.link, f"must be a link of the arm, 0 to {n - 1}")
             else:
@@ -233,7 +227,6 @@ class Scene:
 
     def _join_instants(self) -> None:
         """Give instants of different functions that differ by round-off one value; this avoids tiny steps."""
-        # starts of all pieces but each function's first
         starts = [function.pieces[1:, 0] for function in self._functions()]
         # sorted without np.unique, whose first call imports numpy.ma
         times = np.array(sorted({t for start in starts for t in start.tolist()}))
@@ -245,7 +238,6 @@ class Scene:
         if not joined or not self._can_join(joined):
             return
 
-        # replace a motion's or load's functions by those with joined instants
         def moved(item: Any) -> Any:
             functions = {f.name: getattr(item, f.name) for f in dataclasses.fields(item)}
             changed = {k: f.with_times(joined) for k, f in functions.items() if isinstance(f, TimeFunction)}
@@ -367,7 +359,6 @@ def _vector(path: str, values: object, unit: str) -> tuple[Any, ...]:
 
 def _solver(value: Any) -> tuple[tuple[str, Any], ...]:
     """Validate solver options; return pairs: the formulation, then the options in the formulation's order."""
-    # pairs, or a dict
     if not isinstance(value, Mapping):
         pairs = check.sequence("solver", value, "pairs (name, value)")
         pairs = tuple(check.sequence(f"solver[{i}]", pair, "a name and a value", 2) for i, pair in enumerate(pairs))

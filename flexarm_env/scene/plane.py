@@ -282,7 +282,6 @@ def _turned(functions: Sequence[TimeFunction | None], axes: Array) -> list[TimeF
     found: list[TimeFunction | None] = []
     for weights in np.array([row for _, row in given]).reshape(-1, 3).T:
         parts = [(f, float(w)) for (f, _), w in zip(given, weights, strict=True) if w != 0.0]
-        # a single function is only scaled
         if len(parts) < 2:
             found.append(_scaled(*parts[0]) if parts else None)
             continue

@@ -41,7 +41,6 @@ def resolving_step(scene: Scene, longest: float | Settings, end: float) -> float
     """
     dt = longest.dt if isinstance(longest, Settings) else longest
     assert dt is not None
-    # smallest step over all functions, and the path of the function that needs it
     found, path_of = dt, ""
     for path, function in functions(scene):
         own = _of_sines(function, end)
@@ -50,7 +49,6 @@ def resolving_step(scene: Scene, longest: float | Settings, end: float) -> float
         own = _of_cubics(function, found, end)
         if own < found:
             found, path_of = own, path
-    # a function that would multiply the steps is rejected by name
     if found < dt / MOST_REFINED and end / found > MOST_STEPS:
         what = (
             f"must be slower: the function needs steps of at most {found:.2g} s, {end / found:.0e} of them in "

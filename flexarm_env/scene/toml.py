@@ -40,7 +40,6 @@ def _read(kind: Callable[..., T], table: dict[str, Any], path: Path | None, para
     sets = check.table_of("parameter_sets", table.pop("parameter_sets", {}))
     scene = _scene(kind, table, directory)
     variants: dict[str, T] = {}
-    # each set replaces keys of the scene's table
     for name, changes in sets.items():
         prefix = f"parameter_sets.{name}"
         changed = check.table_of(prefix, changes)
@@ -70,7 +69,6 @@ def _scene(kind: Callable[..., T], table: Mapping[str, Any], directory: Path) ->
     name = check.text("name", check.needed("", values, "name", "must be a text"), empty=False)
     check.needed("", values, "duration", "must be a positive number (s)")
     check.needed("", values, "dt", "must be a positive number (s)")
-    # arm, motions and loads have readers of their own; other keys are fields
     values["arm"] = _arm(check.needed("", values, "arm", "must be a name, a .toml file or a table"), name, directory)
     for key, read_one in (("motions", _motion), ("loads", _load)):
         entries = enumerate(check.sequence(key, values.get(key, ()), f"tables, [[{key}]]"))
@@ -132,7 +130,6 @@ def text_of(scene: Any) -> str:
     import tomli_w
 
     table: dict[str, Any] = {"name": scene.name}
-    # keys in reading order; optional ones only if they differ from the default
     table |= {key: getattr(scene, key) for key in _OPTIONAL_TEXT if getattr(scene, key)}
     table |= {key: getattr(scene, key) for key in ("duration", "dt", "sample", "root", "position", "angles")}
     table |= {key: getattr(scene, key) for key in ("velocity", "rates") if any(getattr(scene, key))}

@@ -120,7 +120,6 @@ def lines_of(task: Task, found: Sequence[Results]) -> list[Line]:
 
 def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> list[str]:
     """Format the table of scores: a row per method with its interquartile mean and its mean score on each task."""
-    # scores of each method's runs, by task
     scores: dict[str, dict[str, list[float]]] = {}
     for task in known:
         for line in lines[task.id]:
@@ -139,7 +138,6 @@ def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> list[str]:
         for task in known
     ]
     rows.append(("*best less worst*", "", "", *(f"{max(own) - min(own):.2f}" if own else "" for own in found)))
-    # distance of the best method from the reference
     left = (f"{max(0.0, 1.0 - max(own)):.2f}" if own else "" for own in found)
     rows.append(("*left to the best known*", "", "", *left))
     rows.append(("*widest ±*", "", "", *(f"{widest(task, lines[task.id]):.3f}" for task in known)))
@@ -242,7 +240,6 @@ def _table(task: Task, lines: Sequence[Line], learnt: set[int]) -> Iterator[str]
         yield from (f"{own}`{known.by}` has the best known value, J_best = {known.best:.1f}.", "")
     if task.id in best.known():
         yield from (_record(task, lines), "")
-    # the best policy, to which the others are compared
     first = next((line for line in lines if line.policy), None)
     rows = []
     for line in lines:

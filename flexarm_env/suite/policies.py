@@ -59,7 +59,6 @@ def choose(word: str, task: Task) -> Chosen:
     found = control.find_policy(source)
     if found.kind == "controller":
         mark = f"{source} {metadata.version('flexarm_env')}"
-        # user's own gains
         if found.path is not None:
             mark = fingerprint(mark.encode() + found.path.read_bytes())
         own = None if found.path is not None else lambda: second.of_controller(source, task)

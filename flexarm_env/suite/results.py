@@ -122,7 +122,6 @@ def judged(
     for task in wanted:
         kind, whole = "", False
         try:
-            # policy and, with the first task, its results file
             chosen = choose(word, task)
             kind = chosen.kind
             if known is None:
@@ -139,7 +138,6 @@ def judged(
                 found.tasks[task.id] = old
                 notes[task.id] = f"kept from {old.get('date', 'before')}; --again repeats it"
                 continue
-            # extend by further episodes, or evaluate all
             if old is not None and done:
                 more = further(task, chosen, done, episodes)
                 found.tasks[task.id] = old | {"further": [*(old.get("further") or ()), *more]}
@@ -291,7 +289,6 @@ def read(path: Path, *, earlier: bool = False) -> Results:
             check.needed("", table, key, "every results file says it")
         if table["format"] != FORMAT:
             raise check.InvalidValue("format", table["format"], f"must be {FORMAT}, which this version reads")
-        # entries of every task, then refusals
         entries = check.table_of("tasks", table["tasks"])
         known = {task.id: task for task in tasks(earlier=True)}
         for name, entry in entries.items():
@@ -329,7 +326,6 @@ def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> Non
         check.numbers(f"{path}.further", table["further"], "numbers", maximum=can.most)
     for key in ("wall_s", "cpu_s", "decision_us"):
         check.number(f"{path}.{key}", table[key], minimum=0.0)
-    # policy, versions and training
     policy = check.table_of(f"{path}.policy", table["policy"])
     check.text(f"{path}.policy.fingerprint", policy.get("fingerprint"))
     check.text(f"{path}.policy.source", policy.get("source", ""))
@@ -353,7 +349,6 @@ def _check_numbers(path: str, table: Mapping[str, Any], count: int, can: Possibl
     if "settled" in table:
         for k, last in enumerate(check.sequence(f"{path}.settled", table["settled"], "numbers", count)):
             check.integer(f"{path}.settled[{k}]", last, minimum=0, maximum=numbers["lengths"][k])
-            # settled exactly with success
             if bool(last) != bool(numbers["successes"][k]):
                 raise check.InvalidValue(f"{path}.settled[{k}]", last, "must be 0 without success, and then alone")
     if table.get("pd") is not None:

@@ -47,7 +47,6 @@ def of_arrays(policy: NumpyPolicy) -> bytes:
     if policy.normaliser is not None:
         arrays += [policy.normaliser[name] for name in ("mean", "variance", "clip", "epsilon")]
     values = [np.ascontiguousarray(array, "<f8") for array in arrays]
-    # the controller inside, if any
     inside = policy.meta.get("around")
     own = b"" if inside is None else json.dumps(inside, sort_keys=True).encode()
     return own + b"".join(part for one in values for part in (str(one.shape).encode(), one.tobytes()))

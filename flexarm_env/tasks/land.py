@@ -62,21 +62,19 @@ def land_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lane
     o = POSE.end * (size(task.links) - 1)
     vx, vy = poses[o + POSE.tip_vx], poses[o + POSE.tip_vy]
     v = square_root(vx * vx + vy * vy)
-    # normal force, and the impulse of the period
+    # force: F (N); impulse: I (N s); hardest: largest I of the episode up to now
     force, impulse = record[TARGET] * 0.0, record[TARGET] * 0.0
     if size(task.further) > 0:
         at = info_of(task).further + size(task.further) - CONTACT.end
         force, impulse = info[at + CONTACT.force], info[at + CONTACT.impulse]
     hardest = maximum(record[HARDEST], impulse)
     store_where(lane, live, record, HARDEST, hardest, record[HARDEST])
-    # success
     good = select_lt(e, task.bands[0], 1.0, 0.0)
     good = select_lt(v, task.bands[1], good, 0.0)
     good = select_lt(hardest, task.bands[2], good, 0.0)
     touching = select_lt(0.0, force, 1.0, 0.0)
     record_success(lane, task, good * touching, record, live, info)
     record_tip(lane, task, poses, record, live, info)
-    # reward
     wide, near, slow = e / WIDE_PATH, e / task.bands[0], v / task.bands[1]
     total = reward_term(lane, task, live, info, 0, decay(wide * wide))
     total = total + reward_term(lane, task, live, info, 1, touching * settled(lane, near * near + slow * slow))

@@ -106,7 +106,6 @@ class Config:
     def arguments(self) -> dict[str, Any]:
         """Return the keywords of the algorithm's class, including policy and policy_kwargs."""
         chosen = {k: v for k, v in self.text.items() if k not in ZOO}
-        # schedules and expressions from text
         for key in SCHEDULED:
             if isinstance(chosen.get(key), str):
                 chosen[key] = schedule(key, chosen[key])
@@ -114,7 +113,6 @@ class Config:
             chosen["policy_kwargs"] = _value("policy_kwargs", chosen["policy_kwargs"])
         if isinstance(chosen.get("train_freq"), list):
             chosen["train_freq"] = tuple(chosen["train_freq"])
-        # default policy class
         usual = "MlpLstmPolicy" if self.algorithm == "recurrent_ppo" else "MlpPolicy"
         return {"policy": self.text.get("policy", usual), **chosen}
 
@@ -146,7 +144,6 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
     check.choice("algo", algorithm, tuple(CLASSES))
     env_id = env_id.removeprefix("flexarm_env:")
     if path is None:
-        # default file of the algorithm
         path = default_path(algorithm, env_id)
         if not path.is_file():
             what = "comes with settings for tasks of the suite alone (flexarm/...); give others by --config FILE"
@@ -167,7 +164,6 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
         unknown = check.UnknownKey(f"{path}: {env_id}", ids, "entry")
         raise ValueError(f"{unknown}; another environment needs its own hyperparameters, --config FILE")
     with check.in_file(path):
-        # the entry's environment keywords
         given = check.table_of("env_kwargs", content.get("env_kwargs") or {}).get(env_id) or {}
         given = check.table_of(f"env_kwargs.{env_id}", given)
         inside = check.table_of("around", content.get("around") or {}).get(env_id) or {}

@@ -103,7 +103,6 @@ def export(run: Path) -> float:
     meta = {key: record[key] for key in OF_POLICY if key in record}  # older runs have fewer
     policy = numpy_policy(model, {**meta, "versions": versions()}, normaliser)
     off = difference(policy, model, normaliser)
-    # the exported policy has to agree with the model
     if not off <= TOLERANCE:
         raise ValueError(f"{run}: the exported policy differs by {off:.1e} from the model, more than {TOLERANCE:.0e}")
     save(policy, run / "policy.npz")

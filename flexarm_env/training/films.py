@@ -86,7 +86,6 @@ def beside(films: Sequence[Iterator[Picture]], labels: Sequence[str], size: int)
             return
         # finished episodes keep their last picture
         last = [old if picture is None else picture for old, picture in zip(last, new, strict=True)]
-        # background color from the picture's corner
         sheet = Image.new("RGB", (size * len(films), size + head), tuple(last[0][-2, 1].tolist()))
         for k, (picture, label) in enumerate(zip(last, labels, strict=True)):
             sheet.paste(Image.fromarray(picture).resize((size, size), Image.Resampling.LANCZOS), (k * size, head))

@@ -201,7 +201,6 @@ class Gradient(BaseAlgorithm):
             failed, ended = arms.failed, arms.failed | arms.past
             if failed.any():
                 after[failed], reward[failed] = 0.0, 0.0
-            # cost near joint limits, and the price of an early end
             cost, slopes = self._near_limits(after)
             window.slopes.append(slopes)
             reward = reward - self.price * ended

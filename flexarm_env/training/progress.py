@@ -46,7 +46,6 @@ class Progress:
         solved_at: success rate at which the task counts as solved. best_by: argument `by` of `cost`. others: values of
         the columns train_return, std and learning_rate.
         """
-        # row of the learning curve
         row = {
             "steps": float(steps),
             "success_rate": float(result.success.mean()),
@@ -144,7 +143,6 @@ def training_program(program: str, train: Callable[[Any], Any], arguments: Any) 
     except ValueError as error:
         return fail(error)
     except (KeyboardInterrupt, OSError) as error:
-        # tell how to resume an interrupted or failed run
         folder = arguments.folder
         there, again = (folder / "run.json").is_file(), f"go on with: {program} --out {folder} --resume"
         then = again if there else f"nothing is in {folder} yet: start it again"

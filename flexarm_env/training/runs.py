@@ -135,7 +135,6 @@ class Training:
         if not isinstance(own.seed, int) or not 0 <= own.seed <= MOST_SEED:
             what = f"must be from 0 to {MOST_SEED}; those from {FIRST} on are for judging"
             raise ValueError(f"--seed {own.seed}: {what}")
-        # validate numbers and names by the fields' rules
         for name, rule in rules(type(own)).items():
             rule(f"--{name.replace('_', '-')}", getattr(own, name))
         check.table_of("--env-kwargs", own.env_kwargs)
@@ -161,7 +160,6 @@ class Training:
                 raise ValueError(f"--n-timesteps {self.n_timesteps}: must be more than the {done} steps of {folder}")
             if not checkpoints(folder):
                 raise ValueError(f"{begun} and kept no checkpoint, so that it cannot be extended")
-        # flags must agree with the record
         for name, given in check.changed(self).items():
             own = name in values and name not in ("out", "resume", "n_timesteps", "config", "set", *kept)
             if own and given != {} and str(given) != str(values[name]):
@@ -170,7 +168,6 @@ class Training:
         if self.set or self.config is not None:
             flag = "--set" if self.set else "--config"
             raise ValueError(f"{flag}: must be left out with --resume: {folder / 'config.yml'} holds")
-        # the run's own config, resolved
         values |= {"config": folder / "config.yml", "out": folder, "resume": True, "set": ()}
         if self.n_timesteps is not None:
             values["n_timesteps"] = self.n_timesteps
@@ -233,7 +230,7 @@ def new_checkpoint(folder: Path, steps: int, best: Iterable[str]) -> Iterator[Pa
     part, final = home / f".part-{os.getpid()}", home / f"{steps:012d}"
     shutil.rmtree(part, ignore_errors=True)
     try:
-        # fill a temporary folder, then rename it
+        # a renamed folder is complete: an interrupted save leaves no partial checkpoint
         part.mkdir(parents=True)
         for name in best:
             if (folder / name).is_file():
@@ -259,7 +256,6 @@ def restored(folder: Path, read: Callable[[Path, Any], T]) -> T:
         except Exception as error:
             problem = f"{path}: damaged, or of other arguments ({type(error).__name__})"
             continue
-        # restore the best files of that time
         for kept in path.glob("best-*"):
             write_whole(folder / kept.name.removeprefix("best-"), functools.partial(shutil.copyfile, kept))
         return found
@@ -279,7 +275,6 @@ def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
         model = algorithm_class(algorithm).load(path, device="cpu")
     except Exception as error:  # a damaged zip fails in many ways
         raise ValueError(f"{path}: damaged, or of other versions ({type(error).__name__})") from error
-    # a diverged network is rejected
     for name, values in model.policy.state_dict().items():
         if not torch.isfinite(values).all():
             raise ValueError(f"{path}: {name} holds numbers that are not finite")

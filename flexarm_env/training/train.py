@@ -73,7 +73,6 @@ def train(arguments: Arguments) -> Any:
     from flexarm_env.training import watch
     from flexarm_env.training.export_policy import UNEXPORTED, export
 
-    # keywords of the environments for training and for validation
     config, chosen = fitted(config, arguments)
     kwargs = {**config.env_kwargs, **chosen, **arguments.env_kwargs}
     if config.algorithm == "gradient" and episodes.LENGTHS in kwargs:
@@ -85,7 +84,6 @@ def train(arguments: Arguments) -> Any:
     judged = episodes.validation(arguments.env, kwargs, asked)
     eval_env = episodes.make_episodes(arguments.env, arguments.eval_episodes, **judged)
     setup = Setup.of(eval_env)
-    # training environments and algorithm
     inside = controller_inside(config, arguments, eval_env)
     env = make_sb3_vec(
         arguments.env, config.n_envs, seed=arguments.seed, normalize=config.normalize or False, around=inside, **kwargs
@@ -95,7 +93,6 @@ def train(arguments: Arguments) -> Any:
     if inside is not None:
         record["around"] = inside.table()
         config = replace(config, around=inside.table())
-    # resume from the last checkpoint, or start
     if arguments.resume and checkpoints(folder):
         model, progress = watch.restore(folder, algorithm, env)
         sys.stderr.write(f"{folder}: resuming at {model.num_timesteps} of {config.n_timesteps} steps\n")
@@ -105,13 +102,11 @@ def train(arguments: Arguments) -> Any:
         progress = Progress()
         if config.algorithm != "gradient":  # whose arms are spread already
             watch.start_staggered(model, arguments.seed)
-    # record the resolved config and the arguments
     write_text(folder / "config.yml", configs.text_of(replace(config, env_kwargs=kwargs), arguments.env))
     write_json(folder / "run.json", record)
     _log(model, folder, arguments)
     meta = {key: record[key] for key in OF_POLICY if key in record}
     watcher = watch.Watch(arguments, eval_env, meta, progress, config.n_timesteps)
-    # train for the remaining steps; a diverged network becomes a sentence
     left = config.n_timesteps - model.num_timesteps
     if left > 0:
         try:
@@ -121,7 +116,6 @@ def train(arguments: Arguments) -> Any:
                 raise
             what = f"training diverged after {model.num_timesteps} steps, the network's outputs are no numbers any more"
             raise ValueError(f"{folder}: {what}; take a smaller learning_rate, gamma or log_std_init") from error
-    # results, exported policy, last checkpoint
     finish(folder, record, progress)
     if config.algorithm not in UNEXPORTED:
         export(folder)

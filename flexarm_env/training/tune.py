@@ -147,7 +147,7 @@ def search(
 
     low, high = np.log(bounds[:, 0]), np.log(bounds[:, 1])
     level = (arguments.samples - 1).bit_length()  # the next power of 2, which SciPy wants and would warn of
-    # quasi-random points, plus the known start
+    # Sobol's quasi-random points, because they cover the box more evenly than uniform draws
     points = qmc.Sobol(len(low), rng=arguments.seed).random_base2(level)[: arguments.samples]
     points = qmc.scale(points, low, high)
     if start is not None:
@@ -190,7 +190,6 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
     def cost(values: Array) -> float:
         """Return the mean settling time plus duration times failure rate, s; NONE for gains that cannot be used."""
         gains = gains_from(name, table(values))
-        # PD loops need the gain margin
         if arguments.margin > 0.0 and isinstance(gains, control.PDGains) and not gains.stable(setup, arguments.margin):
             return NONE
         try:
@@ -200,7 +199,6 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
         duration = (len(result.errors) - 1) * result.dt
         return float(result.settling.mean() + duration * (1.0 - result.success.mean()))
 
-    # start from the gains on file, or the package's
     known = current(place(setup.task, arguments)).get(name) or current(arguments.home / f"{setup.task}.toml").get(name)
     if known is None:
         known = asdict(tuned_gains(name, setup.task, setup.n_joints))

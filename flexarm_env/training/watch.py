@@ -102,7 +102,6 @@ class Watch(BaseCallback):
         if better:
             save_model(self.folder, self.model)
         row = state.curve[-1]
-        # stop the run when solved
         self._over = self.arguments.stop_when_solved and state.solved is not None
         write_curve(self.folder / "learning_curve.csv", state.curve)
         for name in ("success_rate", "settling_mean", "settling_median", "return_mean"):

@@ -51,10 +51,11 @@ def motion_of(lane, part, poses: Lanes, p):
 
 @kernel
 def less_obstacle(lane, part, o, rows: Lanes, vector):
-    """Return `vector` minus the displacement or velocity of obstacle o, whose components are entries of `rows`.
+    """Return `vector` minus the displacement or velocity of obstacle o, both in inertial axes.
 
-    rows: q if `vector` is a position (m), v if `vector` is a velocity (m/s). If part.moving is None (no obstacle
-    moves), the function returns `vector`.
+    rows: q if `vector` is a position (m), v if `vector` is a velocity (m/s). Entries of `rows` are the components x, y
+    and z of the obstacle's displacement or velocity. A component without an entry is 0. If part.moving is None (no
+    obstacle moves), the function returns `vector`.
     """
     if part.moving is None:
         return vector

@@ -209,7 +209,7 @@ def add_offset_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
                 real, aside = _product(ai, di, aj, dj)
                 real, aside = payload * (real - wi * wj), payload * aside
                 if model.root is not None:
-                    # less conj(moment_i) beta_j and conj(beta_i) (moment_j - mass beta_j), but for what is there
+                    # less (conj(moment_i) beta_j + conj(beta_i) (moment_j - mass beta_j)), but for real products in S
                     real = real - payload * (ai * gj + di * bj - wi * gj + gi * aj + bi * dj - gi * wj)
                     aside = aside - payload * (ai * bj - di * gj + gi * dj - bi * aj)
                     aside = aside - (D[at.b + i] * bj - bi * D[at.b + j])

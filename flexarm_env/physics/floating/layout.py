@@ -130,7 +130,7 @@ STRAIN = Layout(
 )  # fmt: skip
 vectors_at = kernel(VECTORS.offsets)
 strain_at = kernel(STRAIN.offsets)
-# on the stack: what (2.4) and its derivative share, from `body.forces` to `matrix.tangent`, frame axes
+# on the stack: quantities that (2.4) and its derivative share, from `body.forces` to `matrix.tangent`, frame axes
 KNOWN = Layout(
     "Known", "",
     Field("d", (2,), "N", "f_R - m_t (R'' - g), eq. 2.4, frame axes"),

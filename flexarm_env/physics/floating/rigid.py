@@ -174,8 +174,8 @@ def with_moment(lane, lever, S, first, arm, flow: Lanes):
     """Transmit a force f and a moment, `flow` (3,), from a lever's far point to its near point: moment += n.f.
 
     n: derivative of the far point's position by the section's angle, inertial axes. If `lever` is None, do nothing.
-    arm: ACROSS selects n. SWEPT is for the transposed matrix, in which n and the derivative of the far point's
-    acceleration are exchanged.
+    arm: ACROSS selects n. SWEPT is for the transposed matrix, in which n is exchanged for the derivative of the far
+    point's acceleration by the angle, weighted by the Newton matrix's weights cm, cc, ck (`transmit_inward`).
     first: index in S of the first `LEVER_FACTORS`.
     """
     if lever is not None:

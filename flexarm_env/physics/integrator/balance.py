@@ -72,7 +72,7 @@ def _flag_unbalanced(lane, model, par, w: Work, active, turn, h):
     gain = (kinetic - kinetic0) + (strain - strain0) + (gravity - gravity0)
     for i in range(size(model.n_inputs)):
         gain = gain - w.u[i] * (w.y[i] - w.y0[i])
-    # + D: dissipation at the step's mean rates w.r = (q - q0) / h, and what damping forces do beyond it
+    # + D: dissipation at the step's mean rates w.r = (q - q0) / h, and the damping forces' work beyond it
     local_difference(lane, model, w.q0, w.q, w.r)
     for k in range(size(model.n)):
         w.r[k] *= 1.0 / h

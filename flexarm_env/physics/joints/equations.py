@@ -42,8 +42,9 @@ def assemble(lane, model, par, state: State, u: Lanes, weights, r: Lanes, S: Lan
     """Assemble the residual r (N, N m) and, with weights.with_matrix, the matrix S of the arm and its contributions.
 
     r = M a + h(q, v) - B u, equation [64]; S = weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq.
-    par: the arm's own parameters. state: coordinates q, velocities v, accelerations a. u: inputs, i.e. joint torques (N
-    m), then point loads.
+    If contributions such as contacts act on points of the arm (`model.points`), their forces on these points are added
+    to u. par: the arm's own parameters. state: coordinates q, velocities v, accelerations a. u: inputs, i.e. joint
+    torques (N m), then point loads.
     """
     for part in model.contributions:
         contributions.prepare(lane, part, model, par, state, weights, S)

@@ -222,6 +222,6 @@ def frame_second_rates(frame, rates, left, right):
         first = first + turn.E @ Vector(-w[2], y * 0.0, w[0])
         swung = Vector(w[0] * w[1] - alpha[2], -(w[0] * w[0] + w[2] * w[2]), w[1] * w[2] + alpha[0])
         second = second + turn.E @ swung
-    # subtract what the frame's own rotation does; the roll makes p_z stay 0
+    # subtract the part of the frame's own rotation; the roll keeps p_z = 0
     own = 2.0 * cross(spin, first - cross(spin, p)) + cross(spin, cross(spin, p))
     return Vector((second[2] - own[2]) * frame.share + y * frame.k, y, z)

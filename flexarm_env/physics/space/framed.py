@@ -60,12 +60,12 @@ def _bent(lane, model, par, table, a, b):
 
 @kernel
 def _strained(a, b):
-    """Return the rotations of both ends by which K is multiplied, from a = phi_l, b = phi_r (rad), to second order.
+    """Return near and far (rad), the rotations of both ends that K multiplies, to second order; frame axes (theory, 9).
 
-    The results are phi_l,r +- phi_l x phi_r / 4 - d_x (d x e_x) / 24, d = phi_r - phi_l, in frame axes (theory, 9). The
-    second term arises because sections rotate relative to each other by log(exp(-a) exp(b)) = b - a - a x b / 2. The
-    third term accounts for the sections of a helix, which without shear are rotated relative to its chord. If sections
-    shear, a part of the third term remains even in short segments."""
+    near, far = phi_l + c - h, phi_r - c - h with c = phi_l x phi_r / 4, h = d_x (d x e_x) / 24, d = phi_r - phi_l. a,
+    b: phi_l, phi_r (rad), rotations of both sections relative to the segment's frame. c makes far - near the sections'
+    relative rotation log(exp(-a) exp(b)) = b - a - a x b / 2. h subtracts the rotation of a helix's sections relative
+    to its chord, which they have without shear; with shear a part of h remains even in short segments."""
     d = b - a
     c, helix = 0.25 * cross(a, b), d[0] * HELIX * cross_with_ex(d)
     return a + c - helix, b - c - helix
@@ -404,7 +404,7 @@ def frame_damping(lane, model, par, state, left, right, other_l, other_r, i):
 def _strains(lane, model, state, left, right, at, row):
     """Return the strains (stretch, near, far) of a segment (m, rad, rad) and their rates, without inner bending.
 
-    state: pair (q, v) of the arm. left, right: `Place`s of the ends. near, far: `_strained` rotations of both ends."""
+    state: pair (q, v). left, right: `Place`s of the ends. near, far: their `_strained` rotations, frame axes."""
     q, v = state
     frame = frame_of(left, right)
     rates, a, b = rates_of(frame, left, right), frame.left.phi, frame.right.phi
@@ -434,10 +434,10 @@ def frame_damping_over(lane, model, par, before, after, share, i):
     l, r = _bent(lane, model, par, at.bend, near, far)
     pull = e * model.frames[at.pull]
     power = pull * e + dot(l, near) + dot(r, far)
-    # (rate_0 + rate_1) / 2 less those: what end rates do beyond the dissipation
+    # (rate_0 + rate_1) / 2 less those: the end rates' work beyond the dissipation
     near, far = (0.5 * (near_rate_0 + near_rate) - near, 0.5 * (far_rate_0 + far_rate) - far)
     beyond = pull * ((e_rate_0 + e_rate) * 0.5 - e) + dot(l, near) + dot(r, far)
-    # inner modes p: dissipation K (dp/h)^2, and what the mean of the end rates does beyond it
+    # inner modes p: dissipation K (dp/h)^2, and the work of the mean end rates beyond it
     factors = factors_of(lane, par)
     for j in range(inner_of(model)):
         o = row + 3 * j

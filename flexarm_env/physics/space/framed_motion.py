@@ -135,11 +135,13 @@ def swung(w, own, cd):
 
 @kernel
 def with_swung(rows, h, turned):
-    """Return `rows`, to which h_y and h_z times the rows `turned` (result of `swung`) are added.
+    """Return `rows`, to which h_y and h_z times the rows `turned` are added.
 
-    rows: two `Vector`s (frame axes), the derivatives of the y and z components of an end's force by a section's
+    rows: two `Vector`s, the derivatives of the y and z components (frame axes) of an end's force by a section's
     rotation.
     h: first moments (kg m) of the mass that moves with the section's tangent.
+    turned: result of `swung`, two `Vector`s: cd times the derivative of t'' (second time derivative of the section's
+    tangent) by the section's rotation, components y and z in section axes.
     """
     return rows[0] + h[1] * turned[0], rows[1] + h[2] * turned[1]
 
