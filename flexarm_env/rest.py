@@ -42,7 +42,6 @@ def resting(scene: Scene) -> Scene:
     names = [motion.coordinate for motion in scene.motions]
     held = []
     if scene.start == "held":
-        # joints to hold: neither rigid, nor prescribed, nor the free root
         for k in range(scene.arm.n_links):
             pair = {f"joint{k}", f"motor{k}"} & set(names)
             if k not in scene.rigid_joints and not pair and not (k == 0 and scene.root == "free"):

@@ -204,7 +204,6 @@ class StrainGauge(Law):
     def per_curvature_of(self, link: Any) -> float:
         """Return the ratio of reading to curvature (without unit, or in m) at the gauge's place on a `Link`."""
         s = self.place * link.length
-        # section at the gauge; J_y for bending in x-z
         there, across = link.along(s), self.measures == "xz"
         return self.per_curvature(float(there.m), float(link.across(np.array(s))["J_y"] if across else there.J))
 

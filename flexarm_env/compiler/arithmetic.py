@@ -231,7 +231,6 @@ def _divided(b: Any, op: str, p: Any, q: Any, unsigned: bool) -> Any:
     LLVM's division is undefined for q = 0 and for -2^63 / -1. If q = 0 or q = -1, the code divides by 1 instead.
     """
     zero, one = ir.Constant(WORD, 0), ir.Constant(WORD, 1)
-    # q = 0 and q = -1 are treated apart
     none, minus = b.icmp_signed("==", q, zero), b.icmp_signed("==", q, ir.Constant(WORD, -1))
     if unsigned:
         return b.select(none, zero, (b.udiv if op == "FloorDiv" else b.urem)(p, b.select(none, one, q)))

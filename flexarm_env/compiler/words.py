@@ -49,7 +49,7 @@ def _places(e: Any, array: Any, k: Any, count: int, tangents: int) -> list[Any]:
     # values of all lanes, then tangent after tangent, count numbers each
     first = b.gep(_floats(array), [b.mul(at, ir.Constant(WORD, stride)) if stride > 1 else at], inbounds=True)
     rest = [b.gep(first, [ir.Constant(WORD, count * (1 + i))], inbounds=True) for i in range(tangents)]
-    # pointers to double become pointers to vectors of lanes
+    # one load or store then moves the numbers of all lanes (`count` doubles)
     return [place if count == 1 else b.bitcast(place, vector(count).as_pointer()) for place in (first, *rest)]
 
 

@@ -32,7 +32,7 @@ def postures(goals: Array) -> list[tuple[float, ...]]:
     """
     # joint 0, the hub, does not affect the model
     elbows = np.round(goals[:, 1:] / GRID) * GRID
-    # sign of the first elbow that is not straight
+    # mirrored arms have the same model: the first bent elbow of the key is positive
     mirrored = [next((angle for angle in row if angle != 0.0), 1.0) < 0.0 for row in elbows.tolist()]
     return [tuple((0.0 + row * (-1.0 if flip else 1.0)).tolist()) for row, flip in zip(elbows, mirrored, strict=True)]
 

@@ -40,7 +40,6 @@ def decay(x):
     The function computes exp(-x) = exp(-x / 1024)^1024 by a Taylor polynomial of order 7 and ten squarings.
     """
     y = minimum(x, 60.0) * (-1.0 / 1024.0)
-    # Horner's rule for exp(y) at y = -x / 1024
     z = y * (1.0 / 5040.0) + 1.0 / 720.0
     z = z * y + 1.0 / 120.0
     z = z * y + 1.0 / 24.0
