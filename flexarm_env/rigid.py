@@ -18,7 +18,7 @@ from . import curves
 from . import validation as check
 from .bodies import Body, Inertia, RigidLink, combined_body, tensor
 from .parameters import Arm, Link, Taper
-from .rotations import matrices
+from .rotations import cross, matrices
 from .sections import ACROSS, Section
 from .validation import Array
 
@@ -203,7 +203,7 @@ def weight_and_inertia(
     for k, part in enumerate(link_bodies(arm) if parts is None else parts):
         moved = slice(k + 1)
         # e_j x (center - p_j), velocity of the center by joint rate; joint axes in link axes
-        swing = _cross(axes[:, moved], (places[:, k] + links[:, k] @ part.centre)[:, None] - places[:, moved])
+        swing = cross(axes[:, moved], (places[:, k] + links[:, k] @ part.centre)[:, None] - places[:, moved])
         own = axes[:, moved] @ links[:, k]
         # holding torque -m (e x r) . g; inertia m s s' + e' J e
         torques[:, moved] -= part.mass * swing @ gravity
@@ -243,27 +243,21 @@ def _coriolis(arm: Arm, angles: Array, rates: Array) -> Array:
     for k, part in enumerate(link_bodies(arm)):
         # omega_k = omega + e q', omega_k' = omega' + omega x e q'
         turn = axes[:, k] * rates[:, k, None]
-        growth, spin = growth + _cross(spin, turn), spin + turn
+        growth, spin = growth + cross(spin, turn), spin + turn
         # force m r'' on the body, and moment J omega' + omega x J omega about its center, inertial axes
         lever, J = links[:, k] @ part.centre, links[:, k] @ part.inertia @ np.swapaxes(links[:, k], 1, 2)
         force = part.mass * (a + _swept(growth, spin, lever))
-        moment = (J @ growth[..., None])[..., 0] + _cross(spin, (J @ spin[..., None])[..., 0])
+        moment = (J @ growth[..., None])[..., 0] + cross(spin, (J @ spin[..., None])[..., 0])
         # torque e_j . ((r - p_j) x force + moment) of joints 0 ... k
         levers = (places[:, k] + lever)[:, None] - places[:, : k + 1]
-        torques[:, : k + 1] += (axes[:, : k + 1] * (_cross(levers, force[:, None]) + moment[:, None])).sum(axis=-1)
+        torques[:, : k + 1] += (axes[:, : k + 1] * (cross(levers, force[:, None]) + moment[:, None])).sum(axis=-1)
         a = a + _swept(growth, spin, ends[:, k] - places[:, k])
     return torques
 
 
 def _swept(growth: Array, spin: Array, lever: Array) -> Array:
     """Return the acceleration omega' x r + omega x (omega x r), m/s^2, of a point at r (m) on a turning body."""
-    return _cross(growth, lever) + _cross(spin, _cross(spin, lever))
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Return the cross product of vectors (..., 3), without the call overhead of `numpy.cross`."""
-    (ax, ay, az), (bx, by, bz) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], -1)
+    return cross(growth, lever) + cross(spin, cross(spin, lever))
 
 
 def _joints(path: str, arm: Arm, angles: Array) -> Array:

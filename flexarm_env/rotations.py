@@ -19,6 +19,15 @@ def skew(a: Any) -> Array:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def cross(a: Array, b: Array) -> Array:
+    """Return the cross product of vectors (..., 3), without the call overhead of `numpy.cross`."""
+    found: Array = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    found[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    found[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    found[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return found
+
+
 def matrices(psi: Any) -> Array:
     """Return the rotation matrices exp(psi^), (..., 3, 3), of rotation vectors psi (..., 3), rad."""
     psi = np.asarray(psi, np.float64)

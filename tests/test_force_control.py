@@ -14,6 +14,7 @@ from flexarm_env.control.in_c import controller_source
 from flexarm_env.control.lqr_force import _inverse_mass, _tip_rows
 from flexarm_env.linear import static_equilibrium
 from flexarm_env.time_functions import constant
+from tests.control_tools import assert_restart_is_a_start
 from tests.refusals import refusal
 
 
@@ -112,19 +113,4 @@ def test_the_force_is_held_within_ten_per_cent(name: str) -> None:
 @pytest.mark.parametrize("name", control.FORCE_NAMES)
 def test_an_episode_may_begin_later_than_the_others(name: str) -> None:
     """Rows that restart act as in a controller whose episodes begin there; all other rows do not change."""
-    env = pressing(3)
-    own, fresh = control.make(name, env), control.make(name, env)
-    first, _ = env.reset(seed=3)
-    own.reset(first)
-    seen = first
-    for _ in range(8):
-        seen, *_ = env.step(own.act(seen))
-    mask = np.array([False, True, False])
-    unchanged, mixed = control.make(name, env), np.where(mask[:, None], first, seen)
-    unchanged.__dict__.update({k: v.copy() if isinstance(v, np.ndarray) else v for k, v in vars(own).items()})
-    own.restart(mixed, mask)
-    fresh.reset(first)
-    found = own.act(mixed)
-    assert np.array_equal(found[1], fresh.act(first)[1])
-    assert np.array_equal(found[[0, 2]], unchanged.act(seen)[[0, 2]])
-    refusal(lambda: own.act(seen[:2]))
+    assert_restart_is_a_start(name, pressing(3))

@@ -16,6 +16,7 @@ from flexarm_env.physics.space.reading import tips
 from flexarm_env.sensors import StrainGauge
 from flexarm_env.shapes import HalfSpace, Sphere
 from flexarm_env.time_functions import constant
+from tests.control_tools import assert_restart_is_a_start
 from tests.env_tools import assert_goes_back, assert_pair_same, pair
 from tests.refusals import refusal
 
@@ -200,18 +201,4 @@ def test_the_gauges_of_a_pressed_arm_at_rest_reveal_the_force() -> None:
 def test_an_episode_may_begin_later_than_the_others(name: str) -> None:
     """Rows that restart act as in a controller whose episodes begin there; all other rows do not change."""
     env = gym.make_vec(ID, num_envs=3, vectorization_mode="vector_entry_point", task="press", arm="three_dof_loaded")
-    own, fresh = control.make(name, env), control.make(name, env)
-    first, _ = env.reset(seed=3)
-    own.reset(first)
-    seen = first
-    for _ in range(8):
-        seen, *_ = env.step(own.act(seen))
-    mask = np.array([False, True, False])
-    unchanged, mixed = control.make(name, env), np.where(mask[:, None], first, seen)
-    unchanged.__dict__.update({k: v.copy() if isinstance(v, np.ndarray) else v for k, v in vars(own).items()})
-    own.restart(mixed, mask)
-    fresh.reset(first)
-    found = own.act(mixed)
-    assert np.array_equal(found[1], fresh.act(first)[1])
-    assert np.array_equal(found[[0, 2]], unchanged.act(seen)[[0, 2]])
-    refusal(lambda: own.act(seen[:2]))
+    assert_restart_is_a_start(name, env)

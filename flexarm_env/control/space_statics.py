@@ -15,7 +15,7 @@ from ..parameters import Arm
 from ..physics.space.build import far_body, near_body, tip_end, tip_lever
 from ..physics.space.gauges import AXIS
 from ..rigid import axis_of, mount_of
-from ..rotations import matrices
+from ..rotations import cross, matrices
 from ..sensors import StrainGauge
 from ..validation import Array
 
@@ -137,19 +137,19 @@ class SpatialChain:
         def moments(spots: list[tuple[Array, Array, int]], beyond: int) -> tuple[Array, Array]:
             """Return vectors from the spots to the tip (n, spots, 3), m, and moments of the weight beyond them, N m."""
             at, js = np.stack([spot[0] for spot in spots], axis=1), np.array([spot[2] for spot in spots]) + beyond
-            return r[:, None] - at, _cross(first[:, js] - mass[js, None] * at, self.gravity)
+            return r[:, None] - at, cross(first[:, js] - mass[js, None] * at, self.gravity)
 
         levers, weight = moments(joints, 0)
         axes = np.stack([axis for _, axis, _ in joints], axis=1)
-        torques = -(axes * (weight + _cross(levers, force[:, None]))).sum(axis=2)
-        columns = np.swapaxes(_cross(axes, levers), 1, 2)
+        torques = -(axes * (weight + cross(levers, force[:, None]))).sum(axis=2)
+        columns = np.swapaxes(cross(axes, levers), 1, 2)
         after = np.zeros_like(curvatures)
         if spots:
             levers, weight = moments(spots, 1)
             axes = np.stack([A for _, A, _ in spots], axis=1)
             # the outer half of a cell's own mass has the lever h / 4
             own = 0.125 * (self.masses * self.lengths)[:, None] * axes[..., 0]
-            moment = weight + _cross(levers, force[:, None]) + _cross(own, self.gravity)
+            moment = weight + cross(levers, force[:, None]) + cross(own, self.gravity)
             after = (moment[:, :, None] @ axes)[:, :, 0] / self.stiffness
         rows, offsets = np.zeros((n, len(self.gauges), 3)), np.zeros((n, len(self.gauges)))
         if read:
@@ -157,7 +157,7 @@ class SpatialChain:
             a = np.stack([read[g][1][..., AXIS[gauge.measures][0]] for g, gauge in enumerate(self.gauges)], axis=1)
             a = a * self.per_moment[:, None]
             # a . (l x F) = (a x l) . F
-            rows, offsets = _cross(a, levers), (a * weight).sum(axis=2)
+            rows, offsets = cross(a, levers), (a * weight).sum(axis=2)
         return Rest(force, r, torques, columns, after, rows, offsets)
 
     def _stiffness_at(self, gauge: StrainGauge) -> float:
@@ -166,12 +166,3 @@ class SpatialChain:
         s = gauge.place * link.length
         across = link.across(np.array(s))
         return float((across["GJ"], across["EI_y"], link.along(s).EI)[AXIS[gauge.measures][0]])
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Return the cross product of vectors (..., 3), without the call overhead of `numpy.cross`."""
-    found = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    found[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    found[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    found[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return found
