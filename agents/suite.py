@@ -1,4 +1,4 @@
-"""Reference results on the suite: train and evaluate methods on its tasks, and write docs/results/suite.md.
+"""Reference results on the suite: train and evaluate methods on its tasks, and write docs/results/suite*.md.
 
     python -m agents.suite --plan                    # print jobs that are done, jobs to do, and their time
     python -m agents.suite                           # all missing jobs: days on two cores; can be continued
@@ -7,11 +7,12 @@
 
 Controllers are evaluated first, then the first seed of each method that learns, then the next seed. Runs are written to
 runs/suite/METHOD-SEED/TASK, where an interrupted run is continued, and results to docs/results/suite/METHOD-SEED.json.
-The page is written again after each job. A training run uses the task's budget of control periods, times --share. The
+The pages are written again after each job. A training run uses the task's budget of control periods, times --share. The
 run's policy with the highest mean return on the validation episodes is evaluated. --freeze writes the references of the
 scores.
 """
 
+import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -22,7 +23,8 @@ from typing import Any
 
 from flexarm_env import control, suite
 from flexarm_env.control import FORCE_NAMES, NAMES
-from flexarm_env.suite.page import page
+from flexarm_env.suite.overview import figure_data
+from flexarm_env.suite.page import pages
 from flexarm_env.suite.policies import Chosen, choose, fingerprint
 from flexarm_env.suite.results import (
     Results,
@@ -104,7 +106,8 @@ class Arguments:
         share: share of each task's training budget, for a preview.
         minutes: time after which no further run is started.
         home: folder of the runs.
-        results: folder of the results files; the page is written beside it.
+        results: folder of the results files; the pages are written beside it.
+        figures: folder of the figure of scores.
         plan: only print the jobs.
         freeze: only write the references of tasks that have none: PD's mean returns, and the highest of all results.
         progress: show progress bars.
@@ -117,6 +120,7 @@ class Arguments:
     minutes: float | None = None
     home: Path = Path("runs/suite")
     results: Path = RESULTS
+    figures: Path = ROOT / "docs" / "figures"
     plan: bool = False
     freeze: bool = False
     progress: bool = True
@@ -261,9 +265,16 @@ def plan(todo: Sequence[Job], arguments: Arguments) -> list[str]:
 
 
 def made(arguments: Arguments) -> None:
-    """Write the page of results if the folder contains results."""
+    """Write the pages and the figure of results if the folder contains results."""
     if any(arguments.results.glob("*.json")):
-        write_text(arguments.results.with_suffix(".md"), page(folder_of(arguments.results, earlier=True)))
+        from flexarm_env.plotting.scores import plot_scores
+
+        found, figure = folder_of(arguments.results, earlier=True), arguments.figures / "suite.png"
+        figure.parent.mkdir(parents=True, exist_ok=True)
+        plot_scores(*figure_data(found), figure)
+        beside = os.path.relpath(figure, arguments.results.parent)
+        for name, text in pages(found, arguments.results.name, beside).items():
+            write_text(arguments.results.parent / name, text)
 
 
 def work(arguments: Arguments) -> int:

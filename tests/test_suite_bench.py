@@ -12,9 +12,11 @@ import pytest
 from flexarm_env import suite
 from flexarm_env.cli import main
 from flexarm_env.control.sources import FunctionPolicy, OnnxPolicy
+from flexarm_env.plotting.scores import plot_scores
 from flexarm_env.suite import policies, results, score
 from flexarm_env.suite.judge import judge
-from flexarm_env.suite.page import page
+from flexarm_env.suite.overview import figure_data
+from flexarm_env.suite.page import pages
 from tests.cli_tools import answer, refused
 from tests.processes import python
 from tests.refusals import refuses
@@ -383,18 +385,26 @@ def test_the_page_is_made_of_all_files_in_a_folder(tmp_path: Path, monkeypatch: 
     refused = dict.fromkeys((FIRST_TASK.id, "swing-up-v1"), "needs what is not seen, which is not among a, b")
     results.Results("zv", refused=refused).write(tmp_path)
     assert main(["bench", "page", str(tmp_path), "--out", str(tmp_path / "page.md")]) == 0
-    text = (tmp_path / "page.md").read_text()
+    texts = {name: (tmp_path / f"page{name}.md").read_text() for name in ("", "-tasks", "-missing")}
+    first, text = texts[""], texts["-tasks"]
     assert "| ppo | 3 | 0.70 [0.50, 0.90] | 0.70 |" in text
     assert "| pd | 1 | 0.00 | 0.00 |" in text
     assert "| *best less worst* |  |  | 0.70 |" in text and "| *left to the best known* |  |  | 0.30 |" in text
     assert "| 0% | 3600 |" in text  # of the budget
-    assert "CPU hours: 4.00 of training" in text
-    assert f"- short-0.json: {FIRST_TASK.id}" in text
-    assert f"- zv on `{FIRST_TASK.id}`, `swing-up-v1`: needs what is not seen\n" in text
+    assert "CPU hours: 4.00 of training" in first
+    assert f"- short-0.json: {FIRST_TASK.id}" in texts["-missing"]
+    assert f"- zv on `{FIRST_TASK.id}`, `swing-up-v1`: needs what is not seen\n" in texts["-missing"]
     # ppo is below its budget of training
-    finding = "On 1 tasks the best policy is `pd` on 1. The score of a task's best policy is 0.00 to 0.00,"
-    assert text.startswith(f"# Results on the suite\n\n{finding}")
-    assert page(results.folder_of(tmp_path)) == text
+    finding = (
+        "Trained policies have the highest score on 0 of 1 tasks, controllers on 1. The highest score of a task is"
+    )
+    assert first.startswith(f"# Results on the suite\n\n{finding} 0.00 (`{FIRST_TASK.id}`) to 0.00,")
+    assert "| pd **0.00** (100%) | *0.70* (100%) |" in first
+    data = figure_data(results.folder_of(tmp_path))
+    assert data == ([f"{FIRST_TASK.id}  1"], {"best controller": [0.0], "PPO": [pytest.approx(0.7)]})
+    plot_scores(*data, tmp_path / "scores.png")
+    assert (tmp_path / "scores.png").read_bytes()[:4] == b"\x89PNG"
+    assert pages(results.folder_of(tmp_path), "page") == {f"page{name}.md": text for name, text in texts.items()}
 
 
 @pytest.mark.parametrize(

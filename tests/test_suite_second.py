@@ -13,7 +13,7 @@ from flexarm_env import suite
 from flexarm_env.control import NumpyPolicy
 from flexarm_env.control.catalogue import tuned_gains
 from flexarm_env.suite import policies, results, score, second
-from flexarm_env.suite.page import page
+from flexarm_env.suite.page import pages
 
 TASK = suite.task("slew-limited-v2")
 
@@ -103,7 +103,7 @@ def test_what_was_learnt_by_heart_is_marked_and_what_was_not_is_not(tmp_path: Pa
     assert own["second"]["first_seed"] == second.first_seed(TASK, stored)
     assert np.mean(own["successes"]) == 1.0 and np.mean(own["second"]["successes"]) < 0.2
     assert zv["pd"] != zv["second"]["pd"] and alone["second"] is alone["pd"] is None
-    table = page(results.folder_of(tmp_path)).partition(f"(`{TASK.id}`)")[2].splitlines()
+    table = pages(results.folder_of(tmp_path))["suite-tasks.md"].partition(f"(`{TASK.id}`)")[2].splitlines()
     rows = {name: line for line in table for name in names if line.startswith(f"| {name} ")}
     assert [name for name, line in rows.items() if "†" in line] == ["by-heart"]
     assert [name for name, line in rows.items() if "public alone" in line] == ["nothing"]

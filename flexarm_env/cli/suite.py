@@ -1,6 +1,7 @@
 """`flexarm bench suite` and `flexarm bench page`: evaluate policies on the suite's tasks, and write a page of
 results."""
 
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,7 +17,8 @@ from flexarm_env.episodes import Actions
 from flexarm_env.files import to_folder, write_text
 from flexarm_env.suite import best
 from flexarm_env.suite.data import Task
-from flexarm_env.suite.page import page
+from flexarm_env.suite.overview import figure_data
+from flexarm_env.suite.page import pages
 from flexarm_env.suite.policies import PLACE
 from flexarm_env.suite.results import Results, chosen_tasks, folder_of, frozen, judged, listed, summary
 from flexarm_env.suite.score import EPISODES, FIRST, references
@@ -24,7 +26,7 @@ from flexarm_env.training.arguments import Parser
 
 COMMANDS = {
     "suite": "Evaluate policies on the suite's tasks; works without a checkout",
-    "page": "Summarize all results files of a folder on one page; works without a checkout",
+    "page": "Summarize all results files of a folder on Markdown pages; works without a checkout",
 }
 
 MOST = 100_000
@@ -52,10 +54,12 @@ task's id.
 """
 
 PAGE = """\
-Summarize all results files of a folder on one Markdown page: interquartile means of the scores with confidence
-intervals, and a table for each task.
+Summarize all results files of a folder on Markdown pages: FILE.md has a table of scores with a row for each task,
+FILE-tasks.md a table of all methods for each task. Results on superseded tasks are written to FILE-earlier.md, and
+methods that cannot be evaluated to FILE-missing.md. Without --out the pages are printed.
 
   flexarm bench page runs/suite --out runs/suite.md
+  flexarm bench page runs/suite --out runs/suite.md --figure runs/suite.png      a figure of the scores (".[plot]")
 """
 
 CODES = """\
@@ -178,14 +182,22 @@ def _page(words: Sequence[str]) -> int:
     """Run `flexarm bench page`: write the page of a folder of results; returns the exit code."""
     parser = Parser(prog="flexarm bench page", description=PAGE)
     parser.add_argument("folder", metavar="FOLDER", help="folder of results files")
-    parser.add_argument("--out", metavar="FILE.md", help="the page; default: standard output")
+    parser.add_argument("--out", metavar="FILE.md", help="the first page; default: standard output")
+    parser.add_argument("--figure", metavar="FILE.png", help="a figure of the scores, which the first page shows")
     args = parser.parse_args(words)
     if args.out is not None and Path(args.out).suffix.lower() != ".md":
         raise check.InvalidValue("--out", args.out, "must end in .md")
-    text = page(folder_of(Path(args.folder)))
+    found, beside = folder_of(Path(args.folder)), ""
+    if args.figure is not None:
+        from flexarm_env.plotting.scores import plot_scores
+
+        plot_scores(*figure_data(found), args.figure)
+        beside = os.path.relpath(args.figure, Path(args.out or ".").parent)
+    texts = pages(found, "suite" if args.out is None else Path(args.out).stem, beside)
     if args.out is None:
-        print(text, end="")
+        print("\n".join(texts.values()), end="")
         return DONE
-    write_text(Path(args.out), text)
-    print(f"page: {args.out}")
+    for name, text in texts.items():
+        write_text(Path(args.out).parent / name, text)
+        print(f"page: {Path(args.out).parent / name}")
     return DONE

@@ -13,7 +13,7 @@ NAMESPACE = "flexarm"
 """Namespace of the tasks' ids in Gymnasium's registry."""
 
 _KEYS = ("number", "title", "environment", "budget", "hard", "digest", "keywords")
-_MAY = ("price", "rules")
+_MAY = ("price", "rules", "lesson")
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Task:
         id: name and version, "slew-measured-v2". number: position in the suite. title: short title.
         environment: id of the underlying environment. keywords: keywords of that environment.
         budget: number of control periods allowed for training. hard: the difficulty of real arms that the task
-            isolates.
+            isolates. lesson: what the results on the task show, in one sentence; "" for superseded versions.
         price: price per unit of an episode's cost (info["episode_cost"] at its end); scores use return minus price
             times cost.
         rules: version of the rules of rewards and drawn targets (keyword `rules` of the environment).
@@ -41,6 +41,7 @@ class Task:
     keywords: Mapping[str, Any]
     price: float = 0.0
     rules: int = 1
+    lesson: str = ""
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -86,6 +87,7 @@ def read(text: str, task_id: str) -> Task:
             keywords=check.table_of("keywords", table["keywords"]),
             price=check.number("price", table.get("price", 0.0), minimum=0.0),
             rules=check.integer("rules", table.get("rules", 1), minimum=1),
+            lesson=check.text("lesson", table.get("lesson", "")),
         )
 
 

@@ -1,8 +1,6 @@
-"""Page of all results files in a folder: scores over all tasks, and a table per task."""
+"""Pages of all results files in a folder: an overview, and a table for each task."""
 
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,8 +9,10 @@ from numpy.typing import NDArray
 from ..files import table
 from . import best
 from .data import Task, tasks
-from .results import Results, all_values, length, of_task, of_the_protocol, settling, summary, values
-from .score import EPISODES, FIRST, interquartile_mean, interval, reference
+from .lines import Line, lines_of, middle, two
+from .overview import overview
+from .results import Results, all_values, length, of_the_protocol, settling, values
+from .score import EPISODES, FIRST, interquartile_mean, reference
 from .second import LEVEL, chance, holm
 
 WIDTH = 0.05
@@ -23,9 +23,6 @@ HOW = f"""## How to read the tables
 - **J** is the mean return over the {EPISODES} episodes of seeds {FIRST} to {FIRST + EPISODES - 1}, which no
   training uses. If the task has a price, J is reduced by the price times the mean cost.
 - **Score** is (J - J_PD) / (J_best - J_PD): 0 for PD control, 1 for the best known torques.
-- **IQM** is the interquartile mean, the mean of the middle half, over all scores of a method. Brackets are 95 %
-  percentile intervals from a bootstrap over runs, stratified by tasks. A method with one run has no interval; a
-  method that was not evaluated on all tasks has no IQM.
 - **Blank cells** mean that the method does not apply to the task or was not evaluated on it.
 - Three rows describe the policies on a task. ***best less worst*** is the range of the policies' scores. ***left to
   the best known*** is the distance of the highest score from 1. ***widest ±*** is the largest half width of the 95 %
@@ -39,83 +36,49 @@ HOW = f"""## How to read the tables
 - **Second hundred** are 100 episodes whose seeds follow from the policy itself (`flexarm_env.suite.second`). The
   columns give success, settling, and J minus the J of PD, with the same difference on the public hundred in brackets.
   † marks a difference between both hundreds that is larger than chance explains (permutation test, p < {LEVEL} after
-  Holm, over all runs of this page). *public alone* marks functions, models with a memory and `foresight`, which are
+  Holm, over all runs of these pages). *public alone* marks functions, models with a memory and `foresight`, which are
   evaluated only on the public hundred and may have memorized these episodes.
 - **Italic methods** were trained with less than the task's budget.
 - **`foresight`** is no policy. The torques of each episode are optimized by the gradient of the episode's own return,
   with the complete episode known in advance. The search starts from the torques of the best trained policy or of the
   best controller that observes the whole state. The results are local optima. For an arm that balances upright, the
-  gradients are too large to be useful, and the starting torques remain.
-
-Each file of results contains one run of a method. `flexarm bench suite --policy ... --name METHOD --out FOLDER` adds
-a file to a folder, and `flexarm bench page FOLDER --out PAGE` writes this page from the files."""
+  gradients are too large to be useful, and the starting torques remain."""
 
 
-@dataclass(frozen=True)
-class Line:
-    """A method on a task: the summary of each run, and its entry in the results file."""
-
-    method: str
-    summaries: list[dict[str, Any]]
-    entries: list[dict[str, Any]]
-
-    def mean(self, key: str) -> float | None:
-        """Return the mean over the runs of the summaries' entry `key`; None if one run lacks this entry."""
-        values = [one[key] for one in self.summaries]
-        return None if any(value is None for value in values) else float(np.mean(values))
-
-    @property
-    def policy(self) -> bool:
-        """Whether the method can play any episode; optimized actions cannot."""
-        return all(entry["policy"].get("kind") != "actions" for entry in self.entries)
-
-    def trained(self, key: str) -> float:
-        """Return the mean training effort per run; key: "steps", "wall_s" or "cpu_s"."""
-        return float(np.mean([(entry["training"] or {}).get(key, 0.0) for entry in self.entries]))
-
-    def short(self, task: Task) -> bool:
-        """Return whether the method was trained with less than the task's budget."""
-        return 0.0 < self.trained("steps") < 0.99 * task.budget
+MISSING = "Some methods cannot be evaluated on some tasks, and some results files contain results of other tasks."
 
 
-def page(found: Sequence[Results]) -> str:
-    """Format the page of suite results in Markdown."""
+def pages(found: Sequence[Results], stem: str = "suite", figure: str = "") -> dict[str, str]:
+    """Format the pages of suite results in Markdown.
+
+    Args:
+        stem: file name of the first page without its ending. figure: path of the figure of scores
+            (`flexarm_env.plotting.scores`), relative to the pages; "": no figure.
+    Returns:
+        The pages' texts by file name: the overview STEM.md, and the details STEM-tasks.md. STEM-earlier.md has the
+        results on superseded versions of tasks, STEM-missing.md lists what was not evaluated; each of them exists only
+        if it has content.
+    """
     every = [task for task in tasks(earlier=True) if any(task.id in one.tasks for one in found)]
     known = [task for task in every if task in tasks()]
     rows = {task.id: lines_of(task, found) for task in every}
-    # significant differences between the two hundreds, over all entries of the page
+    # significant differences between the two hundreds, over all entries of the pages
     learnt = set(_learnt([(task, entry) for task in every for line in rows[task.id] for entry in line.entries]))
-    text = ["# Results on the suite", "", _finding(known, rows), "", "## Scores", "", *_scores(known, rows)]
-    text += ["", HOW, "", *_provenance(found)]
-    for task in sorted(every, key=lambda task: task not in known):
-        note = "" if task in known else ", superseded"
-        text += ["", f"## {task.number}. {task.title} (`{task.id}`{note})", "", *_table(task, rows[task.id], learnt)]
-    text += list(_left_out(found))
-    return "\n".join(text).rstrip() + "\n"
-
-
-def _finding(known: Sequence[Task], rows: Mapping[str, Sequence[Line]]) -> str:
-    """Format the finding in one or two sentences: which policy is the best on how many tasks, and its scores."""
-    of_task = ([line for line in rows[task.id] if line.policy and not line.short(task)] for task in known)
-    first = [lines[0] for lines in of_task if lines]
-    scores = [score for line in first if (score := line.mean("score")) is not None]
-    counts = Counter(line.method for line in first).most_common()
-    if not scores:
-        return "Scores of methods on the suite's tasks."
-    named = ", ".join(f"`{name}` on {count}" for name, count in counts)
-    return (
-        f"On {len(first)} tasks the best policy is {named}. The score of a task's best policy is {min(scores):.2f} to "
-        f"{max(scores):.2f}, where 0 is PD control and 1 the best known torques."
-    )
-
-
-def lines_of(task: Task, found: Sequence[Results]) -> list[Line]:
-    """Return the methods on a task, the highest mean value first."""
-    runs: dict[str, list[dict[str, Any]]] = {}
-    for one, entry in of_task(task, found):
-        runs.setdefault(one.name, []).append(entry)
-    rows = [Line(name, [summary(task, entry) for entry in entries], entries) for name, entries in runs.items()]
-    return sorted(rows, key=lambda line: -float(np.mean([one["value"] for one in line.summaries])))
+    details = ["# Results on each task of the suite", ""]
+    details += [f"Every method on every task; [the overview]({stem}.md) has the findings.", ""]
+    details += ["## Scores", "", *_scores(known, rows), "", HOW]
+    before = ["# Results on superseded tasks", ""]
+    before += [f"Results on versions of tasks that newer versions replace; {stem}-tasks.md explains the columns."]
+    for task in every:
+        text = details if task in known else before
+        text += ["", f"## {task.number}. {task.title} (`{task.id}`)", "", *_table(task, rows[task.id], learnt)]
+    texts = {f"{stem}-tasks.md": details}
+    if len(known) < len(every):
+        texts[f"{stem}-earlier.md"] = before
+    if missing := list(_left_out(found)):
+        texts[f"{stem}-missing.md"] = ["# What was not evaluated on the suite", "", MISSING, *missing]
+    texts = {f"{stem}.md": [*overview(known, rows, list(texts), figure), *_provenance(found)], **texts}
+    return {name: "\n".join(text).rstrip() + "\n" for name, text in texts.items()}
 
 
 def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> list[str]:
@@ -128,10 +91,10 @@ def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> list[str]:
     rows: list[tuple[str, ...]] = []
     for name in sorted(scores, key=lambda name: (-len(scores[name]), -interquartile_mean(scores[name]))):
         own = scores[name]
-        means = (_two(float(np.mean(own[task.id]))) if task.id in own else "" for task in known)
+        means = (two(float(np.mean(own[task.id]))) if task.id in own else "" for task in known)
         counts = sorted({len(runs) for runs in own.values()})
         runs = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]}-{counts[-1]}"
-        rows.append((name, runs, _middle(own, len(known)), *means))
+        rows.append((name, runs, middle(own, len(known)), *means))
     # spread among policies alone, without actions optimized beforehand
     found = [
         [score for line in lines[task.id] if line.policy and (score := line.mean("score")) is not None]
@@ -142,19 +105,6 @@ def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> list[str]:
     rows.append(("*left to the best known*", "", "", *left))
     rows.append(("*widest ±*", "", "", *(f"{widest(task, lines[task.id]):.3f}" for task in known)))
     return table(" | ".join(["method", "runs", "IQM", *(f"{task.number}" for task in known)]), rows, numbers=True)
-
-
-def _middle(own: dict[str, list[float]], count: int) -> str:
-    """Format the interquartile mean with its interval; "" if the method lacks some tasks."""
-    if len(own) < count:
-        return ""
-    limits = interval(own)
-    return _two(interquartile_mean(own)) + ("" if limits is None else f" [{limits[0]:.2f}, {limits[1]:.2f}]")
-
-
-def _two(score: float) -> str:
-    """Format a score with two digits, without a negative zero."""
-    return f"{round(score, 2) + 0.0:.2f}"
 
 
 def _learnt(judged: Sequence[tuple[Task, dict[str, Any]]]) -> Iterator[int]:
@@ -180,11 +130,11 @@ def _second(task: Task, line: Line, learnt: set[int]) -> tuple[str, str, str]:
     rate = np.mean([np.mean(one["successes"]) for one in others])
     time = float(np.mean([settling(task, one) for one in others]))
     if others[0]["pd"] is None:
-        return f"{rate:.0%}", _two(time), ""
+        return f"{rate:.0%}", two(time), ""
     # value minus PD's on the public and on the second hundred
     gain, there = (np.mean([less_pd(task, one) for one in lot]) for lot in (line.entries, others))
     mark = " †" if any(id(entry) in learnt for entry in line.entries) else ""
-    return f"{rate:.0%}", _two(time), f"{there:.1f} ({gain:.1f}){mark}"
+    return f"{rate:.0%}", two(time), f"{there:.1f} ({gain:.1f}){mark}"
 
 
 def gap(task: Task, line: Line, first: Line) -> tuple[float, float, int] | None:
@@ -217,7 +167,7 @@ def _behind(task: Task, line: Line, first: Line | None) -> str:
         return ""
     less, half, count = found
     more = f", {count}" if count > EPISODES else ""
-    return f"{_two(less)} ± {half:.2f}{more}" + (f" ({count * (half / WIDTH) ** 2:.0f})" if half > WIDTH else "")
+    return f"{two(less)} ± {half:.2f}{more}" + (f" ({count * (half / WIDTH) ** 2:.0f})" if half > WIDTH else "")
 
 
 def _record(task: Task, lines: Sequence[Line]) -> str:
@@ -247,8 +197,8 @@ def _table(task: Task, lines: Sequence[Line], learnt: set[int]) -> Iterator[str]
         score, time, steps = line.mean("score"), line.mean("settling_s"), line.trained("steps")
         rows.append((
             f"*{line.method}*" if line.short(task) else line.method, len(values), f"{np.mean(values):.1f}",
-            f"{min(values):.1f}, {max(values):.1f}" if len(values) > 1 else "", "" if score is None else _two(score),
-            _behind(task, line, first), f"{line.mean('success_rate'):.0%}", "" if time is None else _two(time),
+            f"{min(values):.1f}, {max(values):.1f}" if len(values) > 1 else "", "" if score is None else two(score),
+            _behind(task, line, first), f"{line.mean('success_rate'):.0%}", "" if time is None else two(time),
             *_second(task, line, learnt), f"{line.mean('cost'):.2f}",
             *((f"{steps / task.budget:.0%}", f"{line.trained('cpu_s'):.0f}") if steps else ("", "")),
             f"{line.mean('decision_us'):.1f}",
@@ -284,7 +234,7 @@ def _left_out(found: Sequence[Results]) -> Iterator[str]:
     ]
     if other:
         why = "These entries of files have other episodes than the protocol requires, or belong to changed tasks:"
-        yield from ("", "## Left out", "", why, "")
+        yield from ("", "## Results of other tasks", "", why, "")
         yield from (f"- {text}" for text in other)
     # tasks of each method and reason; the entries of an observation are on the task's own page
     refused: dict[tuple[str, str], set[str]] = {}
