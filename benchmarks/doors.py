@@ -342,20 +342,21 @@ def blocks(found: Found) -> pages.Blocks:
     told = [(key, f"{count:,}") for key, count in found["packets"]["sent"].items()]
     sent = sum(found["packets"]["sent"].values())
     total = f"The arm counts {sum(counts.values()):,} of {sent:,} sent packets: "
-    heads = "communication step, ms | hub's largest distance from Python's loop, rad | over the row before"
+    heads = "communication step, ms | largest hub error against Python's loop, rad | ratio to the row above"
     exact = f"With a communication step of one period ({1e3 * PERIOD:g} ms) the hub agrees with Python's loop within"
     return {
-        "bits": table("arm | periods | numbers | different", bits),
+        "bits": table("arm | periods | compared numbers | differing numbers", bits),
         "steps": table(
-            "arm | as | by the clock, µs | of the processor, µs | allocations | page faults | ended early", steps,
+            "arm | scheduling | wall time, µs | processor time, µs | allocations | page faults | episodes that ended "
+                "early", steps,
         ),
-        "units": table("unit | FMI | FMPy's messages | periods | numbers | different", units),
+        "units": table("unit | FMI | FMPy's messages | periods | compared numbers | differing numbers", units),
         "coupled": [
             f"{exact} {found['coupled']['python']:.1e} rad.", "", *table(heads, rows),
         ],
         "packets": [
             total + ", ".join(f"{key} {count:,}" for key, count in counts.items()) + ".", "",
-            *table("sent | packets", told),
+            *table("kind of packet sent | number", told),
         ],
     }  # fmt: skip
 

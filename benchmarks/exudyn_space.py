@@ -221,8 +221,11 @@ def blocks(found: dict[str, Any]) -> pages.Blocks:
                 for row in own
             ]
     return {
-        "CHECKS": table("scene | bent, of a link's length | twisted, ° | tips apart, of L", found["checks"]),
-        "WORK": table("scene | who | elements a link | step, ms | error, % of L | CPU, s", lines),
+        "CHECKS": table(
+            "scene | largest deflection, of a link's length | largest twist, ° | distance between the tips, of L",
+            found["checks"],
+        ),
+        "WORK": table("scene | program | elements per link | step, ms | error, % of L | CPU, s", lines),
     }
 
 

@@ -224,10 +224,11 @@ def blocks(found: pages.Found) -> pages.Blocks:
             cells += [f"{there.sum()} of {len(late)}", f"{middle:.2f} s" if math.isfinite(middle) else "–"]
         rows.append((row["name"], *cells))
     return {
-        "rates": [f"`Pendulum-v1` in the same run: {base:,.0f} steps a second of processor time.", "",
-                  *table("environment | steps a second | of Pendulum-v1's", pace)],
-        "tips": table("torques | who | after 0.1 s | 0.2 s | 0.3 s | 0.5 s", errors),
-        "reached": table("policy | within 10 mm for 3 periods | median | within 10 mm to the end | from, median", rows),
+        "rates": [f"`Pendulum-v1` in the same run: {base:,.0f} steps per second of processor time.", "",
+                  *table("environment | steps per second | relative to Pendulum-v1", pace)],
+        "tips": table("torques at | program | after 0.1 s | 0.2 s | 0.3 s | 0.5 s", errors),
+        "reached": table("policy | within 10 mm for 3 periods | median time | within 10 mm until the end | median "
+            "start of this interval", rows),
     }  # fmt: skip
 
 

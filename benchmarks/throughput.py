@@ -84,9 +84,11 @@ def blocks(found: pages.Found) -> pages.Blocks:
     ]
     gains = ", ".join(f"{name} {best:.2f} ({usual:.2f})" for name, (best, usual) in speedups(found).items())
     return {
-        "rates": table("case | formulation | environments | threads | steps/s | / Pendulum-v1", rated),
+        "rates": table("case | formulation | environments | threads | steps/s | relative to Pendulum-v1", rated),
         "errors": table(f"formulation | settings | error, {rates.IDS[0]} | {rates.IDS[1]}", chosen),
-        "memory": table("environment | resident, 64, MB | resident, 4096, MB | state an arm, bytes", sizes),
+        "memory": table(
+            "environment | resident memory with 64 arms, MB | with 4096 arms, MB | state per arm, bytes", sizes
+        ),
         "threads": [gains + "."],
     }
 
