@@ -510,17 +510,17 @@ def finding(found: pages.Found) -> str:
     words = []
     pairs = (
         ("alone", "gym", "one arm, MuJoCo in C, the package in Gymnasium"),
-        ("gym", "gym", "one arm, both in Gymnasium"), ("batch", "batch", "an arm of a batch"),
+        ("gym", "gym", "one arm, both in Gymnasium"), ("batch", "batch", "one arm of a batch in both programs"),
     )  # fmt: skip
     for theirs, ours, what in pairs:
         a, b = quickest(own["timed"], KINDS, 2.0, theirs), quickest(own["ours"], KINDS, 2.0, ours)
         if a is not None and b is not None:
-            words.append(f"{short(a[theirs] / b[ours])} ({what})")
+            words.append(f"{short(a[theirs] / b[ours])} times as long ({what})")
     coarse = quickest(own["timed"], ("random",), 1.0, "alone")
     best = min((error_of(row) for row in own["rows"]), default=np.nan)
     if words:
         text = (f"On `FlexibleArm-v0` MuJoCo's fastest chain with an error within 2 % of L under both kinds of "
-                f"torque takes {', '.join(words)} times as long as the package's fastest default.")  # fmt: skip
+                f"torque takes longer than the package's fastest default: {', '.join(words)}.")  # fmt: skip
     else:
         text = (f"On `FlexibleArm-v0` no setting of MuJoCo within {LONGEST:g} µs a period reaches 2 % under both kinds "
                 "of torque.")  # fmt: skip
