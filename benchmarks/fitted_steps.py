@@ -125,11 +125,11 @@ def saved(rows: list[dict[str, Any]], tolerance: float = 1e-4) -> list[str]:
             if row["options"].get("step_tolerance") == tolerance
             or ("step_tolerance" not in row["options"] and row["options"].get("dt") == max(enough))
         }
-        pairs = [f"{cpu[motion, True]:.2g} against {cpu[motion, False]:.2g} in {motion!r}" for motion in MOTIONS]
+        pairs = [f"{cpu[motion, True]:.2g} and {cpu[motion, False]:.2g} (`{motion}`)" for motion in MOTIONS]
         lines.append(f"- With `{formulation}` and an error of at most {100 * tolerance:g} % of the length per "
                      "control period, "
                      f"fixed steps must be {1e3 * max(enough):.3g} ms in all motions. The CPU times per control "
-                     f"period, in µs, of adaptive and fixed steps are {', '.join(pairs)}.")  # fmt: skip
+                     f"period, in µs, with adaptive steps and with fixed steps are {', '.join(pairs)}.")  # fmt: skip
     return lines
 
 
