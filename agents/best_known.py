@@ -359,10 +359,13 @@ def blocks(content: Mapping[str, Any]) -> dict[str, list[str]]:
                 f"{found['policies_returns'][policy].mean():.1f}",
             ))  # fmt: skip
     heads = (
-        "environment | episodes | settling, median (s) | mean (s) | on the exact beam, median (s) | mean (s) | success "
-        "there | effort, median (s) | return, mean | CPU (s)",
-        f"environment | policy | mean (s) | of the means | median | 90 % below | within {WANTED} in | return, mean",
-        "environment | first guess | followed up | median (s) | behind the best, mean (s) | at most (s) | best in",
+        "environment | episodes | settling time, median (s) | mean (s) | on the exact beam: settling time, median "
+        "(s) | "
+        "mean (s) | success | median effort (s) | mean return | planning, CPU (s)",
+        "environment | policy | mean settling time (s) | ratio of the means | median ratio | 90th percentile of the "
+        f"ratio | episodes with a ratio up to {WANTED} | mean return",
+        "environment | initial guess | optimized episodes | median settling time (s) | mean excess over the best plan "
+        "(s) | largest excess (s) | episodes with the best plan",
     )
     machine = {"machine": [told(content["machine"])]}
     return machine | {

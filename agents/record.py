@@ -163,9 +163,7 @@ def made(task: suite.Task, arguments: Arguments) -> str:
             continue
         while len(only):
             begun = (kept.astype(float), values)
-            more, _ = foresight.search(
-                task, trained, steps=steps, start=begun, stages=stages, only=only, steadied=True
-            )
+            more, _ = foresight.search(task, trained, steps=steps, start=begun, stages=stages, only=only, steadied=True)
             tried = kept.copy()
             tried[:, only] = more
             found, good = best.played(task, env, Actions(tried))

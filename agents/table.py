@@ -184,7 +184,9 @@ def seeds_table(rows: list[Row]) -> list[str]:
         times = f"{row['wall_s']:.0f} ({row['cpu_s']:.0f})", when
         worth = f"{row['success_rate']:.1%}", f"{row['settling_time_median']:.2f}"
         cells.append((row["seed"], f"{row['steps']:.0f}", *times, *worth))
-    heads = "seed | steps | training, s wall (CPU) | solved after, s wall (CPU) | success | median settling, s"
+    heads = (
+        "seed | steps | training time, s wall (CPU) | solved after, s wall (CPU) | success | median settling time, s"
+    )
     return table(heads, cells, True)
 
 
@@ -266,7 +268,7 @@ def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, 
 def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | None) -> list[str]:
     """Format the section of one environment."""
     bounds = dict(own["bounds"])
-    both = {"nominal": own.get("ordinary", own["nominal"]), "randomised": own["randomised"]}
+    both = {"nominal arm": own.get("ordinary", own["nominal"]), "randomized arms": own["randomised"]}
     if best is not None:
         bounds["best known"] = float(np.median(best["settling"]))
     lines = [markdown(own["nominal"], bounds), ""]
@@ -281,7 +283,7 @@ def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | No
             f"{TIMED} episodes:",
             "",
         ]
-        lines += [*table("controller | median (ms) | 99th percentile (ms) | most (ms)", times, True), ""]
+        lines += [*table("controller | median (ms) | 99th percentile (ms) | maximum (ms)", times, True), ""]
     for name, found in own["seeds"].items():
         lines += [f"Results of the training seeds of `{name}`:", "", *seeds_table(found), ""]
     return lines + [
@@ -310,7 +312,7 @@ def distance(rows: Rows, best: Mapping[str, Any]) -> list[str]:
         "The table has the settling time of each policy, divided by that of the best known plans "
         f"([](optimal.md): median {median:.2f} s, mean {mean:.3f} s):"
     )
-    return [known, "", *table("policy | medians | means", ratios, True), ""]
+    return [known, "", *table("policy | ratio of medians | ratio of means", ratios, True), ""]
 
 
 def best_known(results: Path, family: Family) -> dict[str, Any] | None:

@@ -50,7 +50,7 @@ FEATURES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "pushes at the tip": ({"pushes": {"wait": (0.5, 1.0), "force": (0.2, 0.5), "lasting": 0.1}}, {}),
     "payload that changes": ({"payload_change": {"time": (1.0, 2.0), "factor": (0.5, 2.0)}}, {}),
     "render_mode, not rendered": ({"render_mode": "rgb_array"}, {}),
-    "steps fitted to 0.1 % (step_tolerance)": ({"step_tolerance": 1e-3}, {}),
+    "adaptive steps (step_tolerance 0.1 %)": ({"step_tolerance": 1e-3}, {}),
     "second link (TwoLinkFlexArm-v0)": ({"id": "TwoLinkFlexArm-v0"}, {}),
 }
 """Keywords of FlexibleArm-v0 (or of the environment `id`) with each feature, and without it."""
@@ -190,7 +190,9 @@ def blocks(found: pages.Found) -> pages.Blocks:
         rows.append([row["feature"], *itertools.chain(*cells)])
     replays = [(row["feature"], f"{row['ms']:.1f}") for row in found["scenes"]]
     lines = {
-        "present": table("feature | single: without | with | more | 64 arms: without | with | more", rows),
+        "present": table(
+            "feature | single arm, µs: without | with | increase | 64 arms, µs: without | with | increase", rows
+        ),
         "scenes": table("replay of robot_arm_motion, floating frame | CPU, ms", replays),
     }
     if found["absent"]:

@@ -210,7 +210,7 @@ def table_of(env_id: str, found: Row) -> list[str]:
     for row in sorted(found["candidates"], key=lambda row: row["microseconds_vector"]):
         options, single = row["options"], row["microseconds_single"]
         errors = ("-" if row[name][f"{SHARE:g}"] is None else f"{row[name][f'{SHARE:g}']:.3f} %" for name in KINDS)
-        mark = "aim" if worst(row) <= AIM else "yes" if worst(row) <= LIMIT else "no"
+        mark = f"{AIM:g} %" if worst(row) <= AIM else f"{LIMIT:g} %" if worst(row) <= LIMIT else "–"
         asked = {name: options[name] for name in ("formulation", "modes") if name in options}
         name = f"**{label(options)}** (default)" if row["default"] else label(options)
         if not row["default"] and plan(kind, **options).settings == plan(kind, **asked).settings:
@@ -225,7 +225,7 @@ def table_of(env_id: str, found: Row) -> list[str]:
         f"With twice the step of the reference the tip moves by at most {coarser['step']:.4f} % of L, and with a "
         "mesh of "
         f"{COARSER['mesh']['elements']} elements by {coarser['mesh']:.4f} % (in {SHARE:g} % of the episodes).", "",
-        *table(f"{heads} | us, vector | us, single | good enough", rows),
+        *table(f"{heads} | µs, vector | µs, single | error within", rows),
     ]  # fmt: skip
 
 

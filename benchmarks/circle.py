@@ -250,7 +250,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
     heads = " | ".join(key for key, *_ in found["cases"][0]["fit"])
     return {
         "fit": table(f"seed | {heads}", fits),
-        "policies": table("seed | trained on the ... arm | settled | settling, s | residual, mm", rows),
+        "policies": table("seed | training arm | settled targets | settling time, s | residual vibration, mm", rows),
     }
 
 

@@ -180,8 +180,10 @@ def measured(name: str, room: Path, repeats: int) -> dict[str, Any]:
 
 
 COLUMNS = {
-    "cold_cpu_s": "first start, CPU s", "peak_mb": "peak memory, MB", "disk_mb": "on disk, MB",
-    "warm_cpu_s": "second start, CPU s", "warm_peak_mb": "its peak, MB", "yardstick_s": "yardstick, s",
+    "cold_cpu_s": "first start, CPU s", "peak_mb": "peak memory, MB",
+    "disk_mb": "compiled code on disk, MB",
+    "warm_cpu_s": "second start, CPU s", "warm_peak_mb": "peak memory of the second start, MB",
+    "yardstick_s": "comparison program, s",
 }  # fmt: skip
 
 
@@ -193,8 +195,11 @@ def blocks(found: dict[str, Any]) -> dict[str, list[str]]:
     rows = [[name, *(f"{row[key]:.2f}" for key in COLUMNS)] for name, row in cases.items() if name != FURTHER]
     *grows, last = (f"{one:.1f}" for one in cases[FURTHER]["grows_mb"])
     return {
-        "table": table(f"kind | {' | '.join(COLUMNS.values())}", rows, numbers=True),
-        "further": [f"Each further kind of arm in the same process adds memory: {', '.join(grows)} and {last} MB."],
+        "table": table(f"environment or function | {' | '.join(COLUMNS.values())}", rows, numbers=True),
+        "further": [
+            "In the same process each further environment with another formulation or number of links adds "
+            f"memory: {', '.join(grows)} and {last} MB."
+        ],
     }
 
 

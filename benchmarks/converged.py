@@ -28,7 +28,7 @@ from flexarm_env.trajectory import Trajectory
 
 FOLDER = Path(__file__).parents[1] / "flexarm_env" / "data" / "references" / "converged"
 ORDER = 3
-PLANS: dict[str, tuple[int, float]] = {  # elements a link on the finest mesh, finest step (s)
+PLANS: dict[str, tuple[int, float]] = {  # elements per link on the finest mesh, finest step (s)
     "robot_arm_motion": (64, 1 / 3200),
     "robot_arm_motion_smooth": (16, 1 / 800),
     "robot_arm_torque": (64, 1 / 3200),

@@ -126,11 +126,17 @@ def blocks(found: pages.Found) -> pages.Blocks:
         counts = f"{r['operations']:.0f} ({r['divide']:.0f})"
         single = f"{scalar:.2f}", f"{r['single_us']:.2f}", f"{r['single_us'] / scalar:.1f}"
         rows.append([r["case"], f"{r['iterations']:.1f}", counts, *single, *wide, f"{r['state_bytes']:.0f}"])
-    heads = "case | iterations | operations (of them divisions) | ceiling, us | one arm, us | ratio | "
+    heads = "case | iterations | operations (of them divisions) | ceiling, µs | one arm, µs | ratio | "
     ceilings = (
         f"The ceiling is {one:.2f} billion operations per second for one arm, {eight:.1f} billion in eight lanes."
     )
-    return {"steps": [ceilings, "", *table(heads + "ceiling in lanes, us | an arm in lanes, us | ratio | bytes", rows)]}
+    return {
+        "steps": [
+            ceilings,
+            "",
+            *table(heads + "ceiling in lanes, µs | an arm in lanes, µs | ratio | bytes of state", rows),
+        ]
+    }
 
 
 def measure(options: argparse.Namespace) -> pages.Found:

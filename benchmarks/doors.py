@@ -308,13 +308,15 @@ def measure(options: argparse.Namespace) -> Found:
     counts, told = found["packets"]["counts"], found["packets"]["sent"]
     errors = [error for _, error in found["coupled"]["errors"]]
     found["verdicts"] = {
-        "libraries have the bits of Python": not any(one["different"] for one in found["arms"]),
-        "no library allocates after its start": not any(r["allocations"] for one in found["arms"] for r in one["runs"]),
+        "libraries return the same bits as Python": not any(one["different"] for one in found["arms"]),
+        "no library allocates memory after its start": not any(
+            run["allocations"] for one in found["arms"] for run in one["runs"]
+        ),
         "FMPy finds no fault in a unit": not any(one["messages"] for one in found["units"]),
-        "units have the bits of Python": not any(one["different"] for one in found["units"]),
-        "an arm and its controller over one period are the loop in Python, within 1e-5 rad":
+        "units return the same bits as Python": not any(one["different"] for one in found["units"]),
+        "arm unit and controller unit with steps of one period agree with Python's loop within 1e-5 rad":
             found["coupled"]["python"] < 1e-5,
-        "over longer steps they err in proportion, at most":
+        "with longer steps their error grows at most in proportion":
             all(later < 3.5 * one for one, later in pairwise(errors)),
         "packets accepted, dropped and missing are those sent": sum(counts.values()) == sum(told.values()),
     }  # fmt: skip
@@ -342,20 +344,21 @@ def blocks(found: Found) -> pages.Blocks:
     told = [(key, f"{count:,}") for key, count in found["packets"]["sent"].items()]
     sent = sum(found["packets"]["sent"].values())
     total = f"The arm counts {sum(counts.values()):,} of {sent:,} sent packets: "
-    heads = "communication step, ms | hub's largest distance from Python's loop, rad | over the row before"
+    heads = "communication step, ms | largest hub error against Python's loop, rad | ratio to the row above"
     exact = f"With a communication step of one period ({1e3 * PERIOD:g} ms) the hub agrees with Python's loop within"
     return {
-        "bits": table("arm | periods | numbers | different", bits),
+        "bits": table("arm | periods | compared numbers | differing numbers", bits),
         "steps": table(
-            "arm | as | by the clock, µs | of the processor, µs | allocations | page faults | ended early", steps,
+            "arm | scheduling | wall time, µs | processor time, µs | allocations | page faults | episodes that ended "
+                "early", steps,
         ),
-        "units": table("unit | FMI | FMPy's messages | periods | numbers | different", units),
+        "units": table("unit | FMI | FMPy's messages | periods | compared numbers | differing numbers", units),
         "coupled": [
             f"{exact} {found['coupled']['python']:.1e} rad.", "", *table(heads, rows),
         ],
         "packets": [
             total + ", ".join(f"{key} {count:,}" for key, count in counts.items()) + ".", "",
-            *table("sent | packets", told),
+            *table("kind of packet sent | number", told),
         ],
     }  # fmt: skip
 

@@ -78,7 +78,7 @@ def peer(elements: int, dt: float) -> np.ndarray:
     of.newton.relativeTolerance, of.newton.absoluteTolerance = 1e-5, 1e-6
     settings.solution.sensors.writePeriod = SAMPLE
     if not mbs.SolveDynamic(settings):
-        raise RuntimeError(f"Exudyn with {elements} elements a link and steps of {dt:g} s did not come to an end")
+        raise RuntimeError(f"Exudyn with {elements} elements per link and steps of {dt:g} s did not come to an end")
     return np.asarray(mbs.GetSensorStoredData(sensor))[:, 1:3]
 
 
@@ -107,7 +107,7 @@ def compared(mine: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> str:
 
 
 def _name(elements: int, dt: float) -> str:
-    return f"{elements} elements a link, {1e3 * dt:g} ms"
+    return f"{elements} elements per link, {1e3 * dt:g} ms"
 
 
 def main() -> None:

@@ -177,16 +177,16 @@ def measure(_: argparse.Namespace) -> dict[str, Any]:
             return float(np.linalg.norm(one - two, axis=1).max()) / length
 
         at_once = {}
-        for who, run in (("ours", ours), ("Exudyn", peer)):
+        for who, run in (("flexarm_env", ours), ("Exudyn", peer)):
             coarse, fine = (run(scene, *case)[0] for case in CHECKED)
             at_once[who] = fine + (fine - coarse) / 3.0
         bent = fx.simulate(scene, elements=16, estimate_error=False)
         checks.append([
             name, f"{float(np.linalg.norm(bent.tip_deflection, axis=2).max()):.2f}",
-            f"{np.degrees(np.abs(bent.twist).max()):.0f}", f"{apart(at_once['ours'], at_once['Exudyn']):.1e}",
+            f"{np.degrees(np.abs(bent.twist).max()):.0f}", f"{apart(at_once['flexarm_env'], at_once['Exudyn']):.1e}",
         ])  # fmt: skip
         known = ours(scene, 48, 1.25e-4)[0]
-        for who, run in (("ours", ours), ("Exudyn", peer)):
+        for who, run in (("flexarm_env", ours), ("Exudyn", peer)):
             for elements in MESHES:
                 for dt in STEPS:
                     if who == "Exudyn" and (dt == STEPS[-1] or (elements, dt) == (32, STEPS[-2])):
@@ -214,15 +214,18 @@ def blocks(found: dict[str, Any]) -> pages.Blocks:
     """Format the tables of the page."""
     lines = []
     for name in dict.fromkeys(row["scene"] for row in found["rows"]):
-        for who in ("ours", "Exudyn"):
+        for who in ("flexarm_env", "Exudyn"):
             own = front([row for row in found["rows"] if row["scene"] == name and row["who"] == who])
             lines += [
                 [name, who, row["elements"], f"{1e3 * row['dt']:g}", f"{100 * row['error']:.2g}", f"{row['cpu']:.3f}"]
                 for row in own
             ]
     return {
-        "CHECKS": table("scene | bent, of a link's length | twisted, ° | tips apart, of L", found["checks"]),
-        "WORK": table("scene | who | elements a link | step, ms | error, % of L | CPU, s", lines),
+        "CHECKS": table(
+            "scene | largest deflection, of a link's length | largest twist, ° | distance between the tips, of L",
+            found["checks"],
+        ),
+        "WORK": table("scene | program | elements per link | step, ms | error, % of L | CPU, s", lines),
     }
 
 

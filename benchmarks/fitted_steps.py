@@ -125,11 +125,11 @@ def saved(rows: list[dict[str, Any]], tolerance: float = 1e-4) -> list[str]:
             if row["options"].get("step_tolerance") == tolerance
             or ("step_tolerance" not in row["options"] and row["options"].get("dt") == max(enough))
         }
-        pairs = [f"{cpu[motion, True]:.2g} against {cpu[motion, False]:.2g} in {motion!r}" for motion in MOTIONS]
+        pairs = [f"{cpu[motion, True]:.2g} and {cpu[motion, False]:.2g} (`{motion}`)" for motion in MOTIONS]
         lines.append(f"- With `{formulation}` and an error of at most {100 * tolerance:g} % of the length per "
                      "control period, "
                      f"fixed steps must be {1e3 * max(enough):.3g} ms in all motions. The CPU times per control "
-                     f"period, in µs, of fitted against fixed steps are {', '.join(pairs)}.")  # fmt: skip
+                     f"period, in µs, with adaptive steps and with fixed steps are {', '.join(pairs)}.")  # fmt: skip
     return lines
 
 
@@ -146,7 +146,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
             bound = f"{100 * tolerance:g}" if tolerance else "–"
             errors = f"{100 * row['largest']:.2g}", f"{100 * row['rms']:.2g}"
             rows.append((row["formulation"], kind, bound, *errors, f"{row['steps']:.1f}", f"{1e6 * row['cpu']:.2g}"))
-        heads = "formulation | step, ms | tolerance | largest error | rms | steps a period | CPU, µs a period"
+        heads = "formulation | step, ms | tolerance | largest error | rms error | steps per period | CPU, µs per period"
         lines[motion] = table(heads, rows)
     return lines
 
@@ -159,7 +159,7 @@ def measure(options: argparse.Namespace) -> pages.Found:
             rows.append(run(motion, formulation, way, options.periods))
             print(json.dumps(rows[-1]), flush=True)
     within = all(row["largest"] <= row["options"].get("step_tolerance", np.inf) for row in rows)
-    return {"rows": rows, "verdicts": {"no fitted period adds more than it is allowed": within}}
+    return {"rows": rows, "verdicts": {"no period with adaptive steps adds more error than its tolerance": within}}
 
 
 if __name__ == "__main__":

@@ -217,7 +217,7 @@ def strips(folder: Path, seeds: int = 6) -> dict[str, Any]:
             style = "o-" if key.startswith("strip") else "s--"
             panels[0].semilogy(nodes, 100 * np.median(row["mesh"], axis=0), style, color=color, ms=4, lw=1.2, label=key)
             panels[1].loglog(steps, 100 * np.median(row["step"], axis=0), style, color=color, ms=4, lw=1.2)
-        panels[0].set(title="mesh: against 12 nodes, step 2.5 ms (% of L)", xlabel="nodes a link")
+        panels[0].set(title="mesh: against 12 nodes, step 2.5 ms (% of L)", xlabel="nodes per link")
         panels[1].set(title="step: 10 nodes, against the exact beam (% of L)", xlabel="h (s)")
         panels[1].set_xticks(steps, [f"{h:g}" for h in steps])
         panels[1].set_xticks([], minor=True)

@@ -90,9 +90,9 @@ def blocks(found: pages.Found) -> pages.Blocks:
         vibration = f"{row['residual_vibration_median']:.2g}"
         judged.append((one["policy"], success, f"{row['settling_time_median']:.3g}", vibration))
     ranges = {name: tuple(bounds) for name, bounds in found["ranges"].items()}
-    heads = "trained on the ... arm | success on the true one | settling time, s | residual vibration, mm"
+    heads = "training arm | success on the true arm | settling time, s | residual vibration, mm"
     return {
-        "fit": table("parameter | before | fitted | true", fitted),
+        "fit": table("parameter | before the fit | fitted | true", fitted),
         "ranges": [f"The fit gives the ranges {ranges} for `randomization`."],
         "policies": table(heads, judged),
     }

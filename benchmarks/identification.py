@@ -225,8 +225,10 @@ def table_of(rows: list[dict[str, Any]], names: Sequence[str]) -> list[str]:
         error = float(np.sqrt(np.mean([row["error"][name] ** 2 for row in rows])))
         cells = (f"{100 * width:.2g} %", f"{100 * error:.2g} %", f"{width / (1.96 * error):.2f}")
         summary.append((f"`{name}`", f"{held} of {len(rows)}", *cells))
-    heads = "parameter | truth within its 95 % interval | half width, median | error, root mean square"
-    return table(f"{heads} | half width over 1.96 times the error", summary, True)
+    heads = (
+        "parameter | true value within the 95 % interval | median half width of the interval | root-mean-square error"
+    )
+    return table(f"{heads} | half width / (1.96 × error)", summary, True)
 
 
 def blocks(found: pages.Found) -> pages.Blocks:

@@ -98,5 +98,7 @@ def table_of_long_runs(rows: Sequence[dict[str, Any]]) -> list[str]:
          f"{row['cpu_seconds']:.1f}")
         for row in rows
     ]  # fmt: skip
-    heads = "run | step, s | steps | failed steps | appeared | taken | largest deflection | ended | CPU, s"
+    heads = (
+        "run | step, s | steps | failed steps | energy gained | energy removed | largest deflection | status | CPU, s"
+    )
     return table(heads, lines)

@@ -434,7 +434,10 @@ def _cells(row: Row) -> tuple[str, ...]:
 
 def front_table(found: Row) -> list[str]:
     """Format a table of MuJoCo's Pareto front and the package's defaults."""
-    heads = "settings | random, % | bang-bang, % | one arm in C | Gymnasium | batch, one thread | two threads"
+    heads = (
+        "settings | error: random torques, % | bang-bang, % | one arm in C, µs | in Gymnasium, µs | batch on one "
+        "thread, µs | on two threads, µs"
+    )
     lead = front(found["timed"])
     both = [row for row in found["timed"] if row in lead or row in front(found["timed"], ("random",))]
     return table(heads, [_cells(row) for row in (*both, *found["ours"])])
@@ -455,7 +458,11 @@ def ratio_table(found: Row) -> list[str]:
             a, b = quickest(found["timed"], kinds, target, theirs), quickest(found["ours"], kinds, target, ours)
             cells.append("–" if a is None or b is None else short(a[theirs] / b[ours]))
         lines.append(("random" if len(kinds) == 1 else "both", f"{target:g} %", *cells))
-    return table("torques | error | one arm in C / our Gymnasium | Gymnasium / Gymnasium | batch | two threads", lines)
+    return table(
+        "torques | allowed error | MuJoCo in C / package in Gymnasium | both in Gymnasium | batch on one "
+        "thread | batch on two threads",
+        lines,
+    )
 
 
 def check_table(found: pages.Found) -> list[str]:
@@ -473,7 +480,7 @@ def frequency_table(found: pages.Found) -> list[str]:
     """Format a table of the lowest frequencies of arms and chains."""
     lines = [(found[env_id]["arm"], row["label"], *(f"{f:.4g}" for f in row["frequencies"]))
              for env_id in IDS for row in found[env_id]["frequencies"]]  # fmt: skip
-    return table("arm | model | 1, Hz | 2, Hz | 3, Hz", lines)
+    return table("arm | model | first frequency, Hz | second, Hz | third, Hz", lines)
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
@@ -489,7 +496,8 @@ def blocks(found: pages.Found) -> pages.Blocks:
           f"{row['apart']:.2g}") for row in found["policy"]["runs"]],
     )  # fmt: skip
     rods = [row for row in found[IDS[0]]["rows"] if row.get("rod")]
-    made["rods"] = table("springs, integrator, step | random, % | bang-bang, % | batch, one thread", [
+    made["rods"] = table("springs, integrator, step | error: random torques, % | bang-bang, % | batch on one thread, "
+        "µs", [
         (described(row), *(f"{row[kind]:.2g}" for kind in KINDS), f"{row['cpu']:.3g}") for row in rods
     ])  # fmt: skip
     made |= {"frequencies": frequency_table(found), "three_dof": front_table(found["three_dof"])}
@@ -502,17 +510,17 @@ def finding(found: pages.Found) -> str:
     words = []
     pairs = (
         ("alone", "gym", "one arm, MuJoCo in C, the package in Gymnasium"),
-        ("gym", "gym", "one arm, both in Gymnasium"), ("batch", "batch", "an arm of a batch"),
+        ("gym", "gym", "one arm, both in Gymnasium"), ("batch", "batch", "one arm of a batch in both programs"),
     )  # fmt: skip
     for theirs, ours, what in pairs:
         a, b = quickest(own["timed"], KINDS, 2.0, theirs), quickest(own["ours"], KINDS, 2.0, ours)
         if a is not None and b is not None:
-            words.append(f"{short(a[theirs] / b[ours])} ({what})")
+            words.append(f"{short(a[theirs] / b[ours])} times as long ({what})")
     coarse = quickest(own["timed"], ("random",), 1.0, "alone")
     best = min((error_of(row) for row in own["rows"]), default=np.nan)
     if words:
         text = (f"On `FlexibleArm-v0` MuJoCo's fastest chain with an error within 2 % of L under both kinds of "
-                f"torque takes {', '.join(words)} times as long as the package's fastest default.")  # fmt: skip
+                f"torque takes longer than the package's fastest default: {', '.join(words)}.")  # fmt: skip
     else:
         text = (f"On `FlexibleArm-v0` no setting of MuJoCo within {LONGEST:g} µs a period reaches 2 % under both kinds "
                 "of torque.")  # fmt: skip

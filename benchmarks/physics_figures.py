@@ -90,7 +90,7 @@ def free_flight(name: str, folder: Path) -> dict[str, Any]:
         scene, segments=segments, dt=FLIGHTS[name]["long"], rho_inf=1.0, sample=0.0125, duration=8 * scene.duration
     )
     windows = [float(part.std()) for part in np.array_split(free_energy(long)[1], 8)]
-    title = f"{name}, {segments} segments a link, rho_inf = 1"
+    title = f"{name}, {segments} segments per link, rho_inf = 1"
     with styled_figure(folder / f"{name}_conservation.png", 10.5, 4.2, title) as figure:
         convergence, path, energy_axes = figure.subplots(1, 3, gridspec_kw={"width_ratios": [1.0, 1.25, 1.25]})
         for color, label, values in ((COLORS[0], "centre of mass (m)", errors), (COLORS[1], "energy (J, rms)", wobble)):
@@ -174,12 +174,14 @@ def verdicts(found: dict[str, Any]) -> dict[str, bool]:
     stretch = spin["von_karman"]["steady_stretch"] / 5.143e-4 - 1.0
     windows = [f["long_run"]["energy_wobble_rms_of_eighths"] for f in flights]
     return {
-        "spin-up, von_karman: deepest lag -0.5735 +- 0.001 m": abs(spin["von_karman"]["deepest_lag"] + 0.5735) < 1e-3,
-        "spin-up, paper: deepest lag -0.5749 +- 0.001 m": abs(spin["paper"]["deepest_lag"] + 0.5749) < 1e-3,
+        "spin-up, von_karman: largest lag -0.5735 +- 0.001 m": abs(spin["von_karman"]["deepest_lag"] + 0.5735) < 1e-3,
+        "spin-up, paper: largest lag -0.5749 +- 0.001 m": abs(spin["paper"]["deepest_lag"] + 0.5749) < 1e-3,
         "spin-up, linear: diverged": spin["linear"]["status"] == "diverged",
         "spin-up: steady stretch 5.143e-4 m within 0.5 %": abs(stretch) < 5e-3,
-        "free flight: centre of mass of second order": all(abs(f["center_of_mass_order"] - 2) < 0.2 for f in flights),
-        "free flight: energy of second order": all(abs(f["energy_order"] - 2) < 0.3 for f in flights),
+        "free flight: error of the center of mass of second order": all(
+            abs(f["center_of_mass_order"] - 2) < 0.2 for f in flights
+        ),
+        "free flight: error of the energy of second order": all(abs(f["energy_order"] - 2) < 0.3 for f in flights),
         "free flight: energy without growth": all(max(w[4:]) < 2.0 * max(w[:4]) for w in windows),
         "integrator of order 2 +- 0.1": all(abs(o["orders"][-1] - 2.0) < 0.1 for o in order.values()),
         "every named scene runs to its end": set(found["scenes"].values()) == {"ok"},
@@ -195,7 +197,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
         spun.append((f"`{coupling}`", *lag, stretch, f"{row['status']}, {row['reached']:.3g} s"))
     halved = [(k, ", ".join(f"{o:.3f}" for o in v["orders"])) for k, v in found["order"].items()]
     lines = {
-        "spin-up": table("coupling | deepest lag, m | at, s | steady stretch, m | status", spun),
+        "spin-up": table("coupling | largest lag, m | time of the largest lag, s | steady stretch, m | status", spun),
         "order": table("run | orders between halved steps", halved),
     }
     for name, row in found["free_flight"].items():
@@ -207,8 +209,9 @@ def blocks(found: pages.Found) -> pages.Blocks:
         length = f"{long['duration']:g} s, step {long['dt']:g} s"
         lines[name] = [
             f"`{name}` has {row['segments']} segments per link and the energy {row['energy']:.3f} J:", "",
-            *table("step, s | centre of mass: largest error, m | energy: rms wobble, J", rows), "",
-            f"In a run eight times as long ({length}), the wobble of the energy in each eighth of the run is "
+            *table("step, s | center of mass: largest error, m | energy: standard deviation, J", rows), "",
+            f"In a run eight times as long ({length}), the standard deviation of the energy in each eighth of the "
+                "run is "
             f"{eighths} J.",
         ]  # fmt: skip
     return lines

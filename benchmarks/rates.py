@@ -138,7 +138,7 @@ def exudyn_arm(elements: int = 5, n_steps: int = 4) -> Case | None:
 
         return stepper(elements, n_steps), lambda: None
 
-    return Case(f"Exudyn, {elements} elements, {n_steps} steps a period", make, _facts("Exudyn strip"))
+    return Case(f"Exudyn, {elements} elements, {n_steps} steps per period", make, _facts("Exudyn strip"))
 
 
 def arithmetic(threads: int) -> Case:
@@ -185,7 +185,7 @@ def reduced_cases(modes: int, n_envs: int) -> list[Case]:
     valid range."""
     cases = []
     for env_id, threads in itertools.product(IDS, (1, 2)):
-        label = f"floating_frame, {modes} modes a link"
+        label = f"floating_frame, {modes} modes per link"
         name = f"{env_id} {label} x {n_envs}, {threads} thread(s)"
         case = vector(name, env_id, n_envs, threads, WEAK, formulation="floating_frame", modes=modes)
         case.facts |= {"formulation": label, "settings": {"modes": modes, **OF_MODES}}

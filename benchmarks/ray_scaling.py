@@ -217,7 +217,9 @@ def blocks(found: pages.Found) -> pages.Blocks:
             carried = max(0.0, row["sampling"] - sum(row[part] for part in PARTS))
             parts = (*(row[part] for part in PARTS), carried, row["learning"])
             shares.append((name, *(f"{part / row['iteration']:.0%}" for part in parts)))
-    heads = "runners | steps an iteration | steps/s | while sampling | iteration, ms | sampling, ms | learning, ms"
+    heads = (
+        "runners | steps per iteration | steps/s | steps/s while sampling | iteration, ms | sampling, ms | learning, ms"
+    )
     parts_of = "environments | policy | building episodes | transfer to the training process | learning"
     return {
         "load": [f"The machine's load average was {found['load_average']:.1f} at the "

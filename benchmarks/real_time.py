@@ -204,12 +204,15 @@ def blocks(found: Found) -> pages.Blocks:
         for what, of in zip(("arm", "served"), zip(*one["us"], strict=True), strict=True):
             cells = (f"{us:.3g} ({worst:.3g}): {us * r / 1e4:.2g} %" for r, (us, worst) in zip(RATES, of, strict=True))
             arms.append((one["arm"], what, *cells))
-    heads = "beside it | Hz | periods | took, s | begins late, ms | latency, ms | off, ms | missed | lost | us a period"
+    heads = (
+        "other load | rate, Hz | periods | duration, s | start delay, ms | latency, ms | interval error, ms | "
+        "missed | lost | CPU per period, µs"
+    )
     quiet = found["load"] < 0.5
     load = f"The load average was {found['load']:.1f} before the first run, {found['load_after']:.1f} after the last."
     return {
         "kept": table(heads, rows),
-        "arms": table(f"arm | what | {' | '.join(f'{r} Hz' for r in RATES)}", arms),
+        "arms": table(f"arm | measured time | {' | '.join(f'{r} Hz' for r in RATES)}", arms),
         "load": [load + ("" if quiet else " **The machine was not quiet**: other work was on the same cores.")],
     }
 

@@ -120,10 +120,10 @@ def tips(relative: Relative, episodes: int) -> list[dict[str, Any]]:
             return np.array([env.step(one)[-1]["tip_position"].copy() for one in actions])
 
         exact = own(EXACT)
-        runs = {f"ours, {one['elements']} elements": own(one) for one in OURS}
+        runs = {f"flexarm_env, {one['elements']} elements": own(one) for one in OURS}
         for n in ELEMENTS:
             each = [relative.run(n, starts[i], actions[:, i])["tips"] for i in range(episodes)]
-            runs[f"its, {n} element{'s' if n > 1 else ''}"] = np.array(each).swapaxes(0, 1)
+            runs[f"flexible_arm, {n} element{'s' if n > 1 else ''}"] = np.array(each).swapaxes(0, 1)
         for who, found in runs.items():
             off = np.linalg.norm(found - exact, axis=2) / REACH
             errors = np.quantile(np.maximum.accumulate(off), 0.98, axis=1).tolist()
@@ -185,7 +185,10 @@ def drawing(rows: list[dict[str, Any]], folder: Path) -> None:
     with styled_figure(folder / "relative.png", 6.4, 3.6) as figure:
         axes = figure.subplots()
         for yaw, line in ((False, "--"), (True, "-")):
-            for who, color in ((f"its, {ELEMENTS[-1]} elements", COLORS[1]), ("ours, 2 elements", COLORS[0])):
+            for who, color in (
+                (f"flexible_arm, {ELEMENTS[-1]} elements", COLORS[1]),
+                ("flexarm_env, 2 elements", COLORS[0]),
+            ):
                 row = next(row for row in rows if row["yaw"] is yaw and row["who"] == who)
                 torques = "all three joints" if yaw else "shoulder and elbow"
                 axes.semilogy(t, 100.0 * np.array(row["errors"]), line, color=color, label=f"{who}: {torques}")
@@ -208,8 +211,8 @@ def measure(options: argparse.Namespace) -> pages.Found:
 def blocks(found: pages.Found) -> pages.Blocks:
     """Format the tables of the page."""
     base = found["rates"]["pendulum"]
-    names = {"one": "ours, one arm", "many": "ours, 1024 arms, one thread"}
-    names |= {str(n): f"its, {n} element{'s' if n > 1 else ''} a link" for n in ELEMENTS}
+    names = {"one": "flexarm_env, one arm", "many": "flexarm_env, 1024 arms, one thread"}
+    names |= {str(n): f"flexible_arm, {n} element{'s' if n > 1 else ''} per link" for n in ELEMENTS}
     pace = [(name, f"{found['rates'][key]:,.0f}", f"{found['rates'][key] / base:.2g}") for key, name in names.items()]
     errors, turned = [], {True: "all three", False: "shoulder and elbow"}
     for row in found["tips"]:
@@ -224,10 +227,11 @@ def blocks(found: pages.Found) -> pages.Blocks:
             cells += [f"{there.sum()} of {len(late)}", f"{middle:.2f} s" if math.isfinite(middle) else "–"]
         rows.append((row["name"], *cells))
     return {
-        "rates": [f"`Pendulum-v1` in the same run: {base:,.0f} steps a second of processor time.", "",
-                  *table("environment | steps a second | of Pendulum-v1's", pace)],
-        "tips": table("torques | who | after 0.1 s | 0.2 s | 0.3 s | 0.5 s", errors),
-        "reached": table("policy | within 10 mm for 3 periods | median | within 10 mm to the end | from, median", rows),
+        "rates": [f"`Pendulum-v1` in the same run: {base:,.0f} steps per second of processor time.", "",
+                  *table("environment | steps per second | relative to Pendulum-v1", pace)],
+        "tips": table("torques at | program | after 0.1 s | 0.2 s | 0.3 s | 0.5 s", errors),
+        "reached": table("policy | within 10 mm for 3 periods | median time | within 10 mm until the end | median "
+            "start of this interval", rows),
     }  # fmt: skip
 
 

@@ -123,7 +123,8 @@ def summary(rows: list[dict[str, Any]]) -> list[str]:
             f"{max(row['off_exact'] for row in own if row['found']):.1e}" if any(r["found"] for r in own) else "–",
         ])  # fmt: skip
     heads = (
-        "arm | bound | plans | planned | found | wrong | exact beam: deflection | replay off by | found: off goal, rad"
+        "arm | deflection bound | plans | planned | found | wrong | largest deflection on the exact beam | distance "
+        "from the replay | largest goal error of found plans, rad"
     )
     return table(heads, lines)
 

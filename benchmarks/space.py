@@ -40,7 +40,7 @@ def known_answers() -> list[list[Any]]:
     rows.append(["pure moment 2π EI/L: tip's distance from the root", "0", f"{closed:.0e}", 6])
     for n in (4, 8, 16):
         apart = answers.off_a_helix(1e9, elements=n)
-        rows.append(["helix under an end moment of 7 N m, EI = GJ = 2, L = 1: tip off", "0", f"{apart:.1e}", n])
+        rows.append(["helix under an end moment of 7 N m, EI = GJ = 2, L = 1: tip error, m", "0", f"{apart:.1e}", n])
     load = answers.buckling(3.95, 4.05, elements=16)
     rows.append(["lateral-torsional buckling, P L²/√(EI_w GJ)", f"{answers.BUCKLES}", f"{load:.4f}", 16])
     found = modes(answers.STRIP, 8, elements=12, clamped=True).frequencies / (2.0 * math.pi)
@@ -62,7 +62,7 @@ def whirl() -> list[list[Any]]:
         rows.append([f"overhung disc spun at {turning:g} rad/s: whirl and torsion seen from rest, rad/s", *pair, 1])
     found = modes(answers.SHAFT, 2, elements=12, clamped=True, spin=spin).frequencies
     apart = abs(float(np.abs(found[1] - found[0])) - 2.0 * spin)  # the observer turns
-    case = f"uniform shaft spun at {spin:g}: its whirls apart (known to first order)"
+    case = f"uniform shaft spun at {spin:g}: difference of its whirl frequencies (known to first order)"
     return [*rows, [case, f"{answers.split_of_whirls(spin):.5f}", f"{apart:.5f}", 12]]
 
 
@@ -77,9 +77,9 @@ def free_spin() -> list[list[Any]]:
         off.append(float(np.abs(found - known).max()))
     least = int(known[:, 1].argmin())
     pair = (" ".join(f"{x:.4f}" for x in v[least]) for v in (known, found))
-    rows.append([f"free spin about the middle axis, turned over at {run.t[least]:g} s, rad/s", *pair, "rigid"])
+    rows.append([f"free spin about the middle axis, flipped at {run.t[least]:g} s, rad/s", *pair, "rigid"])
     two, order = " ".join(f"{x:.1e}" for x in off), f"{math.log2(off[0] / off[1]):.2f}"
-    rows.append(["its largest difference in 6 s, rad/s, by steps of 1 and 0.5 ms", "0", two, "rigid"])
+    rows.append(["free spin: largest error in 6 s, rad/s, with steps of 1 and 0.5 ms", "0", two, "rigid"])
     rows.append(["its order in the step", "2", order, "rigid"])
     return rows
 
@@ -120,12 +120,20 @@ def free_arm() -> list[list[Any]]:
     names, rows = ("linear momentum", "angular momentum", "energy"), []
     for i, name in enumerate(names):
         two = " ".join(f"{half[i]:.1e}" for half in halves)
-        rows.append([f"free arm over 100,000 steps of 2 ms: {name} off, over its size, in either half", "0", two, 2])
+        rows.append(
+            [
+                f"free arm over 100,000 steps of 2 ms: {name} error divided by its magnitude, in the first and "
+                "second half",
+                "0",
+                two,
+                2,
+            ]
+        )
     ripple = [answers.drift(h, 4.0, 100, **same).max(axis=0) for h in (4e-3, 2e-3, 1e-3)]
     for i in (1, 2):
         orders = " ".join(f"{math.log2(ripple[k][i] / ripple[k + 1][i]):.2f}" for k in range(2))
         sizes = ", ".join(f"{one[i]:.1e}" for one in ripple)
-        rows.append([f"its ripple of {names[i]} in 4 s, {sizes} at 4, 2, 1 ms: order", "2", orders, 2])
+        rows.append([f"free arm: ripple of {names[i]} in 4 s, {sizes} at 4, 2, 1 ms: order", "2", orders, 2])
     return rows
 
 
@@ -153,9 +161,16 @@ def drawn_planes() -> list[list[Any]]:
             found.append(turn.inv().apply(fx.simulate(tilted, elements=n, **options).tip))
         plane = fx.simulate(flat, "geometrically_exact", elements=n, **options).tip[:, :2]
         off, spread = (float(np.abs(np.array(found) - one).max()) / 1.1 for one in (own, found[0]))
-        case = "two links in ten drawn planes: tip off the plane's, of L (planar kernels with as many elements: "
+        case = "two links in ten random planes: tip error, of L (planar solver with as many elements: "
         rows.append([f"{case}{np.abs(plane - fine).max() / 1.1:.1e})", "0", f"{off:.1e}", n])
-        rows.append(["the ten from each other, turned back, of L", "0", f"{spread:.1e}", n])
+        rows.append(
+            [
+                "two links in ten random planes: largest distance between the ten rotated-back tips, of L",
+                "0",
+                f"{spread:.1e}",
+                n,
+            ]
+        )
     return rows
 
 
@@ -278,21 +293,22 @@ def blocks(found: Found) -> pages.Blocks:
     """Format the tables of the page."""
     cases = {k: v for k, v in found["omission"].items() if k != "modes"}
     heads = (
-        "model | largest yaw, rad | tip out of the arm's plane, m | at, s | after the torque, m | largest twist, ° | "
-        "tip from that of the first row, m | yaw from that, rad"
+        "model | largest yaw, rad | tip out of the arm's plane, m | at time, s | out of the plane after the torque, "
+        "m | largest twist, ° | "
+        "tip distance from the first row, m | yaw difference from the first row, rad"
     )
     rows = [[name, *(f"{v[k]:.3f}" for k in ("yaw", "out", "at", "after")), f"{v['twist']:.1f}",
              *(f"{v[k]:.3f}" for k in ("tips", "yaws"))] for name, v in cases.items()]  # fmt: skip
     return {
-        "KNOWN": table("case | known | found | elements a link", [*found["known"], *found["frame"]]),
+        "KNOWN": table("case | known value | computed value | elements per link", [*found["known"], *found["frame"]]),
         "PLANE": table(
-            "scene | elements a link | error in space | error in the plane | time of a run, over the plane's | "
-            "of steps of eight in lanes",
+            "scene | elements per link | error in space | error in the plane | time of a run / time in the plane | "
+            "the same ratio for eight arms in lanes",
             found["plane"],
         ),
         "FLOATING": table(
-            "segments a link | tip off the exact beam's | largest bend | largest twist, ° | "
-            "time of a run, over the exact beam's | over planar frames'",
+            "segments per link | distance from the exact beam's tip | largest deflection | largest twist, ° | "
+            "time / time of the exact beam | time / time of planar frames",
             found["floating"],
         ),
         "OMISSION": table(heads, rows),

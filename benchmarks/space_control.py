@@ -59,8 +59,9 @@ def blocks(found: pages.Found) -> pages.Blocks:
          f"{row['success']:.0%}", f"{row['settling']:.2f} s")
         for row in learned if row["env"] == "SpatialFlexArm-v0"
     ]  # fmt: skip
-    heads = "algorithm | seed | steps | 95 % in validation after | success | settling, median"
-    return {"settled": table("controller | settled | median | 95 % by", rows), "learned": table(heads, runs)}
+    settled = "controller | settled episodes | median settling time | 95th percentile"
+    learning = "algorithm | seed | steps | CPU time until 95 % of validation episodes settle | success | "
+    return {"settled": table(settled, rows), "learned": table(learning + "median settling time", runs)}
 
 
 if __name__ == "__main__":

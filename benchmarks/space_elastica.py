@@ -79,8 +79,8 @@ def blocks(found: pages.Found) -> pages.Blocks:
         ]
         rows.append([row["scene"], f"{row['target']:.0e}", *told, *ratios])
     head = (
-        "scene | error at most | elastica: nodes, step: CPU ms | frames: segments, step: CPU ms | "
-        "exact beam: elements, step: CPU ms | frames over elastica | exact beam over elastica"
+        "scene | allowed error | elastica: nodes, step: CPU ms | floating frames: segments, step: CPU ms | "
+        "exact beam: elements, step: CPU ms | time of frames / elastica | time of exact beam / elastica"
     )
     return {"rows": table(head, rows)}
 

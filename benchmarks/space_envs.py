@@ -151,13 +151,13 @@ def blocks(found: pages.Found) -> pages.Blocks:
         for (share, own), pair in zip(kinds, rates["many"], strict=True)
     ]
     return {
-        "accuracy": table("torques | a link | dt | after 0.1 s | 0.2 s | 0.3 s | 0.5 s", errors),
+        "accuracy": table("torques | mesh of a link | dt | after 0.1 s | 0.2 s | 0.3 s | 0.5 s", errors),
         "books": table("elements | dt | under `pd` | full torques of random sign", kept),
         "rates": [
             f"The rates are steps per second, divided by the {base:,.0f} steps per second of `Pendulum-v1` in the same "
-            f"run. One arm has the rate {rates['one'] / base:.2f}. The table has the rates of 1024 arms:",
+            f"run. A single arm has the relative rate {rates['one'] / base:.2f}. The table has the rates of 1024 arms:",
             "",
-            *table("torques | a link | dt | on one thread | on two", fast),
+            *table("torques | mesh of a link | dt | on one thread | on two threads", fast),
         ],
     }
 

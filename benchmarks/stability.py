@@ -296,7 +296,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
     ]  # fmt: skip
     lines = {
         "cases": table_of_cases(found),
-        "long steps": table("program | runs | failed | more than 5 % of L off without a message",
+        "long steps": table("program | runs | failed | error above 5 % of L without a message",
                             [[program, *counts.values()] for program, counts in found["hard_steps"].items()]),
         "hardest": table("program | method | status | error, % of L | estimate, % of L", hard),
     }  # fmt: skip

@@ -302,5 +302,5 @@ def _random(more: int) -> Iterator[Case]:
 FAMILIES: dict[str, Callable[[int], Iterator[Case]]] = {
     "step": _step, "stiffness": _stiffness, "spin": _spin, "bang-bang": _bang, "damping": _damping,
     "damped and bent": _bent, "sizes": _sizes,
-    "kinks": _kinks, "gravity": _gravity, "fitted steps": _fitted, "period corrected": _corrected, "random": _random,
+    "kinks": _kinks, "gravity": _gravity, "adaptive steps": _fitted, "period corrected": _corrected, "random": _random,
 }  # fmt: skip

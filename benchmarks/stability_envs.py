@@ -240,8 +240,9 @@ def tally(rows: Sequence[dict[str, Any]]) -> list[Any]:
 
 
 HEAD = (
-    "| episodes judged | ended with a reason | error > 5 %, % of these | > 1 % | unreported > 5 % | unreported > 1 % | "
-    "arms warned of | arms refused | steps a period, median | 95 %"
+    "environment, formulation | judged episodes | episodes that ended early | error > 5 %, % of judged episodes | "
+    "error > 1 % | unreported error > 5 % | unreported error > 1 % | arms with a warning | rejected arms | "
+    "steps per period, median | 95th percentile"
 )
 
 

@@ -126,4 +126,4 @@ def table_of(lines: list[dict[str, Any]]) -> list[str]:
         (*line["line"], *(line["outcomes"].get(name, 0) for name in OUTCOMES), f"{line['right_up_to']:.0e}")
         for line in lines
     ]
-    return table(" | ".join(["", "method", "times", *OUTCOMES, "right up to"]), cells)
+    return table(" | ".join(["run in", "method", "scaled stiffness", *OUTCOMES, "correct up to the factor"]), cells)

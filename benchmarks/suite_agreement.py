@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, pairs, share, enough in found:
         print(f"{name.strip('`'):20} {pairs:6} pairs {share:>7}  {enough.strip('*')}")
     if options.results == DOCS / "results" / "suite":
-        lines = table("task | pairs | the success pays more | ≥ 95 % of ≥ 30", found)
+        lines = table("task | pairs | successful run has the higher return | at least 95 % of at least 30 pairs", found)
         write_page(DOCS / "results", "suite_agreement", {"pairs": lines})
     return int(any(enough == "**no**" for *_, enough in found))
 

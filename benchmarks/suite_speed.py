@@ -41,7 +41,9 @@ def blocks(found: pages.Found) -> pages.Blocks:
          f"{row['task_rate']:,.0f}", f"{row['ratio']:.2f}")
         for row in found["rows"]
     ]  # fmt: skip
-    return {"rates": table("task | environment | plain, 1/s | task, 1/s | ratio", cells)}
+    return {
+        "rates": table("task | environment | steps/s of the plain environment | steps/s of the task | ratio", cells)
+    }
 
 
 if __name__ == "__main__":

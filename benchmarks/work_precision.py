@@ -78,7 +78,7 @@ MORE: dict[str, dict[str, dict[str, Any]]] = {
     "two_link_motion": {
         "a longer step": MIDDLE,
         "period corrected": {**MIDDLE, "period_correction": True},
-        "steps fitted to 0.2 %": FITTED,
+        "adaptive steps, tolerance 0.2 %": FITTED,
     }
 }
 CORRECTED = {
@@ -160,7 +160,7 @@ def cases_of(name: str, full: bool) -> list[Case]:
     for (label, formulation, options), dt in itertools.product(meshes(full), STEPS.get(name, LONG)):
         found.append({"scene": name, "label": label, "formulation": formulation, "options": {**options, "dt": dt}})
     if name in MORE:
-        found.append({"scene": name, "label": "exact, steps fitted", "formulation": EXACT, "options": FITTED})
+        found.append({"scene": name, "label": "exact, adaptive steps", "formulation": EXACT, "options": FITTED})
     for formulation in ("floating_frame", "geometrically_exact", "elastica"):
         own = DEFAULT_OPTIONS[formulation] if name in ENVIRONMENTS else {"dt": scene_named(name).dt}
         label = {"floating_frame": "floating frame", "geometrically_exact": "exact"}.get(formulation, formulation)
@@ -277,7 +277,9 @@ def floating_frames(rows: Sequence[dict[str, Any]]) -> list[str]:
             cells.append(cell)
         gains = [row["cpu"] / new["cpu"] if (new := advice(chain, row["max_error"])) else 0.0 for row in front(joined)]
         found.append((name, *cells, f"{min(gains):.1f}", f"{max(gains):.1f}"))
-    return table(" | ".join(["scene", *(f"{target:g} %" for target in TARGETS), "least", "most"]), found)
+    return table(
+        " | ".join(["scene", *(f"{target:g} %" for target in TARGETS), "smallest ratio", "largest ratio"]), found
+    )
 
 
 def found_of(rows: Sequence[dict[str, Any]], scene: str, formulation: str, options: dict[str, Any]) -> Any:
@@ -311,7 +313,9 @@ def all_formulations(rows: Sequence[dict[str, Any]], known: dict[str, Any]) -> l
                 cells = f"{row['max_error']:.3g}", f"{1e3 * row['cpu'] * scene_named(name).duration:.1f}", energy
             lines.append((name, label, f"{options['dt']:g}", *cells, doubt))
     return table(
-        "scene | formulation | step, s | tip error, % of L | CPU, ms | energy | reference known to, % of L", lines
+        "scene | formulation | step, s | tip error, % of L | CPU, ms | energy error | uncertainty of the reference, "
+        "% of L",
+        lines,
     )
 
 
@@ -328,7 +332,9 @@ def corrected(rows: Sequence[dict[str, Any]]) -> list[str]:
             lines.append((name, f"{elements}, {dt:g} s", *(f"{error:.3g}" for error in errors),
                           f"{errors[0] / errors[1]:.1f}", *costs))  # fmt: skip
     return table(
-        "scene | elements, step | tip error, % of L: plain | corrected | ratio | CPU, ms: plain | corrected", lines
+        "scene | elements, step | tip error, % of L: uncorrected | corrected | ratio | CPU, ms: uncorrected | "
+        "corrected",
+        lines,
     )
 
 
@@ -342,7 +348,11 @@ def checked(known: dict[str, Any]) -> list[str]:
             other = f"{share * check['differences']:.2g} ({share * check['differences_doubt']:.2g})"
         own = f"{share * entry['tip_error_estimate']:.2g}"
         lines.append((name, entry["elements"], f"{entry['dt']:g}", own, other, peer))
-    return table("scene | elements | step, s | own study | finite differences | Exudyn", lines)
+    return table(
+        "scene | elements | step, s | change under refinement | distance from finite differences | distance "
+        "from Exudyn",
+        lines,
+    )
 
 
 def advised(rows: Sequence[dict[str, Any]]) -> list[str]:
@@ -354,7 +364,7 @@ def advised(rows: Sequence[dict[str, Any]]) -> list[str]:
         chosen = [advice(good, target) for target in TARGETS]
         cells = ["–" if row is None else f"{describe(row['case'])}: {1e3 * row['cpu']:.2g} ms" for row in chosen]
         found.append((name, f"{100 * best['deflection']:.0f} %", *cells))
-    return table(" | ".join(["scene", "deflection", *(f"{target:g} %" for target in TARGETS)]), found)
+    return table(" | ".join(["scene", "largest deflection", *(f"{target:g} %" for target in TARGETS)]), found)
 
 
 def defaults(rows: Sequence[dict[str, Any]]) -> list[str]:
@@ -368,7 +378,7 @@ def defaults(rows: Sequence[dict[str, Any]]) -> list[str]:
             best = front([r for r in rows if r["case"]["scene"] == name and r["status"] == "ok"])
             cells = f"{row['max_error']:.3g}", f"{1e3 * row['cpu']:.2g}", f"{behind(row, best):.1f}"
         found.append((name, f"{mark}{describe(row['case'])}{mark}", *cells))
-    return table("scene | settings | error, % of L | CPU, ms per s | over the front", found)
+    return table("scene | settings | error, % of L | CPU, ms per s | time / time of the front", found)
 
 
 def front_of(name: str, rows: Sequence[dict[str, Any]]) -> list[str]:
@@ -389,7 +399,8 @@ def front_of(name: str, rows: Sequence[dict[str, Any]]) -> list[str]:
     ended = f"{early} of the runs ended early, with a status that states the reason"
     return [
         f"The scene was run with {len(rows)} settings. {ended if early else 'None of the runs ended early'}.", "",
-        *table("settings | error, max | rms | energy | CPU, ms per s | iterations a step", found),
+        *table("settings | largest error, % of L | rms error, % of L | energy error | CPU, ms per s | iterations per "
+            "step", found),
     ]  # fmt: skip
 
 

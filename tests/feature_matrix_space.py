@@ -440,7 +440,10 @@ def _print(methods: list[str], paged: bool) -> None:
     for share, features, method, _ in worst:
         print(f"{share:.2f}  {name_of(features)}, {method}")
     if paged:
-        heads = "cell | formulation | bent | twist, ° | tip, of L | axes, rad | torque | dissipated | balance"
+        heads = (
+            "cell | formulation | deflection | twist, ° | tip error, of L | error of the axes, rad | torque | "
+            "dissipated energy | energy balance"
+        )
         cells = [
             [name_of(features), method, f"{row['bent']:.2f}", f"{row['twist']:.0f}",
              *(f"{row[key]:.1e}" for key in ("tip", "turn", "torque", "dissipated", "balance"))]
@@ -452,8 +455,8 @@ def _print(methods: list[str], paged: bool) -> None:
         ]  # fmt: skip
         first = [[name_of(features), method, f"{share:.2f}"] for share, features, method, _ in worst]
         blocks = {
-            "CELLS": table(heads, cells), "WORST": table("cell | formulation | tip, of what is allowed", first),
-            "PERIODS": table("in control periods | formulation | steps halved, of L | numbers that differ", in_periods),
+            "CELLS": table(heads, cells), "WORST": table("cell | formulation | tip error / limit", first),
+            "PERIODS": table("cell | formulation | change if steps are halved, of L | differing numbers", in_periods),
         }  # fmt: skip
         pages.write_page(DOCS / "results", "space_matrix", blocks)
 

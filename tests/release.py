@@ -41,7 +41,7 @@ MOST_BYTES = 3_000_000
 SECONDS = 60.0
 """Of processor time, for installing, making both players and their pictures, once compiled."""
 PAGE = ROOT / "docs" / "results" / "releases.md"
-HEAD = """# What was tried where
+HEAD = """# Tested releases
 
 The wheel and the source distribution install and work with the oldest and the newest supported releases of their
 requirements. Each distribution was installed alone into an empty virtual environment. From an empty folder, `flexarm
@@ -232,7 +232,9 @@ def main(arguments: list[str]) -> int:
         except (subprocess.CalledProcessError, RuntimeError, OSError) as error:
             failed += 1
             print(f"the extra train: FAILED: {error}", flush=True)
-    columns = f"python | {' | '.join(NEEDED)} | from | install | two players | pictures | in all, by the clock"
+    columns = (
+        f"python | {' | '.join(NEEDED)} | installed from | install | two players | pictures | total CPU time, wall time"
+    )
     where = f"{platform.system()}, {platform.machine()}, {date.today()}"
     good, seen = bool(rows) and not faults and not failed, program() is not None
     lines = [*table(columns, rows), "", f"{sizes}. {where}.", ""]

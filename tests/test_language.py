@@ -182,7 +182,7 @@ HEAD += "@kernel\ndef shared(x, y=[]):\n    return x\n@kernel\ndef deeper(t):\n 
 def listed() -> list[tuple[str, str]]:
     """Rows of the table of refusals of the page: a line, and what is said of it."""
     text = (ROOT / "docs" / "compiler.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| `([^`]+)` \| ([^|]+) \|$", text.split("## What is refused")[1].split("\n## ")[0], re.M)
+    rows = re.findall(r"^\| `([^`]+)` \| ([^|]+) \|$", text.split("## Rejected constructs")[1].split("\n## ")[0], re.M)
     return [(line, said.replace("`", "").strip()) for line, said in rows]
 
 

@@ -49,7 +49,7 @@ def linearized(**keywords: Any) -> Any:
 
 
 def test_the_list_is_read() -> None:
-    heads, dashes = LIST.count("| tried as |"), LIST.count("\n|---|")
+    heads, dashes = LIST.count("| call | error message begins with |"), LIST.count("\n|---|")
     assert heads == dashes == 2 and len(LISTED) == LIST.count("\n|") - heads - dashes > 20
 
 
