@@ -1,4 +1,4 @@
-"""Page of all results files in a folder: scores over all tasks, and a table per task."""
+"""Write the page of suite results from a folder's results files: scores over all tasks, and a table for each task."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -53,28 +53,28 @@ a file to a folder, and `flexarm bench page FOLDER --out PAGE` writes this page 
 
 @dataclass(frozen=True)
 class Line:
-    """A method on a task: the summary of each run, and its entry in the results file."""
+    """Results of one method on one task: for each run, its summary and its entry in the results file."""
 
     method: str
     summaries: list[dict[str, Any]]
     entries: list[dict[str, Any]]
 
     def mean(self, key: str) -> float | None:
-        """Return the mean over the runs of the summaries' entry `key`; None if one run lacks this entry."""
+        """Return the mean of the summaries' entry `key` over the runs; None if the entry is None in a run."""
         values = [one[key] for one in self.summaries]
         return None if any(value is None for value in values) else float(np.mean(values))
 
     @property
     def policy(self) -> bool:
-        """Whether the method can play any episode; optimized actions cannot."""
+        """True if the method can act in any episode, False if it consists of actions optimized for given episodes."""
         return all(entry["policy"].get("kind") != "actions" for entry in self.entries)
 
     def trained(self, key: str) -> float:
-        """Return the mean training effort per run; key: "steps", "wall_s" or "cpu_s"."""
+        """Return the training effort, averaged over runs. key: "steps", "wall_s" or "cpu_s"."""
         return float(np.mean([(entry["training"] or {}).get(key, 0.0) for entry in self.entries]))
 
     def short(self, task: Task) -> bool:
-        """Return whether the method was trained with less than the task's budget."""
+        """Return whether the method was trained with less than 99 % of the task's budget of control periods."""
         return 0.0 < self.trained("steps") < 0.99 * task.budget
 
 
@@ -167,7 +167,7 @@ def _learnt(judged: Sequence[tuple[Task, dict[str, Any]]]) -> Iterator[int]:
 
 
 def less_pd(task: Task, numbers: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Return the values (n,) of a hundred episodes minus PD control's values in the same hundred episodes."""
+    """Return the values (n,) of n episodes minus the values of PD control in the same episodes."""
     gain: NDArray[np.float64] = values(task, numbers) - np.array(numbers["pd"], float)
     return gain
 
@@ -188,10 +188,10 @@ def _second(task: Task, line: Line, learnt: set[int]) -> tuple[str, str, str]:
 
 
 def gap(task: Task, line: Line, first: Line) -> tuple[float, float, int] | None:
-    """Return the difference between a method's score and another's on their common episodes, paired by episode.
+    """Return the score of the method `first` minus the score of `line`, from paired differences per episode.
 
-    The result has the mean difference, the half width of its 95 % interval, and the number of episodes; None without
-    scores.
+    Returns the mean difference, the half width of its 95 % interval, and the number of common episodes; None if the
+    task has no reference values.
     """
     known = reference(task)
     if known is None:
@@ -204,7 +204,10 @@ def gap(task: Task, line: Line, first: Line) -> tuple[float, float, int] | None:
 
 
 def widest(task: Task, lines: Sequence[Line]) -> float:
-    """Return the largest half width of a score difference over all pairs of policies with the task's full budget."""
+    """Return the largest half width of the 95 % intervals of score differences between two policies (`gap`).
+
+    All pairs of policies are compared, except policies that were trained with less than the task's budget.
+    """
     own = [line for line in lines if line.policy and not line.short(task)]
     gaps = [gap(task, line, other) for k, line in enumerate(own) for other in own[:k]]
     return max((found[1] for found in gaps if found is not None), default=0.0)
