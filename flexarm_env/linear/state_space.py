@@ -1,4 +1,4 @@
-"""State-space models of an arm about a point of its motion: continuous, or discrete with torques constant in a period."""
+"""State-space models of an arm about a point of its motion: continuous, or discrete with constant torques."""
 
 from collections.abc import Iterator, Sequence
 from copy import copy

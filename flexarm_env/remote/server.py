@@ -1,4 +1,4 @@
-"""Server of a remote arm: protocol and control loop (`Session`), and their execution in real time over UDP (`Server`)."""
+"""Server of a remote arm: protocol and control loop (`Session`), executed in real time over UDP (`Server`)."""
 
 import csv
 import hashlib
