@@ -1,7 +1,7 @@
-"""Flexible robot arms: beams in the plane and in space, scene replay and Gymnasium environments.
+"""Flexible robot arms in the plane and in space: simulation of scenes, and Gymnasium environments.
 
 Importing the package registers FlexibleArm-v0, TwoLinkFlexArm-v0, MultiLinkFlexArm-v0, SpatialFlexArm-v0 and the tasks
-of `flexarm_env.suite`. The public names below are imported when they are first used.
+of `flexarm_env.suite` with Gymnasium. The public names of the package are loaded when they are first used.
 """
 
 from collections.abc import Mapping

@@ -1,22 +1,22 @@
-"""Estimate of a run's tip error, from a run with twice the step and a run on another mesh (theory, section 8).
+"""Estimate a run's tip error from a run with twice the step and a run on another mesh (docs/theory.md, section 8).
 
-The error estimate has four parts, each a fraction of the arm's length:
+The distance between two runs is the largest distance between their tips at equal times. The error estimate has four
+parts, which are divided by the arm's length:
 
-    time_step   half the distance between the tips of this run and of a companion run with twice the step. (The error of
-                a second-order method is a third of this distance; the remainder is a safety margin.) If the step does
-                not resolve the slowest vibration, or its decay, this part is the whole distance from a run with an
-                eighth of the step. In space it is up to 1.5 times the distance, if a run with four times the step shows
-                that the method does not have second order
-    mesh        half the distance between the companion with twice the step and another companion, with twice the step
-                on half the mesh; the whole distance if the other mesh is finer. Links may be so stubby that chords have
-                an error on any mesh, or under such tension that they bend within less than an element. The part is then
-                at least the distance from frames clamped at their roots, in space from an exact beam (theory, section
-                8; `accuracy_space`)
-    energy      five times the energy that the scheme created, or half of the energy that it dissipated, as a fraction
-                of the energy turned over (`Trajectory.turned_over`)
+    time_step   half the distance from a run with twice the step. (The error of a second-order method is a third of this
+                distance; the factor 1/2 includes a safety margin.) If the step does not resolve the slowest vibration
+                or its decay, the whole distance from a run with an eighth of the step. In space up to 1.5 times the
+                distance, if a run with four times the step shows that the errors are not of second order
+    mesh        half the distance between two runs with twice the step, one of them on a mesh with half as many cells;
+                the whole distance if the second mesh is finer. Some errors do not depend on the mesh: those of chord
+                frames on stubby links, and those of bending within less than an element under high tension. The part
+                is then at least the distance from a run with frames clamped at the segments' roots, in space from
+                a run with exact beams (`accuracy_space`)
+    energy      five times the energy that the time integration created, or half of the energy that it dissipated,
+                divided by `Trajectory.turned_over`
     others      errors of the formulation that are known before the run (`System.notes`)
 
-The estimate is the sum of the parts time_step, mesh and others, or the part `energy` if `energy` is larger.
+The estimate is the sum of time_step, mesh and others, or `energy` if `energy` is larger.
 """
 
 import math
@@ -48,8 +48,8 @@ times as large because created energy indicates instability."""
 
 @dataclass(frozen=True)
 class Probe:
-    """A companion run. t (n,): instants of the samples, s. tip: in the plane positions of the tip (n, 2), m; in space
-    the tip and the ends of three axes, a fifth of the arm long, (n, 4, 3), m. good: whether the run reached its end."""
+    """Tip of a run. t (n,): instants of the samples, s. tip: in the plane positions of the tip (n, 2), m; in space
+    positions of the tip and of points on its three axes, (n, 4, 3), m. good: True if the run reached its end."""
 
     t: Array
     tip: Array
@@ -58,8 +58,8 @@ class Probe:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimated error (total) and its parts, divided by the arm's length. unknown: the reason why time step or mesh
-    could not be estimated, so that the total is infinite; otherwise ""."""
+    """Estimated error (`total`) and its parts, divided by the arm's length. unknown: "", or the reason why a part could
+    not be estimated; the total is then infinite."""
 
     total: float
     parts: Mapping[str, float] = field(default_factory=dict)
@@ -77,7 +77,7 @@ class Estimate:
 
 
 def missed(settings: Settings, step_error: float) -> str:
-    """Return the reason why fitted steps are inaccurate, or "" if step_error is at most the step_tolerance."""
+    """Return a sentence that the steps miss step_tolerance, or "" if step_error is at most step_tolerance."""
     if settings.step_tolerance is None or step_error <= settings.step_tolerance:
         return ""
     return (
@@ -100,11 +100,12 @@ HALF = 0.5
 
 
 def other_mesh(settings: Settings, space: bool = False, full: int = 5) -> tuple[Settings, float]:
-    """Return settings with another mesh, and the run's error divided by its distance from a run with that mesh.
+    """Return settings with another mesh, and the expected ratio of the run's error to its distance from a run on it.
 
-    The other mesh is coarser than the mesh of the run, or finer if there is no coarser mesh. For links reduced to
-    modes, the returned settings in the plane are those of the full model with at least `full` segments. In space the
-    returned settings have another number of segments and the same number of modes."""
+    The other mesh is coarser than the mesh of the run, or finer if there is no coarser mesh. If links are reduced to
+    modes, the returned settings in the plane are those of the model without modes, with at least `full` segments. In
+    space they have another number of segments and the same number of modes.
+    """
     if settings.formulation == "elastica":
         assert settings.nodes is not None
         # the smallest mesh is compared with a finer one
@@ -133,9 +134,9 @@ def other_mesh(settings: Settings, space: bool = False, full: int = 5) -> tuple[
 
 
 def companion_mesh(scene: Scene, settings: Settings) -> tuple[Scene, Settings, float]:
-    """Return scene and settings with another mesh, and the error divided by the distance from a run on this mesh. If a
-    section jumps or kinks, all cells are halved, because a coarser mesh may have the same cells in the critical piece
-    and would hide their error. If no section jumps or kinks, the mesh is that of `other_mesh`."""
+    """Return scene and settings with another mesh, and the ratio of error to distance, as in `other_mesh`. If a section
+    jumps or kinks, all cells are halved, because a coarser mesh could have the same cells in a short interval and not
+    show their error. Otherwise the mesh is that of `other_mesh`."""
     if divided(scene.arm) and (halved := halved_mesh(scene.arm, settings)):
         return replace(scene, arm=halved[0]), halved[1], 1.0
     return scene, *other_mesh(settings, scene.spatial, default_mesh(scene.arm, settings.formulation).get("segments", 5))
@@ -158,10 +159,8 @@ gear's vibration: below x = SLOW the step resolves the vibration, above x = QUIC
 
 
 def clamped(scene: Scene, settings: Settings) -> Settings | None:
-    """Return settings with frames clamped at the segments' roots, if an arm in the plane has a stubby link and chord
-    frames with von Karman coupling. (No mesh removes the error that chord frames have due to shear.) For all other arms
-    the result is None.
-    """
+    """Return settings with frames clamped at the segments' roots, for a run whose error no mesh shows; otherwise None.
+    This is the error of chord frames with von Karman coupling due to the shear of stubby links in the plane."""
     along = settings.formulation == "floating_frame" and settings.frame == "chord" and settings.coupling == "von_karman"
     if along and not scene.spatial and any(link.slenderness > STUBBY for link in scene.arm.links):
         return settings.replace(frame="root")
@@ -169,13 +168,13 @@ def clamped(scene: Scene, settings: Settings) -> Settings | None:
 
 
 def rubs(scene: Scene) -> bool:
-    """Return whether a joint has dry friction or backlash, whose events cause step errors of first order."""
+    """Return whether a joint has Coulomb friction or backlash, with which errors of the step are of first order."""
     return any(joint.friction_coulomb > 0.0 or joint.backlash > 0.0 for joint in scene.arm.joints)
 
 
 def gear_rate(scene: Scene) -> float:
-    """Return the rate (1/s) of the fastest vibration of a rotor on its elastic gear, relative to the rigid arm beyond
-    the gear. Return 0 if no gear is elastic, or for an arm in space."""
+    """Return the angular frequency, rad/s, of the fastest vibration of a rotor on its elastic gear against the rigid
+    arm beyond the joint. Return 0 if no gear is elastic, or for an arm in space."""
     arm, rates = scene.arm, [0.0]
     if scene.spatial:
         return 0.0
@@ -187,9 +186,9 @@ def gear_rate(scene: Scene) -> float:
 
 
 def slowest_rate(scene: Scene) -> float:
-    """Return the rate (1/s) of the straight arm's slowest vibration with a fixed root; if overdamped, of its faster
-    decay. The rate is the frequency of a beam with the arm's length and smallest stiffness and the arm's load at its
-    tip (Rayleigh). For planar arms with varying sections the rate is that of the actual arm."""
+    """Return the angular frequency, rad/s, of the straight arm's slowest vibration with a fixed root; if overdamped,
+    its faster decay rate, 1/s. It is Rayleigh's estimate for a beam with the arm's length, smallest stiffness and load
+    at the tip. For planar arms with varying sections it is computed from the actual arm."""
     arm, spatial = scene.arm, scene.spatial
     bending = [link for link in arm.links if not link.rigid]
     if not bending:
@@ -239,9 +238,9 @@ def count_steps(scene: Scene, settings: Settings, end: float, sample: float) -> 
 
 
 def in_steps(scene: Scene, settings: Settings, end: float, sample: float) -> Settings:
-    """Return settings with the longest step of at most dt for which steps end at every sample and kink. The inertia
-    matrix of an elastica is corrected for one step length (theory, 5.3). For an elastica dt is therefore chosen so that
-    steps of this length and shorter steps cover a tenth of the time."""
+    """Return settings with the longest step of at most dt for which steps end at every sample and kink. For an elastica
+    dt is chosen so that steps of at most this length cover a tenth of the time, because its inertia matrix contains a
+    correction for one step length (docs/theory.md, section 5.3)."""
     return settings.replace(dt=_step_of(_stretches(scene, end, sample), settings, sample))
 
 
@@ -274,7 +273,7 @@ def _step_of(lengths: Array, settings: Settings, sample: float) -> float:
 
 
 def common_instants(t: ArrayLike, other: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the indices of equal instants in two increasing sequences of times, t (n,) s and other (m,) s."""
+    """Return the indices of equal instants in two increasing sequences of times, t (n,) and other (m,), s."""
     first, second = np.asarray(t, dtype=float), np.asarray(other, dtype=float)
     # nearest instant of the other sequence: the one behind or before
     nearest = np.clip(np.searchsorted(second, first), 0, second.size - 1)
@@ -285,7 +284,7 @@ def common_instants(t: ArrayLike, other: ArrayLike) -> tuple[NDArray[np.intp], N
 
 
 def distance(one: Probe, other: Probe) -> float:
-    """Return the largest distance (m) between two runs' tips (or axes' ends) at equal times; inf if a run failed."""
+    """Return the largest distance, m, between the `tip` of two runs at equal times; inf if a run failed."""
     if not (one.good and other.good):
         return math.inf
     mine, theirs = common_instants(one.t, other.t)
@@ -301,11 +300,11 @@ def estimate(
     run: Callable[..., Probe],
     levels: Sequence[int] = (),
 ) -> tuple[dict[str, float], str]:
-    """Return the parts "time_step" and "mesh" of the error, divided by L, and the reason if a part is infinite.
+    """Return the parts time_step and mesh of the error, divided by the arm's length, and why a part is infinite, or "".
 
-    mine: the run with the error, sampled every `sample` s. run: function that makes a companion run from a scene,
-    settings, a sampling interval and, for fitted steps, the halvings of dt in each stretch (`Trajectory.step_levels`).
-    levels: these halvings in `mine`. Meshes are compared without drag (`Arm.mass_damping`), which depends on the mesh.
+    mine: the run, sampled every `sample` s. run: function that computes a comparison run from a scene, settings, a
+    sampling interval and, with a step_tolerance, the halvings of dt in each interval. levels: halvings of dt in `mine`
+    (`Trajectory.step_levels`). Meshes are compared without `Arm.mass_damping`, whose effect depends on the mesh.
     """
     dt = settings.dt
     assert dt is not None
@@ -393,11 +392,11 @@ def followed(
     levels: Sequence[int],
     notes: Mapping[str, float],
 ) -> dict[str, float]:
-    """Return the elastica's error due to neglected stretch and shear, divided by L; {} for other formulations.
+    """Return the elastica's error due to neglected stretch and shear, divided by the arm's length; otherwise {}.
 
-    The tip is compared with that of a run whose bending stiffness is reduced to imitate stretch and shear. In the plane
-    the error is the larger of two values: this distance (at most 1) and the linear estimate in `notes`. In space the
-    error is the tip's distance from a run with exact beams or, for slender links, from the run with reduced stiffness.
+    In the plane the error is the distance from a run whose bending stiffness is reduced to imitate stretch and shear,
+    at most 1 and at least the linear estimate in `notes`. In space it is the distance from a run with exact beams or,
+    for slender links, from the run with reduced stiffness.
     """
     stiffness = getattr(notes, "softer", None)
     if stiffness is None:
@@ -436,14 +435,13 @@ def finer_mesh(settings: Settings) -> Settings:
 
 
 def energy_part(balance: Array, turned_over: float) -> float:
-    """Return the part `energy` of the error estimate. balance (n,): energy that the scheme has created up to each
-    instant, J. turned_over: energy turned over in the run, J.
-    """
+    """Return the part `energy` of the error estimate. balance (n,): energy that the time integration has created until
+    each instant, J. turned_over: see `Trajectory.turned_over`, J."""
     if turned_over <= 0.0:
         return 0.0
     return max(FOUND * float(balance.max()), -TAKEN * float(balance.min())) / turned_over
 
 
 def total(parts: Mapping[str, float]) -> float:
-    """Return the total error: the sum of all parts except `energy`, or the part `energy` if that is larger."""
+    """Return the total error: the sum of all parts except `energy`, or `energy` if it is larger than this sum."""
     return max(parts.get("energy", 0.0), sum(value for name, value in parts.items() if name != "energy"))

@@ -1,6 +1,4 @@
-"""Find errors of a run in space that coarser meshes and longer steps do not show, and the runs that show them.
-
-This module computes part of the estimate of `accuracy`.
+"""Part of the error estimate (`accuracy`) for runs in space: errors that coarser meshes and longer steps do not show.
 """
 
 import math
@@ -59,9 +57,9 @@ def _pull(scene: Scene, t: Array, tip: Array) -> float:
 
 
 def witness(scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Settings | None, bool]:
-    """Return settings of an exact beam for a comparison, and whether its mesh is fine enough.
+    """Return settings of exact beams for a comparison run, and whether their mesh is fine enough.
 
-    The distance between exact beam and run is an error that coarser meshes do not show.
+    The distance from this run is an error that a comparison with a coarser mesh does not show.
 
     Frames along chords have an error of the order of the squared shear angle, on any mesh. The elastica formulation
     neglects shear deformation. A link under an axial force N bends within a distance of about sqrt(EI/N) from its ends.
@@ -71,7 +69,7 @@ def witness(scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Set
     Args:
         t: instants of the run, (n,), s. tip: positions of the tip and of the ends of its axes, (n, 4, 3), m.
     Returns:
-        The settings (None if coarser meshes show all errors), and whether the elements of the exact beam are short
+        The settings (None if coarser meshes show all errors), and whether the elements of the exact beams are short
             enough.
     """
     links = [link for link in scene.arm.links if not link.rigid]
@@ -98,7 +96,7 @@ def witness(scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Set
 
 
 def softest(link: Link) -> float:
-    """Return the smallest bending or torsional stiffness along a link in space, N m^2."""
+    """Return the smallest of the bending and torsional stiffnesses along a link in space, N m^2."""
     s = np.linspace(0.0, link.length, 65)
     across = link.across(s)
     return float(min(link.along(s).EI.min(), across["EI_y"].min(), across["GJ"].min()))
@@ -109,21 +107,21 @@ LITTLE = 1e-7
 
 
 def step_factor(growth: float) -> float:
-    """Return the error of a run with step h divided by its distance from a run with step 2 h.
+    """Return the ratio of the error of a run with step h to its distance from a run with step 2 h.
 
     growth: factor by which the distance grows if both steps are doubled. If the error is proportional to a power of h,
-    it is 1 / (growth - 1) of the distance: a third for a method of second order. The result includes a safety factor of
-    1.5. If no step resolves a vibration, the error has the size of the vibration's amplitude at any step. Then growth
-    is about 1, and the result is at most 1.5.
+    the ratio is 1 / (growth - 1), for example 1/3 for a method of second order. The result contains a safety factor of
+    1.5. If no step resolves a vibration, the error is about the vibration's amplitude for every step, and growth is
+    about 1; the result is therefore limited to 1.5.
     """
     return 0.5 if growth >= 4.0 or not math.isfinite(growth) else min(1.5, 1.5 / max(growth - 1.0, 1e-3))
 
 
 def mesh_factor(n: int) -> float:
-    """Return the error of a run with n elements divided by its distance from a run with m = n / 2 elements.
+    """Return the ratio of the error of a run with n elements to its distance from a run with m = n / 2 elements.
 
-    If n is odd, m is rounded up. If the error is proportional to the squared element length, the error is 1 / ((n/m)^2
-      - 1) of the distance: a third if m is half of n. The result includes a safety factor of 1.5. For n = 1 the
-      comparison run has two elements. The result is then 1; the rule for larger n would give 4/3 of the distance.
+    If n is odd, m is rounded up. For errors proportional to the squared element length the ratio is
+    1 / ((n/m)^2 - 1), which is 1/3 for m = n / 2. The result contains a safety factor of 1.5. For n = 1 the comparison
+    run has two elements, and the result is 1.
     """
     return 1.0 if n == 1 else 1.5 / ((n / -(-n // 2)) ** 2 - 1.0)

@@ -1,4 +1,4 @@
-"""Named arms (``flexarm_env/data/arms``) and arms from the user's TOML files."""
+"""Read arms: the named arms of the package (``flexarm_env/data/arms``), and arms in TOML files."""
 
 import dataclasses
 import math
@@ -42,22 +42,23 @@ _BESIDE = ("randomization", "identification")
 
 
 def names() -> tuple[str, ...]:
-    """Return the names of the arms that come with the package."""
+    """Return the names of the arms that the package contains."""
     folder = resources.files("flexarm_env") / "data" / "arms"
     return tuple(sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".toml")))
 
 
 @cache
 def named(name: str) -> Arm:
-    """Return the packaged arm with this name; raise ValueError if the name is unknown."""
+    """Return the package's arm with this name; raise ValueError if the name is unknown."""
     check.choice("arm", name, names())
     return from_toml((resources.files("flexarm_env") / "data" / "arms" / f"{name}.toml").read_text("utf-8"))
 
 
 def resolve(arm: Arm | str | os.PathLike[str], directory: str | os.PathLike[str] = ".") -> Arm:
-    """Return an arm, given an :class:`Arm`, a name, or a TOML file (relative to ``directory``).
+    """Return the arm that an :class:`Arm`, a name, or the path of a TOML file denotes.
 
-    Raises ValueError if a text is neither a name nor a file, or if the file is invalid.
+    Relative paths begin in ``directory``. Raises ValueError if a text is neither a name nor the path of a file, or if
+    the file is invalid.
     """
     if isinstance(arm, Arm):
         return arm
@@ -73,9 +74,10 @@ def resolve(arm: Arm | str | os.PathLike[str], directory: str | os.PathLike[str]
 
 
 def from_toml(source: str | os.PathLike[str]) -> Arm:
-    """Read the arm of a TOML file or text, which has the keys of :class:`Arm` at the top level or in a table ``[arm]``.
+    """Read an arm from a TOML file or text; the keys are the fields of :class:`Arm`.
 
-    Raises ValueError that names the file, the key path, the value and the rule; OSError if the file does not exist.
+    The keys are at the top level or in a table ``[arm]``. Raises ValueError for invalid content, with a message that
+    names the file, the key path, the value and the rule, and OSError if the file does not exist.
     """
     table, path = read_toml(source)
     with check.in_file(path):
@@ -86,16 +88,17 @@ def from_toml(source: str | os.PathLike[str]) -> Arm:
 
 
 def to_toml(arm: Arm) -> str:
-    """Return TOML text of an arm, from which :func:`from_toml` makes an equal arm."""
+    """Return an arm as TOML text, from which :func:`from_toml` creates an equal arm."""
     import tomli_w
 
     return tomli_w.dumps(to_table(arm))
 
 
 def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm:
-    """Read an arm from a table of a TOML file. default_name: name of an arm whose table has no name.
+    """Create an arm from a table of a TOML file.
 
-    Raises ValueError that names the key path, the value and the rule.
+    default_name: name of the arm if the table has no name. Raises ValueError for invalid content, with a message that
+    names the key path, the value and the rule.
     """
     check.known_keys("", table, check.names_of(Arm))
     values = dict(table)
@@ -116,16 +119,17 @@ def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm
 
 
 def section_of(path: str, value: object) -> Section:
-    """Read a section from its table, the value of a link's `section`.
+    """Create a section from the value of a link's key `section` in a TOML file.
 
-    Raises ValueError that names the key path, the value and the rule."""
+    Raises ValueError for invalid content; the message names the key path, the value and the rule.
+    """
     return _section(path, check.table_of(path, value), path)
 
 
 def base_of(value: object) -> Base:
-    """Read the floating base from its table in an arm's TOML file.
+    """Create the floating base from its table in an arm's TOML file.
 
-    Raises ValueError that names the key path, the value and the rule.
+    Raises ValueError for invalid content; the message names the key path, the value and the rule.
     """
     return made("base", Base, value)
 
@@ -229,7 +233,7 @@ def _elbow(path: str, value: object) -> Elbow:
 
 # ------------------------------------------------------------------ JSON schema
 def schema() -> dict[str, Any]:
-    """Return the JSON schema (draft 2020-12) of arm files, with which editors complete and check them."""
+    """Return the JSON schema (draft 2020-12) of arm files, with which editors can complete and check these files."""
     motor = records.schema(Motor)
     arm = records.schema(
         Arm,

@@ -1,10 +1,11 @@
-"""Gymnasium wrappers that add a controller's torques to the actions, which count as a share of the torque limits.
+"""Gymnasium wrappers that add a classical controller's torques to the agent's actions.
 
     env = AroundController(gymnasium.make("FlexibleArm-v0"), "pd", share=0.7)
     envs = AroundControllerVector(gymnasium.make_vec("FlexibleArm-v0", num_envs=64), "pd", share=0.7)
 
-Any learner can train in a wrapped environment. `flexarm train --around` uses `AroundControllerVector` and stores
-controller and network as one policy.
+The torques are the controller's torques plus `share` times the torque limits times the agent's action. Any learning
+library can train in a wrapped environment. `flexarm train --around` uses `AroundControllerVector`, and saves controller
+and network as one policy.
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ Memory = dict[str, Any]
 
 
 class AroundController(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Add a controller's torques to the actions of a single environment and saturate the sum at the torque limits.
+    """Wrapper of a single environment that adds a controller's torques to the actions.
 
-    The controller reads only the environment's observations.
+    The sum is saturated at the torque limits. The controller reads only the environment's observations.
 
     Args:
-        env: an environment of this package, with actions that are torques.
+        env: an environment of this package whose actions are torques.
         controller: "pd" or another name of :func:`flexarm_env.control.make`; "pd@FILE" reads the gains from a file.
-        share: share of the torque limits that an action of 1 adds; None means 0.7.
+        share: fraction of the torque limits that an action of 1 adds; None means 0.7.
     Raises:
         ValueError: the controller is unknown, the share is not positive, or the environment is not supported.
     """
@@ -44,15 +45,15 @@ class AroundController(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._seen: NDArray[np.float32] | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment and begin the controller's episode."""
+        """Reset the environment and the controller."""
         self._seen, info = self.env.reset(seed=seed, options=options)
         self.controller.reset(self._seen)
         return self._seen, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Step the environment with the controller's torques plus the share of the action (N,), clipped to [-1, 1].
+        """Step the environment with the controller's torques plus `share` times the action (N,), clipped to [-1, 1].
 
-        A call before `reset` raises RuntimeError.
+        Raises RuntimeError if `reset` has not been called.
         """
         if self._seen is None:
             raise RuntimeError("No episode has begun: call reset first")
@@ -61,14 +62,14 @@ class AroundController(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
 
 class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
-    """Add a controller's torques to the actions of a vector environment, in every autoreset mode.
+    """Wrapper of a vector environment that adds a controller's torques to the actions, in every autoreset mode.
 
     Args:
-        env: a vector environment of this package. controller, share: as for :class:`AroundController`. inside: a
-            controller with its gains and share, which replaces `controller` and `share`.
+        env: a vector environment of this package. controller, share: as for :class:`AroundController`. inside:
+            controller with gains and share (`control.around.Inside`), in place of `controller` and `share`; or None.
     Raises:
         ValueError: the controller is unknown, the share is not positive, the environment is not supported, or the
-            controller can only restart in all environments together.
+            controller cannot be reset in single environments.
     """
 
     def __init__(
@@ -84,7 +85,7 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
         self._ended = np.zeros(env.num_envs, np.bool_)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset all environments, or those in options["reset_mask"], and begin the controller's episodes there."""
+        """Reset all environments, or those in options["reset_mask"], and the controller in the same environments."""
         seen, info = self.env.reset(seed=seed, options=options)
         mask = (options or {}).get("reset_mask")
         if mask is None or self._seen is None:
@@ -97,7 +98,7 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
         return seen, info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step all environments with controller torques plus the share of the actions (n, N) in [-1, 1]."""
+        """Step all environments with the controller's torques plus `share` times the actions (n, N) in [-1, 1]."""
         if self._seen is None:
             raise RuntimeError("No episode has begun: call reset first")
         total = self.inside.actions(self.controller, self._seen, actions)
@@ -112,12 +113,12 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
         return seen, rewards, terminated, truncated, info
 
     def memory(self) -> Memory:
-        """Return a copy of the wrapper's memory: last observations, ended episodes and the controller's memory."""
+        """Return a copy of the wrapper's state: last observations, ended episodes and the controller's memory."""
         arrays = {k: v.copy() for k, v in vars(self.controller).items() if isinstance(v, np.ndarray)}
         return {"seen": None if self._seen is None else self._seen.copy(), "ended": self._ended.copy(), "own": arrays}
 
     def remember(self, memory: Memory) -> None:
-        """Restore a memory that the method `memory` returned; call it after `reset`."""
+        """Restore a state that the method `memory` returned; call this method after `reset`."""
         self._seen, self._ended = memory["seen"], memory["ended"].copy()
         for name, value in memory["own"].items():
             setattr(self.controller, name, value.copy())

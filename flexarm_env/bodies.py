@@ -48,9 +48,9 @@ def rows(path: str, value: object, unit: str = "") -> Matrix:
 
 
 def mount(path: str, value: Any) -> Matrix | None:
-    """Validate a rotation, given as a matrix or as an axis with an angle (rad).
+    """Validate a rotation, given as a matrix or as a pair of axis and angle (rad).
 
-    Returns a matrix, or None for no rotation.
+    Returns the rotation matrix, or None for no rotation.
 
     Raises:
         ValueError: the value has neither form, or the matrix is not orthogonal and right-handed to 1e-6. A matrix
@@ -79,8 +79,7 @@ def mount(path: str, value: Any) -> Matrix | None:
 def inertia(path: str, value: object) -> Inertia:
     """Validate a moment of inertia or an inertia tensor about a center of mass, kg m^2.
 
-    A tensor must be symmetric, and its principal values must be possible for a body: each principal value is at least 0
-    and at most the sum of the two others.
+    A tensor must be symmetric. Each principal moment must be at least 0 and at most the sum of the two others.
     """
     if not isinstance(value, list | tuple | np.ndarray):
         return check.number(path, value, "kg m^2", minimum=0.0)
@@ -105,18 +104,18 @@ _ROTATION = {"type": "array", "minItems": 2, "maxItems": 3}
 
 
 def inertia_field(text: str) -> Any:
-    """Declare a field of a record with a moment of inertia or an inertia tensor."""
+    """Declare a dataclass field for a moment of inertia or an inertia tensor. text: description of the field."""
     words = f"{text}: one number for all axes, or in space a tensor of three rows"
     return value(inertia, _TENSOR, words, "kg m^2", 0.0)
 
 
 def axis_field(text: str) -> Any:
-    """Declare a field of a record with a direction."""
+    """Declare a dataclass field for a direction. text: description of the field."""
     return value(unit_vector, VECTOR, text, "", Z)
 
 
 def mount_field(text: str) -> Any:
-    """Declare a field of a record with a rotation."""
+    """Declare a dataclass field for a rotation. text: description of the field."""
     words = f"{text}: a rotation matrix, or (axis, angle in rad)"
     return value(mount, _ROTATION, words, "", None, optional=True)
 
@@ -127,20 +126,21 @@ def tensor(value: Inertia) -> Array:
 
 
 def about_z(value: Inertia) -> float:
-    """Return the component of a moment of inertia (number or tensor) about the z axis, kg m^2."""
+    """Return the moment of inertia about the z axis, kg m^2, of a moment or tensor of inertia."""
     return float(value[2][2]) if isinstance(value, tuple) else value
 
 
 def about(I: Array, mass: float, arm: Array) -> Array:
-    """Return the inertia tensor about a point at `arm` (m) from the center of mass (parallel axis theorem).
+    """Return the inertia tensor about another point than the center of mass (parallel axis theorem).
 
-    The result is I + mass (arm^T arm E - arm arm^T), kg m^2, with the identity matrix E.
+    The result is I + mass (arm^T arm E - arm arm^T), kg m^2, with the identity matrix E. I: inertia tensor about the
+    center of mass. arm (3,): vector between the center of mass and the point, m.
     """
     return np.asarray(I + mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm)))
 
 
 class Body(NamedTuple):
-    """A rigid body fixed to a section of an arm."""
+    """Rigid body that is fixed to a section of an arm, described in the section's axes."""
 
     mass: float  # mass, kg
     centre: Array  # (3,): vector from the section's origin to the center of mass, m, section axes
@@ -148,7 +148,7 @@ class Body(NamedTuple):
 
 
 def combined_body(parts: list[Body]) -> Body:
-    """Combine bodies fixed to one section in one body: total mass, common center, inertia about this center."""
+    """Combine bodies that are fixed to the same section into one body."""
     mass = sum(part.mass for part in parts)
     centre = sum((part.mass * part.centre for part in parts), np.zeros(3)) / mass if mass > 0.0 else np.zeros(3)
     inertia = sum((about(p.inertia, p.mass, p.centre - centre) for p in parts), np.zeros((3, 3)))
@@ -162,7 +162,7 @@ _STIFF = Section(EI=1.0, EA=1.0, C=1.0, m=1.0)
 @described
 @dataclass(frozen=True)
 class RigidLink(Link):
-    """A rigid link, for example a pillar, a gearbox or a satellite; an arm with a rigid link is computed in space."""
+    """Rigid link, for example a column or a gearbox; an arm with a rigid link is computed in space."""
 
     length: float = number("distance along x from the joint at the root to the next joint or the tip", "m", minimum=0.0)
     mass: float = number("mass", "kg", 0.0, minimum=0.0)
@@ -196,7 +196,7 @@ class RigidLink(Link):
         return None
 
     def moment(self, power: int) -> float:
-        """Return the mass moment int s^power dm, kg m^power, for powers 0 to 2; s: distance from the link's root, m."""
+        """Return the integral of s^power dm, kg m^power, for powers 0 to 2; s: distance from the link's root, m."""
         # Steiner's term plus the inertia about z
         return self.mass * self.centre[0] ** power + (float(tensor(self.inertia)[2, 2]) if power == 2 else 0.0)
 

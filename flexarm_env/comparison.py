@@ -1,4 +1,4 @@
-"""Errors of a run's tip relative to a reference, at the instants that both contain."""
+"""Errors of a run's tip relative to a reference solution."""
 
 import dataclasses
 import math
@@ -14,11 +14,12 @@ from flexarm_env.accuracy import common_instants
 
 @dataclass(frozen=True)
 class TipError:
-    """Errors of the tip's position and angle relative to a reference.
+    """Errors of a run relative to a reference solution, at the instants that both contain.
 
-    max_tip_error, rms_tip_error: largest and root-mean-square distance, m. max_tip_angle_error, max_start_angle_error:
-    largest error of the tip's angle and of the root's angle, rad. time_of_max: instant of the largest error, s.
-    instants: number of compared instants. An error is NaN if the reference does not have the column for it.
+    max_tip_error, rms_tip_error: largest and root-mean-square distance of the tip from the reference tip, m.
+    max_tip_angle_error, max_start_angle_error: largest error of the tip's and of the root's angle, rad. time_of_max:
+    instant of the largest tip error, s. instants: number of compared instants. An error is NaN if the reference does
+    not have its column.
     """
 
     max_tip_error: float
@@ -29,22 +30,22 @@ class TipError:
     max_start_angle_error: float = math.nan
 
     def found(self) -> dict[str, float]:
-        """Dict of the errors that could be computed (not NaN), by name."""
+        """Dict of all errors that are not NaN, by name."""
         return {name: value for name, value in dataclasses.asdict(self).items() if not math.isnan(value)}
 
 
 def tip_error(
     t: ArrayLike, tip: ArrayLike, reference: Mapping[str, NDArray[np.float64]], start: ArrayLike | None = None
 ) -> TipError:
-    """Compute the errors of a tip path against a reference table.
+    """Compute the errors of a run's tip relative to a reference solution.
 
     Args:
         t (n,): increasing instants, s. tip (n, 3): position x, y of the tip, m, and angle of the tip, rad.
-        reference: column t, and the existing columns of tip_x and tip_y, tip_angle, start_angle
+        reference: arrays by name: t, and any of tip_x with tip_y, tip_angle and start_angle
             (`flexarm_env.scenes.reference(NAME).columns`, `read_reference`). start (n, 3): position and angle of the
-            root, in the form of tip; required for start_angle.
+            root, as in tip; required to compare start_angle.
     Raises:
-        ValueError: path and reference have no common instant after the first; instants are not interpolated.
+        ValueError: run and reference have no common instant after the first; instants are not interpolated.
     """
     path = np.asarray(tip, dtype=float)
     mine, theirs = common_instants(t, reference["t"])

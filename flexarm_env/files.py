@@ -34,7 +34,7 @@ DEEPEST = 64
 
 # ------------------------------------------------------------------ TOML and JSON
 def read_toml(source: str | os.PathLike[str]) -> tuple[dict[str, Any], Path | None]:
-    """Return the table of a TOML file or text, and the path of the file (None for a text).
+    """Return the content of a TOML file or text as a dict, and the path of the file (None for a text).
 
     A string is a TOML text if it contains a line break, or if it contains an equals sign and does not end in ``.toml``.
     Any other string is a path.
@@ -58,7 +58,7 @@ def read_toml(source: str | os.PathLike[str]) -> tuple[dict[str, Any], Path | No
 
 
 def from_json(text: str, path: str) -> Any:
-    """Return the value of a JSON text; if the text is invalid, raise ValueError whose message begins with `path`."""
+    """Parse a JSON text; if it is invalid, raise ValueError with a message that begins with `path`."""
     try:
         return _shallow(json.loads(text))
     except (ValueError, RecursionError) as error:
@@ -66,7 +66,7 @@ def from_json(text: str, path: str) -> Any:
 
 
 def read_json(path: str | os.PathLike[str]) -> Any:
-    """Return the value of a JSON file; if it is unreadable or invalid, raise ValueError that names the file."""
+    """Parse a JSON file; if it is unreadable or invalid, raise ValueError with a message that names the file."""
     try:
         return _shallow(json.loads(Path(path).read_text("utf-8")))
     except OSError as error:
@@ -97,9 +97,9 @@ def _why(error: BaseException) -> str:
 
 # ------------------------------------------------------------------ CSV
 def csv_lines(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], list[list[str]]]:
-    """Return a CSV file's column names (first line) and the cells of its other lines; empty lines are skipped.
+    """Read a CSV file: return the column names from the first line, and the cells of the other lines.
 
-    A file whose name ends in .gz is decompressed.
+    Empty lines are skipped. A file whose name ends in .gz is decompressed.
 
     Raises:
         OSError: the file cannot be read. ValueError: the file is not a CSV text; the message names the file.
@@ -114,7 +114,7 @@ def csv_lines(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], list[list[
 
 
 def unit_of(column: str) -> str:
-    """Return the unit of a trajectory's column: "m" for tip_x, for example, and "" for fractions and quaternions."""
+    """Return the unit of a column of a trajectory's CSV file, such as "m" for tip_x; "" for dimensionless columns."""
     name = column.rstrip("0123456789")
     if name in ("t", "energy"):
         return {"t": "s", "energy": "J"}[name]
@@ -131,13 +131,13 @@ def without_units(header: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def listed(header: tuple[str, ...]) -> str:
-    """Return column names as one phrase of at most 300 characters; "none" for an empty list."""
+    """Join column names to a text of at most 300 characters; "none" for an empty list."""
     text = ", ".join(header) or "none"
     return text if len(text) <= 300 else text[:297] + "..."
 
 
 def numbers(k: int, name: str, lines: list[list[str]], columns: int) -> Array:
-    """Return the numbers of column k as (n,); raise ValueError that names row and column of an invalid number."""
+    """Convert column k of a table to an array (n,); a ValueError names row and column of an invalid number."""
     values = []
     for i, line in enumerate(lines):
         if len(line) != columns:
@@ -170,9 +170,9 @@ def npz_names(path: str | os.PathLike[str], what: str) -> tuple[str, ...]:
 
 
 def read_npz(path: str | os.PathLike[str], what: str, most: int | None = None) -> dict[str, Any]:
-    """Return the arrays of an .npz file by name: numbers, bools or texts.
+    """Read the arrays of an .npz file by name; they contain numbers, bools or texts.
 
-    Each array's size is checked against its header before memory is allocated.
+    The size of each array is checked before memory is allocated.
 
     Args:
         what: noun for error messages, for example "trajectory". most: largest unpacked size in bytes, or None for no
@@ -255,7 +255,7 @@ def to_file(flag: str, path: str | os.PathLike[str], endings: tuple[str, ...] = 
 
 
 def to_folder(flag: str, path: str | os.PathLike[str]) -> Path:
-    """Create an output folder and return its path; raise ValueError that names `flag` if the path is a file."""
+    """Create an output folder and return its path; if the path is a file, raise ValueError with a message on `flag`."""
     folder = Path(path)
     if folder.is_file():
         raise check.InvalidValue(flag, os.fspath(path), "must be a folder, and this is a file")
@@ -264,7 +264,7 @@ def to_folder(flag: str, path: str | os.PathLike[str]) -> Path:
 
 
 def write_whole(path: Path, content: bytes | Callable[[Path], Any]) -> None:
-    """Write `content` to `path` completely or not at all, through a temporary file in the same folder.
+    """Write `content` to `path` atomically: first to a temporary file in the same folder, which is then renamed.
 
     content: bytes, or a function that writes a file with the same suffix to a given path. The folder of `path` is
     created. Devices and pipes are written directly.
@@ -289,12 +289,12 @@ def write_whole(path: Path, content: bytes | Callable[[Path], Any]) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text in UTF-8 to `path`, completely or not at all."""
+    """Write a text in UTF-8 to `path` atomically."""
     write_whole(path, text.encode())
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write JSON with an indent of 2 to `path`, completely or not at all."""
+    """Write JSON with an indent of 2 spaces to `path` atomically."""
     write_text(path, json.dumps(content, indent=2) + "\n")
 
 
@@ -310,18 +310,16 @@ def table(columns: str, rows: Iterable[Iterable[object]] = (), numbers: bool = F
 
 
 def write_npz(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Write arrays as a compressed .npz file, completely or not at all. Raises OSError if writing fails."""
+    """Write arrays as a compressed .npz file atomically. Raises OSError if writing fails."""
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
     write_whole(path, buffer.getvalue())
 
 
 def imported(path: str, word: str) -> Any:
-    """Import the object that `word` names as "module:name"; modules in the current folder are found, too.
+    """Import the object that `word` names as "module:name"; the module may be in the current folder.
 
-    path: key path for the error message.
-
-    Raises ValueError that begins with `path` if the object cannot be imported.
+    Raises ValueError if the object cannot be imported; the message begins with the key path `path`.
     """
     module, _, name = word.partition(":")
     if os.getcwd() not in sys.path:
@@ -336,5 +334,5 @@ def imported(path: str, word: str) -> Any:
 
 
 def in_words(error: BaseException) -> str:
-    """Return the text of an error in one line, with its message cut at 200 characters."""
+    """Return an error as one line of text, with at most 200 characters of its message."""
     return f"{type(error).__name__}: {' '.join(str(error).split())[:200]}".removesuffix(": ")

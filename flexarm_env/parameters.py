@@ -2,9 +2,9 @@
 
 An :class:`Arm` is a chain of :class:`Link` objects. Link ``k`` starts at joint ``k`` and ends at joint ``k + 1`` or at
 the tip. Joint 0 is the hub (the root of the arm); joint ``k >= 1`` is the elbow between the tip of link ``k-1`` and the
-root of link ``k``. Every class is immutable and hashable, and stores sequences as tuples. The function
-``dataclasses.replace`` makes a validated variant of a record. An invalid value raises a ``ValueError`` that names the
-key path, the value and the rule.
+root of link ``k``. Every class is immutable and hashable, and stores sequences as tuples. ``dataclasses.replace``
+returns a copy with changed fields. An invalid value raises a ``ValueError`` whose message names the key path, the value
+and the rule.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ AXES = {False: "xy", True: "xyz"}
 @described
 @dataclass(frozen=True)
 class Elbow:
-    """Masses and axis of the joint between two links.
+    """Joint between two links: its masses, and its axis in space.
 
-    In space the rotation matrix of the next link's root is R_tip mount exp(angle axis), where R_tip is the rotation
-    matrix of the previous link's tip. A sphere of radius ``radius`` about the joint touches obstacles (`Contact`); it
-    turns with the link before the joint.
+    In space the rotation matrix of the next link's root is R_tip M exp(angle [axis]x). R_tip is the rotation matrix of
+    the previous link's tip, M is ``mount``, and [axis]x is the cross-product matrix of ``axis``. For contact with
+    obstacles (`Contact`) the joint is a sphere of radius ``radius``, which is fixed to the previous link.
     """
 
     mass: float = number("mass at the tip of the link before the joint", "kg", 0.0, minimum=0.0)
@@ -58,7 +58,7 @@ class Elbow:
 
     @property
     def spatial(self) -> bool:
-        """Whether the elbow turns a link out of the previous link's plane, or has an inertia tensor."""
+        """True if the elbow turns a link out of the previous link's plane, or has an inertia tensor."""
         tensors = isinstance(self.inertia_left, tuple) or isinstance(self.inertia_right, tuple)
         return self.axis != bodies.Z or self.mount is not None or tensors
 
@@ -74,9 +74,9 @@ def _offset(path: str, value: object) -> tuple[float, ...]:
 @described
 @dataclass(frozen=True)
 class Payload:
-    """A rigid body fixed to the tip of the last link.
+    """Rigid body that is fixed to the tip of the last link.
 
-    A payload with a third component of its offset, or with an inertia tensor, is computed in space.
+    An arm is computed in space if its payload has an inertia tensor or an offset with a third component.
     """
 
     mass: float = number("mass", "kg", 0.0, minimum=0.0)
@@ -94,12 +94,12 @@ class Payload:
 
     @property
     def spatial(self) -> bool:
-        """Whether the center of the payload lies out of the arm's plane, or the payload has an inertia tensor."""
+        """True if the center of mass lies outside the arm's plane, or the payload has an inertia tensor."""
         return len(self.offset) > 2 or isinstance(self.inertia, tuple)
 
     @property
     def eccentric(self) -> bool:
-        """Whether the payload has a mass whose center is not at the tip."""
+        """True if the payload has a mass and its center of mass is not at the tip."""
         return self.mass > 0.0 and any(self.offset)
 
     @property
@@ -111,9 +111,9 @@ class Payload:
 @described
 @dataclass(frozen=True)
 class Motor:
-    """An electric motor: torque = torque_constant i, voltage = resistance i + back_emf rate, with the current i in A.
+    """Electric motor: torque = torque_constant i and voltage = resistance i + back_emf rate, with the current i, A.
 
-    Torque (N m) and rate (rad/s) belong to the shaft before the gear.
+    Torque (N m) and rate (rad/s) are those of the motor's shaft, on the input side of the gear.
     """
 
     torque_constant: float = number("torque over current", "N m/A", above=0.0)
@@ -151,16 +151,18 @@ def _stiffness(path: str, value: object) -> float:
 @described
 @dataclass(frozen=True)
 class Joint:
-    """Drive of a joint: rotor, gear and friction. Angles, rates and torques are on the gear's output side.
+    """Drive of a joint: rotor, gear and friction.
 
-    The torque of the joint (`JointTorque`, an action) acts on the motor's side. An elastic gear adds a coordinate to
-    the arm: the motor's angle divided by the gear ratio. Like the joint's angle, the motor's angle is measured relative
-    to the previous link. The motor's coordinate is "motor0", in addition to "joint0", the angle of the link's root.
-    Spring and damper act between motor and joint.
+    Angles, rates and torques refer to the gear's output side: the motor's angle and rate are divided by the gear ratio,
+    and its torque is multiplied by the ratio. Angles of joint and motor are measured relative to the previous link.
 
-    The rotor's energy is 1/2 motor_inertia (gear_ratio rate)^2, where rate is that of the motor's angle relative to the
-    previous link. An elastic gear needs a positive rotor inertia unless a motion prescribes the motor's angle. In space
-    the rotor's angular momentum causes a gyroscopic moment when the rotor's axis turns.
+    An elastic gear is a spring and a damper between motor and link. It adds the motor's angle ("motor0", ...) to the
+    coordinates of the arm, beside the joint's angle ("joint0", ...), which is the angle of the link's root. Torques
+    from a `JointTorque` or an action act on the motor. An elastic gear needs a positive rotor inertia unless a motion
+    prescribes the motor's angle.
+
+    The rotor's kinetic energy is 1/2 motor_inertia (gear_ratio rate)^2 with the motor's rate. In space the rotor's
+    angular momentum causes a gyroscopic moment when the rotor's axis turns.
     """
 
     stiffness: float = value(
@@ -198,17 +200,17 @@ class Joint:
 
     @property
     def elastic(self) -> bool:
-        """Whether the gear is elastic, so that the motor has a coordinate of its own."""
+        """True if the gear is elastic, so that the motor's angle is an additional coordinate."""
         return self.stiffness < math.inf
 
     @property
     def rotor(self) -> float:
-        """Rotor inertia at the gear's output, motor_inertia gear_ratio^2, kg m^2."""
+        """Rotor inertia on the gear's output side, motor_inertia gear_ratio^2, kg m^2."""
         return self.motor_inertia * self.gear_ratio**2
 
     @property
     def moves(self) -> bool:
-        """Whether the joint differs from an ideal joint in the equations of motion."""
+        """True if the equations of motion differ from those of an ideal joint."""
         return self.elastic or self.rotor > 0.0 or self.friction_viscous > 0.0 or self.friction_coulomb > 0.0
 
 
@@ -231,12 +233,16 @@ class Base:
 @described
 @dataclass(frozen=True)
 class Arm:
-    """A chain of N links with hub, elbows, joints and payload.
+    """Arm: a chain of N links with hub, elbows, joints and payload.
 
-    The rotation matrix of link 0's root is hub_mount exp(angle hub_axis). With `tau_d` the stress is D (strain + tau_d
-    strain rate), so that zeta_k = tau_d omega_k / 2. `mass_damping` acts on the motion of a link, its elbow's mass and
-    the payload relative to the link's floating frame, eq. [65]; it adds mass_damping / (2 omega_k) to zeta_k and
-    requires one frame per link (formulation "floating_frame" with segments=1 or only modes).
+    In space the rotation matrix of link 0's root is M exp(angle [axis]x), with M = `hub_mount` and the cross-product
+    matrix [axis]x of `hub_axis`.
+
+    The damping time `tau_d` of a link gives the stress D (strain + tau_d strain rate) with the elastic stiffness D, and
+    thus the damping ratio zeta_k = tau_d omega_k / 2 of mode k with the natural frequency omega_k. `mass_damping` is a
+    force per mass on the velocity of link, elbow mass and payload relative to the link's floating frame (Meek & Liu
+    1995, eq. [65]). It adds mass_damping / (2 omega_k) to zeta_k. It requires one frame per link: the formulation
+    "floating_frame" with segments=1 or with only modes.
 
     Args:
         name: name of the arm, a short word.
@@ -245,12 +251,12 @@ class Arm:
         joints: N drives (:class:`Joint`), or () for ideal joints.
         payload: payload at the tip of the last link.
         torque_limits: N positive numbers, N m, or None (no limit).
-        joint_limits: N entries, each None or (low, high) in rad (joint 0: the root angle; joint k: the angle of
-            link k's root from link k-1's tip), or None (no limits at all).
-        source: text about the origin of the arm's numbers.
+        joint_limits: N entries, each None or (low, high) in rad; or None (no limits at all). The angle of joint 0 is
+            the angle of link 0's root; the angle of joint k is the angle from link k-1's tip to link k's root.
+        source: text about the origin of the arm's data.
         sensors: sensors for `observation="measured"` and `Trajectory.measured`, or None for ideal sensors.
-        base: body that carries the arm in the plane if the arm's root is free, or None for no body. If the root is
-            fixed, the base is fixed, too.
+        base: rigid body to which the hub of an arm in the plane is mounted, or None. The base floats freely if the root
+            of the scene is "free", and is fixed otherwise.
     """
 
     name: str
@@ -303,7 +309,7 @@ class Arm:
 
     @property
     def spatial(self) -> bool:
-        """Whether the arm is computed in space: its links turn out of the x-y plane, or a link is rigid."""
+        """True if the arm is computed in space: its links turn out of the x-y plane, or a link is rigid."""
         hub = self.hub_axis != bodies.Z or self.hub_mount is not None or isinstance(self.hub_inertia, tuple)
         parts: tuple[Elbow | Payload, ...] = (*self.elbows, self.payload)
         return hub or any(part.spatial for part in parts) or any(link.rigid for link in self.links)
@@ -316,15 +322,16 @@ class Arm:
     def relative(self, values: Sequence[float], joint: int, turn: float = 0.0) -> float:
         """Return a joint's angle (rad) or rate (rad/s) from a scene's `angles` or `rates`.
 
-        A scene's values are absolute angles of links in the plane, and joint angles in space. turn: angle between the
-        tangents of a curved link at its root and at the joint, rad.
+        `angles` and `rates` of a scene refer to links (absolute angles) in the plane, and to joints in space. values:
+        one of the two sequences. turn: angle from the tangent at the root of the previous link, if it is curved, to the
+        tangent at the joint, rad; 0 for rates.
         """
         if joint == 0 or self.spatial:
             return values[joint]
         return values[joint] - (values[joint - 1] + turn if turn else values[joint - 1])
 
     def stated(self, joints: Sequence[float]) -> tuple[float, ...]:
-        """Return a scene's `angles` (rad) from joint angles: their sums in the plane, the joint angles in space."""
+        """Convert joint angles to a scene's `angles`, rad: absolute link angles in the plane, joint angles in space."""
         return tuple(joints if self.spatial else np.cumsum(joints).tolist())
 
     def check_planar(self) -> None:
@@ -351,7 +358,7 @@ class Arm:
 
     @property
     def damping(self) -> tuple[float, tuple[float, ...] | None]:
-        """Largest tau_d of the links, s, and each link's tau_d divided by the largest (None if all are equal)."""
+        """Largest tau_d of the links, s, and each link's tau_d divided by the largest one (None if all are equal)."""
         own = [self.tau_d if link.tau_d is None else link.tau_d for link in self.links]
         largest = max(own)
         return largest, None if min(own) == largest else tuple(tau / largest for tau in own)
@@ -368,12 +375,12 @@ class Arm:
 
     @property
     def jointed(self) -> bool:
-        """Whether at least one joint is not ideal."""
+        """True if at least one joint is not ideal."""
         return any(joint.moves for joint in self.joints)
 
     @property
     def taut(self) -> Arm:
-        """The arm without backlash, for linear models: within the gap a gear has no spring that could be linearized."""
+        """The arm without backlash, for linear models: a gear within its backlash has no stiffness."""
         return replace(self, joints=tuple(replace(joint, backlash=0.0) for joint in self.joints))
 
     def joint(self, k: int) -> Joint:

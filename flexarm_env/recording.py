@@ -1,4 +1,4 @@
-"""Record episodes while they run, save them to one file, replay them bit for bit, and export them to Minari.
+"""Record episodes, save them to a file, replay them with bitwise equal results, and export them to Minari.
 
     from flexarm_env.recording import EpisodeRecorder, load_episodes, replay, save_episodes, to_minari
     env = EpisodeRecorder(gymnasium.make("FlexibleArm-v0"))
@@ -6,9 +6,9 @@
     save_episodes("episodes.npz", env.episodes)
     again = replay(load_episodes("episodes.npz")[0])
 
-A file contains `meta` (JSON: format, version, and each episode's environment and start) and the arrays of all n
-episodes, one after the other: `lengths` (n,), `observations` (sum(T + 1), O), `actions` (sum(T), N), `rewards`,
-`terminations` and `truncations` (sum(T),), and `info_<name>` (sum(T + 1), ...).
+A file contains `meta` (JSON: format, version, and each episode's environment and reset arguments) and arrays, in which
+n episodes of T steps follow one after the other: `lengths` (n,), `observations` (sum(T + 1), O), `actions` (sum(T), N),
+`rewards`, `terminations`, `truncations` (sum(T),), and `info_<name>` (sum(T + 1), ...).
 """
 
 from __future__ import annotations
@@ -54,14 +54,14 @@ TRANSPARENT = (PassiveEnvChecker, OrderEnforcing, TimeLimit)
 
 @dataclass(frozen=True, repr=False)
 class Episode:
-    """An episode of T steps, with the data that are needed to replay it.
+    """Episode of T steps, with all data for a replay.
 
     Attributes:
-        env_id, env_kwargs, max_episode_steps: the arguments of `gymnasium.make`; the last one may be None.
+        env_id, env_kwargs, max_episode_steps: arguments of `gymnasium.make`; max_episode_steps may be None.
         seed: seed of the reset. If it is None, `generator` is the random generator's state before the reset.
         options: options that were passed to `reset`, or None. observations (T + 1, O), actions (T, N): float32. rewards
             (T,): float64. terminations, truncations (T,): bool.
-        infos: array of each `info` entry by name, with T + 1 rows.
+        infos: for each entry of `info`, by name, an array with T + 1 rows.
     """
 
     env_id: str
@@ -85,17 +85,18 @@ class Episode:
 
     @property
     def complete(self) -> bool:
-        """True if the episode was played to its end."""
+        """True if the episode was terminated or truncated, False if it was interrupted."""
         return len(self) > 0 and bool(self.terminations[-1] or self.truncations[-1])
 
     def equals(self, other: Episode) -> bool:
-        """Return whether two episodes have the same observations, actions, rewards and ends, bit for bit."""
+        """Return whether observations, actions, rewards and flags of two episodes are bitwise equal."""
         names = ("observations", *STEPS)
         return all(np.array_equal(getattr(self, name), getattr(other, name), equal_nan=True) for name in names)
 
     def clip(self, label: str | None = None, env_id: str | None = None) -> Clip | SpaceClip:
-        """Replay the episode and return the clip that a player shows. label: name of the clip; the default is the
-        environment's id. env_id: as in `replay`."""
+        """Replay the episode and return it as a clip for the player. label: name of the clip; the default is the
+        environment's id. env_id: as in `replay`.
+        """
         with closing(_make_env(self, env_id, info_level="full")) as env:
             played = [(observation, info, env.unwrapped.snapshot()) for observation, info in _played(env, self)]
             plan, guide = env.unwrapped.plan, env.unwrapped.guide
@@ -113,8 +114,9 @@ class Episode:
         return of_episode(plan, views, rows, self.rewards, self.env_id if label is None else label, rate)
 
     def view(self, *others: Episode, labels: Sequence[str] | None = None, env_id: str | None = None) -> Player:
-        """Return a page that plays the episode and others beside it; save it by `.save("episode.html")` or show it in a
-        notebook. labels: labels of all episodes; the default is the environments' ids. env_id: as in `replay`."""
+        """Return a `Player` that shows the episode and others; save it by `.save("episode.html")` or display it in a
+        notebook. labels: labels of all episodes; the default is the environments' ids. env_id: as in `replay`.
+        """
         return Player.of((self, *others), labels, env_id)
 
     def _repr_html_(self) -> str:
@@ -122,13 +124,13 @@ class Episode:
 
 
 class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
-    """Wrapper of a single environment of this package that stores its episodes in `episodes`, oldest first.
+    """Wrapper of a single environment that stores its episodes in the list `episodes`, oldest first.
 
     An episode is stored when it ends. If `reset` or `close` interrupts an episode, the steps until then are stored.
     Wrappers that change observations or actions must be applied outside `EpisodeRecorder`.
 
     Raises:
-        ValueError: env is not of this package, was not made by `gymnasium.make`, or a file cannot contain its keywords.
+        ValueError: env is of another package, was not created by `gymnasium.make`, or has keywords unfit for a file.
     """
 
     def __init__(self, env: gym.Env[Array32, Array32]) -> None:
@@ -164,7 +166,7 @@ class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
         return observation, info
 
     def step(self, action: Array32) -> tuple[Array32, Any, bool, bool, dict[str, Any]]:
-        """Step the environment by one control period and store the outcome."""
+        """Step the environment by one control period and store the result."""
         if not self._rows:
             raise ResetNeeded("The episode has ended (or none has begun): call reset() first")
         # store the float32 action that the environment uses
@@ -207,13 +209,13 @@ class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
 
 # --------------------------------------------------------------------- again
 def replay(episode: Episode, env_id: str | None = None) -> Episode:
-    """Replay an episode in a new environment, with the same start and actions, and return the new episode.
+    """Replay an episode in a new environment, with the same reset and actions, and return the new episode.
 
     With the version and processor of the recording, `replay(e).equals(e)` is true.
 
     Args:
-        env_id: the episode's id; required for an environment of another package, because a file must not choose what is
-            imported.
+        env_id: the episode's `env_id`; required if it names another package, because importing a package executes code
+            and a file must not choose this code.
     Raises:
         ValueError: env_id is missing, the episode has no steps, or the replayed episode ends before the last action.
     """
@@ -253,13 +255,13 @@ def _played(env: Any, episode: Episode) -> Iterator[tuple[Array32, dict[str, Any
 
 # --------------------------------------------------------------------- files
 def save_episodes(path: str | os.PathLike[str], episodes: Sequence[Episode]) -> Path:
-    """Write episodes of one environment to an .npz file, completely or not at all, and return its path.
+    """Write episodes of one environment to an .npz file atomically, and return the path.
 
     Args:
         path: path of the file; its folder is created. episodes: at least one episode; observations and infos must have
             the same shapes in all episodes.
     Raises:
-        ValueError: there is no episode, observations or infos differ in shape, or `load_episodes` rejects one.
+        ValueError: there is no episode, arrays differ in shape, or `load_episodes` would reject an episode.
     """
     episodes = _alike(episodes)
     meta: dict[str, Any] = {
@@ -298,7 +300,7 @@ def _alike(episodes: object) -> tuple[Episode, ...]:
 
 
 def load_episodes(path: str | os.PathLike[str]) -> list[Episode]:
-    """Return the episodes in a file that `save_episodes` wrote; raise ValueError for any other or damaged file."""
+    """Read the episodes from a file that `save_episodes` wrote; raise ValueError for any other or a damaged file."""
     arrays = read_npz(path, "episodes")
     with check.in_file(path):
         for name in ("meta", "lengths", "observations", *STEPS):
@@ -368,15 +370,15 @@ SERIES: Mapping[str, tuple[str, check.Shape]] = {
 
 
 def to_minari(episodes: Sequence[Episode], dataset_id: str, env_id: str | None = None, **about: Any) -> Any:
-    """Make and return a Minari data set of episodes in Minari's folder (MINARI_DATASETS_PATH).
+    """Create a Minari data set from episodes, in Minari's folder (environment variable MINARI_DATASETS_PATH).
 
-    Needs the extra `data`. Only Minari's `DataCollector` also needs JAX (`pip install "minari[create]"`).
+    The function requires the extra `data`. Minari's own `DataCollector` would also require JAX.
 
     Args:
         episodes: episodes of one environment. dataset_id: for example "flexarm/slew/pd-v0". env_id: as in `replay`.
         about: keywords of `minari.create_dataset_from_buffers`: algorithm_name, author, description, ...
     Returns:
-        The `minari.MinariDataset`; in this data set an interrupted episode ends as truncated.
+        The `minari.MinariDataset`, in which interrupted episodes are marked as truncated.
     Raises:
         ValueError: no episode, several environments, or an invalid id. ImportError: Minari is not installed.
     """

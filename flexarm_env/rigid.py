@@ -1,9 +1,10 @@
-"""Arm with rigid links, in the plane and in space: kinematics, inertia, Coriolis torques, weight and time scales.
+"""Rigid model of an arm, with rigid links in place of flexible ones: kinematics, inertia, gravity torques, time scales.
 
-Arguments named `angles` are joint angles (n, N), rad. `bodies` lists the arm's masses; inertia, Coriolis torques and
-weight are sums over these bodies. In the plane the sums over the bodies do not depend on the joint angles and are
-evaluated once (`link_inertia`, `mass_moments`). Planar positions are complex numbers x + i y: a link that spans a from
-joint to joint contributes a exp(i alpha_k), with the absolute angle alpha_k of the tangent at link k's root.
+Arguments named `angles` are joint angles (n, N), rad. The function `bodies` lists the arm's masses. Inertia, Coriolis
+torques and gravity torques are sums over these bodies. Positions in the plane are complex numbers x + i y. If a is the
+vector from joint k to joint k + 1 in the axes of link k's root, the link contributes a exp(i alpha_k) to the position
+of the tip; alpha_k is the absolute angle of the tangent at the root. In the plane the coefficients of inertia and
+gravity torques do not depend on the angles (`link_inertia`, `mass_moments`).
 """
 
 import math
@@ -35,13 +36,13 @@ STEPS = (1.0, 2.0, 5.0)
 
 
 def reach(arm: Arm) -> tuple[float, float]:
-    """Return the smallest and largest distance of the tip from the root, m."""
+    """Return the smallest and the largest possible distance of the rigid arm's tip from its root, m."""
     lengths = [link.span for link in arm.links]
     return max(0.0, 2.0 * max(lengths) - sum(lengths)), sum(lengths)
 
 
 def largest_force(arm: Arm) -> float:
-    """Return the largest force (N) across the straight arm's tip that all motors can balance."""
+    """Return the largest force, N, at the tip and normal to the straight arm, that the motors can balance."""
     levers = np.cumsum([link.span for link in arm.links][::-1])[::-1]
     assert arm.torque_limits is not None
     return float(min(np.array(arm.torque_limits) / levers))
@@ -49,7 +50,10 @@ def largest_force(arm: Arm) -> float:
 
 # ---------------------------------------------------------------------- kinematics
 def mount_of(arm: Arm, k: int) -> Array:
-    """Return the rotation matrix of joint k at angle 0: root axes of link k to axes of the section before joint k."""
+    """Return the rotation matrix, at joint angle 0, from the axes of link k's root to the axes before joint k.
+
+    The axes before the joint are those of the previous link's tip, or the inertial axes for joint 0.
+    """
     mount = arm.hub_mount if k == 0 else arm.elbow(k).mount
     return np.eye(3) if mount is None else np.array(mount)
 
@@ -60,11 +64,11 @@ def axis_of(arm: Arm, k: int) -> Array:
 
 
 def frames(arm: Arm, angles: Array) -> tuple[Array, Array, Array, Array]:
-    """Return positions (m) and axes of the joints, link axes and tip position (m) of the rigid arm.
+    """Compute the rigid arm's kinematics at joint angles (..., N), rad.
 
-    angles (..., N): joint angles, rad. Returns arrays (..., N, 3), (..., N, 3), (..., N, 3, 3) with link axes as
-    columns, and (..., 3). All vectors are along inertial axes, with the root at the origin. Link axes are the axes of
-    the link's root.
+    Returns the joints' positions (..., N, 3), m, the directions of the joints' axes (..., N, 3), the axes of the links'
+    roots (..., N, 3, 3) as columns of matrices, and the tip's position (..., 3), m. All vectors have components along
+    inertial axes; the origin is the root.
     """
     A, r = np.broadcast_to(np.eye(3), (*angles.shape[:-1], 3, 3)), np.zeros((*angles.shape[:-1], 3))
     places, axes, links = [], [], []
@@ -88,9 +92,10 @@ def tip_at(arm: Arm, angles: Array) -> Array:
 
 
 def jacobian(arm: Arm, angles: Array) -> Array:
-    """Return the position Jacobian (..., 3, N), m/rad, of the rigid arm's tip, with the columns e_k x (tip - p_k).
+    """Return the Jacobian (..., 3, N), m/rad, of the rigid arm's tip position by the joint angles.
 
-    angles (..., N): joint angles, rad. e_k: axis of joint k; p_k: its position, m; inertial axes.
+    Column k is e_k x (tip - p_k) with the direction e_k of joint k's axis and the joint's position p_k, m, in inertial
+    axes. angles (..., N): joint angles, rad.
     """
     places, axes, _, tip = frames(arm, angles)
     return np.swapaxes(np.cross(axes, tip[..., None, :] - places), -1, -2)
@@ -108,10 +113,9 @@ def _turn(link: Link) -> Array:
 
 # --------------------------------------------------------------------------- bodies
 def bodies(arm: Arm) -> Iterator[tuple[int, Body]]:
-    """Yield each body of the rigid arm: index of the link whose joint moves it, and the `Body` in that link's axes.
+    """Yield for each body of the rigid arm the index of its link, and the `Body` in the axes of this link's root.
 
-    Bodies are hub, elbows, rigid ends, beams, rigid links and payload. The rotors of the motors are not among the
-    bodies.
+    Bodies are hub, elbows, rigid ends, beams, rigid links and payload, but not the rotors of the motors.
     """
     for k, link in enumerate(arm.links):
         # hub, or elbow: mass and left inertia belong to the link before, the right inertia to this one
@@ -181,7 +185,7 @@ def _rotary_across(link: Link) -> float:
 
 
 def link_bodies(arm: Arm) -> list[Body]:
-    """Return one body for each link, which combines all bodies that move with the link and not with a later joint."""
+    """Return one body for each link: all `bodies` of this link combined."""
     found: list[list[Body]] = [[] for _ in arm.links]
     for k, body in bodies(arm):
         found[k].append(body)
@@ -213,7 +217,7 @@ def weight_and_inertia(
 
 
 def rigid_inertia(arm: Arm, angles: Array) -> Array:
-    """Return the inertia matrices (n, N, N), kg m^2, with rotors, at joint angles (n, N), rad."""
+    """Return the joint inertia matrices (n, N, N), kg m^2, with rotors, at joint angles (n, N), rad."""
     angles = _joints("angles", arm, angles)
     return weight_and_inertia(arm, np.zeros(3), angles)[1] if arm.spatial else _planar_inertia(arm, angles)
 
@@ -221,8 +225,8 @@ def rigid_inertia(arm: Arm, angles: Array) -> Array:
 def coriolis(arm: Arm, angles: Array, rates: Array) -> Array:
     """Return the Coriolis and centrifugal torques (n, N), N m, at joint angles, rad, and rates, rad/s, (n, N) each.
 
-    Coriolis and centrifugal torques are the joint torques minus the product of inertia matrix and joint accelerations.
-    The torques do not include gyroscopic moments of rotors.
+    They are the joint torques without gravity, minus the product of inertia matrix and joint accelerations. Gyroscopic
+    moments of rotors are not included.
     """
     angles = _joints("angles", arm, angles)
     if arm.spatial:
@@ -270,11 +274,11 @@ def _joints(path: str, arm: Arm, angles: Array) -> Array:
 
 # ------------------------------------------------------------- sums in the plane
 def link_inertia(arm: Arm) -> ComplexOrReal:
-    """Return the constants C (N, N), kg m^2, of a planar arm's inertia matrix M for the links' absolute angles alpha.
+    """Return the constant matrix C (N, N), kg m^2, from which a planar arm's inertia matrix M is computed.
 
-    The matrix is M_jk = Re C_jk exp(-i (alpha_j - alpha_k)). A body has the position sum_j a_j exp(i alpha_j), summed
-    over the links up to the body. The body adds m conj(a_j) a_k to C, and its own inertia to the entry of the link with
-    which it turns. C is real if all bodies lie on straight lines from joint to joint.
+    M refers to the links' absolute angles alpha: M_jk = Re(C_jk exp(-i (alpha_j - alpha_k))). A body of mass m at
+    sum_j a_j exp(i alpha_j), summed over the links up to the body, adds m conj(a_j) a_k to C_jk, and its moment of
+    inertia to the diagonal entry of its link. C is real if all bodies lie on straight lines from joint to joint.
     """
     ends = _link_ends(arm)
     total = np.zeros((arm.n_links, arm.n_links), ends.dtype)
@@ -286,7 +290,10 @@ def link_inertia(arm: Arm) -> ComplexOrReal:
 
 
 def mass_moments(arm: Arm) -> ComplexOrReal:
-    """Return the vector S (N,), kg m: in the plane the bodies' mass times position sums to sum_k S_k exp(i alpha_k)."""
+    """Return the first mass moments S (N,), kg m, of a planar arm.
+
+    The sum of mass times position over all bodies is sum_k S_k exp(i alpha_k), with the links' absolute angles alpha_k.
+    """
     ends = _link_ends(arm)
     total = np.zeros(arm.n_links, ends.dtype)
     for last, body in bodies(arm):
@@ -334,19 +341,19 @@ def _of_joints(values: Array, axis: int) -> Array:
 
 
 def inertia_beyond(arm: Arm, joint: int) -> float:
-    """Return the inertia (kg m^2) about a joint of the straight arm from that joint to the tip, with the motor's rotor.
+    """Return the moment of inertia, kg m^2, about a joint of the straight arm between this joint and the tip.
 
-    The joint's axis is the z axis of the link beyond it. In space the axes of all later links are aligned with that
-    link's axes.
+    The rotor of the joint's motor is included. The joint's axis is the z axis of the next link; in space the axes of
+    all further links are parallel to this link's axes.
     """
     return float(_planar_inertia(arm, np.zeros((1, arm.n_links)))[0, joint, joint])
 
 
 def rate_scale(arm: Arm, joint: int) -> float:
-    """Return the top rate sqrt(tau pi/2 / I), rad/s, of a rigid quarter turn from rest to rest at full torque.
+    """Return sqrt(tau pi/2 / I), rad/s: the largest rate in the fastest rest-to-rest quarter turn of the rigid arm.
 
-    The arm reaches this rate in the middle of the turn. tau is the joint's torque limit, and I the inertia of the
-    straight arm about the joint.
+    tau is the joint's torque limit, and I is the inertia of the straight arm about the joint (`inertia_beyond`). The
+    torque is tau in the first half of the turn and -tau in the second half.
     """
     limits = arm.torque_limits
     assert limits is not None
@@ -354,10 +361,10 @@ def rate_scale(arm: Arm, joint: int) -> float:
 
 
 def centre_shift(arm: Arm) -> float:
-    """Return the largest distance (m) of the hub from the center of mass of arm and base; 0 without a base.
+    """Return the largest possible distance, m, of the hub from the center of mass of arm and base; 0 without a base.
 
-    If the base floats freely, this center of mass is a fixed point. The hub stays within the returned distance of the
-    center of mass, and the tip within the arm's length minus this distance.
+    If the base floats freely, the center of mass does not move. The hub's distance from the center of mass is at most
+    the returned distance; the tip's distance is at most the arm's length minus the returned distance.
     """
     if arm.base is None:
         return 0.0
@@ -378,11 +385,10 @@ class TimeScales:
     """Time scales of an arm with torque limits.
 
     Attributes:
-        quarter_turns (N,): minimum time of a quarter turn of each joint from rest to rest, s. The motor applies the
-            full torque, reversed in the middle of the turn, and the arm beyond the joint is straight and rigid. slew:
-            the longest of these times, s.
-        duration: duration of an episode, s. control_dt: control period, s. gamma: discount factor per control period,
-            whose horizon dt/(1 - gamma) equals a slew.
+        quarter_turns (N,): minimum time, s, in which each joint turns by 90 degrees from rest to rest, with its full
+            torque and with the straight, rigid arm beyond the joint. slew: the longest of these times, s.
+        duration: suggested duration of an episode, s. control_dt: control period, s. gamma: suggested discount factor,
+            for which the horizon control_dt / (1 - gamma) equals `slew`.
     """
 
     quarter_turns: tuple[float, ...]
@@ -393,9 +399,9 @@ class TimeScales:
 
 
 def timescales(arm: Arm, control_dt: float | None = None) -> TimeScales:
-    """Compute the time scales of an arm from its rigid quarter turns.
+    """Compute an arm's time scales from the fastest quarter turns of its rigid model.
 
-    control_dt: control period, s, or None for a suggested control period.
+    control_dt: control period, s; None to compute a suggested control period.
     """
     # minimum time of a quarter turn, 2 sqrt(I (pi/2) / tau)
     quarters = tuple(math.pi / rate_scale(arm, k) for k in range(arm.n_links))

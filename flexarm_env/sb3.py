@@ -1,8 +1,8 @@
-"""Vector environments for Stable-Baselines3: a Gymnasium VectorEnv as a VecEnv, with the usual wrappers.
+"""Vector environments for Stable-Baselines3: an adapter from Gymnasium's VectorEnv to VecEnv.
 
-from flexarm_env.sb3 import make_sb3_vec
-env = make_sb3_vec("FlexibleArm-v0", n_envs=64, seed=0, normalize=True)
-PPO("MlpPolicy", env).learn(1_000_000)
+    from flexarm_env.sb3 import make_sb3_vec
+    env = make_sb3_vec("FlexibleArm-v0", n_envs=64, seed=0, normalize=True)
+    PPO("MlpPolicy", env).learn(1_000_000)
 """
 
 import inspect
@@ -44,29 +44,29 @@ def make_sb3_vec(
     around: Inside | None = None,
     **kwargs: Any,
 ) -> VecEnv:
-    """Make a Stable-Baselines3 VecEnv of n_envs environments that are stepped together.
+    """Create a Stable-Baselines3 VecEnv of n_envs environments that are stepped together.
 
     Args:
         env_id: a registered id, such as "FlexibleArm-v0". n_envs: number of environments.
-        seed: environment i is seeded with seed + i at the first reset; None: the operating system provides seeds.
+        seed: environment i has the seed `seed` + i at the first reset; None: the operating system provides seeds.
         monitor: True to wrap the environment in VecMonitor (episode returns and lengths, `is_success`); a string is the
             path of the monitor's file.
         normalize: True to wrap the environment in VecNormalize; a mapping contains keywords of VecNormalize, e.g.
             {"norm_reward": False, "gamma": 0.98}.
-        info_keys: entries of the environment's info that every step returns. All other entries are filled only for
-            ended episodes, because Stable-Baselines3 does not read them in other steps.
+        info_keys: entries of the environment's info that every step returns. Other entries are returned only at the
+            ends of episodes, because Stable-Baselines3 reads them only there.
         vectorization_mode: "vector_entry_point" for the native vector environment, "sync" or "async" for n_envs single
             environments.
         wrappers: functions or classes that wrap each single environment, the first one innermost. The native vector
             environment has no single environments, so with wrappers "vector_entry_point" means "sync".
-        lengths: factors on the links' lengths. The environments are divided among these factors (`envs.lengths`).
+        lengths: factors on the links' lengths, each of which applies to a part of the environments (`envs.lengths`).
         around: controller whose torques are added to the actions (`flexarm_env.around.AroundControllerVector`).
         kwargs: keyword arguments of the environment.
     Returns:
         The environment VecNormalize(VecMonitor(GymnasiumVecEnv)), without the wrappers that are not requested.
     Raises:
-        ValueError: n_envs is below 1, or the native vector environment does not support same-step autoreset.
-            Errors of the environment for its keywords are also raised.
+        ValueError: n_envs is below 1, the native vector environment does not support same-step autoreset, or a
+            keyword argument of the environment is invalid.
     """
     n_envs = check.integer("n_envs", n_envs, minimum=1)
     seed = seed if seed is None else check.integer("seed", seed, minimum=0)
@@ -110,11 +110,11 @@ class GymnasiumVecEnv(VecEnv):
 
     Args:
         env: the vector environment with same-step autoreset. info_keys: entries of the environment's info that every
-            step returns. At the end of an episode all entries are returned, with "terminal_observation" and
+            step returns. At the end of an episode all entries are returned, and also "terminal_observation" and
             "TimeLimit.truncated".
     Raises:
-        ValueError: the autoreset mode is not same-step. Stable-Baselines3 requires the first observation of the next
-            episode together with the last reward.
+        ValueError: the autoreset mode is not same-step. Stable-Baselines3 requires this mode: the last step of an
+            episode must return the first observation of the next episode.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], info_keys: Sequence[str] = ()) -> None:
@@ -132,7 +132,8 @@ class GymnasiumVecEnv(VecEnv):
     def reset(self) -> Any:
         """Reset all environments and return their first observations.
 
-        The reset uses the seeds and options that the methods `seed` and `set_options` have stored."""
+        The reset uses the seeds and options that the methods `seed` and `set_options` have stored.
+        """
         seeds, options = self._seeds, self._options
         self._reset_seeds()
         self._reset_options()
@@ -166,8 +167,8 @@ class GymnasiumVecEnv(VecEnv):
     def step_wait(self) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], Infos]:
         """Step all environments with the stored actions.
 
-        Returns observations, rewards (n,) float32, dones (n,) and infos. Where an episode ended, the observation is the
-        first of the next episode.
+        Returns observations, rewards (n,) float32, dones (n,) and infos. If an episode ended, its environment's
+        observation is the first one of the next episode.
         """
         observations, rewards, terminated, truncated, info = self.env.step(self._actions)
         dones = np.logical_or(terminated, truncated)
@@ -213,13 +214,14 @@ class GymnasiumVecEnv(VecEnv):
         return [values[i] for i in self._indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
-        """Set an attribute of the environments in `indices` to one value.
+        """Set an attribute of the environments in `indices` to the same value.
 
-        The environments of this package have the attribute `starts`, the ranges of starts and targets.
+        For example, the environments of this package have the attribute `starts`, the ranges from which initial states
+        and targets are drawn.
 
         Raises:
             ValueError: `indices` selects some environments, but all environments share the attribute; or the attribute
-                is a keyword of the environment that cannot change.
+                is a keyword argument of the environment that cannot be changed later.
         """
         chosen = self._indices(indices)
         if attr_name in ARGUMENTS and attr_name not in CHANGEABLE:
@@ -245,9 +247,9 @@ class GymnasiumVecEnv(VecEnv):
     ) -> list[Any]:
         """Call a method of the environments in `indices`; return the list of results.
 
-        "reset" has the arguments seed (an int; environment i gets seed + i) and options, and resets only these
-        environments. "render" draws only the environments in `indices`. A method of the vector environment with a
-        parameter `indices` receives the indices.
+        "reset" resets only these environments; its arguments are seed (environment i has the seed `seed` + i) and
+        options. "render" renders only these environments. If another method of the vector environment has a parameter
+        `indices`, it receives the indices.
 
         Raises:
             ValueError: `indices` selects some environments, but the method acts on all environments.
@@ -277,9 +279,7 @@ class GymnasiumVecEnv(VecEnv):
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Indices = None
     ) -> list[bool]:
-        """Return for each environment in `indices` whether it has the wrapper.
-
-        The environments of a native vector environment have no wrappers."""
+        """Return for each environment in `indices` whether it has the wrapper; native environments have no wrappers."""
         singles = getattr(self.env, "envs", None)
         chosen = self._indices(indices)
         if not isinstance(singles, list):

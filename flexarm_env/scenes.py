@@ -1,4 +1,4 @@
-"""The package's validation scenes (``flexarm_env/data/scenes``), scenes from TOML files, reference trajectories."""
+"""Validation scenes of the package (``flexarm_env/data/scenes``), scenes in TOML files, and reference solutions."""
 
 import os
 from collections.abc import Mapping
@@ -36,7 +36,7 @@ def _text(name: str) -> str:
 def names(parameter_sets: bool = False, space: bool = False) -> tuple[str, ...]:
     """Return the names of the package's scenes.
 
-    parameter_sets: whether to include names of the form NAME@SET. space: whether to include scenes in space.
+    parameter_sets: True to include scenes with a parameter set, NAME@SET. space: True to include scenes in space.
     """
     chosen = (*ORDER, *SPATIAL) if space else ORDER
     if not parameter_sets:
@@ -46,7 +46,7 @@ def names(parameter_sets: bool = False, space: bool = False) -> tuple[str, ...]:
 
 @cache
 def named(name: str) -> Scene:
-    """Return a named scene, or its parameter set, as in ``NAME@as_printed``; raise ValueError for an unknown name."""
+    """Return the package's scene NAME, or NAME@SET for a parameter set; raise ValueError for an unknown name."""
     known = names(parameter_sets=True, space=True)
     if name not in known:
         raise check.UnknownKey(str(name), known, "scene")
@@ -55,9 +55,10 @@ def named(name: str) -> Scene:
 
 
 def resolve(scene: Scene | str | os.PathLike[str]) -> Scene:
-    """Return a scene from a :class:`Scene`, a name (NAME or NAME@SET), or a TOML file (FILE.toml or FILE.toml@SET).
+    """Return the scene that a :class:`Scene`, a name or the path of a TOML file denotes.
 
-    Raises ValueError if a text is neither a name nor a file, or if the file is invalid.
+    Names and paths may end in a parameter set: NAME@SET, FILE.toml@SET. Raises ValueError if a text is neither a name
+    nor the path of a file, or if the file is invalid.
     """
     if isinstance(scene, Scene):
         return scene
@@ -84,10 +85,10 @@ COMPARED = (("tip_x", "tip_y"), ("tip_angle",), ("start_angle",))
 
 @dataclass(frozen=True)
 class Reference:
-    """A reference trajectory: its scene, origin, absolute tolerances and columns.
+    """Reference solution of a scene: its origin, columns, and tolerances for a comparison.
 
-    tip_tolerance: largest tip error, m. angle_tolerance: largest error of an angle, rad. columns: a float64 array (n,)
-    for each name in :data:`COLUMNS`. The column energy is not compared.
+    tip_tolerance: permitted distance from the reference tip, m. angle_tolerance: permitted error of an angle, rad.
+    columns: a float64 array (n,) for each name in :data:`COLUMNS`. The column energy is not compared.
     """
 
     scene: str
@@ -100,13 +101,13 @@ class Reference:
 
 
 def reference_names() -> tuple[str, ...]:
-    """Return the names of the scenes with a packaged reference trajectory."""
+    """Return the names of the scenes for which the package contains a reference solution."""
     return tuple(name for name in ORDER if name in _references())
 
 
 @cache
 def reference(name: str) -> Reference:
-    """Return the reference trajectory of a named scene; raise ValueError if the scene has none."""
+    """Return the reference solution of a named scene; raise ValueError if the scene has none."""
     if name not in reference_names():
         raise check.UnknownKey(str(name), reference_names(), "scene with a reference")
     entry = _references()[name]
@@ -120,11 +121,10 @@ def reference(name: str) -> Reference:
 
 
 def spot_values(name: str) -> dict[str, Any]:
-    """Return tip positions of a named scene that another program computed at single instants.
+    """Return tip positions of a named scene at single instants, computed by another program.
 
-    The table has the columns t (s), tip_x and tip_y (m), source and tolerance.
-
-    A scene without reference positions raises ValueError.
+    The keys are t (s), tip_x and tip_y (m), source, and tolerance. Raises ValueError if the scene has no such
+    positions.
     """
     entries = {entry["scene"]: entry for entry in _references()["spot_values"]}
     if name not in entries:
@@ -133,10 +133,10 @@ def spot_values(name: str) -> dict[str, Any]:
 
 
 def read_trajectory(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-    """Read a trajectory's CSV file as columns by name; its first line must begin with :data:`COLUMNS`.
+    """Read a CSV file that `Trajectory.to_csv` wrote; return the columns by name.
 
-    Raises ValueError, which names file and row, if the table has other columns or an invalid cell. A missing file
-    raises FileNotFoundError.
+    The first columns must be :data:`COLUMNS`. Raises ValueError for other columns or an invalid cell, with a message
+    that names file and row, and FileNotFoundError for a missing file.
     """
     header, lines = csv_lines(path)
     header = without_units(header)
@@ -147,10 +147,9 @@ def read_trajectory(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, n
 
 
 def read_reference(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-    """Read the columns of a CSV file for a comparison: t, and the existing columns of :data:`COMPARED`.
+    """Read a reference solution from a CSV file: the column t, and those columns of :data:`COMPARED` that exist.
 
-    The columns may be in any order, and other columns are ignored. The function raises the errors of
-    :func:`read_trajectory`.
+    The columns may be in any order, and other columns are ignored. Errors are those of :func:`read_trajectory`.
     """
     header, lines = csv_lines(path)
     header = without_units(header)

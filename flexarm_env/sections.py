@@ -1,4 +1,4 @@
-"""Cross-sections of a link (constant, linear between points, or a tapered rectangle), and the beam itself."""
+"""Flexible links and their cross-sections: constant, linear between points, or tapered rectangles."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def _across(text: str, unit: str, **bounds: float) -> Any:
 @described
 @dataclass(frozen=True)
 class Section:
-    """Cross-section of a beam, constant along a link (symbols of docs/theory.md; paper [41], [52]).
+    """Cross-section of a beam: stiffness, mass and rotary inertia per length (Meek & Liu 1995, eqs. [41], [52]).
 
-    A link's x axis runs along it, y along its thickness, z along its width. An arm in the plane bends in x-y. The polar
-    rotary inertia is J + J_y.
+    The x axis of a link points along the link, the y axis along its thickness and the z axis along its width. An arm in
+    the plane bends in the x-y plane. The rotary inertia per length about the x axis is J + J_y.
     """
 
     EI: float = number("bending stiffness", "N m^2", above=0.0)
@@ -46,10 +46,10 @@ class Section:
 
     @classmethod
     def rectangle(cls, width: float, thickness: float, E: float, rho: float, G: float, kappa: float = 0.85) -> Section:
-        """Create a homogeneous rectangle that bends about its ``width`` axis: I = width thickness^3 / 12.
+        """Create a homogeneous rectangular section with the second moment of area width thickness^3 / 12.
 
         Args:
-            width: width across the plane of motion, m. thickness: thickness in the plane of motion, m.
+            width: width normal to the plane of motion, m. thickness: thickness in the plane of motion, m.
             E: Young's modulus, Pa. rho: density, kg/m^3. G: shear modulus, Pa. kappa: shear coefficient, 0 to 1.
         """
         width = check.number("section.width", width, "m", above=0.0)
@@ -65,17 +65,17 @@ class Section:
 
     @classmethod
     def circle(cls, diameter: float, E: float, rho: float, G: float, kappa: float = 0.9) -> Section:
-        """Create a homogeneous round bar of a diameter, m.
+        """Create a homogeneous circular section.
 
-        All other arguments are the arguments of :meth:`rectangle`.
+        diameter: diameter, m. The other arguments are those of :meth:`rectangle`.
         """
         return cls.tube(diameter, check.number("section.diameter", diameter, "m", above=0.0) / 2.0, E, rho, G, kappa)
 
     @classmethod
     def tube(cls, diameter: float, wall: float, E: float, rho: float, G: float, kappa: float = 0.5) -> Section:
-        """Create a homogeneous round tube. diameter: outer diameter, m. wall: thickness of the wall, m.
+        """Create the homogeneous section of a round tube.
 
-        All other arguments are the arguments of :meth:`rectangle`.
+        diameter: outer diameter, m. wall: thickness of the wall, m. The other arguments are those of :meth:`rectangle`.
         """
         outer = check.number("section.diameter", diameter, "m", above=0.0)
         wall = check.number("section.wall", wall, "m", above=0.0, maximum=outer / 2.0)
@@ -104,10 +104,11 @@ def _material(E: float, rho: float, G: float, kappa: float) -> tuple[float, floa
 
 
 def torsion_constant(width: Any, thickness: Any) -> Any:
-    """Return Saint-Venant's torsion constant of rectangles, m^4, to 2e-8 (Timoshenko & Goodier, section 109).
+    """Return Saint-Venant's torsion constant of rectangles, m^4 (Timoshenko & Goodier, section 109).
 
-    The side lengths are numbers or arrays, m. With a >= b:
+    The side lengths are numbers or arrays, m. For sides a >= b the constant is
     (a b^3 / 3) (1 - (192 b / (pi^5 a)) sum over odd k of tanh(k pi a / (2 b)) / k^5).
+    The relative error of the truncated sum is at most 2e-8.
     """
     a, b = np.maximum(width, thickness), np.minimum(width, thickness)
     # first 30 terms, odd k up to 59
@@ -117,7 +118,7 @@ def torsion_constant(width: Any, thickness: Any) -> Any:
 
 
 class Properties(NamedTuple):
-    """Properties of a :class:`Section` at many places: one array per field, in the field's unit."""
+    """Properties of a link's sections at several positions: one array for each field of :class:`Section`."""
 
     EI: Array
     EA: Array
@@ -128,11 +129,11 @@ class Properties(NamedTuple):
 
 @dataclass(frozen=True)
 class Taper:
-    """Homogeneous rectangle whose sides vary linearly from a link's root to its tip: EI = E b h^3 / 12 at each place.
+    """Homogeneous rectangular section whose width b and thickness h vary linearly from a link's root to its tip.
 
     Args:
-        widths: widths at root and tip across the plane of motion, m. thicknesses: thicknesses at root and tip in the
-            plane of motion, m.
+        widths: widths at root and tip, normal to the plane of motion, m. thicknesses: thicknesses at root and tip, in
+            the plane of motion, m.
         E: Young's modulus, Pa. rho: density, kg/m^3. G: shear modulus, Pa. kappa: shear coefficient, 0 to 1.
     """
 
@@ -161,11 +162,11 @@ class Taper:
         return b0 + (b1 - b0) * share, h0 + (h1 - h0) * share
 
     def rectangle(self, share: float) -> Section:
-        """Return the section at `share`, a fraction of the link's length from the root."""
+        """Return the section at `share`, the distance from the root divided by the link's length."""
         return Section.rectangle(*self.sides(share), self.E, self.rho, self.G, self.kappa)
 
     def along(self, share: Array) -> Properties:
-        """Return the sections' properties at `share` (n,), fractions of the link's length from the root."""
+        """Return the sections' properties at `share` (n,), distances from the root divided by the link's length."""
         # EI = E b h^3 / 12, EA = E b h, C = kappa G b h
         b, h = self.sides(share)
         area, second_moment = b * h, b * h**3 / 12.0
@@ -190,17 +191,18 @@ ENDS = {
 @described
 @dataclass(frozen=True)
 class Link:
-    """A beam with one section, or with sections that vary along it; it is straight, or curved without stress.
+    """Flexible link: a beam, straight or curved when free of stress, with optional rigid ends.
 
-    Rigid ends (a clamp, a hub's radius) extend from the joint at the link's root to the beam, and from the beam to the
-    next joint or the arm's tip, along the beam's end tangents. The mass of a rigid end is at the end's midpoint.
+    The rigid end at the root extends from the joint to the beam, for example through a clamp or a hub. The rigid end at
+    the tip extends from the beam to the next joint or to the arm's tip. Rigid ends are straight, along the beam's end
+    tangents. The mass of a rigid end is concentrated at its midpoint.
 
     Args:
-        section: a :class:`Section`, a :class:`Taper`, or a sequence of points (s, Section). s is the distance from the
-            root in m and ascends from 0 to the length. Properties are linear between points; two points with the same s
-            are a jump. Points with equal sections are replaced by one Section.
-        curvature: curvature of the stress-free beam, 1/m, positive to the left; or a sequence of points (s, curvature),
-            with s as in `section`. The curvature is linear between points. Two points with the same s are a jump.
+        section: a :class:`Section`, a :class:`Taper`, or a sequence of pairs (s, Section). s is the arc length from the
+            beam's root, m, and increases from 0 to the length. Properties are linear between two pairs; two pairs with
+            equal s define a jump. If all sections are equal, one Section replaces them.
+        curvature: curvature of the stress-free beam, 1/m, positive if the beam turns left; or a sequence of pairs (s,
+            curvature). The curvature is linear between two pairs; two pairs with equal s define a jump.
     """
 
     length: float = number("length of the beam", "m", above=0.0)
@@ -236,35 +238,38 @@ class Link:
         kappa: float = 0.85,
         **more: Any,
     ) -> Link:
-        """Create a link with a rectangle whose sides vary linearly from root to tip (:class:`Taper`). Equal sides give
-        one Section. more: further fields of :class:`Link`."""
+        """Create a link with a rectangular section whose sides vary linearly from root to tip (:class:`Taper`).
+        more: further fields of :class:`Link`.
+        """
         taper = Taper(widths, thicknesses, E, rho, G, kappa)
         even = taper.sides(0.0) == taper.sides(1.0)
         return cls(length, taper.rectangle(0.0) if even else taper, **more)
 
     @property
     def rigid(self) -> bool:
-        """Whether the link is rigid; False, because this link bends."""
+        """False: the link is flexible."""
         return False
 
     @property
     def uniform(self) -> Section | None:
-        """Section of a straight link with constant section; otherwise None."""
+        """Section of a straight link with constant section; None for any other link."""
         return self.section if isinstance(self.section, Section) and not self.curved else None
 
     @property
     def curved(self) -> bool:
-        """Whether the link is curved when it is free of stress."""
+        """True if the link is curved when it is free of stress."""
         return self.curvature != 0.0
 
     @property
     def turn(self) -> float:
-        """Tangent angle at the tip relative to the root of the stress-free link, rad."""
+        """Angle from the tangent at the root to the tangent at the tip of the stress-free link, rad."""
         return float(curves.angle(self.curvature, self.length)) if self.curved else 0.0
 
     def place(self, s: Any) -> Any:
-        """Return points of the stress-free link as complex numbers x + iy, m, in the axes of the root joint's tangent.
-        s: distances from the beam's root, m; below 0 and above the length the points are on the rigid ends."""
+        """Return points of the stress-free link, x + iy, m, relative to the root joint, with x along the tangent there.
+
+        s: arc lengths from the beam's root, m; below 0 and above the length the points are on the rigid ends.
+        """
         # beam, then straight rigid ends along its end tangents
         inner = curves.place(self.curvature, np.clip(s, 0.0, self.length))
         beyond = np.maximum(np.asarray(s) - self.length, 0.0)
@@ -272,7 +277,7 @@ class Link:
 
     @property
     def points(self) -> tuple[float, ...]:
-        """Positions at which sections kink or jump, and of both ends, m from the root; each position occurs once."""
+        """Positions, m from the root, of both ends, and of all jumps and kinks of section and curvature."""
         inner = () if isinstance(self.section, Section | Taper) else tuple(s for s, _ in self.section[1:-1])
         return tuple(sorted({0.0, *inner, *curves.points(self.curvature), self.length}))
 
@@ -288,12 +293,12 @@ class Link:
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Positions at which cells of a mesh must end, m: kinks of sections, all jumps, and the link's ends."""
+        """Positions, m from the root, at which cells of a mesh must end: `points` without kinks of the curvature."""
         inner = () if isinstance(self.section, Section | Taper) else (s for s, _ in self.section[1:-1])
         return tuple(sorted({0.0, *inner, *curves.jumps(self.curvature), self.length}))
 
     def along(self, s: Array | float, before: bool = False) -> Properties:
-        """Return the section's properties at positions s (m from the root); at a jump after, or `before`, it."""
+        """Return the section's properties at positions s, m from the root: at a jump those after it, or `before` it."""
         s = np.asarray(s, np.float64)
         if isinstance(self.section, Taper):
             return self.section.along(s / self.length)
@@ -306,7 +311,7 @@ class Link:
         return Properties(*(column[i] + (column[i + 1] - column[i]) * share for column in columns))
 
     def across(self, s: Array) -> dict[str, Array]:
-        """Return EI_y, C_y, J_y, GJ at positions s, m from the root; raise ValueError if a section lacks one."""
+        """Return EI_y, C_y, J_y and GJ at positions s, m from the root; raise ValueError if a section lacks a value."""
         if isinstance(self.section, Taper):
             # bending about the other axis: h b^3 / 12
             b, h = self.section.sides(s / self.length)
@@ -324,7 +329,7 @@ class Link:
         return {name: np.interp(s, places, [getattr(section, name) for _, section in points]) for name in ACROSS}
 
     def quadrature(self) -> tuple[Array, Array]:
-        """Return Gauss points (m from the root) and weights (m) for integrals along the link, piece by piece."""
+        """Return Gauss points (m from the root) and weights (m) of all intervals between jumps or kinks."""
         x, weights = GAUSS
         ends = np.array(self.points)
         # map [-1, 1] to each piece
@@ -332,7 +337,7 @@ class Link:
         return (ends[:-1, None] + half * (1.0 + x)).ravel(), (half * weights).ravel()
 
     def part(self, first: float, last: float) -> Link:
-        """Return the part of the beam between two places, m from the root, without rigid ends."""
+        """Return the part of the beam between two positions, m from the root, as a link without rigid ends."""
         own: dict[str, Any] = {"curvature": curves.part(self.curvature, first, last)}
         if isinstance(self.section, Section):
             return Link(last - first, self.section, **own)
@@ -348,12 +353,14 @@ class Link:
         return Link(length, ((0.0, ends_at[0]), *inner, (length, ends_at[1])), **own)
 
     def mesh(self, n: int, option: str) -> Array:
-        """Return the ends of n cells, (n + 1,), m: equal cells, or cells that end at jumps and kinks (`meshing`).
-        Raises ValueError, which names the `option` that gave n, if n is too small for the jumps."""
+        """Return the ends (n + 1,), m, of n cells: of equal length, or with ends at jumps and kinks (`meshing`).
+
+        Raises ValueError if n is too small for the jumps; the message names `option`, the solver option with value n.
+        """
         return meshing.ends(self, n, option)
 
     def cut(self, n: int, option: str) -> list[Link]:
-        """Return the n pieces of :meth:`mesh` as links."""
+        """Return the n cells of :meth:`mesh` as links."""
         if isinstance(self.section, Section) and not self.curved:
             return [Link(self.length / n, self.section)] * n
         ends = self.mesh(n, option)
@@ -361,27 +368,27 @@ class Link:
 
     @property
     def rigid_ends(self) -> bool:
-        """Whether the link has rigid ends, or masses on rigid ends."""
+        """True if a rigid end of the link has a length or a mass."""
         return any(getattr(self, name) for name in ENDS)
 
     @property
     def span(self) -> float:
-        """Length from joint to joint, beam and rigid ends, m."""
+        """Length of beam and rigid ends, m."""
         return self.root_offset + self.length + self.tip_offset
 
     @property
     def far(self) -> complex:
-        """Position of the next joint of the stress-free link in the axes of the root joint's tangent: x + i y, m."""
+        """Position of the stress-free link's far end, x + i y, m, in the axes of :meth:`place`."""
         return complex(self.place(self.length + self.tip_offset)) if self.curved else self.span
 
     @property
     def ends(self) -> tuple[tuple[float, float, float], ...]:
-        """Rigid ends at root and tip: (mass (kg), distance of the center from the root joint (m), inertia (kg m^2))."""
+        """Rigid ends at root and tip: mass, kg; distance of the midpoint from the root joint, m; inertia, kg m^2."""
         root = self.root_mass, 0.5 * self.root_offset, self.root_inertia
         return root, (self.tip_mass, self.span - 0.5 * self.tip_offset, self.tip_inertia)
 
     def integral(self, what: str, power: int = 0) -> float:
-        """Return the integral of `what` (field of :class:`Section`) times s^power along the beam, s from its root."""
+        """Return the integral of `what`, a field of :class:`Section`, times s^power over the beam's arc length s."""
         if isinstance(self.section, Section):
             return float(getattr(self.section, what) * self.length ** (power + 1) / (power + 1))
         s, weights = self.quadrature()
@@ -393,7 +400,7 @@ class Link:
         return self.integral("m")
 
     def moment(self, power: int) -> float:
-        """Return the mass moment int m s^power ds along the beam, kg m^power; s: distance from the beam's root, m."""
+        """Return the integral of m s^power over the arc length s of the beam, kg m^power."""
         return self.integral("m", power)
 
     @property
@@ -402,7 +409,7 @@ class Link:
         return self.integral("J")
 
     def series(self, what: str) -> float:
-        """Return the length over the integral of ds / stiffness (springs in series). what: name of the stiffness."""
+        """Return the harmonic mean along the beam of the stiffness `what`, a field of :class:`Section`."""
         if isinstance(self.section, Section):
             return float(getattr(self.section, what))
         s, weights = self.quadrature()
@@ -410,15 +417,14 @@ class Link:
 
     @property
     def mean(self) -> Section:
-        """The link's section, or the mean section of a link with varying sections."""
+        """Section of the link; if the section varies, a section with its mean properties."""
         if isinstance(self.section, Section):
             return self.section
         return Section(*(self.integral(name) / self.length for name in Properties._fields))
 
     @property
     def slenderness(self) -> float:
-        """EI / (C L^2), the ratio of shear flexibility to bending flexibility. The elastica neglects shear (a link with
-        a ratio of about 1e-3 or more is stubby). For varying sections the mean section is used."""
+        """Ratio of shear to bending flexibility, EI / (C L^2), of the mean section; stubby: about 1e-3 or more."""
         return self.mean.EI / (self.mean.C * self.length**2)
 
 

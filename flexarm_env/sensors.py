@@ -1,13 +1,13 @@
-"""Sensors of an arm: encoders, strain gauges, accelerometer, gyroscope, camera; frozen, validated dataclasses.
+"""Sensors of an arm: encoders, strain gauges, accelerometer, gyroscope, camera, force sensor, contact switch.
 
-Every sensor reads one or more quantities u(t) by the same law, which `runtime.laws.read` defines:
+The classes are frozen, validated dataclasses. Every sensor measures one or more quantities u(t) by the same equation:
 
     reading = round_to_quantum(gain F u(t - delay) + bias + noise)
 
-F is a low-pass filter of order 1 or 2 with gain 1 at rest. Gain and bias are constant, or drawn anew for each episode.
-The noise of each reading is an independent, normally distributed number. A sensor is read at control instants, or at
-the samples of a trajectory. Between two readings u is interpolated linearly, and filter and delay are exact for the
-interpolated u. Before an episode the quantity u is constant.
+F is a low-pass filter of order 1 or 2 with static gain 1. Gain and bias are constant, or drawn at random for each
+episode. The noise of each reading is an independent, normally distributed number. Sensors are read at control instants,
+or at the samples of a trajectory. Between two readings u is interpolated linearly; filter and delay are exact for the
+interpolated u. Before an episode u is constant.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def _constant_or_range(path: str, value: Any) -> float | Range:
 @described
 @dataclass(frozen=True)
 class LowPass:
-    """Low-pass filter w / (s + w) of order 1, or w^2 / (s^2 + 2 damping w s + w^2) of order 2, w = 2 pi frequency."""
+    """Low-pass filter w / (s + w) of order 1, or w^2 / (s^2 + 2 damping w s + w^2) of order 2; w = 2 pi frequency."""
 
     frequency: float = number("corner frequency", "Hz", above=0.0)
     order: int = integer("order of the filter", 1, minimum=1, maximum=2)
@@ -64,10 +64,10 @@ _RANGE = {"if": {"type": "array"}, "then": {"items": {"type": "number"}, "minIte
 @described
 @dataclass(frozen=True, kw_only=True)
 class Law:
-    """Parameters common to all sensors: gain, bias, noise, quantum, delay and filter, in the unit of the reading.
+    """Parameters that all sensors have: gain, bias, noise, quantum, delay and filter.
 
     Args:
-        low_pass: filter of the quantity before the sensor is read, or None.
+        low_pass: filter of the measured quantity, or None.
     """
 
     gain: float | Range = value(
@@ -105,12 +105,12 @@ class Law:
 
     @property
     def is_ideal(self) -> bool:
-        """Whether every reading equals the measured quantity."""
+        """True if every reading equals the measured quantity."""
         return all(getattr(self, f.name) == f.default for f in fields(Law))
 
     @property
     def step(self) -> float:
-        """Resolution of the readings, in the unit of the readings; 0 if readings are not rounded."""
+        """Quantum to which readings are rounded, in the unit of the reading; 0 for no rounding."""
         return self.quantum
 
     @property
@@ -124,12 +124,12 @@ class Law:
 class Encoder(Law):
     """Encoder of a joint, which measures the joint's angle, rad, and rate, rad/s.
 
-    The rate is the difference of two readings divided by the time T between them, filtered by a low-pass of order 1:
-    rate_k = a rate_(k-1) + (1 - a) (reading_k - reading_(k-1)) / T with a = exp(-2 pi rate_frequency T).
+    An encoder on the side "link" measures the angle of the link's root relative to the previous link's tip. An encoder
+    on the side "motor" measures the motor's angle divided by the gear ratio; with a rigid gear both angles are equal.
+    The resolution is 2 pi / counts on the side "link", and 2 pi / counts divided by the gear ratio on the side "motor".
 
-    Readings are multiples of 2 pi / counts, divided by the gear ratio for side "motor". Side "link" measures the angle
-    of the link's root relative to the previous tip. Side "motor" measures the motor's angle divided by the gear ratio.
-    With a rigid gear (`Joint`) both angles are equal.
+    The rate is the difference of two angles divided by the time T between them, low-pass filtered with order 1:
+    rate_k = a rate_(k-1) + (1 - a) (angle_k - angle_(k-1)) / T with a = exp(-2 pi rate_frequency T).
     """
 
     counts: int | None = integer(
@@ -147,7 +147,7 @@ class Encoder(Law):
             raise check.InvalidValue("quantum", self.quantum, "must not be given together with counts")
 
     def behind(self, ratio: float) -> Encoder:
-        """Return the encoder with its resolution at the output of a gear with the ratio `ratio`."""
+        """Return the encoder with its resolution on the output side of a gear with the ratio `ratio`."""
         # on the motor's side an angle of the joint is ratio times finer
         if self.side == "link" or self.counts is None:
             return self
@@ -164,11 +164,11 @@ class Encoder(Law):
 class StrainGauge(Law):
     """Strain gauge that measures the bending of a link at one place; in space also torsion and out-of-plane bending.
 
-    The reading is the curvature (1/m), or the strain, which is curvature times `distance`. With measures="xy" the
-    curvature is in the x-y plane, positive if the link bends towards y; with "xz" it is in the x-z plane, positive
-    towards z; with "torsion" it is the twist per length, positive about x. For an arm in the plane only measures="xy"
-    is possible. The default distance is half the thickness of a rectangle with the section's m and J, sqrt(3 J / m), or
-    with m and J_y for "xz".
+    The reading is the curvature (1/m), or the strain, which is the curvature times `distance`. With measures="xy" the
+    gauge measures the curvature in the x-y plane, positive if the link bends towards y; with "xz" the curvature in the
+    x-z plane, positive towards z; with "torsion" the twist per length, positive about x. In the plane only "xy" is
+    possible. The default `distance` is sqrt(3 J / m), half the thickness of a rectangular section with mass per length
+    m and rotary inertia per length J; for "xz" it is sqrt(3 J_y / m).
     """
 
     link: int = integer("number of the link, from 0", 0, minimum=0)
@@ -189,20 +189,20 @@ class StrainGauge(Law):
 
     @property
     def spot(self) -> tuple[int, float, str]:
-        """Gauge as a tuple: link, position on the link from 0 to 1, and measured component (`measures`)."""
+        """Tuple of link index, position on the link from 0 to 1, and measured component (`measures`)."""
         return self.link, self.place, self.measures
 
     def per_curvature(self, m: float, J: float) -> float:
         """Return reading / curvature for a section with mass m (kg/m) and rotary inertia J (kg m) per length.
 
-        For a curvature this ratio is 1; for a strain it is the distance from the neutral axis (m).
+        If the gauge measures curvature, the ratio is 1. If it measures strain, the ratio is `distance`, m.
         """
         if self.unit == "curvature":
             return 1.0
         return surface(m, J) if self.distance is None else self.distance
 
     def per_curvature_of(self, link: Any) -> float:
-        """Return the ratio of reading to curvature (without unit, or in m) at the gauge's place on a `Link`."""
+        """Return reading / curvature (1, or a distance in m) at the position of the gauge on a `Link`."""
         s = self.place * link.length
         there, across = link.along(s), self.measures == "xz"
         return self.per_curvature(float(there.m), float(link.across(np.array(s))["J_y"] if across else there.J))
@@ -218,28 +218,28 @@ def surface(m: float, J: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Accelerometer(Law):
-    """Accelerometer at the arm's tip: specific force, m/s^2, along the tip's tangent (x) and across the tangent (y).
+    """Accelerometer at the arm's tip: specific force, m/s^2, along the tip's tangent (x) and normal to it (y).
 
     The specific force is the acceleration minus gravity. In space it has three components along the tip's axes. The
-    measured quantity is the mean specific force since the last instant, in the tip's rotating axes. In free fall this
-    mean is 0. In a steady spin at rate w and radius r, the mean is -w^2 r along the tangent and 0 across the tangent.
-    The first reading, which has no last instant, assumes a constant velocity in the tip's axes; at rest it is -g.
+    measured quantity is the specific force in the tip's axes, averaged over the time since the previous reading. In
+    free fall it is 0. In a steady rotation at rate w with the radial tip at radius r, it is -w^2 r along x and 0 along
+    y. The first reading assumes a constant velocity in the tip's axes; for an arm at rest it is minus gravity.
     """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Gyroscope(Law):
-    """Gyroscope at the tip of an arm in space: measures the angular velocity about the tip's axes x, y, z, rad/s."""
+    """Gyroscope at the tip of an arm in space: angular velocity, rad/s, about the tip's axes x, y, z."""
 
 
 @described
 @dataclass(frozen=True, kw_only=True)
 class Camera(Law):
-    """Camera: measures the tip's position, m, along fixed axes; in space also two angles of the tip's x axis, rad.
+    """Camera: tip position, m, along inertial axes; in space also two angles, rad, of the tip's x axis.
 
-    The angles are the elevations of the tip's x axis out of the x-z plane towards y, and out of the x-y plane towards
-    z, each from -pi/2 to pi/2. The first picture arrives at t = 0. A picture that arrives at t shows the tip at t -
-    delay.
+    The first angle is the elevation of the tip's x axis from the inertial x-z plane towards y; the second is its
+    elevation from the x-y plane towards z. Both are between -pi/2 and pi/2. The first picture arrives at t = 0. A
+    picture that arrives at the time t shows the tip at t - delay.
     """
 
     period: float | None = number(
@@ -255,7 +255,7 @@ class Camera(Law):
 
 @dataclass(frozen=True, kw_only=True)
 class ForceSensor(Law):
-    """Force sensor at the arm's tip: normal force and magnitude of the friction force of contacts on the tip, N."""
+    """Force sensor at the arm's tip: normal force and magnitude of the friction force of contacts at the tip, N."""
 
 
 @described
@@ -296,7 +296,7 @@ class Sensors:
     """All sensors of an arm.
 
     Args:
-        encoders: a tuple with one encoder per joint, a single encoder for all joints, or () for none.
+        encoders: a tuple with one encoder per joint, a single encoder that all joints have, or () for no encoders.
         strain_gauges: the strain gauges, whose readings are named strain_gauge_1, strain_gauge_2, ... in this order.
         accelerometer, camera, gyroscope, force, switch: a sensor or None. The sensors force and switch require
             contacts.
@@ -319,13 +319,14 @@ class Sensors:
                 check.instance(name, getattr(self, name), single)
 
     def encoder(self, joint: int) -> Encoder:
-        """Return the encoder of joint k, or None without encoders."""
+        """Return the encoder of a joint, or None if there are no encoders."""
         return self.encoders[joint if len(self.encoders) > 1 else 0]
 
     def readings(self, arm: Any, axes: str = "xy") -> dict[str, tuple[str, Law]]:
-        """Return a dict of an arm's readings in order: name as in `Trajectory.measured` to (key path, sensor).
+        """Return a dict from the names of an arm's readings, in order, to pairs (key path, sensor).
 
-        Key paths begin after the key "sensors". The encoders' resolution is that at the output of the gear.
+        Names are those of `Trajectory.measured`. Key paths begin after the key "sensors". The encoders' resolution is
+        that on the output side of the gear.
         """
         found: dict[str, tuple[str, Law]] = {}
         # encoders, then sensors of the tip, then gauges
@@ -340,9 +341,10 @@ class Sensors:
         return found | {f"strain_gauge_{i + 1}": (f"strain_gauges[{i}]", gauge) for i, gauge in gauges}
 
     def check_for(self, links: Sequence[Any], axes: str = "xyz", touches: bool = True) -> None:
-        """Raise ValueError unless the sensors fit an arm.
+        """Raise ValueError if an arm cannot have these sensors.
 
-        links: the arm's links. axes: axes along which the arm moves. touches: whether contact forces are computed.
+        links: the arm's links. axes: "xy" for an arm in the plane, "xyz" in space. touches: True if the arm has
+        contacts.
         """
         for name in () if touches else ("force", "switch"):
             if getattr(self, name) is not None:
@@ -361,21 +363,22 @@ class Sensors:
 
     @classmethod
     def usual(cls, arm: Any) -> Sensors:
-        """Return the default sensors of an environment's arm: ideal sensors in the plane, none in space."""
+        """Return the default sensors of an environment's arm: those of `ideal` in the plane, none in space."""
         return {"xy": cls.ideal(arm.links), "xyz": cls()}[arm.axes]
 
     @classmethod
     def ideal(cls, links: Sequence[Any]) -> Sensors:
-        """Return the default sensors of an arm: ideal encoders, and a gauge at the root of each flexible link."""
+        """Return ideal encoders, and an ideal strain gauge at the root of each flexible link."""
         return cls((Encoder(),), tuple(StrainGauge(link=k) for k, link in enumerate(links) if not link.rigid))
 
 
 def from_table(table: Mapping[str, Any]) -> Sensors:
-    """Create sensors from a table of a TOML file or an environment's argument. A ValueError names the key path.
+    """Create sensors from a table: in a TOML file, or a dict that is an environment's argument.
 
-    encoders: a table for all joints, or a list with one table per joint; {} is an ideal encoder. strain_gauges: a list
-    whose entries are places on link 0, pairs (link, place) or tables. Each further sensor (accelerometer, camera,
-    gyroscope, force, switch) is a table. The keys of a table are the arguments of the class.
+    Keys of the table are: encoders, a table for all joints or a list with one table per joint ({} is an ideal encoder);
+    strain_gauges, a list of positions on link 0 (0 to 1), pairs (link, position) or tables; and accelerometer, camera,
+    gyroscope, force and switch, a table each. The keys of an inner table are the arguments of the sensor's class. A
+    ValueError names the key path of an invalid value.
     """
     check.known_keys("sensors", table, KEYS)
     values: dict[str, Any] = {}
@@ -396,7 +399,7 @@ def from_table(table: Mapping[str, Any]) -> Sensors:
 
 
 def to_table(sensors: Sensors) -> dict[str, Any]:
-    """Return a table, without entries at their defaults, from which `from_table` creates equal sensors."""
+    """Return a table from which `from_table` creates equal sensors; entries with default values are omitted."""
     table: dict[str, Any] = {}
     for name, own in vars(sensors).items():
         if isinstance(own, tuple) and own:

@@ -1,7 +1,7 @@
-"""Solver settings: the formulation and its options, which have the same names in Python, TOML and the command line.
+"""Solver settings: a formulation and its options, which have the same names in Python, TOML and the command line.
 
-``Settings.make("floating_frame", segments=8)`` adds the defaults, all of which this module defines. If a formulation
-does not have an option, an error names the option and lists the options of the formulation.
+``Settings.make("floating_frame", segments=8)`` creates settings; options that are not given have default values. If a
+formulation does not have an option, the error message lists the options of the formulation.
 """
 
 from __future__ import annotations
@@ -81,7 +81,10 @@ _PAIR = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems"
 
 
 def expand_preset(formulation: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Return formulation and options of a preset, overridden by ``options``; a formulation is returned unchanged."""
+    """Replace the name of a preset by its formulation and options, which ``options`` override.
+
+    The name of a formulation is returned unchanged, with ``options``.
+    """
     check.choice("formulation", formulation, (*FORMULATIONS, *PRESETS))
     formulation, preset = PRESETS.get(formulation, (formulation, {}))
     check_options(formulation, options)
@@ -101,7 +104,7 @@ def default_options(formulation: str) -> dict[str, Any]:
 
 
 def check_options(formulation: str, names: Iterable[str]) -> None:
-    """Raise ValueError for a name that is not an option of the formulation; the message lists the options."""
+    """Raise ValueError if a name is not an option of the formulation; the message lists the options."""
     taken = options_of(formulation)
     for name in names:
         if name not in taken:
@@ -113,25 +116,24 @@ def check_options(formulation: str, names: Iterable[str]) -> None:
 @described
 @dataclass(frozen=True)
 class Settings:
-    """A formulation with all its options, created by :meth:`make`; options of other formulations are None.
+    """Formulation with all its options, created by :meth:`make`; options that the formulation does not have are None.
 
-    Options that are not declared with a range in this class may be omitted and then have the defaults of
-    :func:`default_options`.
+    The defaults are those of :func:`default_options`.
 
     Args:
-        frame: axes of a segment's floating frame (floating_frame). "chord" (default): through both ends. "root":
-            clamped to its root section, as in the paper; the default with multipliers. If shear strains are large (EI /
-            (C L^2) = 0.025), segments with "chord" keep a deviation of 4e-5 of the length from the exact beam.
-        period_correction: correct the integrator's period error in each step (geometrically_exact, default False;
-            always on for the elastica). A step is not corrected if the correction exceeds 3 % of the arm's length, or
-            if none of its Newton increments is below both 1 % of the length and the root of the tolerance.
-        step_tolerance: permitted error of the tip, a fraction of the arm's length. The tolerance applies to a control
-            period of an environment, or to an interval between two samples or kinks of a scene. dt is then the longest
-            step and is halved up to five times as the motion requires. If this does not suffice,
-            `Trajectory.step_error` and info report the error, which is found by comparing the tips of links in steps of
-            h and h/2. The comparison of tips does not detect errors of motors behind elastic gears, of Coulomb friction
-            that both runs reverse late, or of the mesh. The value must be at least `tolerance`. None (default):
-            constant dt.
+        frame: axes of a segment's floating frame (floating_frame). "chord" (default): the x axis passes through both
+            ends of the segment. "root": the axes are fixed to the section at the segment's root, as in Meek & Liu
+            (1995); the default with multipliers. On very stubby links (EI / (C L^2) = 0.025) "chord" causes an error of
+            4e-5 of the length, which no mesh reduces.
+        period_correction: True to correct the period error of the time integration in each step (geometrically_exact,
+            default False; always True for the elastica). A step is not corrected if the correction exceeds 3 % of the
+            arm's length, or if no Newton increment is below both 1 % of the length and the root of the tolerance.
+        step_tolerance: permitted error of the tip, divided by the arm's length, in each control period of an
+            environment or each interval between samples and kinks of a scene. dt is then the longest step, which is
+            halved up to five times. The error is estimated from the links' tips in steps of h and h/2. If five halvings
+            do not suffice, `Trajectory.step_error` and info report the remaining error. The estimate does not contain
+            errors of motors with elastic gears, of late reversals of Coulomb friction, or of the mesh. The value must
+            be at least `tolerance`. None (default): constant dt.
     """
 
     formulation: str = choice(FORMULATIONS, 'model of the links; "paper" is short for the solver of Meek & Liu (1995)')
@@ -237,9 +239,9 @@ class Settings:
 
     @classmethod
     def make(cls, formulation: str = "floating_frame", **options: Any) -> Settings:
-        """Create the settings of a formulation or preset ("paper"): its defaults, overridden by ``options``.
+        """Create the settings of a formulation or of the preset "paper"; ``options`` override the defaults.
 
-        An option given as None takes its default. Raises ValueError if the formulation does not have an option, if a
+        An option that is None has its default value. Raises ValueError if the formulation does not have an option, if a
         value is out of range, or if options exclude each other: ``modes`` with ``elements`` or ``coupling``,
         ``newmark`` with ``rho_inf``.
         """
@@ -252,12 +254,12 @@ class Settings:
 
     @property
     def deflection_bound(self) -> float:
-        """Tip deflection divided by a link's length at which a run stops; inf unless the links are reduced to modes."""
+        """Tip deflection divided by the link's length at which a run ends; inf unless links are reduced to modes."""
         return MODAL_BOUND if self.modes is not None and self.segments in (None, 1) else math.inf
 
     @property
     def period_error(self) -> float:
-        """Coefficient kappa: the integrator lengthens a vibration period by kappa (omega h)^2 (theory, section 6)."""
+        """Coefficient kappa: the integration multiplies a vibration period by 1 + kappa (omega h)^2 for the step h."""
         # Newmark, e = gamma - 1/2: kappa = beta/2 - 1/24 - e/4 + e^2/8, at least 0
         # generalized-alpha: kappa = 1/12 + 3/8 ((1 - rho_inf)/(1 + rho_inf))^2
         if self.newmark is not None:
@@ -272,11 +274,11 @@ class Settings:
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
     def replace(self, **options: Any) -> Settings:
-        """Return a copy with some options changed. Old options that a new option excludes are removed."""
+        """Return a copy with changed options; previous options that a new option excludes are removed."""
         return Settings.make(self.formulation, **merged(self.options(), options))
 
     def dividing(self, period: float | None) -> Settings:
-        """Return settings with the longest step of at most dt that divides `period` (s); period None returns `self`."""
+        """Return settings with the longest step of at most dt of which `period`, s, is a multiple; `self` for None."""
         if period is None:
             return self
         assert self.dt is not None
@@ -287,20 +289,19 @@ class Settings:
         return self if abs(dt - self.dt) <= 1e-9 * dt else dataclasses.replace(self, dt=dt)
 
     def with_dt(self, dt: float) -> Settings:
-        """Return settings with the step ``dt`` (s) if none was given."""
+        """Return settings with the step ``dt``, s, if these settings have no dt; otherwise `self`."""
         return self if self.dt is not None else dataclasses.replace(self, dt=dt)
 
 
 def steps_in(time: float, dt: float) -> int:
-    """Return the number of equal steps of at most dt (s) in `time` (s), with a relative tolerance of 1e-9."""
+    """Return the smallest number of equal steps of at most dt, s, in `time`, s, with a relative tolerance of 1e-9."""
     return max(1, math.ceil(time / dt * (1.0 - 1e-9)))
 
 
 def merged(base: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
-    """Return ``base`` overridden by those ``options`` that are not None, without entries that these options exclude.
+    """Return ``base`` with the values of those ``options`` that are not None, and without entries that they exclude.
 
-    The option modes excludes the mesh options and each mesh option excludes modes. The option `multipliers` excludes
-    `frame`. The options `newmark` and `rho_inf` exclude each other.
+    `modes` and the mesh options exclude each other, and so do `newmark` and `rho_inf`. `multipliers` excludes `frame`.
     """
     given = {name: value for name, value in options.items() if value is not None}
     dropped = {"frame"} if given.get("multipliers") else set()

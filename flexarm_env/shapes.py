@@ -1,8 +1,8 @@
-"""Shapes that an arm must avoid, in the plane and in space, with signed distances and their gradients.
+"""Shapes of obstacles in the plane and in space, with signed distances and their gradients.
 
-A distance (m) is measured to the nearest point of a shape's surface and is negative inside the shape. All distances are
-computed exactly. If several points of the surface are equally near, the distance's gradient is that for one of these
-points.
+The distance of a point from a shape is the distance to the nearest point of the shape's surface, m, and is negative
+inside the shape. All distances are exact. If several points of the surface are equally near, the gradient belongs to
+one of these points.
 """
 
 import math
@@ -32,7 +32,7 @@ def _point(path: str, value: object, unit: str = "m") -> Point:
 class Shape:
     """Base class of shapes, with position and orientation.
 
-    `dimension` is 2 in the plane, 3 in space.
+    The number of coordinates, d, is 2 in the plane and 3 in space.
     """
 
     name: ClassVar[str]
@@ -54,8 +54,7 @@ class Shape:
 
     @property
     def sizes(self) -> Point:
-        """Half of the shape's dimensions along its axes, m. Each class of shapes defines the meaning of its
-        dimensions."""
+        """Half dimensions of the shape, m; each class defines which dimensions."""
         return ()
 
     def distance(self, points: ArrayLike) -> Array:
@@ -79,16 +78,16 @@ class Shape:
         raise NotImplementedError
 
     def to_dict(self) -> dict[str, Any]:
-        """Return a table (dict) from which `shape_of` makes an equal shape."""
+        """Return a dict from which `shape_of` creates an equal shape."""
         fields = {name: getattr(self, name) for name in check.names_of(type(self))}
         return {"shape": self.name, **{name: value for name, value in fields.items() if value is not None}}
 
 
 @dataclass(frozen=True)
 class HalfSpace(Shape):
-    """Half-space: all points behind a plane (in 2-D: behind a line), for example a wall or a floor.
+    """Half-space: all points on one side of a plane (in 2-D: of a line), for example a wall or a floor.
 
-    point: a point of the surface, m. normal: vector of any length that points to the free side.
+    point: a point of the surface, m. normal: vector of any length, normal to the surface, out of the obstacle.
     """
 
     point: Point
@@ -117,7 +116,10 @@ class HalfSpace(Shape):
 
 @dataclass(frozen=True)
 class Sphere(Shape):
-    """A ball (in 2-D: a disc). center: position of the center, m. radius: radius, m."""
+    """Ball (in 2-D: disc).
+
+    center: position of the center, m. radius: radius, m.
+    """
 
     center: Point
     radius: float
@@ -144,10 +146,10 @@ class Sphere(Shape):
 
 @dataclass(frozen=True)
 class Box(Shape):
-    """A cuboid (in 2-D: a rectangle).
+    """Cuboid (in 2-D: rectangle).
 
     center: position of the center, m. sides: full lengths of the sides, m. turn: rotation of the box: in 2-D an angle
-        (rad), in space a rotation matrix or (axis, angle); None for no rotation.
+    (rad), in space a rotation matrix or a pair (axis, angle); None for no rotation.
     """
 
     center: Point
@@ -192,7 +194,10 @@ class Box(Shape):
 
 @dataclass(frozen=True)
 class Cylinder(Shape):
-    """A round bar with flat ends, in space. start, end: end points of the bar's axis, m. radius: its radius, m."""
+    """Circular cylinder with flat ends, in space.
+
+    start, end: end points of the cylinder's axis, m. radius: radius, m.
+    """
 
     start: Point
     end: Point
@@ -221,7 +226,7 @@ class Cylinder(Shape):
 
     @property
     def sizes(self) -> Point:
-        """Radius and half of the length of the cylinder, m."""
+        """Radius and half length of the cylinder, m."""
         return self.radius, 0.5 * math.dist(self.start, self.end)
 
     def _local(self, y: Array) -> tuple[Array, Array]:
@@ -252,10 +257,13 @@ SHAPES: tuple[type[Shape], ...] = (HalfSpace, Sphere, Box, Cylinder)
 
 
 def shape_of(path: str, value: Any, dimension: int) -> Shape:
-    """Return a shape, or make one from a table with `shape` ("half_space", "sphere", "box", "cylinder") and its fields.
+    """Return `value` if it is a shape; create a shape if it is a table.
+
+    A table has the key `shape` ("half_space", "sphere", "box" or "cylinder") and the fields of this class.
 
     Raises:
-        ValueError: the value is neither a shape nor such a table, or the shape has another dimension.
+        ValueError: the value is neither a shape nor such a table, or the shape has another number of coordinates than
+            `dimension`.
     """
     shape = value if isinstance(value, Shape) else _from_table(path, value)
     if shape.dimension != dimension:

@@ -1,4 +1,4 @@
-"""Simulate a scene: one arm is advanced from kink to kink, and its Trajectory is recorded."""
+"""Simulate a scene: the function `simulate`, and the class `Simulation` that advances an arm step by step."""
 
 import dataclasses
 import math
@@ -49,7 +49,7 @@ ENERGY_LIMIT = 1e3
 
 
 def fitted_systems(scene: Scene, settings: Settings) -> list[System]:
-    """Return the scene's Systems, assembled for steps of dt (s) or, with a step_tolerance, for dt to dt/32."""
+    """Assemble the scene's `System` for the step dt or, with a step_tolerance, for each of the steps dt to dt/32."""
     assert settings.dt is not None
     steps = [settings.dt * 0.5**k for k in range(1 if settings.step_tolerance is None else FITS)]
     with check.solvable(scene.arm.name):
@@ -57,15 +57,15 @@ def fitted_systems(scene: Scene, settings: Settings) -> list[System]:
 
 
 class Simulation:
-    """One arm of a scene that is assembled, started consistently and advanced step by step.
+    """Simulation of the arm of a scene, which starts at t = 0 and is advanced step by step.
 
     Args:
-        scene: simulated scene. settings: settings with a dt. moves: False to linearize only (less to compile).
+        scene: simulated scene. settings: settings with a dt. moves: False if the simulation is only linearized.
     Attributes:
-        t: time reached, s. status: status code of `flexarm_env.physics.model`. work: views of the state (`Work`).
-        gross: sum of the absolute values of the work of motions and loads, J.
+        t: present time, s. status: status code of `flexarm_env.physics.model`. work: views of the state (`Work`).
+        gross: sum of the magnitudes of positive and negative work of motions and loads, J.
         levels: with a step_tolerance, number of halvings of dt in each past interval. step_error: as in `Trajectory`.
-        follow: prescribed number of halvings of dt in each interval; it replaces the step_tolerance's number.
+        follow: numbers of halvings of dt in each interval, used in place of the step_tolerance; or None.
         deadline: `time.perf_counter()` at which `advance_to` stops with status "timed_out", or None for no limit.
     """
 
@@ -93,7 +93,7 @@ class Simulation:
         self.reset(starts)
 
     def reset(self, starts: bool = True) -> None:
-        """Return to t = 0, with consistent accelerations at 0+; starts: False if the caller computes these."""
+        """Return to t = 0. starts: True to compute accelerations just after t = 0, False if the caller does so."""
         self._flat[:] = 0.0
         self.work.q[:], self.work.v[:] = self.system.q0, self.system.v0
         self.t = self.gross = self.step_error = 0.0
@@ -114,14 +114,14 @@ class Simulation:
         return MESSAGE[self.status].format(t=self.t, h=self.dt, halvings=self.scheme.max_halvings, bound=bound)
 
     def set_torques(self, torques: Array, fresh: bool = True) -> None:
-        """Set the joint torques (N m). fresh: False keeps the integrator's filtered accelerations, as at a kink."""
+        """Set the joint torques, N m. fresh: False to keep the integrator's filtered accelerations, as at kinks."""
         self.work.u0[:] = self.work.u
         self.work.u[: len(torques)] = torques
         self._restart(fresh)
 
     def advance_to(self, t_end: float, account: bool = True) -> bool:
-        """Advance to t_end (s) in equal steps of at most dt that end at every kink; return False if the arm has failed.
-        account: integrate work and dissipation (stored in `work.books`)."""
+        """Advance to t_end, s, in steps of at most dt that end at every kink; return False if the solver has failed.
+        account: True to compute work and dissipation, which `work.books` contains."""
         if self.t < t_end - NEAR * max(1.0, t_end):
             self._go(self._stretch(), np.array([t_end]), np.empty((1, self._sample)), np.empty((1, 0, 2)), account)
         return self.status == OK
@@ -179,17 +179,17 @@ class Simulation:
     def record(
         self, end: float, interval: float, progress: Callable[[float], None] | None = None
     ) -> tuple[dict[str, Array], Array]:
-        """Advance to `end` (s) via every kink, and record the start and every `interval` (s); stop if the arm fails. At
-        a kink the state just before the kink is recorded. progress: function that is called with the completed
-        fraction. Returns the fields of m samples (`runtime.sampling.SAMPLE`), one instant per row, and P points along
-        the arm (m, P, 2), m."""
+        """Advance to `end`, s, and record m samples: the start and every `interval`, s; stop if the solver fails. At a
+        kink the state just before the kink is recorded. progress: function that is called with the completed fraction.
+        Returns a dict of arrays with one row per sample (`runtime.sampling.SAMPLE`), and the positions of P points on
+        the center line, (m, P, 2) or (m, P, 3), m."""
         count = steps_in(end, interval)
         instants = np.arange(count + 1.0) * interval
         instants[0], instants[-1] = self.t, min(count * interval, end)
         return self._samples(self._stretch(ENERGY_LIMIT), instants, progress)
 
     def sample(self) -> tuple[dict[str, Array], Array]:
-        """Return the fields and points of `record` for the present state only (m = 1 sample)."""
+        """Return arrays and positions as `record` does, for the present state alone (m = 1)."""
         return self._samples(self._stretch(), np.array([self.t]), None)
 
     def _samples(
@@ -280,7 +280,7 @@ class Simulation:
         return int(made)
 
     def compile(self) -> None:
-        """Compile or load the programs of `record` without moving the arm."""
+        """Compile the programs that `record` uses, or load them from the cache, without moving the arm."""
         with compiling(f"scene {self.scene.name}"):
             self._count()
         if self.settings.step_tolerance is not None:
@@ -296,7 +296,7 @@ class Simulation:
         self._restarted = (kept, self._flat.copy(), gross) if fresh else None
 
     def make_consistent(self, model: Any, drive: Drive, flat: Array) -> None:
-        """Make rates and accelerations in the memory `flat` consistent after the present time, as at a start."""
+        """Compute the rates and accelerations just after the present time, and write them into the memory `flat`."""
         other = copy(self)
         other.model, other.drive, other._flat = model, drive, flat
         other._make_consistent(fresh=True)
@@ -311,13 +311,13 @@ class Simulation:
             self.gross += abs(float(books[WORK_DONE]) - before)
 
     def restart_at_kink(self) -> None:
-        """Solve for velocities and accelerations just after the present time if that time is a kink."""
+        """If the present time is a kink, compute velocities and accelerations just after the kink."""
         near = bisect_right(self._kinks, self.t)
         if any(abs(k - self.t) <= NEAR * max(1.0, k) for k in self._kinks[max(0, near - 1) : near + 1]):
             self._restart(fresh=False)
 
     def observe(self) -> tuple[Array, Array]:
-        """Return link poses (n_links, 12), which are zeros in space, and energies (kinetic, strain, gravity), J."""
+        """Return link poses (n_links, 12), zeros for an arm in space, and energies (kinetic, strain, gravity), J."""
         self._observe(_NO_POINTS)
         return self._poses.reshape(-1, POSE.end).copy(), self._energies.copy()
 
@@ -330,7 +330,7 @@ class Simulation:
         return bool(uncompiled(has_gained_energy)(*self.observe()[1].tolist(), start, self.gross, lost, ENERGY_LIMIT))
 
     def joint_torques(self) -> Array:
-        """Return joint torques (n_links,), N m: the applied torques, or the reactions of prescribed angles."""
+        """Return joint torques (n_links,), N m: applied torques, or torques that enforce prescribed angles."""
         torques: Array = self.work.u[: self.scene.arm.n_links].copy()
         # prescribed joints: the reaction replaces the applied torque
         for i, motion in enumerate(self.scene.motions):
@@ -347,7 +347,7 @@ class Simulation:
         return self._points
 
     def shape_points(self) -> Array:
-        """Return positions along the arm from root to tip, (n_points, 2), m; in space (n_points, 3)."""
+        """Return points on the arm's center line from root to tip, (n_points, 2), in space (n_points, 3), m."""
         return reading_of(self.scene).points(self.scene.arm, self.settings, self.model, self.work.q)
 
 
@@ -370,17 +370,17 @@ def simulate(
         formulation: "floating_frame", "geometrically_exact", "elastica" or "paper"; None for the scene's formulation.
         duration, sample: duration and sampling interval, s; None: the scene's values. progress: function that is called
             with the completed fraction of the run.
-        error_limit: largest `error_estimate` (fraction of the arm's length) for which the status is "ok".
-        time_limit: wall-clock time, s, without compilation; a longer run fails with status "timed_out". Each run for
-            the error estimate (usually two, with half as many steps) has the same additional limit.
-        estimate_error: whether to make the runs for the error estimate. With False, `error_estimate` is nan, and
-            `error_parts` has only energy and notes.
-        options: options of the formulation (`flexarm_env.settings.Settings`), e.g. segments=8, dt=0.01. Steps are
-            shorter if a motion or load is faster than dt: at most a sixteenth of a sine's period.
+        error_limit: largest `error_estimate`, divided by the arm's length, for which the status is "ok".
+        time_limit: largest wall-clock time, s, without compilation; a longer run ends with the status "timed_out". The
+            limit applies to the run and separately to each additional run of the error estimate (usually two).
+        estimate_error: True to estimate the error by additional runs. If False, `error_estimate` is nan, and
+            `error_parts` contains only energy and notes.
+        options: options of the formulation (`flexarm_env.settings.Settings`), such as segments=8 or dt=0.01. Steps are
+            shorter than dt if a motion or load requires it: at most a sixteenth of a sine's period.
     Returns:
-        The Trajectory; for a scene in space a `SpatialTrajectory`, computed in the plane if the arm stays in one plane.
-            The run's status is "ok"; "inaccurate" if the estimated error exceeds error_limit or the step_tolerance is
-            missed; or the failure that ended the run early. `message` is a sentence.
+        The Trajectory; for a scene in space a `SpatialTrajectory`. The status of the run is "ok"; "inaccurate" if the
+            estimated error exceeds error_limit or step_tolerance is not met; or the name of the failure that ended the
+            run early. The attribute `message` describes the status.
     Raises:
         ValueError: an unknown option, an invalid value, or more than MOST_STEPS steps or MOST_SAMPLES samples.
     """
@@ -410,9 +410,9 @@ def simulate(
 
 def judge(trajectory: Trajectory, interval: float, error_limit: float = 0.05, time_limit: float | None = None,
           companions: bool = True) -> Trajectory:  # fmt: skip
-    """Return the trajectory with its estimated error; the status becomes "inaccurate" if the error exceeds the limit,
-    but a failed run keeps its status. interval: sampling interval, s. companions: whether to make the runs for the
-    estimate."""
+    """Return the trajectory with its estimated error. The status becomes "inaccurate" if the error exceeds error_limit;
+    a failed run keeps its status. interval: sampling interval, s. companions: True to compute the additional runs that
+    the estimate needs."""
     if trajectory.status != STATUS[OK]:
         return trajectory
     scene, settings, t, levels = trajectory.scene, trajectory.settings, trajectory.t, trajectory.step_levels

@@ -1,7 +1,7 @@
 """Prescribed functions of time for motions and loads, with exact first and second derivatives.
 
-A :class:`TimeFunction` is a list of pieces, each a cubic plus one sine, in one float64 array for compiled code. The
-value or a derivative may jump between pieces, at a *kink*. A time step must end there (docs/theory.md, integration).
+A :class:`TimeFunction` consists of pieces; each piece is a cubic polynomial plus a sine. Between two pieces the value
+or a derivative may jump. Such an instant is called a *kink*; a time step of the solver must end there.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class TimeFunction:
 
         value(t) = c0 + c1 s + c2 s^2 + c3 s^3 + A sin(w s + p),   s = t - t0,   for t0 <= t < next t0
 
-    The first piece is also used before its ``t0``, and the last piece extends to infinity. ``kind`` and ``parameters``
-    record how the function was made, as in a TOML file. Two functions are equal if their pieces are equal.
+    The first piece also applies before its ``t0``, and the last piece extends to infinity. ``kind`` and ``parameters``
+    are the entries of the function in a TOML file. Two functions are equal if their pieces are equal.
     """
 
     pieces: Array
@@ -111,7 +111,7 @@ class TimeFunction:
         return self.kinks_up_to(2)
 
     def kinks_up_to(self, order: int) -> tuple[float, ...]:
-        """Return the instants (s) at which a derivative of an order from 0 to ``order`` (at most 3) jumps."""
+        """Return the instants (s) at which the value or a derivative up to ``order`` (at most 3) jumps."""
         before, after, at = self.pieces[:-1], self.pieces[1:], self.pieces[1:, T0]
         check.integer("order", order, minimum=0, maximum=3)
         if not len(at):
@@ -143,13 +143,13 @@ class TimeFunction:
         return TimeFunction(pieces)
 
     def with_times(self, times: Mapping[float, float]) -> TimeFunction:
-        """Return the function with other start times of its pieces. times: dict from old to new start times, s."""
+        """Return a copy with changed start times of pieces. times: dict from old to new start times, s."""
         pieces = self.pieces.copy()
         pieces[:, T0] = [times.get(t, t) for t in pieces[:, T0].tolist()]
         return TimeFunction(pieces, self.kind, self.parameters)
 
     def check_no_jump(self) -> None:
-        """Raise ValueError, naming the row of ``pieces``, if the value jumps."""
+        """Raise ValueError if the value jumps; the message names the row of ``pieces``."""
         for t in self.jumps:
             row = int(np.searchsorted(self.pieces[:, T0], t))
             change = f"from {self(t, side='left'):g} to {self(t):g}"
@@ -157,12 +157,12 @@ class TimeFunction:
 
 
 def cubic(c0: Any, c1: Any, c2: Any, c3: Any, s: Any) -> tuple[Any, Any, Any, Any]:
-    """Return c0 + c1 s + c2 s^2 + c3 s^3 and its first three derivatives, for arrays or numbers (in kernels)."""
+    """Return c0 + c1 s + c2 s^2 + c3 s^3 and its first three derivatives by s, for numbers or arrays."""
     return c0 + s * (c1 + s * (c2 + s * c3)), c1 + s * (2.0 * c2 + 3.0 * s * c3), 2.0 * c2 + 6.0 * s * c3, 6.0 * c3
 
 
 def wave(amplitude: Any, omega: Any, sine: Any, cosine: Any) -> tuple[Any, Any, Any, Any]:
-    """Return amplitude sin(w s + p) and its first three derivatives, given sine and cosine of w s + p."""
+    """Return amplitude sin(omega s + p) and its first three derivatives by s, given sine and cosine of omega s + p."""
     rate = amplitude * omega
     return amplitude * sine, rate * cosine, -(rate * omega * sine), -(rate * omega * omega * cosine)
 
@@ -203,7 +203,7 @@ def constant(value: float) -> TimeFunction:
 
 
 def pulse(value: float, t_end: float, t_start: float = 0.0) -> TimeFunction:
-    """Return a pulse: ``value`` from ``t_start`` to ``t_end`` (s), otherwise 0. For loads only: the value jumps."""
+    """Return a pulse for loads: ``value`` from ``t_start`` to ``t_end`` (s), otherwise 0. Motions must not jump."""
     value = check.number("value", value)
     t_start = check.number("t_start", t_start, "s", minimum=0.0)
     t_end = check.number("t_end", t_end, "s", above=t_start)
@@ -213,14 +213,14 @@ def pulse(value: float, t_end: float, t_start: float = 0.0) -> TimeFunction:
 
 
 def ramp(rise: float, duration: float, offset: float = 0.0) -> TimeFunction:
-    """Return a ramp from ``offset`` to ``offset + rise`` in ``duration`` (s), then a constant; the rate jumps twice."""
+    """Return a linear ramp from ``offset`` to ``offset + rise`` in ``duration`` (s), followed by a constant."""
     rise, duration, offset = _motion(rise, duration, offset)
     rows = [_row(0.0, offset, rise / duration), _row(duration, offset + rise)]
     return _of_pieces("ramp", rows, rise=rise, duration=duration, offset=offset)
 
 
 def cycloid(rise: float, duration: float, offset: float = 0.0) -> TimeFunction:
-    """Return offset + rise (t/T - sin(2 pi t/T)/(2 pi)) for T = ``duration`` (s), then a constant; it has no kink."""
+    """Return offset + rise (t/T - sin(2 pi t/T)/(2 pi)) until T = ``duration`` (s), then offset + rise; no kinks."""
     rise, duration, offset = _motion(rise, duration, offset)
     # line and sine of opposite rate: at rest at both ends
     first = _row(0.0, offset, rise / duration, 0.0, 0.0, -rise / (2 * math.pi), 2 * math.pi / duration, 0.0)
@@ -228,9 +228,9 @@ def cycloid(rise: float, duration: float, offset: float = 0.0) -> TimeFunction:
 
 
 def spin_up(rate: float, duration: float, offset: float = 0.0) -> TimeFunction:
-    """Return the angle of a spin-up to ``rate`` (rad/s) in T = ``duration`` (s), without kink (Kane et al. 1987).
+    """Return the angle of a spin-up to ``rate`` (rad/s) in T = ``duration`` (s), without kinks (Kane et al. 1987).
 
-    psi = offset + (rate/T) (t^2/2 + (T/2 pi)^2 (cos(2 pi t/T) - 1)) to T, then offset + rate (t - T/2).
+    psi = offset + (rate/T) (t^2/2 + (T/2 pi)^2 (cos(2 pi t/T) - 1)) until T, then psi = offset + rate (t - T/2).
     """
     rate = check.number("rate", rate, "rad/s")
     _, duration, offset = _motion(0.0, duration, offset)
@@ -292,8 +292,9 @@ def _with_ends_held(t: Array, y: Array, rows: list[list[float]]) -> list[list[fl
 
 
 def linear_table(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
-    """Return straight lines between the rows of t (n,), s, and y (n,), n >= 2; after them the last value. Each row is a
-    kink. Raises ValueError for fewer rows, a time that does not increase, or a value that is not finite."""
+    """Return the linear interpolation of y (n,) over t (n,), s, with n >= 2; outside it equals the first or last value.
+    Each row is a kink. Raises ValueError for too few rows, times that do not increase, or values that are not finite.
+    """
     time, value = _columns(t, 2, y=y)
     slopes = np.diff(value) / np.diff(time)
     rows = [_row(*row) for row in zip(time[:-1], value[:-1], slopes, strict=True)]
@@ -301,8 +302,7 @@ def linear_table(t: Sequence[float] | Array, y: Sequence[float] | Array) -> Time
 
 
 def steps(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
-    """Return a step function: y[k] from time t[k] (s) to t[k + 1], and 0 before t[0]. Only loads may have such steps.
-    Raises ValueError for no row, a time that does not increase, or a value that is not finite."""
+    """Return a step function for loads: y[k] from time t[k] (s) to t[k + 1], 0 before t[0]; motions must not jump."""
     time, value = _columns(t, 1, y=y)
     rows = [_row(*row) for row in zip(time, value, strict=True)]
     return _of_pieces("steps", [_row(0.0), *rows] if time[0] > 0.0 else rows, t=time, y=value)
@@ -311,11 +311,11 @@ def steps(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunctio
 def spline_table(
     t: Sequence[float] | Array, psi: Sequence[float] | Array, boundary: str = "not-a-knot"
 ) -> TimeFunction:
-    """Return the C2 cubic spline through the rows (t, psi), with the last value after the last row.
+    """Return the cubic spline through the points (t, psi); after the last point it is constant.
 
     Args:
-        t (n,): increasing instants, s. psi (n,): values, rad or m. boundary: "not-a-knot" (default), "natural" (no
-            curvature at the ends) or "clamped" (at rest at the ends).
+        t (n,): increasing instants, s. psi (n,): values, rad or m. boundary: "not-a-knot" (default), "natural" (second
+            derivative 0 at both ends) or "clamped" (first derivative 0 at both ends).
     Raises:
         ValueError: a row or the boundary is invalid; the message names it.
     """
@@ -342,11 +342,12 @@ def hermite_table(
     psi_dot: Sequence[float] | Array,
     psi_ddot: Sequence[float] | Array | None = None,
 ) -> TimeFunction:
-    """Return cubics with the rows' values and rates (C1); with accelerations, three cubics per interval (C2).
+    """Return the piecewise cubic function with given values and rates, and, if given, accelerations at the instants t.
 
     Args:
-        t (n,): increasing instants, s. psi (n,): values, rad or m. psi_dot, psi_ddot (n,): their derivatives, or None.
-    After the last row the value is constant; a rate other than 0 makes it a kink. A ValueError names an invalid row.
+        t (n,): increasing instants, s. psi (n,): values, rad or m. psi_dot (n,): rates. psi_ddot (n,): accelerations,
+            for which each interval has three cubics; None: one cubic per interval, and accelerations jump.
+    After the last instant the value is constant. A ValueError names an invalid row.
     """
     if psi_ddot is None:
         time, y, v = _columns(t, 2, psi=psi, psi_dot=psi_dot)
@@ -375,9 +376,10 @@ def table(
     psi_ddot: Sequence[float] | Array | None = None,
     interpolation: str | None = None,
 ) -> TimeFunction:
-    """Return a function through a table: t (s), psi (rad or m)[, psi_dot[, psi_ddot]]. With psi alone ``interpolation``
-    is "spline" (default, C2) or "linear" (each row a kink). With rates the function has the rows' values and rates, and
-    ``interpolation`` must be None."""
+    """Return a function through the rows of a table: times t (s), values psi (rad or m) and, if known, rates psi_dot
+    and accelerations psi_ddot. Without rates ``interpolation`` selects "spline" (default) or "linear"; with rates
+    :func:`hermite_table` is used, and ``interpolation`` must be None.
+    """
     if psi_dot is None:
         if psi_ddot is not None:
             raise check.MissingKey("psi_dot", "psi_ddot needs it too")
@@ -392,8 +394,7 @@ COLUMNS = ("t", "psi", "psi_dot", "psi_ddot")
 
 
 def from_array(data: npt.ArrayLike, interpolation: str | None = None) -> TimeFunction:
-    """Return :func:`table` of `data` (n, 2 ... 4) with the columns t, psi[, psi_dot[, psi_ddot]]. Raises ValueError for
-    another shape, and the errors of :func:`table`."""
+    """Return :func:`table` of an array with 2, 3 or 4 columns: t, psi, psi_dot, psi_ddot."""
     rows = np.asarray(data)
     if rows.ndim != 2 or not 2 <= rows.shape[1] <= 4 or rows.dtype.kind not in "fiu":
         what = f"{rows.dtype} of shape {rows.shape}"
@@ -412,14 +413,14 @@ def from_csv(
     acceleration: str | None = None,
     scale: float = 1.0,
 ) -> TimeFunction:
-    """Return :func:`table` of a CSV file whose first line names its columns.
+    """Return :func:`table` of the columns of a CSV file; the first line of the file names its columns.
 
     Args:
         path: the CSV file. interpolation: as in :func:`table`.
-        column: name of the column of values (rad, m, N, N m), so that one file can serve several motions and loads.
-            None: the file has only the columns t, psi[, psi_dot[, psi_ddot]]. Other columns are ignored.
-        time: column of the instants, s. rate, acceleration: columns of the values' derivatives, if present.
-        scale: factor on values and derivatives, for example for units or a gear ratio.
+        column: name of the column with the values (rad, m, N or N m); other columns are ignored. None: the file must
+            have the columns t, psi and optionally psi_dot and psi_ddot, and no others.
+        time: name of the column with the times, s. rate, acceleration: names of the columns with derivatives, or None.
+        scale: factor on values and derivatives, for example a change of units or a gear ratio.
     Raises:
         ValueError: the message names the file, the column and the row. OSError: the file cannot be read.
     """

@@ -6,7 +6,8 @@
     state, observation, reward = arms.step(state, policy(arms.observe(state)))
     reward.sum().backward()
 
-The backward pass computes each period's derivative from its initial state, so only states are stored.
+The forward pass stores the state at the start of each control period. The backward pass simulates each period again
+from this state to compute its derivatives.
 """
 
 from collections.abc import Sequence
@@ -26,13 +27,12 @@ Tensor = torch.Tensor
 
 
 class DifferentiableArms:
-    """n arms of an environment with derivatives by PyTorch. States are tensors (n, S), and `step` and `observe` have
-    first derivatives.
+    """n arms of an environment whose `step` and `observe` PyTorch can differentiate once.
 
-    Tensors are float64 on the CPU and share memory with NumPy arrays. States and actions of another type are converted
-    to float64, and the gradients have the type of the state or action. Episodes do not end, nothing is drawn at random
-    within an episode, and no derivative crosses a `reset`. To restart arms, the caller replaces their states by new
-    states (`torch.where`). Actions are clipped to +-1; derivatives by clipped actions are zero.
+    States are float64 tensors (n, S) on the CPU, which share memory with NumPy arrays. States and actions of another
+    type are converted to float64; their gradients have the original type. Episodes do not end. Nothing is random after
+    `reset`, and `reset` has no derivatives. To restart some of the arms, replace their states by new ones, for example
+    by `torch.where`. Actions are clipped to +-1; derivatives by clipped actions are zero.
 
     Args:
         id: id of an environment of this package. n: number of arms. keywords: keywords of the environment and its
@@ -40,10 +40,11 @@ class DifferentiableArms:
     Attributes:
         arms: the `Arms`, with names and sizes of states. n: number of arms. observation_space, action_space: Gymnasium
             spaces of one arm.
-        failed (n,) bool: True if the solver failed in the last `step`; the results of this arm are then NaN.
-        past (n,) bool: True if a joint is beyond its limits, where the environment would end the episode.
+        failed (n,) bool: True for arms whose solver failed in the last `step`; the results of these arms are NaN.
+        past (n,) bool: True for arms with a joint beyond its limits; the environment would end the episode.
     Raises:
-        ValueError: a feature has no derivatives (see `Arms`), or tensors have wrong shapes or are not on the CPU.
+        ValueError: a feature of the environment has no derivatives (see `Arms`), or a tensor has a wrong shape or is
+            not on the CPU.
     """
 
     def __init__(self, id: str, n: int, **keywords: Any) -> None:
@@ -57,7 +58,7 @@ class DifferentiableArms:
         self.failed, self.past = torch.tensor(self.arms.failed), torch.tensor(self.arms.past)
 
     def reset(self, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> Tensor:
-        """Start episodes as the vector environment does with the same seed and options; return the states (n, S)."""
+        """Start episodes as the vector environment does with these seeds and options; return the states (n, S)."""
         return torch.from_numpy(self.arms.reset(seed, options))
 
     def observe(self, state: Tensor) -> Tensor:
@@ -66,7 +67,10 @@ class DifferentiableArms:
         return seen
 
     def step(self, state: Tensor, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return state (n, S), observation (n, O) and reward (n,) after a control period with an action (n, A)."""
+        """Advance one control period from a state (n, S) with an action (n, A).
+
+        Returns the new state (n, S), the observation (n, O) and the reward (n,).
+        """
         after, seen, paid = _Step.apply(self.arms, state, action)
         self._store_flags()
         return after, seen, paid

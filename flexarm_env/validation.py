@@ -1,6 +1,6 @@
-"""Validation of values that come from users, with one form of error message.
+"""Validate values from users; every error message has the same form.
 
-Every message reads ``key.path = value: what is allowed``, e.g.
+The form is ``key.path = value: rule``, for example
 ``links[0].section.EI = -1.0: must be a positive number (N m^2)``.
 """
 
@@ -23,7 +23,7 @@ Array32 = NDArray[np.float32]
 
 
 class BadKey(ValueError):
-    """Error with a key path, in the attribute ``path``. Readers of outer tables add keys by :func:`under`."""
+    """Error with a key path, in the attribute ``path``. :func:`under` adds the keys of outer tables to the path."""
 
     def __init__(self, path: str, *more: object) -> None:
         super().__init__(path, *more)
@@ -31,7 +31,7 @@ class BadKey(ValueError):
 
 
 class InvalidValue(BadKey):
-    """Invalid value. path: its key path. value: the value. allowed: the rule, such as "must be positive"."""
+    """Error for an invalid value. path: its key path. value: the value. allowed: rule, such as "must be positive"."""
 
     def __init__(self, path: str, value: object, allowed: str) -> None:
         super().__init__(path, value, allowed)
@@ -42,7 +42,7 @@ class InvalidValue(BadKey):
 
 
 class UnknownKey(BadKey):
-    """Unknown key. path: its key path. allowed: the existing keys. what: noun for the message. hint: more text."""
+    """Error for an unknown key. path: its key path. allowed: valid keys. what: noun for a key. hint: further text."""
 
     def __init__(self, path: str, allowed: Iterable[str], what: str = "key", hint: str = "") -> None:
         self.allowed, self.what, self.hint = tuple(allowed), what, hint
@@ -60,8 +60,9 @@ class UnknownKey(BadKey):
 
 
 class UnknownArgument(UnknownKey, TypeError):
-    """Unknown keyword argument; also a TypeError, with the words of Python's own error. `gymnasium.make` raises the
-    error again with the message as its only argument; ``path`` is then the whole message."""
+    """Error for an unknown keyword argument; also a TypeError, with Python's message. `gymnasium.make` raises a copy of
+    the error with the message as the only argument; ``path`` is then the whole message.
+    """
 
     def __init__(self, path: str, allowed: Iterable[str] = (), what: str = "argument", hint: str = "") -> None:
         super().__init__(path, allowed, what, hint)
@@ -71,7 +72,7 @@ class UnknownArgument(UnknownKey, TypeError):
 
 
 class MissingKey(BadKey):
-    """Missing key. path: key path of the missing key. allowed: a phrase for the required value."""
+    """Error for a missing key. path: key path of the missing key. allowed: description of the required value."""
 
     def __init__(self, path: str, allowed: str) -> None:
         super().__init__(path, allowed)
@@ -82,7 +83,7 @@ class MissingKey(BadKey):
 
 
 class Unreadable(BadKey):
-    """Unreadable text. path: key path of the text, "" for a text without a key. why: the reason."""
+    """Error for a text that cannot be parsed. path: key path of the text, or "". why: the reason."""
 
     def __init__(self, path: str, why: str) -> None:
         super().__init__(path, why)
@@ -93,14 +94,15 @@ class Unreadable(BadKey):
 
 
 def lacking(what: str, package: str, extra: str) -> str:
-    """Return a sentence that names a missing package, the pip command and the extra that installs it. The package comes
-    first, because not every user has installed flexarm_env from an index."""
+    """Return a sentence that names a missing package, and two commands that install it: by the package's own name and
+    by an extra of flexarm_env.
+    """
     return f'{what} needs {package}: pip install {package} (the extra "{extra}" of flexarm_env brings all of its kind)'
 
 
 @contextlib.contextmanager
 def needs(what: str, package: str, extra: str, error: type[Exception] = ImportError) -> Iterator[None]:
-    """Guard imports of an optional package; if it is missing, raise `error` with the command that installs it."""
+    """In a `with` block that imports an optional package, raise `error` with an install command if it is missing."""
     try:
         yield
     except ImportError as missing:
@@ -133,7 +135,7 @@ def shown(value: object) -> str:
 
 
 def joined(path: str, key: str) -> str:
-    """Return the key path "path.key". No dot is added before ``[3]``, after a colon, or if path or key is empty."""
+    """Return the key path "path.key"; no dot before an index [3], after a colon, or if path or key is empty."""
     if not path or not key:
         return path or key
     return path + key if key.startswith("[") or path.endswith(": ") else f"{path}.{key}"
@@ -156,7 +158,7 @@ def in_file(path: str | os.PathLike[str] | None) -> contextlib.AbstractContextMa
 
 @contextlib.contextmanager
 def solvable(arm: str) -> Iterator[None]:
-    """Context manager that turns a singular matrix into InvalidValue: the arm's data span too many magnitudes."""
+    """Context manager that converts the error of a singular matrix into an InvalidValue about the arm's parameters."""
     try:
         yield
     except np.linalg.LinAlgError:
@@ -309,7 +311,7 @@ def instances(path: str, value: object, kind: type[T], what: str = "") -> tuple[
 
 
 def column(path: str, values: object, unit: str = "") -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Validate a table's column and return a float64 array (n,); the message names the first invalid row."""
+    """Validate a column of a table and return it as a float64 array (n,); a message names the first invalid row."""
     if isinstance(values, np.ndarray):
         if values.ndim != 1:
             raise InvalidValue(path, values, f"must be one-dimensional, not of shape {values.shape}")
@@ -341,7 +343,7 @@ def floats(path: str, values: Any, what: str = "numbers") -> Array:
 
 
 def array(path: str, values: object, shape: Shape, what: str = "") -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Validate an array of finite numbers; return it as float64. A word in ``shape`` is any length from 1 on."""
+    """Validate an array of finite numbers; return it as float64. A word in ``shape`` permits any positive length."""
     result = floats(path, values, f"numbers of shape {_words(shape, {})}{what and ', '}{what}")
     _fits(path, result, "finite", shape, {}, what)
     return result
@@ -354,12 +356,12 @@ KINDS = {"finite": "fiu", "number": "fiu", "whole": "iu", "flag": "b", "text": "
 def arrays(
     given: Mapping[str, np.ndarray[Any, Any]], table: Mapping[str, tuple[str, Shape]], sizes: dict[str, int]
 ) -> dict[str, Any]:
-    """Validate the arrays that a table declares, with common lengths, and return the arrays by name.
+    """Validate types and shapes of several arrays, and return the arrays by name.
 
     Args:
-        given: arrays by name. table: for each name a key of :data:`KINDS` and a shape. A shape that ends in "..."
-            permits further axes. sizes: known lengths by the words in shapes. The function adds the lengths that it
-            finds.
+        given: arrays by name. table: for each name a key of :data:`KINDS` and a shape. Equal words in shapes require
+            equal lengths. A shape that ends in "..." permits further axes. sizes: known lengths by word, to which the
+            function adds the lengths that it finds.
     Raises:
         ValueError: an array is missing or has a wrong type or shape; the message names the first such array.
     """
@@ -378,7 +380,8 @@ def _fits(
     what: str = "to fit the other arrays",
 ) -> None:  # fmt: skip
     """Raise InvalidValue if an array has another kind or shape, or an entry that is not finite; add new lengths to
-    ``sizes``."""
+    ``sizes``.
+    """
     if values.dtype.kind not in KINDS[kind]:
         raise InvalidValue(f"dtype of {path}", str(values.dtype), f"must be that of {_HELD.get(kind, 'numbers')}")
     # axes behind "..." take the array's own lengths; unknown words accept any length from 1 on
@@ -417,15 +420,15 @@ def known_keys(path: str, table: Mapping[str, Any], allowed: Iterable[str], what
 
 
 def needed(path: str, table: Mapping[str, Any], key: str, allowed: str) -> Any:
-    """Return ``table[key]``; raise MissingKey, with the phrase ``allowed``, if it is missing."""
+    """Return ``table[key]``; raise MissingKey if it is missing. allowed: description of the value for the message."""
     if key not in table:
         raise MissingKey(joined(path, key), allowed)
     return table[key]
 
 
 def made(path: str, kind: type[T], value: object, *, prefix: str | None = None, **must: str) -> T:
-    """Create an object of the dataclass ``kind`` from a table of its fields. prefix: key path of errors that the class
-    raises; default ``path``. must: phrases for required fields by name.
+    """Create an instance of the dataclass ``kind`` from a table of its fields. prefix: key path that is added to errors
+    of the class; default ``path``. must: for required fields, by name, a description of the value for messages.
     """
     table = table_of(path, value)
     known_keys(path, table, names_of(kind))
@@ -441,6 +444,6 @@ def names_of(kind: Any) -> tuple[str, ...]:
 
 
 def changed(item: Any) -> dict[str, Any]:
-    """Return a dict of the dataclass fields of `item` whose values differ from the defaults."""
+    """Return a dict of those fields of the dataclass instance `item` whose values differ from the defaults."""
     own = {field.name: (getattr(item, field.name), field.default) for field in dataclasses.fields(item)}
     return {name: value for name, (value, default) in own.items() if value != default}

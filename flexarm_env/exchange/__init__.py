@@ -1,9 +1,9 @@
-"""Exchange of arms with other programs: chains of rigid bodies for MuJoCo (MJCF) and ROS (URDF), and arms from both.
+"""Export arms to MuJoCo (MJCF) and ROS (URDF) as chains of rigid bodies, and import arms from files of both formats.
 
-chain_of        converts an arm to rigid bodies joined by hinges and springs
-mjcf, urdf      write such a chain as the text of a file
+chain_of        approximates an arm by rigid bodies that hinges and springs connect
+mjcf, urdf      return such a chain as the text of an MJCF or URDF file
 import_arm      reads an arm from a robot's URDF or MJCF file
-differences     compares a chain with its arm
+differences     compares a chain with the arm that it approximates
 """
 
 from .chain import Body, Chain, Hinge, chain_of

@@ -1,4 +1,4 @@
-"""Validate a URDF file for MuJoCo and remove its shapes."""
+"""Validate a URDF file, and remove its visual and collision shapes for MuJoCo's reader."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ MOST_LEVELS = 100
 
 
 def bare(robot: Element) -> tuple[str, list[str]]:
-    """Return a URDF text without shapes, and a list of the removed features.
+    """Return the URDF text without visual and collision shapes, and a list of the removed features.
 
-    The files that define the shapes need not exist. A link with a fixed joint remains a separate body.
+    The mesh files that the URDF names need not exist. A link with a fixed joint remains a separate body.
 
     Raises:
-        ValueError: a joint is of a kind that an arm does not have, or a limit or number is invalid; the message names
-            it.
+        ValueError: an arm cannot have a joint of this kind, or a limit or number is invalid; the message names the
+            joint, limit or number.
     """
     _check_depth(robot)
     left_out: list[str] = []

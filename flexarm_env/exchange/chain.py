@@ -1,10 +1,10 @@
-"""An arm as a serial chain of rigid bodies joined by hinges: its joints, and springs for bending and torsion.
+"""Approximate an arm by a serial chain of rigid bodies that hinges connect.
 
-The chain represents a flexible link by rigid pieces. Springs between the pieces represent the link's bending
-compliance. A spring at the place s_i replaces the integral of compliance over a cell of the link: 1 / k_i = int ds /
-EI. If the places are Gauss points, and the cells have the lengths of their weights w_i, the stiffness is k_i = EI(s_i)
-/ w_i. Two springs per smooth piece then give the exact compliance of the tip under tip loads. The chain neglects
-stretch and shear of the links.
+Some hinges are the arm's joints. Other hinges carry springs, which represent the bending and torsion of flexible links:
+a flexible link becomes several rigid bodies with springs between them. The spring at the arc length s_i has the
+compliance of a cell of the link, 1 / k_i = integral of ds / EI over the cell. If the s_i are Gauss points and the
+lengths of the cells are the weights w_i, the stiffness is k_i = EI(s_i) / w_i. Two springs in each interval with smooth
+EI then give the exact compliance of the tip under tip loads. The chain neglects stretch and shear of the links.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ _Z = np.array(bodies.Z)
 
 @dataclass(frozen=True)
 class Hinge:
-    """Hinge of a body: `axis` (3,) in the body's axes, SI units.
+    """Hinge that connects a body to the preceding body; `axis` (3,) is its direction in the body's axes.
 
     stiffness: spring stiffness, N m/rad. damping: damping coefficient, N m s/rad. armature: rotor inertia about the
-    hinge's axis, kg m^2. friction: friction torque, N m. joint: index of the arm's joint that the hinge represents; -1:
-    a spring for bending or torsion. limits: lower and upper angle, rad, or None. driven: True if the joint's torque
-    acts on the hinge. place: distance of a spring from the root of the beam, m.
+    hinge's axis, kg m^2. friction: friction torque, N m. joint: index of the arm's joint that the hinge represents, or
+    -1 for a spring of a flexible link. limits: lower and upper angle, rad, or None. driven: True if the joint's torque
+    acts on the hinge. place: arc length of a spring from the root of its link, m.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Hinge:
 
 @dataclass(frozen=True)
 class Body:
-    """Rigid body of the chain, whose frame has its origin on its hinges.
+    """Rigid body of the chain; the origin of its frame is on its hinges.
 
     position (3,), rotation (3, 3): origin, m, and axes of the body's frame in the preceding body's frame, with all
     hinge angles 0. mass: mass, kg. centre (3,): center of mass, m, in the body's frame. inertia (3, 3): inertia tensor
@@ -73,8 +73,10 @@ class Body:
 
 @dataclass(frozen=True)
 class Chain:
-    """Chain of bodies from root to tip. `tip` (3,), m, and `tip_rotation` (3, 3) are the tip's frame in the last
-    body."""
+    """Chain of bodies from root to tip.
+
+    tip (3,), tip_rotation (3, 3): position, m, and axes of the arm's tip in the frame of the last body.
+    """
 
     arm: Arm
     bodies: tuple[Body, ...]
@@ -107,7 +109,8 @@ class _Mass:
 
     def add(self, mass: float, at: Array, inertia: Array) -> None:
         """Add a rigid part with its center of mass `at` (3,) and its inertia (3, 3) about this center, in the frame's
-        axes."""
+        axes.
+        """
         self.mass += mass
         self.moment += mass * at
         self.about += bodies.about(inertia, mass, at)
@@ -120,14 +123,15 @@ class _Mass:
 
 
 def chain_of(arm: Arm, segments: int = 4, placement: str = "gauss") -> Chain:
-    """Build the chain of an arm.
+    """Build the chain of rigid bodies that approximates an arm.
 
     Args:
-        segments: number of springs of each flexible link, or for placement "between" the number of pieces; 0: rigid
-            links.
-        placement: places of the springs. "gauss": at Gauss points of each smooth piece of a link. "middle": in the
-            middle of cells of equal length. "between": between pieces of equal length, with k = EI / l; the first piece
-            is clamped. Chains are often made by hand with the placement "between", which is the least accurate.
+        arm: the arm. segments: number of springs in each flexible link (for placement "between", the number of rigid
+            pieces); 0 makes all links rigid.
+        placement: positions of the springs. "gauss": at the Gauss points of each interval with smooth EI. "middle": in
+            the middle of cells of equal length. "between": between rigid pieces of equal length l, with the stiffness
+            EI / l, and the first piece fixed to the joint. "between" is common in hand-written models and the least
+            accurate.
     Raises:
         ValueError: a value is out of range, or the arm has backlash or mass_damping, which hinges cannot represent.
     """

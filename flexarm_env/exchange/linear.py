@@ -1,4 +1,4 @@
-"""Small motions of a chain about its stress-free posture: frequencies and tip compliance."""
+"""Natural frequencies and tip compliance of a chain for small motions about its stress-free posture."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .chain import Chain, chain_of
 
 
 class Posture(NamedTuple):
-    """Geometry of a chain with all hinge angles at 0, in the ground's axes.
+    """Geometry of a chain with all hinge angles 0, in the ground's axes.
 
     anchors (h, 3): a point on each hinge's axis, m. axes (h, 3): directions of the hinges. frames (n, 3, 3), origins
     (n, 3), m: axes and origins of the bodies' frames. body_of (h,): index of each hinge's body. tip (3,): position of
@@ -45,7 +45,7 @@ def posture(chain: Chain) -> Posture:
 
 
 def mass_matrix(chain: Chain) -> Array:
-    """Return the inertia matrix (h, h), kg m^2, of the h hinge angles, at hinge angles 0; armature is included."""
+    """Return the mass matrix (h, h), kg m^2, of a chain with h hinges at hinge angles 0; armature is included."""
     at = posture(chain)
     M = np.diag([hinge.armature for hinge in chain.hinges])
     for i, body in enumerate(chain.bodies):
@@ -61,8 +61,8 @@ def mass_matrix(chain: Chain) -> Array:
 def chain_modes(chain: Chain, clamped: bool = True) -> tuple[Array, Array]:
     """Return natural frequencies (Hz, ascending) and damping ratios of a chain about its stress-free posture.
 
-    clamped: True if the joints are held (for an elastic gear, the motor). Free joints have frequency 0, which
-    is omitted. The ratios assume proportional damping.
+    clamped: True if the joints are held (with an elastic gear, the motors). If False, the joints turn freely; their
+    frequencies 0 are omitted. The damping ratios assume that the modes are those of the undamped chain.
     """
     hinges = chain.hinges
     kept = [i for i, hinge in enumerate(hinges) if not (clamped and hinge.driven)]
@@ -92,9 +92,10 @@ def chain_modes(chain: Chain, clamped: bool = True) -> tuple[Array, Array]:
 
 
 def tip_compliance(chain: Chain) -> Array:
-    """Return the tip's displacement per force, (3, 3) m/N in the ground's axes, about the stress-free posture.
+    """Return the matrix (3, 3) of the tip's displacement per tip force, m/N, in the ground's axes, with held joints.
 
-    With the joints held, the compliance is the sum of (axis x lever) (axis x lever)^T / k over all springs.
+    The chain is in its stress-free posture. The matrix is the sum of (axis x lever) (axis x lever)^T / k over all
+    springs; the lever is the vector from the spring to the tip.
     """
     at, hinges = posture(chain), chain.hinges
     levers = np.cross(at.axes, at.tip - at.anchors)
@@ -103,10 +104,9 @@ def tip_compliance(chain: Chain) -> Array:
 
 
 def exact_compliance(chain: Chain) -> Array:
-    """Return the tip's displacement per force (3, 3), m/N, of the arm itself in bending and torsion.
+    """Return the same matrix as `tip_compliance` for the arm that the chain approximates, m/N.
 
-    The compliance is integrated with 16 Gauss points per smooth piece of a link. Axes and posture are those of
-    `tip_compliance`.
+    Bending and torsion are integrated with 16 Gauss points in each interval of a link with smooth EI.
     """
     arm = chain.arm
     pieces = max((len(link.breaks) - 1 for link in arm.links if not link.rigid), default=1)

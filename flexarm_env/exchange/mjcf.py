@@ -22,7 +22,7 @@ LEAST_STEP = 1e-4
 
 
 def text_of(values: Iterable[float]) -> str:
-    """Format numbers so that they read back to the same doubles, without -0."""
+    """Format numbers, separated by spaces, with enough digits to recover the same doubles; -0 is written as 0."""
     return " ".join(f"{float(value) + 0.0:.17g}" for value in values)
 
 
@@ -32,16 +32,17 @@ def legal(text: str) -> str:
 
 
 def comment_of(line: str) -> str:
-    """Format a line as the text of an XML comment, without double hyphens, which would end the comment."""
+    """Format a line as the text of an XML comment; double hyphens, which XML forbids there, become single hyphens."""
     return f" {legal(line).replace('--', '-').rstrip('-')} "
 
 
 def diagonal(inertia: Array, floor: float = LEAST) -> tuple[Array, Array]:
     """Return principal moments (3,), none below `floor`, and the quaternion (4,) of their axes.
 
-    inertia (3, 3): inertia tensor, kg m^2. floor: smallest moment of inertia, kg m^2. Smaller moments, such as that of
-        a line
-    about itself, are raised to the floor. The largest moment is at most the sum of the two others.
+    Moments below `floor`, such as that of a line about itself, are raised to `floor`. The smallest moment is raised
+    until the largest moment is at most the sum of the two others, as MuJoCo requires.
+
+    inertia (3, 3): inertia tensor, kg m^2. floor: smallest moment of inertia, kg m^2.
     """
     own, axes = np.linalg.eigh(inertia)
     own = np.maximum(own, floor)
@@ -59,12 +60,12 @@ def diagonal(inertia: Array, floor: float = LEAST) -> tuple[Array, Array]:
 
 
 def choose_integrator(chain: Chain) -> tuple[str, float]:
-    """Return MuJoCo's integrator and a step, s, that suit a chain.
+    """Choose MuJoCo's integrator and its time step h, s, for a chain.
 
-    "RK4" is explicit and of fourth order. The step h of "RK4" must satisfy h omega <= 1 for the highest frequency and
-    h 2 zeta omega <= 1 for the damping of this frequency. "RK4" is chosen if these conditions allow a step of at least
-    `LEAST_STEP`; the step is then at most 2 ms. Otherwise the integrator is "discrete", implicit and of first order
-    (MuJoCo 4), with a step of 0.5 ms.
+    "RK4" is explicit and of fourth order. It requires h omega <= 1 and 2 zeta h omega <= 1 for the highest frequency
+    omega, rad/s, and its damping ratio zeta. If these conditions allow a step of at least `LEAST_STEP`, the function
+    returns "RK4" and a step of at most 2 ms. Otherwise it returns "discrete", an implicit integrator of first order in
+    MuJoCo 4, and a step of 0.5 ms.
     """
     frequencies, ratios = chain_modes(chain, clamped=False)
     omega = 2.0 * np.pi * frequencies
@@ -84,16 +85,16 @@ def mjcf(
     integrator: str | None = None,
     comments: Iterable[str] = (),
 ) -> str:
-    """Write a chain as MJCF.
+    """Return a chain as the text of an MJCF file.
 
     Bodies and hinges have the same names as in the chain. Each joint has a motor, `motor0`, ..., whose control is the
-    torque in N m, clipped to the arm's limit. The site `tip` is the arm's tip, with x along the link. Geoms are for
-    display only and do not collide.
+    torque in N m, clipped to the arm's torque limit. The site `tip` is the arm's tip; its x axis points along the last
+    link. Geoms are for display only and do not collide.
 
     Args:
-        gravity: acceleration of gravity, m/s^2. timestep: time step, s. integrator: MuJoCo's name of the integrator. If
-            timestep or integrator is None, `choose_integrator` selects it. comments: lines of text at the top of the
-            file.
+        chain: the chain. gravity: acceleration of gravity, m/s^2. timestep: time step, s. integrator: MuJoCo's name of
+            the integrator. If timestep or integrator is None, `choose_integrator` selects it. comments: lines of text
+            at the top of the file.
     """
     chosen, step = choose_integrator(chain)
     if timestep is not None:

@@ -1,4 +1,4 @@
-"""Read a robot's URDF or MJCF file with MuJoCo's reader, as an arm of rigid links."""
+"""Read a robot's URDF or MJCF file, with MuJoCo's parser, as an arm with rigid links."""
 
 from __future__ import annotations
 
@@ -41,8 +41,7 @@ class Imported:
         tip: name of the body or site at the arm's tip; empty: the last link's center of mass.
         gravity (3,): gravity in the file, m/s^2.
         left_out: features of the file that the arm lacks.
-        flexible: for each flexible link, the shift of its center of mass, m, and the ratio of its new to its former
-            inertia about the joint.
+        flexible: for each link that was made flexible, the resulting changes (see `made_flexible`).
     """
 
     arm: Arm
@@ -79,8 +78,8 @@ def import_arm(
         tau_d: damping time of the flexible links, s.
         gear_ratio: gear ratio assumed for joints with armature; the motor inertia is then armature / gear_ratio^2.
     Raises:
-        ValueError: a serial chain cannot represent an element of the file; the message names the element.
-            OSError: the file does not exist. ImportError: MuJoCo is not installed.
+        ValueError: an arm cannot represent an element of the file; the message names the element.
+        OSError: the file does not exist. ImportError: MuJoCo is not installed.
     """
     gear_ratio = check.number("gear_ratio", gear_ratio, minimum=LEAST_RATIO, maximum=1e9)
     with check.in_file(path), np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -140,7 +139,8 @@ def _model(path: Path) -> tuple[Any, list[str]]:
 
 def _frames(parts: tuple[Part, ...], tip: Array) -> list[Array]:
     """Return each link's axes (3, 3) in the ground's axes: x to the next joint, z as near the joint's axis as
-    possible."""
+    possible.
+    """
     anchors = [part.anchor for part in parts] + [tip]
     found: list[Array] = []
     for k, part in enumerate(parts):

@@ -1,4 +1,4 @@
-"""Deviation of a chain of hinges from its arm, and calibration to the arm's first frequency."""
+"""Compare a chain with the arm that it approximates, and calibrate the chain to the arm's lowest natural frequency."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def _undamped(arm: Arm) -> Arm:
 
 
 def calibrated(chain: Chain) -> tuple[Chain, float]:
-    """Scale a chain's springs to the arm's lowest frequency with held joints; return the chain and the factor.
+    """Multiply a chain's spring stiffness so that its lowest frequency equals the arm's; return chain and factor.
 
-    If the arm's first mode does not oscillate, the undamped frequency is used.
+    The joints are held. If the arm's first mode is overdamped, its undamped frequency is used.
 
     Raises:
         ValueError: double precision does not resolve the first frequency.
@@ -75,12 +75,13 @@ def differences(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0
     """Compare a chain with its arm.
 
     Returns:
-        A dict of deviations. Its entries `frequency_K_hz` and `chain_frequency_K_hz` are the frequencies of the arm and
-        of the chain with held joints, as many as the chain has. `tip_compliance_error` is the largest relative error of
-        the tip's displacement under a static tip force. `tip_apart` is the largest distance between the two tips,
-        divided by the arm's length, during `DURATION` s under torques of `PUSH` times the limits, which are reversed
-        halfway; MuJoCo simulates the chain. `tip_apart` requires MuJoCo and torque limits. `left_out` names the
-        features of the arm that the chain lacks.
+        A dict of deviations. `frequency_1_hz`, ... and `chain_frequency_1_hz`, ... are the lowest natural frequencies
+        of the arm and of the chain with held joints. `tip_compliance_error` is the largest error in an entry of the tip
+        compliance matrix, divided by its largest entry. `tip_apart` is the largest distance between the arm's tip and
+        the chain's tip in a simulation, divided by the arm's length. The simulation lasts `DURATION` s with torques of
+        `PUSH` times the torque limits, which are reversed after half of the time. MuJoCo simulates the chain, so that
+        `tip_apart` requires MuJoCo and an arm with torque limits. `left_out` names the features of the arm that the
+        chain lacks.
     """
     found: dict[str, Any] = {}
     own, _ = chain_modes(chain)
@@ -105,7 +106,7 @@ def differences(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0
 
 
 def pushed(arm: Arm, gravity: tuple[float, float, float]) -> Scene:
-    """Return the scene of the comparison: `PUSH` of the torque limits, reversed after half of `DURATION`."""
+    """Return the scene for `tip_apart`: torques of `PUSH` times the limits, reversed after half of `DURATION`."""
     assert arm.torque_limits is not None
     loads = tuple(
         JointTorque(k, steps([0.0, 0.5 * DURATION], [PUSH * limit, -PUSH * limit]))
@@ -117,9 +118,10 @@ def pushed(arm: Arm, gravity: tuple[float, float, float]) -> Scene:
 
 
 def tip_apart(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> float:
-    """Return the largest distance between the chain's tip, by MuJoCo, and the arm's tip, divided by the arm's length.
+    """Return the largest distance between the chain's tip and the arm's tip, divided by the arm's length.
 
-    The two tips move as the function `differences` describes. Raises ImportError if MuJoCo is not installed.
+    MuJoCo simulates the chain in the motion that `differences` describes. Raises ImportError if MuJoCo is not
+    installed.
     """
     with check.needs("the comparison of tips", "mujoco", "mujoco"):
         import mujoco

@@ -1,4 +1,4 @@
-"""Extract the serial chain of hinges from a compiled model of MuJoCo; reject or list all other features."""
+"""Extract the serial chain of hinges from a compiled MuJoCo model; reject or list features that an arm cannot have."""
 
 from __future__ import annotations
 
@@ -20,12 +20,11 @@ KINDS = ("free", "ball", "slide", "hinge")
 
 @dataclass(frozen=True)
 class Part:
-    """Link of a chain with its joint, in the ground's axes, with all joint angles 0, in SI units.
+    """Rigid link of a chain and the joint at its root, in the ground's axes, with all joint angles 0.
 
-    names: names of the link's bodies. joint: name of the link's joint. anchor (3,): point on the joint's axis. axis
-    (3,): direction of the joint. centre (3,): center of mass. inertia (3, 3): inertia tensor about the center of mass.
-        limits: lower
-    and upper joint angle, rad, or None. torque: torque limit, N m, or None.
+    names: names of the link's bodies. joint: name of the joint. anchor (3,): point on the joint's axis, m. axis (3,):
+    direction of the joint. mass: mass, kg. centre (3,): center of mass, m. inertia (3, 3): inertia tensor about the
+    center of mass, kg m^2. limits: lower and upper joint angle, rad, or None. torque: torque limit, N m, or None.
     """
 
     names: tuple[str, ...]
@@ -54,11 +53,12 @@ class Serial:
 
 
 def serial(model: Any, root: str | None, tip: str | None) -> Serial:
-    """Find the chain that begins in the body `root` (None: the only one with joints) of a compiled model.
+    """Find the chain of a compiled model that begins in the body `root`.
 
+    root: name of a body; None for the only chain with joints. tip: name of the body or site at the tip, or None.
     Raises:
         ValueError: the model has branches, loops, joints other than hinges, or springs at joints; the message names
-            them.
+            the element.
     """
     import mujoco
 
@@ -265,7 +265,8 @@ def _check_span(path: str, span: Array) -> None:
 
 def _least(path: str, span: Array) -> float:
     """Return the smaller absolute value of a range's two ends. Raises ValueError unless the range contains 0 in its
-    interior."""
+    interior.
+    """
     low, high = map(float, span)
     if not low < 0.0 < high:
         raise check.InvalidValue(path, (low, high), "must reach from below 0 to above: an arm's motors turn both ways")

@@ -19,13 +19,15 @@ RATE = 100.0
 
 
 def urdf(chain: Chain, comments: Iterable[str] = ()) -> str:
-    """Write a chain without springs as URDF.
+    """Return a chain without springs as the text of a URDF file.
 
-    Links and joints have the same names as in the chain; `base` is the ground and `tip` the arm's tip. The joints have
-    the arm's torque limits as effort, and its joint limits, viscous friction and Coulomb friction.
+    Links and joints have the same names as in the chain. The link `base` is the ground and the link `tip` the arm's
+    tip. The joints have the arm's torque limits (attribute "effort"), angle limits, viscous friction and Coulomb
+    friction.
 
     Raises:
-        ValueError: the chain has springs, which URDF lacks (build the chain with segments=0), or elastic gears.
+        ValueError: the chain has springs or elastic gears, which URDF lacks; `chain_of` with segments=0 adds no
+            springs.
     """
     for hinge in chain.hinges:
         if hinge.stiffness:

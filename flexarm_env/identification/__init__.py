@@ -1,4 +1,4 @@
-"""System identification: from measured logs to an arm with parameter uncertainties, evaluated on held-out runs."""
+"""System identification: fit an arm's parameters to measured logs, and test the fitted arm on other logs."""
 
 from .config import Channel, Config, Parameter, read_config
 from .excite import Excitation, excite

@@ -1,8 +1,9 @@
-"""Consistency tests of a log's columns: wrong gains, delayed readings, a clock with a wrong rate.
+"""Test a log for wrong gains, delayed readings and a clock with a wrong rate.
 
-Each test adds one parameter e, such as an error of a gain, to a finished fit. To first order the value of e is the last
-component of -(K'K)^-1 K' r, where r are the residuals and K = [J, g] their derivatives by the fitted parameters and by
-e. A log is suspect if the error e exceeds `CERTAIN` half widths of its 95 % interval and is large enough to matter.
+Each test adds one parameter e, such as the relative error of a gain, to a finished fit. To first order the best value
+of e is the last component of -(K'K)^-1 K' r. Here r is the vector of residuals, and K = [J, g] contains the derivatives
+of r by the fitted parameters (J) and by e (g). A column is suspect if e exceeds `CERTAIN` half widths of its 95 %
+confidence interval and also exceeds `Deviation.least`.
 """
 
 from __future__ import annotations
@@ -32,12 +33,12 @@ CLOCK_STEP = 1e-4
 
 @dataclass(frozen=True)
 class Deviation:
-    """Estimated deviation of a column from its description in the config.
+    """Estimated error in the description of a column in the config.
 
     Attributes:
         value: the estimated deviation, as a relative error or in s. half: half width of its 95 % confidence interval.
-            least: smallest deviation that matters in practice.
-        sentence: description of the deviation with numbers. remedy: advice to the user.
+            least: smallest deviation that is reported, in the same unit.
+        sentence: sentence that describes the deviation with numbers. remedy: advice to the user.
     """
 
     value: float
@@ -48,7 +49,7 @@ class Deviation:
 
     @property
     def contradicts(self) -> bool:
-        """Whether the deviation is significant and large enough to matter."""
+        """True if the deviation is statistically significant and at least `least`."""
         return abs(self.value) > max(CERTAIN * self.half, self.least)
 
 
@@ -58,9 +59,9 @@ each run's residuals (kept, outputs)."""
 
 
 def deviations(problem: Problem, z: Array) -> list[Deviation]:
-    """Estimate the errors of each output's gain and delay and of the logs' clock, the most significant error first.
+    """Estimate the errors of each output's gain, of its delay, and of the clock; return the most significant first.
 
-    Gains and delays that are parameters of the fit are omitted. z (p,): fitted parameters in units of their sizes.
+    Gains and delays that the fit itself determines are omitted. z (p,): fitted parameters, scaled as in `Problem`.
     """
     J, errors = problem.slopes(z), problem.errors(z)
     found = []
@@ -75,7 +76,8 @@ def deviations(problem: Problem, z: Array) -> list[Deviation]:
 
 def _sentence(pattern: str, value: float, half: float) -> str:
     """Return a sentence from a pattern: insert the value in ms at "[ms]" or in % at "[%]", and the word for its sign at
-    "{less|more}"."""
+    "{less|more}".
+    """
     scale, unit = (1e3, "ms") if "[ms]" in pattern else (100.0, "%")
     less, more = pattern[pattern.index("{") + 1 : pattern.index("}")].split("|")
     pattern = pattern.replace(f"[{unit}]", f"{scale * abs(value):.3g} +- {scale * half:.2g} {unit}")
@@ -121,7 +123,8 @@ def _of_one(problem: Problem, k: int, changes: list[Array]) -> list[Array]:
 
 def _of_clock(problem: Problem, z: Array) -> Candidate:
     """Return the `Candidate` for a clock that is fast by the fraction e. The derivative of the residuals is that of a
-    stretched time axis."""
+    stretched time axis.
+    """
     longer = [dataclasses.replace(run, t=run.t * (1.0 + CLOCK_STEP)) for run in problem.runs]
     pairs = zip(Problem(problem.experiment.anew(), longer).errors(z), problem.errors(z), strict=True)
     column = problem.experiment.config.time.column

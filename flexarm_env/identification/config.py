@@ -1,4 +1,4 @@
-"""Description of a log and of the parameters to fit: validated tables of a TOML file (docs/identification.md)."""
+"""Configuration of a fit: descriptions of the log's columns and of the parameters, read from a TOML file."""
 
 import math
 import os
@@ -33,14 +33,14 @@ _CHANNEL = ("column", "unit", "gain", "offset", "shift", "low_pass")
 
 @dataclass(frozen=True)
 class Channel:
-    """Column of the log: SI value = factor * (column - offset), at the column's time minus `shift`.
+    """Column of the log that is an input or an output of the model: SI value = factor * (column - offset).
 
     Args:
         name: name of the input ("joint0", "motor0", "torque0", "current0", "voltage0") or of the reading
-            ("strain_gauge_1", "hub_angle", ...; `Trajectory.measured`).
-        column: name of the column in the log file. factor: SI value per unit of the column, times a gain. offset: value
-            of the column where the SI value is 0. If None (outputs only), a constant is fitted for each run. shift:
-            delay of the column, s; positive or negative.
+            ("strain_gauge_1", "hub_angle", ...; see `Trajectory.measured`).
+        column: name of the column in the log file. factor: SI value per unit of the column. offset: value of the column
+            at which the SI value is 0. If None (outputs only), a constant is fitted for each run. shift: delay of the
+            column, s, positive or negative: a row at time t contains the value of the instant t - shift.
         low_pass: cut-off frequency, Hz, of a zero-phase second-order Butterworth filter; None for no filter.
     """
 
@@ -53,32 +53,32 @@ class Channel:
 
     @property
     def kind(self) -> str:
-        """Kind of an input, one of `INPUTS`."""
+        """Kind of the input, one of `INPUTS`: the name without the joint's index."""
         return self.name.rstrip("0123456789")
 
     @property
     def joint(self) -> int:
-        """Joint index of an input."""
+        """Index of the joint on which the input acts."""
         return int(self.name[len(self.kind) :])
 
     @property
     def moves(self) -> bool:
-        """True if an input prescribes an angle, False if it is a torque, current or voltage."""
+        """True if the input prescribes an angle, False if it is a torque, current or voltage."""
         return self.kind in ("joint", "motor")
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """Parameter that is fitted.
+    """Parameter that a fit determines.
 
     Args:
         path: key path in the arm ("links[0].section.EI"), in its sensors ("sensors.strain_gauge_1.gain"), or in
             the experiment ("loads[0].force_x", "gravity[0]", "inputs.joint0.gain", "outputs.hub_angle.shift").
         name: short name for reports. low, high: bounds of the value. start: initial value of the fit; None for the
             arm's value.
-        prior: mean and standard deviation from prior knowledge, or None. size: change of the value that is significant;
-            None for the magnitude of the initial value. nuisance: True if the parameter is fitted for the training logs
-            only and keeps its initial value in all other logs.
+        prior: mean and standard deviation of the value from prior knowledge, or None. size: typical change of the
+            value, by which the fit scales the parameter; None for the magnitude of the initial value. nuisance: True if
+            the fitted value holds only for the fitted logs; predictions of held-out logs then use the initial value.
     """
 
     path: str
@@ -95,8 +95,8 @@ class Parameter:
 class Config:
     """Contents of the configuration file of a fit.
 
-    time: column of the instants. start: initial state of a run, as in a `Scene`. skip: time, s, at the start of a run
-        during which readings are not compared.
+    time: name of the column with the time. start: initial state of a run, as in a `Scene`. skip: duration, s, at the
+        start of each run in which readings are not compared with predictions.
     """
 
     time: Channel
@@ -137,9 +137,9 @@ _KEYS = (
 
 
 def read_config(source: str | os.PathLike[str] | Config, arm: Arm) -> Config:
-    """Read and validate the Config in a TOML file or text, for an arm.
+    """Read a `Config` from a TOML file or text and validate it for an arm.
 
-    Raises ValueError that names file, key path and value.
+    Raises ValueError for an invalid value; the message names file, key path and value.
     """
     if isinstance(source, Config):
         return source

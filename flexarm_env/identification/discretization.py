@@ -1,11 +1,11 @@
-"""Refine time step and mesh of a fit until a refinement changes no parameter by more than a share of its interval.
+"""Refine the model's time step and mesh until they no longer influence the fitted parameters significantly.
 
-A companion model with half the step, or with a finer mesh, predicts other readings at the same parameters. To first
-order the best parameters z then change by the Gauss-Newton step -(J'J)^-1 J' d. J is the derivative of the residuals by
-z, and d is the difference of the residuals. The error of a step is of second order in dt, so that the shift to dt = 0
-is 4/3 of the shift by half the step (Richardson). If a shift exceeds `SHARE` of the 95 % half width, the refined model
-is fitted again, starting from the present parameters. The remaining shift is finally added to the parameters, and half
-of its magnitude to the interval.
+A model with half the time step, or with a finer mesh, predicts other readings for the same parameters. To first order
+the best parameters z then shift by the Gauss-Newton step -(J'J)^-1 J' d. J is the derivative of the residuals by z, and
+d is the change of the residuals by the refinement. The solver's error is of second order in dt, so that the shift
+to dt = 0 is 4/3 of the shift caused by halving the step (Richardson extrapolation). If a shift exceeds the fraction
+`SHARE` of the half width of a parameter's 95 % interval, the refined model is fitted again from the current parameters.
+In the end the remaining shift is added to the parameters, and half of its magnitude is added to the half widths.
 """
 
 import dataclasses
@@ -41,13 +41,13 @@ FAR = 3.0
 
 @dataclass(frozen=True)
 class Resolved:
-    """Result of a fit whose discretization error has been estimated.
+    """Result of a fit with an estimate of the discretization error in each parameter.
 
     Attributes:
-        problem: the least-squares problem with the final step and mesh. fit: the fit, whose z (p,) is corrected for the
-            shifts. uncertainty: intervals that include the remaining shifts. shifts: shifts (p,) by "step" and by
-            "mesh", in the parameters' sizes. coarse: names of the parameters that still shift by more than their
-            interval, after all refinements.
+        problem: the least-squares problem with the final step and mesh. fit: the fit; its z (p,) includes the remaining
+            shifts. uncertainty: confidence intervals, widened for the remaining shifts. shifts: dict with the remaining
+            shifts (p,) for the keys "step" and "mesh", scaled as z. coarse: names of the parameters whose remaining
+            shift exceeds the half width of their interval.
     """
 
     problem: Problem
@@ -58,8 +58,10 @@ class Resolved:
 
 
 def resolve(solver: Solver, found: Fit) -> Resolved:
-    """Refine step and mesh of a fit until their error is small compared with the confidence intervals. Fits of arms in
-    space are not refined."""
+    """Refine step and mesh of a fit until their error is small compared with the confidence intervals.
+
+    Fits of arms in space are not refined.
+    """
     problem, z, left = solver.problem, found.z, dict(MOST)
     if problem.experiment.config.space:
         return Resolved(problem, found, uncertainty(problem, z), {}, ())

@@ -1,10 +1,10 @@
-"""Excitation torques for identification, which stay within bounds that are safe for a real arm, and are informative.
+"""Design torques for identification experiments that excite the arm's modes and keep a real arm within given bounds.
 
-The acceleration of a rigid arm's joints is a multisine with random phases (Schroeder 1970; Ljung 1999, section 13.3),
-each joint with its own frequencies. The motion begins and ends at rest in the same place, so that any drift measures
-the difference between the real arm and a rigid one. The torques are computed from this motion by the inverse dynamics
-of the rigid arm. The flexible arm and some perturbed arms are simulated under these torques, and the torques are
-reduced until the joint rotations and deflections of all arms are within the bounds.
+The design begins with a motion of the rigid arm. Its joint accelerations are multisines with random phases (Schroeder
+1970; Ljung 1999, section 13.3); each joint has its own frequencies. The motion begins and ends at rest at the same
+angles. The inverse dynamics of the rigid arm give the torques for this motion. Under these torques the flexible arm and
+several arms with perturbed parameters are simulated. The torques are reduced until the joint rotations and deflections
+of all these arms are within the bounds.
 """
 
 import dataclasses
@@ -44,10 +44,12 @@ TRIES = 8
 class Excitation:
     """Excitation torques and the simulated motion that they cause.
 
-    Attributes: t (n,): instants, s, evenly spaced. torques (n, N): joint torques, N m, each constant until the next
-            instant. band: lowest and highest frequency, rad/s. modes (M,): frequencies of the arm's modes in the band
-            with free joints, rad/s. angle: largest joint rotation of the arm and the perturbed arms, rad. deflection:
-            largest tip deflection divided by its link's length.
+    Attributes:
+        t (n,): instants, s, evenly spaced. torques (n, N): joint torques, N m, each constant until the next instant.
+        band: lowest and highest excited frequency, rad/s. modes (M,): natural frequencies of the arm with free joints
+            that lie in the band, rad/s.
+        angle: largest joint rotation from the start among the arm and the perturbed arms, rad. deflection: largest tip
+            deflection of a link divided by the link's length, among the same arms.
     """
 
     t: Array
@@ -69,17 +71,18 @@ def excite(
     most_angle: float = 0.5, most_torque: float | None = None, most_deflection: float = 0.15, drawn: int = 8,
     spread: float = 2.0, seed: int = 0, **options: Any,
 ) -> Excitation:  # fmt: skip
-    """Design torques that excite an arm within bounds, for `flexarm run FILE.csv --to HOST:PORT` or any other player.
+    """Design torques that excite an arm's modes within bounds; `flexarm run FILE.csv --to HOST:PORT` applies them.
 
     Args:
         arm: approximate model of the arm: an `Arm`, a name or a TOML file. The arm starts straight, at rest, without
             gravity.
         seconds: duration of the signal, s. rate: frequency at which torques change, Hz. modes: number of flexible modes
-            in the band, whose upper limit is a fifth of the rate. most_angle: largest joint rotation to either side,
-            rad. most_torque: largest motor torque, N m; default: half of each joint's limit. drawn: number of perturbed
-            arms for which the bounds must hold too; their EI, tip masses, hub inertia and damping vary each by factors
-            up to `spread`. most_deflection: largest tip deflection divided by its link's length. seed: seed of phases
-            and perturbed arms. options: options of the solver, with the names that `simulate` uses.
+            to excite; no frequency exceeds a fifth of `rate`. most_angle: largest joint rotation to either side, rad.
+            most_torque: largest joint torque, N m; default: half of each joint's limit. most_deflection: largest tip
+            deflection of a link, divided by the link's length.
+        drawn: number of arms with perturbed parameters, for which the bounds must hold, too. spread: largest factor by
+            which EI, tip masses, hub inertia and damping of these arms are multiplied or divided. seed: seed of phases
+            and perturbed arms. options: solver options, as in `simulate`.
     Raises:
         ValueError: a value is invalid, or the arm has no torque limits and most_torque is not given.
     """
@@ -165,7 +168,8 @@ def _torques(arm: Arm, motion: tuple[Array, Array, Array], angle: float) -> Arra
 
 def _drawn(arm: Arm, spread: float, rng: np.random.Generator) -> Arm:
     """Draw a perturbed arm: stiffness, payload, hub inertia and damping each times a random factor 1/spread ...
-    spread."""
+    spread.
+    """
     stiff, heavy, hub, damping = spread ** rng.uniform(-1.0, 1.0, 4)
     payload = dataclasses.replace(arm.payload, mass=heavy * arm.payload.mass, inertia=heavy * arm.payload.inertia)
     links = tuple(dataclasses.replace(link, section=_stiffer(link.section, stiff)) for link in arm.links)

@@ -1,4 +1,4 @@
-"""Least-squares fit: parameters for which an arm's readings are closest to the logs' readings."""
+"""Least-squares fit: find the parameters with which the simulated readings are closest to the measured readings."""
 
 import hashlib
 import json
@@ -32,14 +32,17 @@ ROUGH = 0.1
 
 @dataclass(frozen=True)
 class Problem:
-    """Least-squares problem in z = (value - start) / size; residuals are divided by the readings' deviations."""
+    """Least-squares problem for the scaled parameters z = (value - start) / size.
+
+    Each residual is a difference of a reading divided by the standard deviation of this reading in the log.
+    """
 
     experiment: Experiment
     runs: Sequence[Run]
 
     @property
     def sizes(self) -> Array:
-        """Parameter changes (p,) that correspond to a change of 1 in z."""
+        """Changes (p,) of the parameters' values for a change of 1 in each component of z."""
         found = []
         for p, x in zip(self.experiment.parameters, self.experiment.start, strict=True):
             found.append(p.size or abs(x) or 0.1 * (p.high - p.low))
@@ -57,8 +60,10 @@ class Problem:
         return np.asarray(self.experiment.start + self.sizes * z)
 
     def errors(self, z: Array) -> list[Array]:
-        """Return each run's residuals (kept samples, outputs): (prediction - log) / standard deviation of the log,
-        without offsets."""
+        """Return each run's residuals (kept samples, outputs): (prediction - log) / standard deviation of the log.
+
+        The mean is subtracted from the residuals of outputs with unknown offset.
+        """
         return [self._of_run(z, run) for run in self.runs]
 
     def _of_run(self, z: Array, run: Run) -> Array:
@@ -73,8 +78,10 @@ class Problem:
         return np.array(columns).T
 
     def slopes(self, z: Array, careful: bool = False) -> Array:
-        """Return the derivatives (n, p) of all residuals by z, with the runs concatenated. careful: as in
-        `Experiment.slopes`."""
+        """Return the derivatives (n, p) of all residuals by z, with the runs concatenated.
+
+        careful: as in `Experiment.slopes`.
+        """
         blocks = []
         for run in self.runs:
             columns, found = [], self.experiment.slopes(self.values(z), run, self.sizes, careful)
@@ -86,8 +93,7 @@ class Problem:
         return np.concatenate(blocks)
 
     def priors(self, z: Array) -> Array:
-        """Return the residuals (p,) of the priors: (value - mean) / deviation for parameters with a prior, otherwise
-        0."""
+        """Return the residuals (p,) of the priors: (value - mean) / standard deviation, 0 without a prior."""
         known = zip(self.experiment.parameters, self.values(z), strict=True)
         return np.array([0.0 if p.prior is None else (x - p.prior[0]) / p.prior[1] for p, x in known])
 
@@ -107,10 +113,10 @@ class Problem:
 class Fit:
     """Result of a least-squares fit.
 
-    z (p,): best parameters, scaled as in `Problem`. cost: sum of squared residuals. starts: final costs of the fits
-        from all initial guesses. evaluations: number of evaluations of the residuals. ended: the optimizer's final
-        message. runs: number of simulations.
-    by_differences: parameters whose derivatives are finite differences of whole runs, with the reason.
+    z (p,): best parameters, scaled as in `Problem`. cost: sum of squared residuals. starts: final cost of the fit from
+        each initial guess. evaluations: number of evaluations of the residuals. ended: the optimizer's final message.
+        runs: number of simulations.
+    by_differences: for each parameter whose derivatives are finite differences between simulations, the reason.
     """
 
     z: Array
@@ -123,13 +129,14 @@ class Fit:
 
 
 class Solver:
-    """Fit a problem from several initial guesses. The state is saved in a file, so that an interrupted fit resumes."""
+    """Fit a problem from several initial guesses; save the progress in a file, from which the fit can resume."""
 
     def __init__(
         self, problem: Problem, *, progress: Callable[[float], None] | None = None, state: Path | None = None
     ) -> None:
         """Prepare a fit. progress: function that is called with the completed fraction of the fit. state: file of the
-        saved state, or None."""
+        saved state, or None.
+        """
         self.problem, self.progress, self.state_file = problem, progress, state
         self.config = problem.experiment.config
         self.count, self.done = 0, 0.0
@@ -137,7 +144,7 @@ class Solver:
         self.state = self._read()
 
     def run(self) -> Fit:
-        """Fit from all initial guesses and refine the best result."""
+        """Fit from all initial guesses with few evaluations; continue from the best result until convergence."""
         noise, costs = ROUGH, []
         for k, z in enumerate(self._starts()):
             found = self.state["starts"][k] if k < len(self.state["starts"]) else None
@@ -163,7 +170,8 @@ class Solver:
 
     def _starts(self) -> list[Array]:
         """Return initial guesses z: the config's values twice (the second time for short horizons), then random
-        values."""
+        values.
+        """
         low, high = self.problem.bounds
         rng = np.random.default_rng(self.config.seed)
         n = len(low)
@@ -171,7 +179,7 @@ class Solver:
         return [np.zeros(n), np.zeros(n), *drawn][: self.config.starts]
 
     def polish(self, problem: Problem, z: Array, most: int) -> tuple[Array, float, str]:
-        """Fit a problem that differs little from this solver's, from a nearby z; return z, cost and message.
+        """Fit a slightly changed problem from an initial z near its solution; return z, cost and message.
 
         most: largest number of evaluations of the residuals.
         """
@@ -180,7 +188,8 @@ class Solver:
 
     def _least_squares(self, z: Array, noise: float, most: int, share: float = 1.0) -> tuple[Array, float, str]:
         """Fit from z with at most `most` evaluations; return z, cost and message. share: fraction of each run that is
-        fitted."""
+        fitted.
+        """
         problem = self.problem
         if share < 1.0:
             problem = Problem(problem.experiment, [run.until(share) for run in problem.runs])
@@ -201,7 +210,8 @@ class Solver:
 
         def slopes(x: Array) -> Array:
             """Return the Jacobian of the residuals at the parameters x; during the final fit also save x to the state
-            file."""
+            file.
+            """
             # the final fit saves every iterate, so that it can be resumed
             if len(self.state["starts"]) == self.config.starts:  # the last fit, from the best of them
                 self.state["best"] = x.tolist()
@@ -223,7 +233,8 @@ class Solver:
 
     def _key(self) -> str:
         """Return a hash of the problem and its data, by which a saved state of another problem is recognized and
-        ignored."""
+        ignored.
+        """
         config = self.config
         seed = repr((config, self.problem.experiment.arm, self.problem.experiment.parameters)).encode()
         digest = hashlib.sha256(seed)

@@ -1,4 +1,4 @@
-"""Measured runs: read the columns of a CSV file that a Config names, convert them to SI, and reject unusable logs."""
+"""Read measured runs: the columns of a CSV file that a `Config` names, converted to SI units."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SATURATED = 4
 class Run:
     """Log of one measured run, in SI units.
 
-    stem: file name without ending. t (n,): instants, s, evenly spaced from 0 on.
+    stem: file name without extension. t (n,): instants, s, evenly spaced, beginning at 0.
     inputs, outputs: values (n,) of each channel by name.
     kept (n,): True for the samples that are compared with predictions.
     """
@@ -38,7 +38,7 @@ class Run:
     kept: NDArray[np.bool_]
 
     def until(self, share: float) -> Run:
-        """Return the first part of the run that contains the given share of the variance of the compared readings."""
+        """Return the shortest first part of the run with the fraction `share` of the compared readings' variance."""
         # cumulative squared deviation of all readings
         power = np.zeros(len(self.t))
         for y in self.outputs.values():
@@ -57,14 +57,14 @@ class Run:
 
 
 class BadLog(ValueError):
-    """Error for an unusable log; the message names the file, the column and the row."""
+    """Raised for an unusable log; the message names the file, the column and the row."""
 
 
 def read_run(path: str | os.PathLike[str], config: Config) -> Run:
     """Read and validate the run in a CSV file.
 
-    Rows are counted as in the file: row 1 names the columns. Raises BadLog for an unusable log, and OSError if the file
-        cannot be read.
+    Messages count rows as in the file: row 1 contains the names of the columns. Raises BadLog for an unusable log, and
+    OSError if the file cannot be read.
     """
     header, lines = csv_lines(path)
     where = os.fspath(path)

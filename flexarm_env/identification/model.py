@@ -1,4 +1,4 @@
-"""Forward model of the fit: an arm and an experiment with parameters set by key path, simulated with a log's inputs."""
+"""Forward model of a fit: simulate the arm with given parameters under the inputs in a log."""
 
 from __future__ import annotations
 
@@ -40,15 +40,17 @@ _LOAD = {"link": 0, "end": "tip", "force_x": 0.0, "force_y": 0.0, "force_z": 0.0
 
 
 class Experiment:
-    """An arm with its sensors, with loads that act in addition to the log's inputs, and with parameters to be fitted.
+    """An arm with sensors, the loads of the experiment, and the parameters to be fitted.
 
-    A joint without prescribed angle starts at its first reading, which has the same error as later readings. If the
-    reading has a known offset (offset = 0.0), each log's initial angle is fitted too. logs: names of the fitted logs.
+    The loads act in addition to the inputs in the log. A joint whose angle is not prescribed starts at the first
+    reading of its encoder. If the offset of the encoder is known (offset = 0.0), the initial angle is also a parameter
+    of the fit, one for each fitted log, because the first reading has a measurement error. logs: names of these logs.
 
     Attributes:
         parameters (p,): the requested parameters, then the initial angles. start (p,): their initial values.
-        runs: number of simulations. refinements: how often the config's time step was halved ("step") and its mesh
-            refined ("mesh"). by_differences: why the derivative by a parameter is a difference of runs, by parameter.
+        runs: number of simulations. refinements: number of times that the config's time step was halved ("step") and
+            that its mesh was refined ("mesh"). by_differences: for each parameter whose derivative is a finite
+            difference between simulations, the reason.
     """
 
     def __init__(self, arm: Arm, config: Config, parameters: Sequence[Parameter], logs: Sequence[str] = ()) -> None:
@@ -130,23 +132,23 @@ class Experiment:
         return float(value)
 
     def table(self, values: Array) -> dict[str, Any]:
-        """Return the experiment's table with the parameters at these values (p,)."""
+        """Return the description of arm and experiment as a dict, with the parameters set to `values` (p,)."""
         table = deepcopy(self._table)
         for place, value in zip(self._places, values, strict=True):
             _put(table, place, float(value))
         return table
 
     def arm_of(self, values: Array) -> Arm:
-        """Return the arm with its sensors at these values (p,). Raises ValueError for values that no arm can have."""
+        """Return the arm with its sensors for parameter values (p,). Raises ValueError for invalid values."""
         own = ("inputs", "outputs", "gravity", "loads", "starts")
         return arms.from_table({key: value for key, value in self.table(values).items() if key not in own})
 
     def elsewhere(self, values: Array) -> Array:
-        """Return the values (p,) for logs that were not fitted: nuisance parameters have their initial values."""
+        """Return the parameter values (p,) for held-out logs: nuisance parameters keep their initial values."""
         return np.where([p.nuisance for p in self.parameters], self.start, values)
 
     def predict(self, values: Array, run: Run) -> dict[str, Array]:
-        """Predict the readings (n,) of each output at the run's instants; `LOST` if the simulation fails."""
+        """Predict the readings (n,) of each output at the run's instants; if the simulation fails, all are `LOST`."""
         return self._read(self._played(values, run), values, run)
 
     def _read(self, played: Played | None, values: Array, run: Run) -> dict[str, Array]:
@@ -157,9 +159,10 @@ class Experiment:
         return self._readings(played.trajectory, self.table(values), run)
 
     def slopes(self, values: Array, run: Run, sizes: Array, careful: bool = False) -> dict[str, Array]:
-        """Return derivatives (n, p) of each output of `predict` by value / size of the parameters; 0 if a run fails.
+        """Return the derivatives (n, p) of each output of `predict` by the parameters divided by their `sizes` (p,).
 
-        The derivatives come from `derivatives.runs` or from differences of whole runs (careful: of fourth order).
+        The derivatives are exact (`derivatives.runs`) where possible, and otherwise finite differences between
+        simulations. careful: True for differences of fourth order. If the simulation fails, the derivatives are 0.
         """
         found = {name: np.zeros((len(run.t), len(values))) for name in run.outputs}
         played = self._played(values, run)
@@ -243,7 +246,7 @@ class Experiment:
         return found
 
     def anew(self, kind: str | None = None) -> Experiment:
-        """Return a copy without stored runs, with half the time step (kind "step") or a finer mesh (kind "mesh")."""
+        """Return a copy without stored simulations. kind: "step" for half the time step, "mesh" for a finer mesh."""
         other = copy(self)
         other._kept, other._motions = {}, {}
         if kind is not None:

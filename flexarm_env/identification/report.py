@@ -26,7 +26,7 @@ from .uncertainty import Direction, Uncertainty
 class Prediction:
     """Prediction of one run by one model: readings (n,), VAF (%) and NRMSE (%) of each output.
 
-    VAF: variance accounted for, %. NRMSE: root mean square error divided by the log's standard deviation.
+    VAF is the variance accounted for. NRMSE is the root mean square error divided by the log's standard deviation.
     """
 
     run: Run
@@ -45,12 +45,12 @@ class Identification:
             values of the parameters in the given arm.
         uncertainty: uncertainty of the fitted values. verdict: "good", or a sentence that explains why the fit should
             not be trusted.
-        train, held_out: predictions by the fitted arm, of the runs that were fitted and of the held-out runs (with
-            nuisance parameters at their initial values). unfitted, baseline: predictions of all these runs by the given
-            arm, and by one oscillator per output. oscillators: frequency (Hz) and damping ratio of each oscillator, by
-            output.
-        frequencies, damping: frequencies (Hz) and damping ratios of the fitted arm while the prescribed joints are
-            held. seen: free vibrations measured in the runs (`Ringing`), by output.
+        train, held_out: the fitted arm's predictions of the fitted runs, and of the held-out runs (with nuisance
+            parameters at their initial values). unfitted: the given arm's predictions of all these runs. baseline: for
+            comparison, predictions of all these runs by one linear oscillator for each output. oscillators: frequency
+            (Hz) and damping ratio of each output's oscillator.
+        frequencies, damping: natural frequencies (Hz) and damping ratios of the fitted arm with the prescribed joints
+            held. seen: free vibrations (`Ringing`) that were measured in the runs, by output.
         fit: result of the least-squares fit. ranges: ranges of factors for the environments' option `randomization`.
             experiment: the fitted model, with the initial joint angles of the logs. files: log files of the runs.
     """
@@ -100,7 +100,7 @@ class Identification:
                 draw(row, figure.subplots(2 * len(names), 1, sharex=True, height_ratios=[2, 1] * len(names)))
 
     def lines(self) -> dict[str, Any]:
-        """Return the entries of the command's output by name. Entries of held-out runs have names without a prefix."""
+        """Return the lines that `flexarm identify` prints, by name. Names without a prefix belong to held-out runs."""
         worth = self.uncertainty
         told: dict[str, Any] = {"verdict": self.verdict}
         # parameters with their 95 % half widths
@@ -139,13 +139,13 @@ def _pairs(result: Identification) -> list[tuple[Direction, Direction | None]]:
 
 
 def direction(of: Direction) -> str:
-    """Format a direction as "EI_1 +1.00, elbow +0.97 (+-0.004)": changes of several parameters, 95 % half width."""
+    """Format a direction, such as "EI_1 +1.00, elbow +0.97 (+-0.004)", with the half width of its 95 % interval."""
     parts = ", ".join(f"{name} {share:+.2f}" for name, share in of.shares.items())
     return f"{parts} (+-{of.deviation:.2g})"
 
 
 def draw(row: Prediction, axes: Any) -> None:
-    """For each output of a run, draw the measured and predicted readings, and the residual below them."""
+    """Plot the measured and predicted readings of each output of a run, and below them their difference."""
     run = row.run
     for k, name in enumerate(row.readings):
         above, below = axes[2 * k], axes[2 * k + 1]
@@ -244,7 +244,8 @@ def _correlations(result: Identification) -> str:
 
 def _vibration(result: Identification) -> str:
     """Format a table of frequencies (Hz) and damping ratios of the fitted arm, of the oscillators and of measured
-    vibrations."""
+    vibrations.
+    """
     rows = [(f"fitted arm, mode {k + 1}, prescribed joints held", f"{f:.3f}", f"{z:.4f}", "")
             for k, (f, z) in enumerate(zip(result.frequencies, result.damping, strict=True))]  # fmt: skip
     rows += [(f"one oscillator, {name}", f"{f:.3f}", f"{z:.4f}", "") for name, (f, z) in result.oscillators.items()]

@@ -1,4 +1,4 @@
-"""Complete identification: read logs, fit, estimate uncertainty, and evaluate predictions (`report.Identification`)."""
+"""Complete identification: read logs, fit parameters, estimate their uncertainty, and evaluate predictions."""
 
 import dataclasses
 import os
@@ -45,9 +45,9 @@ def identify(
     Args:
         arm: initial guess of the arm: an `Arm`, a name or a TOML file. config: configuration of the fit: a TOML file or
             its text.
-        data, hold_out: CSV files for the fit and for the evaluation. fit: names or key paths of the parameters to fit;
-            None for the parameters that the config selects. out: folder for `Identification.save`, from which an
-            interrupted fit resumes.
+        data: CSV files of the logs that are fitted. hold_out: CSV files of the logs that are only predicted. fit: names
+            or key paths of the parameters to fit; None for the parameters that the config selects. out: folder for the
+            result (`Identification.save`) and for the progress of the fit, from which an interrupted fit resumes.
         progress: function that is called with the completed share of the fit, 0 to 1.
     Raises:
         ValueError: a value is invalid; the message names its key path. BadLog (a ValueError): a log is unusable; the
@@ -206,7 +206,8 @@ def _swapped(problem: Problem, best: Fit) -> str:
 # ------------------------------------------------------------------------------------------------- randomization
 def _ranges(parameters: Sequence[Parameter], values: Array, worth: Uncertainty) -> dict[str, tuple[float, float]]:
     """Return ranges of factors on the fitted arm for `randomization`: for each key, the widest 95 % interval of its
-    parameters."""
+    parameters.
+    """
     kinds = {"EI": "EI", "payload": "mass", "damping": "tau_d", "torque_constant": "torque_constant"}
     found: dict[str, tuple[float, float]] = {}
     for p, value, half in zip(parameters, values, worth.half, strict=True):
@@ -220,8 +221,10 @@ def _ranges(parameters: Sequence[Parameter], values: Array, worth: Uncertainty) 
 
 
 def randomization(path: str | os.PathLike[str]) -> dict[str, tuple[float, float]]:
-    """Read the randomization ranges from an arm.toml written by `identify`, for an environment. Raises ValueError if
-    the file has no valid ranges."""
+    """Read the ranges for an environment's option `randomization` from an arm.toml that `identify` wrote.
+
+    Raises ValueError if the file has no valid ranges.
+    """
     table, _ = read_toml(path)
     with check.in_file(path):
         ranges = check.table_of("randomization", check.needed("", table, "randomization", "must be a table of ranges"))

@@ -1,4 +1,4 @@
-"""Signal measures: variance accounted for, NRMSE, ringing, decay by amplitude, and a one-oscillator model."""
+"""Measures of signals: variance accounted for, NRMSE, free vibrations, and the fit of one linear oscillator."""
 
 from dataclasses import dataclass
 
@@ -13,19 +13,20 @@ from .log import Run
 
 
 def vaf(measured: Array, predicted: Array) -> float:
-    """Return the variance accounted for, %: 100 (1 - var(measured - predicted) / var(measured)), independent of any
-    offset.
+    """Return the variance accounted for, %: 100 (1 - var(measured - predicted) / var(measured)).
 
-    Raises ValueError if the log is constant, or if the prediction has another length; `nrmse` does the same.
+    A constant offset of the prediction does not change the result. Raises ValueError if the measured signal is
+    constant, or if the signals have different lengths.
     """
     measured, predicted = _comparable(measured, predicted)
     return float(100.0 * (1.0 - np.var(measured - predicted) / np.var(measured)))
 
 
 def nrmse(measured: Array, predicted: Array, offset: bool) -> float:
-    """Return the root mean square error divided by the log's standard deviation, %.
+    """Return the root mean square error divided by the standard deviation of the measured signal, %.
 
-    measured, predicted (n,): measured and predicted readings. offset: True to subtract the mean error first.
+    measured, predicted (n,): measured and predicted readings. offset: True to subtract the mean error first. Raises
+    ValueError if the measured signal is constant, or if the signals have different lengths.
     """
     measured, predicted = _comparable(measured, predicted)
     e = measured - predicted
@@ -45,7 +46,7 @@ def _comparable(measured: Array, predicted: Array) -> tuple[Array, Array]:
 # -------------------------------------------------------------------------------------------- ringing, free decay
 @dataclass(frozen=True)
 class Ringing:
-    """A free vibration: damped cosine that was fitted to an interval of a signal.
+    """Free vibration: a damped cosine, fitted to an interval of a signal.
 
     start: start of the interval, s. frequency: undamped natural frequency, Hz. damping: damping ratio. amplitude:
     amplitude at the interval's start, in the signal's unit. error: root mean square of the fit's residual, divided by
@@ -60,10 +61,10 @@ class Ringing:
 
 
 def ringing(t: Array, y: Array, low: float = 0.0, high: float = np.inf) -> Ringing | None:
-    """Fit the strongest damped cosine of a signal y (n,) between two frequencies, Hz; None if y has no power there.
+    """Fit the strongest damped cosine with a frequency between `low` and `high`, Hz, to a signal y (n,).
 
     The initial guess is a peak of the spectrum. Then offset + exp(-d t) (a cos w t + b sin w t) is fitted by least
-    squares.
+    squares. Returns None if the signal has no power between the two frequencies.
     """
     from scipy.optimize import least_squares
 
@@ -100,7 +101,9 @@ def ringing(t: Array, y: Array, low: float = 0.0, high: float = np.inf) -> Ringi
 
 
 def free_decay(t: Array, y: Array, *, periods: float = 4.0, high: float = np.inf) -> list[Ringing]:
-    """Measure frequency and damping by amplitude in a decay record: one Ringing per interval, largest amplitude first.
+    """Measure how frequency and damping of a decaying vibration depend on its amplitude.
+
+    The record is divided into intervals. The result has one `Ringing` for each interval, the largest amplitude first.
 
     Args:
         t (n,): instants, s, evenly spaced. y (n,): vibration signal, in any unit. periods: number of vibration periods
@@ -136,8 +139,7 @@ STILL = 0.02
 
 
 def read_off(run: Run, name: str) -> list[Ringing]:
-    """Fit the free vibration of an output in every interval in which the run's inputs are constant for at least 1.5
-    s."""
+    """Fit an output's free vibration in each interval of at least 1.5 s with constant inputs."""
     still = np.ones(len(run.t), bool)
     for values in run.inputs.values():
         rate = np.abs(np.gradient(values, run.period))
@@ -157,11 +159,10 @@ def read_off(run: Run, name: str) -> list[Ringing]:
 # -------------------------------------------------------------------------------------------- one oscillator
 @dataclass(frozen=True)
 class Oscillator:
-    """Linear oscillator y'' + 2 damping w y' + w^2 y = (sum of gains times inputs), with the sensor's filter; w = 2 pi
-    f.
+    """Linear oscillator y'' + 2 d w y' + w^2 y = sum of gain times input, whose output y passes the sensor's filter.
 
-    frequency: natural frequency f, Hz. damping: damping ratio. gains: gain of each input. For inputs that prescribe
-    angles, the inputs are the accelerations of these angles.
+    frequency: natural frequency w / (2 pi), Hz. damping: damping ratio d. gains: gain of each input. An input that
+    prescribes an angle enters by its second time derivative.
     """
 
     frequency: float
@@ -170,7 +171,7 @@ class Oscillator:
     law: Law
 
     def predict(self, run: Run) -> Array:
-        """Return the oscillator's reading (n,) for a run's inputs."""
+        """Return the filtered output (n,) of the oscillator for a run's inputs."""
         return np.asarray(_through(run, self.frequency, self.damping, self.law) @ np.array(self.gains))
 
 
@@ -207,10 +208,10 @@ def _through(run: Run, frequency: float, damping: float, law: Law) -> Array:
 
 
 def oscillator(runs: list[Run], name: str, law: Law) -> Oscillator:
-    """Fit one oscillator to an output of all runs, without offsets; law: description of the sensor that reads the
-    output.
+    """Fit one oscillator to the readings of an output in all runs, with each run's mean subtracted.
 
-    A grid over the frequency (25 values, 0.3 to 30 Hz) is followed by least squares in log frequency and log damping.
+    The best of 25 frequencies from 0.3 to 30 Hz is the initial guess of a least-squares fit of log frequency and log
+    damping. name: name of the output. law: description of its sensor.
     """
     from scipy.optimize import least_squares
 
@@ -218,7 +219,8 @@ def oscillator(runs: list[Run], name: str, law: Law) -> Oscillator:
 
     def solved(x: Array) -> tuple[Array, Array]:
         """Return the relative residual and the gains, for which the problem is linear. x: logarithms of frequency and
-        damping ratio."""
+        damping ratio.
+        """
         tables = [_through(run, float(np.exp(x[0])), float(np.exp(x[1])), law)[run.kept] for run in runs]
         table = np.concatenate([columns - columns.mean(axis=0) for columns in tables])
         gains = np.linalg.lstsq(table, target, rcond=None)[0]

@@ -1,10 +1,11 @@
-"""Uncertainty of a fit: parameter intervals, unidentifiable parameters, and identifiable combinations.
+"""Uncertainty of a fit: confidence intervals, unidentifiable parameters, and identifiable combinations of parameters.
 
-Residuals of a slightly wrong model, and of filtered sensors, are correlated between samples. The covariance is computed
-by the sandwich formula (J'J)^-1 S (J'J)^-1. S is heteroskedasticity- and autocorrelation-consistent (Newey & West
-1987), with the bandwidth of Andrews (1991). The intervals use quantiles of Student's t with the degrees of freedom of S
-(Kiefer & Vogelsang 2005: 1.5 n divided by the bandwidth of Bartlett's kernel). The covariance is never smaller than the
-covariance for independent residuals.
+Modeling errors and sensor filters correlate the residuals of successive samples. The parameters' covariance is
+therefore computed by the sandwich formula (J'J)^-1 S (J'J)^-1, where J is the derivative of the residuals by the
+parameters. S is the heteroskedasticity- and autocorrelation-consistent estimate of Newey & West (1987), with the
+bandwidth of Andrews (1991). The intervals use quantiles of Student's t distribution. Its degrees of freedom are 1.5 n
+divided by the bandwidth of Bartlett's kernel, for n samples (Kiefer & Vogelsang 2005). The covariance is never smaller
+than the covariance for independent residuals.
 """
 
 from collections.abc import Sequence
@@ -31,9 +32,9 @@ SMALLEST = 1e-7
 
 @dataclass(frozen=True)
 class Direction:
-    """Linear combination of parameter changes, in units of the parameters' sizes, whose largest change is 1.
+    """Linear combination of parameters: coefficients in units of the parameters' sizes, the largest of them 1.
 
-    deviation: half width of the 95 % interval of the combination, in units of the largest change.
+    deviation: half width of the 95 % interval of the combination, in the same units.
     """
 
     shares: dict[str, float]
@@ -47,13 +48,13 @@ class Uncertainty:
     Attributes:
         half (p,): half widths of the 95 % intervals, in the parameters' units. correlation (p, p): correlation matrix
             of the parameters.
-        condition: condition number of the residuals' derivatives by value / size of the parameters. at_bound: names of
-            the parameters whose fitted value is at a bound; their interval is nan.
-        unidentifiable: names of the parameters that the logs do not determine, at a bound or not. directions: changes
-            of several parameters with almost no effect. identifiable: for each direction, the best known combination of
-            the same parameters.
+        condition: condition number of the residuals' derivatives by z (`fit.Problem`). at_bound: names of the
+            parameters whose fitted value is at a bound; their interval is nan.
+        unidentifiable: names of the parameters that the logs do not determine. directions: simultaneous changes of
+            several parameters that hardly change the residuals. identifiable: for each direction, the combination of
+            the same parameters with the smallest uncertainty.
         noise: root mean square of the residuals, divided by the readings' standard deviation. samples: number of
-            independent residuals that would give the same information.
+            independent residuals with the same information as the correlated residuals.
     """
 
     half: Array
@@ -103,9 +104,9 @@ def uncertainty(problem: Problem, z: Array) -> Uncertainty:
 
 
 def interval_of_last(J: Array, errors: Sequence[Array]) -> tuple[float, float]:
-    """Return the Gauss-Newton value of the last parameter of J (n, p), and the half width of its 95 % interval.
+    """Return the Gauss-Newton step of the last parameter, and the half width of its 95 % confidence interval.
 
-    errors: residuals of each run (samples, outputs).
+    J (n, p): derivatives of the residuals by the parameters. errors: residuals of each run (samples, outputs).
     """
     from scipy.stats import t as student
 

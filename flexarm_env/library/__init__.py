@@ -1,4 +1,4 @@
-"""An arm as a C library or a functional mock-up unit (FMU), linked from the compiled programs that Python steps."""
+"""Export an arm as a C library or functional mock-up unit (FMU), with the same machine code that Python executes."""
 
 from .build import Built, write
 from .fmu import write_controller_fmu, write_fmu

@@ -44,8 +44,8 @@ class Built:
     """Files that `write` has written.
 
     folder: the library's folder. name: prefix of all C names. files: names of the files in the folder. objects: names
-    of the object files with compiled programs. source: the generated C texts. library: name of the shared object, or
-    None if it could not be linked. why: the reason why `library` is None.
+    of the object files with the arm's machine code. source: the generated C source. library: name of the shared object,
+    or None if it could not be linked. why: the reason why `library` is None.
     """
 
     folder: Path
@@ -60,7 +60,7 @@ class Built:
 def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives: bool = True) -> Built:
     """Write an environment's arm and task as a C library into a folder.
 
-    The library returns the same bits as the environment, with the same arm, random numbers and task. Actions are
+    The library returns bitwise the same results as the environment with the same arm, seed and task. Actions are
     float64, and the energy balance is computed. The library has no time limit: the calling program ends an episode.
 
     Args:
@@ -134,7 +134,7 @@ def _periods(batch: Any) -> tuple[Periods | None, str]:
 
 
 def first_error(stderr: str) -> str:
-    """Return the first error line of a compiler's stderr (without one, the last line), at most 500 characters."""
+    """Return at most 500 characters of a compiler's first error line, or of the last line if no line has an error."""
     lines = stderr.strip().splitlines() or ["no word"]
     return next((line for line in lines if "error" in line.lower()), lines[-1])[:500]
 

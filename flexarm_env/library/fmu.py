@@ -1,4 +1,4 @@
-"""Write an arm or a controller as a co-simulation FMU, FMI 2.0 or 3.0, around the C library."""
+"""Write an arm or a controller as a co-simulation FMU (FMI 2.0 or 3.0) that contains the C library."""
 
 import hashlib
 import io
@@ -45,7 +45,7 @@ step.
 class Variable(NamedTuple):
     """One variable of an FMU: input, output, parameter or time.
 
-    kind: name of the table in the C source `fmu.c` that contains the variable. at: index of the variable in this table.
+    kind: name of the array in the C source `fmu.c` that contains the variable. at: index of the variable in this array.
     start: initial value, or None if the variable is computed. least, most: bounds of an input or parameter.
     """
 
@@ -68,16 +68,16 @@ class Variable(NamedTuple):
 def write_fmu(env: Any, path: Path, name: str, form: str = "3.0", cpu: str | None = None) -> Built:
     """Write an environment's arm with its motors as a co-simulation FMU.
 
-    Inputs are torques (N m), or the actions of another action mode, and are constant over a control period. A
-    communication step is a whole number of control periods. The importing tool sets initial state and parameters;
-    nothing is drawn at random except noise, which follows from `seed`. The states of the FMU can be saved and restored.
-    Directional derivatives exist only in the C library (`build.write`).
+    Inputs are the joint torques (N m), or the actions if the environment has another action mode. They are constant
+    over a control period. A communication step must be a whole number of control periods. The importing tool sets the
+    initial state and the parameters. Only sensor noise is random; its seed is the parameter `seed`. The state of the
+    FMU can be saved and restored. The FMU has no directional derivatives; the C library has (`build.write`).
 
     Args:
         env: single environment of this package. path: path of the file. name: C identifier, name of the model. form:
             version of the FMI standard, a key of `FORMS`. cpu: LLVM's name of the processor, or None for `build.CPU`.
     Raises:
-        ValueError: for the reasons of `build.write`, or because no C compiler is found.
+        ValueError: under the conditions of `build.write`, or if no C compiler is found.
     """
     _check_form(form)
     with tempfile.TemporaryDirectory() as folder:
@@ -104,9 +104,9 @@ def write_controller_fmu(
 ) -> None:  # fmt: skip
     """Write a controller as a co-simulation FMU with sensor readings as inputs and torques (N m) as outputs.
 
-    The readings are the outputs of an arm's FMU. In a communication step the controller acts once per control period,
-    each time on the readings at the start of the communication step. The outputs are the torques of the last control
-    period. The importing tool steps the controller before the arm.
+    Connect the inputs to the outputs of an arm's FMU. In a communication step the controller acts once per control
+    period, each time on the readings at the start of the communication step. The outputs are the torques of the last
+    control period. The importing tool must step the controller before the arm.
 
     Args:
         controller, slew, elbows, targets: arguments of `control.in_c.controller_source`. path, form: arguments of

@@ -1,4 +1,4 @@
-"""Generate the C files of a library from the templates of `data/library` and the declared memory layouts."""
+"""Generate the C files of a library from the templates in `data/library` and the memory layouts of the programs."""
 
 import json
 import re
@@ -77,11 +77,11 @@ def fill(file: str, name: str, known: Mapping[str, Any]) -> str:
 
 
 class Parameter(NamedTuple):
-    """A parameter of the arm that the compiled programs read at run time.
+    """Parameter of the arm that the compiled programs read at run time.
 
     start: value of the parameter in the environment. least, most: permitted range of values. law: index in the array of
-    the joints' parameters, or None for a parameter that the environment draws at reset. at: if `law` is None, index of
-    the parameter in the arm's memory block.
+    joint parameters, or None for a parameter that the environment can randomize at reset. at: if `law` is None, index
+    of the parameter in the memory block of the arm.
     """
 
     name: str
@@ -95,13 +95,13 @@ class Parameter(NamedTuple):
 
 
 class Source:
-    """Texts of a library's files.
+    """Generator of the C files of a library.
 
     Args:
-        env: environment. name: prefix of all C names. worlds: memory images of the programs for steps and, if present,
-            for derivatives. periods: object that computes derivatives (`Periods`), or None. absent: reason why
-            derivatives are missing. symbols: C names of the programs. cpu: name of the processor for the comment in the
-            header.
+        env: environment. name: prefix of all C names. worlds: initial memory contents of the program for steps and of
+            the program for derivatives, if it exists. periods: object that computes derivatives (`Periods`), or None.
+            absent: reason why derivatives are missing. symbols: C names of the programs. cpu: name of the processor
+            for the comment in the header.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class Source:
         self.poses = self.batch.reading.poses
 
     def files(self) -> dict[str, str]:
-        """Return a dict of the library's files: name and text."""
+        """Return the text of each file of the library by its name."""
         return {
             f"{self.name}.h": self.filled("arm.h", DERIVATIVES=self._declared, TORQUES=self._torques("arm.h")),
             f"{self.name}.c": self.filled("arm.c", DERIVATIVES=self._derived, TORQUES=self._torques("arm.c")),
@@ -125,8 +125,7 @@ class Source:
         }
 
     def filled(self, file: str, **more: str) -> str:
-        """Return the text of the template `file`, with marks replaced by this library's values and by the values in
-        `more`.
+        """Fill the template `file` with this library's values and the values in `more`; return the text.
         """
         return fill(file, self.name, self._known | more)
 
@@ -164,7 +163,7 @@ class Source:
 
     @property
     def sizes(self) -> dict[str, int]:
-        """Sizes of an `INFO` layout: numbers of links, target coordinates, reward terms and further entries."""
+        """Numbers that determine the memory layout `INFO`: links, target coordinates, reward terms and others."""
         task = self.batch.task
         counts = {"links": task.links, "targets": task.targets, "terms": task.terms, "further": task.further}
         return {key: len(value) for key, value in counts.items()}
@@ -176,7 +175,7 @@ class Source:
 
     @property
     def aims_at_joints(self) -> bool:
-        """Whether a start's target is given by joint angles."""
+        """True if a reset defines the target by joint angles."""
         return bool(self.batch.task.given == "goals")
 
     @property
@@ -253,7 +252,8 @@ class Source:
 
     def _laws(self, world: int, first: str) -> list[int]:
         """Return the byte offsets of the joints' parameters in each model of a memory image (world). first: pattern of
-        the names' prefix."""
+        the names' prefix.
+        """
         known = self.worlds[world].places.items()
         return [place[0] for key, place in known if re.fullmatch(rf"{first}(model|models\.\w+)\.data", key)]
 
@@ -307,7 +307,8 @@ class Source:
 
     def _torques(self, file: str) -> str:
         """Return the text of the C function `NAME_step_torques`, with inputs in N m, or "" if actions are not
-        torques."""
+        torques.
+        """
         if self.plan.action_mode != "torque":
             return ""
         declared = "int NAME_step_torques(NAME_arm *arm, const double torque[UPPER_JOINTS])"
@@ -351,7 +352,8 @@ class Source:
 
     def _tables(self) -> Iterator[str]:
         """Yield the C text of each memory image (words, pointers to relocate, and data), then of a table of the
-        images."""
+        images.
+        """
         rows = []
         for k, world in enumerate(self.worlds):
             # pointers: word `word` is to hold the address of byte `byte` of the data
@@ -381,7 +383,7 @@ def _members(layout: Layout, sizes: dict[str, int], inner: dict[str, Layout]) ->
 
 
 def flat(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of an `info` entry without a leading axis of length 1."""
+    """Return the shape of an entry of `info` without the first axis if its length is 1."""
     return shape[1:] if len(shape) == 2 and shape[0] == 1 else shape
 
 
@@ -404,5 +406,5 @@ def _rows(words: Iterable[str]) -> str:
 
 
 def number(value: float) -> str:
-    """Format a double as a C literal that reads back to the same bits."""
+    """Format a double as a C literal of exactly this value."""
     return repr(float(value))

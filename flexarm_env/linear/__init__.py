@@ -1,4 +1,4 @@
-"""Linear models of an arm about a state: state space, static equilibrium, natural frequencies and mode shapes."""
+"""Static equilibria of an arm; linear models about a state: state-space models, natural frequencies, mode shapes."""
 
 from ..rest import NoEquilibrium
 from .campbell import Campbell, campbell

@@ -18,17 +18,17 @@ ROUND = 1e-3
 
 @dataclass(frozen=True)
 class Campbell:
-    """The n lowest frequencies of an arm in steady rotation, at each of m spins.
+    """The n lowest natural frequencies of an arm in steady rotation, at each of m spin rates.
 
     Attributes:
         spins (m,): spin rates, rad/s. frequencies (m, n): natural frequencies, rad/s, in the frame that rotates with
             the arm (`Modes.frequencies`).
-        at_rest (m, n): natural frequencies, rad/s, in the fixed frame. With the frequency f in the rotating frame the
-            values are f + spin for circles in the direction of the spin (`Modes.whirl` 1), spin - f for circles against
-            it, and f if no point moves across the axis. For a positive spin, positive values are forward whirl and
-            negative values are backward whirl. The value is NaN if points move on ellipses or linearly across the axis,
-            because such a motion has several frequencies in the fixed frame.
-        growing (m,): number of unstable modes at each spin, among all modes (`Modes.growing`).
+        at_rest (m, n): natural frequencies, rad/s, in the fixed frame. Let f be the frequency in the rotating frame.
+            The value is f + spin if points move on circles in the direction of the spin (`Modes.whirl` = 1), spin - f
+            if they move on circles against the spin, and f if all points move along the axis of rotation. For a
+            positive spin, positive values are forward whirl and negative values are backward whirl. The value is NaN
+            for every other motion, because it has several frequencies in the fixed frame.
+        growing (m,): number of unstable modes at each spin rate, counted among all modes (`Modes.growing`).
     """
 
     spins: Array
@@ -49,14 +49,14 @@ def campbell(
     """Compute natural frequencies of an arm in steady rotation about its first joint's axis, for several spins.
 
     Args:
-        scene: a pinned scene without gravity; its loads are not used. spins: one or more spin rates, rad/s.
-        n: number of frequencies at each spin: the lowest in the fixed frame if frequencies are defined there,
-            otherwise the lowest in the frame that rotates with the arm. Planar arms use the rotating frame.
-        formulation, options, clamped: arguments of `modes`; by default the hub is held at its spin.
+        scene: a scene with a pinned root and without gravity; its loads are not used. spins: spin rates, rad/s.
+        n: number of frequencies at each spin rate. They are the lowest ones in the fixed frame if all frequencies are
+            defined there, and otherwise, as for planar arms, the lowest ones in the frame that rotates with the arm.
+        formulation, options, clamped: arguments of `modes`; by default the hub rotates at exactly the spin rate.
     Returns:
         The frequencies as a `Campbell`, which `plotting.plot_campbell` plots.
     Raises:
-        ValueError: an argument is not allowed. NoEquilibrium: the arm has no steady state at a spin.
+        ValueError: an argument is invalid. NoEquilibrium: the arm has no steady state at a spin rate.
     """
     n = check.integer("n", n, minimum=1)
     given = check.sequence("spins", spins, "one or more numbers (rad/s)")

@@ -1,13 +1,14 @@
 """Static equilibrium under gravity and constant loads, and steady rotation, by continuation from the unloaded arm.
 
-If no joint can turn, the loads (and the square of the spin rate) are increased in steps. The tangent of the path
-predicts the next equilibrium, and Newton's iteration corrects the prediction. If the result is unstable or far from the
-prediction, the load step is halved, so that the path stays on its branch. A perfectly symmetric unstable equilibrium,
-such as a straight column above its critical load, is followed along the unstable branch. If this path of equilibria
-ends, or if joints can turn, implicit steps reduce the potential energy instead: each step minimizes the potential plus
-s/2 |q - q_before|^2, in the norm of the mass matrix, by Newton's method. The factor s decreases after successful steps,
-so that the last steps are pure Newton steps. The steps end in a stable equilibrium, unless the arm starts in an
-unstable one.
+Continuation: if no joint can turn, the loads (and the square of the spin rate) are increased from zero in steps. The
+tangent of the equilibrium path predicts the next equilibrium, and Newton's iteration corrects the prediction. If the
+result is unstable or far from the prediction, the load step is halved, so that the solution stays on the same branch. A
+symmetric arm, such as a straight column above its critical load, stays on the symmetric branch, which is then unstable.
+
+Minimization: if the path ends, or if joints can turn, Newton's method minimizes the potential energy V instead. Each
+step minimizes V + s/2 |q - q_0|^2, where q_0 are the coordinates before the step and the norm is that of the mass
+matrix. The factor s decreases after each successful step, so that the last steps are plain Newton steps. The result is
+a stable equilibrium, unless the arm starts in an unstable equilibrium.
 """
 
 import warnings
@@ -57,17 +58,16 @@ _MOST = 400
 
 
 class UnstableEquilibrium(UserWarning):
-    """Warning that an equilibrium is unstable, so that a small disturbance makes the arm leave it."""
+    """Warning that an equilibrium is unstable: after a small disturbance the arm moves away from it."""
 
 
 class Equilibrium(Simulation):
-    """Static equilibrium of an arm: a Simulation at rest at t = 0, returned by `static_equilibrium`.
+    """Static equilibrium of an arm: a `Simulation` at rest at t = 0, returned by `static_equilibrium`.
 
     Attributes:
         stability: stability of the equilibrium, with the joints held or free according to `hold_joints`.
-        followed: share of the loads up to which the continuation from the unloaded arm succeeded. The value is 1.0 for
-            all of the loads. If it is below 1.0, the arm snaps through at this share of the loads. It is 0.0 if joints
-            turn freely.
+        followed: fraction of the loads up to which the equilibrium depends continuously on the loads. If it is below
+            1.0, the arm snaps through at this fraction. It is 0.0 if joints turn freely.
     """
 
     stability: Stability
@@ -84,11 +84,12 @@ def static_equilibrium(
 ) -> Equilibrium:
     """Compute the static equilibrium of an arm under gravity and constant loads; time-dependent loads are ignored.
 
-    With held joints the function follows the equilibrium from the unloaded arm while all loads grow in proportion. With
-    free joints the function returns a minimum of the potential energy. If the initial state is an equilibrium, the
-    function returns this state, even if it is unstable (an upright arm). In space the function starts from the unloaded
-    arm under the whole load. Above the buckling load the result may differ from the equilibrium that grows with the
-    load, and may be unstable. For scenes with `start="held"` there is no warning about an unstable result in space.
+    With held joints, the loads of a planar arm grow in proportion from zero to their values, and the function follows
+    the equilibrium of the arm. With free joints it returns a minimum of the potential energy. If the initial state is
+    an equilibrium, it returns this state, even if the state is unstable (such as an upright arm).
+    In space the full loads act on the unloaded shape at once. Above the buckling load the result may therefore lie on
+    another branch than the equilibrium that grows with the load, and may be unstable. For spatial scenes with
+    `start="held"` there is no warning about an unstable result.
 
     Args:
         scene: the scene with the arm and its loads; prescribed motions keep their values at t = 0.
@@ -101,8 +102,8 @@ def static_equilibrium(
         A Simulation of the same arm at rest, at t = 0, with its `stability`; `joint_torques()` returns the holding
         torques, N m, which continue to act.
     Raises:
-        ValueError: an option is not allowed. NoEquilibrium: no equilibrium was found, or (with require_stable) it is
-            unstable; the message gives the reason.
+        ValueError: an option is invalid. NoEquilibrium: no equilibrium was found, or it is unstable and require_stable
+            is True; the message gives the reason.
     Warns:
         UnstableEquilibrium: the equilibrium is unstable (see require_stable).
     """
@@ -155,7 +156,8 @@ def _in_space(scene: Scene, settings: Settings, hold_joints: bool) -> Equilibriu
 
 
 def warn_unstable(stability: Stability, refuse: bool) -> None:
-    """Warn about an unstable equilibrium, at the line that called the caller, or raise NoEquilibrium."""
+    """Warn about an unstable equilibrium, or raise NoEquilibrium if `refuse` is True.
+    """
     if not stability.stable:
         text = (
             f"the equilibrium found is unstable: a small disturbance of it grows by exp({stability.growth:.3g} t / s), "
@@ -167,7 +169,10 @@ def warn_unstable(stability: Stability, refuse: bool) -> None:
 
 
 def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
-    """Return the scene with motions fixed at t = 0, without time-dependent loads, and with `changes` to its fields."""
+    """Return the scene with motions fixed at their values for t = 0, without time-dependent loads.
+
+    changes: new values of further fields of the scene.
+    """
 
     def kept(load: Load) -> bool:
         steady = all(len(f.pieces) == 1 and not f.pieces[0, 2:6].any() for f in load.functions)
@@ -191,8 +196,8 @@ def find_rest(equations: Equations, start: Point, held: Sequence[int], spin: flo
 
     With a spin (rad/s), the equilibrium is a steady rotation about the origin.
 
-    start: the unloaded arm at its initial angles; its field u contains the loads. held: indices of joints that stay at
-    their angles; the field u of the returned point contains the torques that hold these joints.
+    start: the unloaded arm at its initial angles; `start.u` contains the loads. held: indices of the joints that stay
+    at their angles. The field `u` of the returned point contains the torques that hold these joints.
     """
     search = _Search(equations, start, held, spin)
     point, followed = start, 0.0
@@ -207,7 +212,8 @@ def find_rest(equations: Equations, start: Point, held: Sequence[int], spin: flo
 @dataclass(frozen=True)
 class _Found:
     """Result of Newton's iteration: the point, its matrices A, G and B, and whether it is a minimum of the
-    potential."""
+    potential.
+    """
 
     point: Point
     A: Array
@@ -341,7 +347,8 @@ class _Search:
 
     def borders(self, point: Point) -> tuple[Array, Array]:
         """Return the derivatives G of the constraints by the movable coordinates, and the forces B of unit torques of
-        held joints in these coordinates."""
+        held joints in these coordinates.
+        """
         e, here = self.e, self.at(point, point.q)
         return e.constraint_slopes(here), e.input_slopes(here, e.inputs[self.columns])
 

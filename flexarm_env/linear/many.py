@@ -1,4 +1,7 @@
-"""Linear models of many arms of one kind in one compiled call, for elasticas with ideal joints."""
+"""Linear models of many arms that differ only in parameters and state, computed in one compiled call.
+
+The formulation must be elastica, and the joints must be ideal: without elastic gears, rotors or friction.
+"""
 
 import math
 from collections.abc import Sequence
@@ -27,9 +30,9 @@ AT_ONCE = 3
 
 @dataclass(frozen=True)
 class LinearModels:
-    """Linear models of k arms: the attributes of `LinearModel`, with the arms as first axis and without `growing`.
+    """Linear models of k arms: the attributes of `LinearModel` except `growing`, each with a first axis of length k.
 
-    If an arm's solver fails within the period, its numbers are NaN.
+    If the solver of an arm fails within the period, the entries of this arm are NaN.
     """
 
     A: Array
@@ -50,7 +53,7 @@ class LinearModels:
 
 
 def stacked(models: Sequence[LinearModel]) -> LinearModels:
-    """Combine models of arms of one kind into one `LinearModels`."""
+    """Combine models with equal states, inputs and outputs into one `LinearModels`."""
     first = models[0]
     arrays = {k: np.stack([getattr(model, k) for model in models]) for k in ("A", "B", "C", "D", "x", "u", "y", "rate")}
     return LinearModels(**arrays, states=first.states, inputs=first.inputs, outputs=first.outputs, dt=first.dt)
@@ -64,10 +67,11 @@ def compiled(system: System) -> bool:
 
 
 class Linearizer:
-    """Computes linear models of n arms that differ only in state and parameters.
+    """Compute linear models of n arms that differ only in state and parameters.
 
-    The constructor takes an assembled system, its settings (with dt), the number n of arms, the number of links, and
-    the period in s (None for continuous models)."""
+    The constructor takes an assembled system, its solver settings (with dt), the number n of arms, the number of links,
+    and the period, s, of discrete models (None for continuous models).
+    """
 
     def __init__(self, system: System, settings: Settings, n: int, links: int, discrete: float | None) -> None:
         assert settings.dt is not None

@@ -1,7 +1,8 @@
-"""Derivative of the solver's steps in a period, with tangents in dual lanes.
+"""Derivative of the state after a period by the state before it and the inputs: tangents of the solver's steps.
 
-The steps are differentiated exactly as computed, including multipliers and the period correction. Rotations in space
-are included, too, except for an effect of the Newton iterates of second order in a step's rotation.
+Each array carries its tangents in additional SIMD lanes ("dual lanes"). The steps are differentiated exactly as they
+are computed, constraint forces and the correction at the end of a period included. For rotations in space an error of
+second order in a step's rotation remains, because the tangents neglect part of the effect of the Newton iterates.
 """
 
 from typing import Any
@@ -24,7 +25,7 @@ SHARP = 1e-12
 
 
 def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
-    """Return a copy of the state with consistent accelerations just after t, as a work array with its views."""
+    """Copy the state into a work array with the accelerations just after t; return the array and its views."""
     work, n_motions = simulation.work, simulation.n_motions
     flat: Array = np.zeros(sum(view.size for view in work))
     w: Work = uncompiled(unpack)(SINGLE, model, flat, n_motions)
@@ -34,7 +35,10 @@ def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
 
 
 def steps_of(simulation: Simulation, dt: float) -> tuple[int, float]:
-    """Return the number and the length (s) of the steps in a period; raise ValueError if the period contains a kink."""
+    """Return the number and the length, s, of the solver's steps in a period.
+
+    Raises ValueError if an input is discontinuous within the period.
+    """
     end = simulation.t + dt
     kinks = [t for t in simulation.scene.kinks if simulation.t + 1e-12 < t < end - 1e-12]
     if kinks:
@@ -46,11 +50,12 @@ def steps_of(simulation: Simulation, dt: float) -> tuple[int, float]:
 def period_tangents(
     simulation: Simulation, flat: Array, w: Work, starts: tuple[Array, Array, Array], rows: Rows, inputs: Any, dt: float
 ) -> tuple[Array, Array]:
-    """Return the tangents of q and v of some rows after a period of dt (s): two arrays (rows, columns).
+    """Return the tangents of the coordinates q and rates v at the end of a period dt, s: two arrays (rows, columns).
 
-    starts: tangents of q, v, a of these rows at the start of the period, (rows, columns) each. inputs: indices of
-    entries of u. Each of the last len(inputs) columns is the derivative by one of these inputs. flat, w: the work array
-    and its views; the function advances them to the end of the period.
+    Each column is the derivative by one variable; the last len(inputs) variables are entries of the input vector u,
+    with the indices `inputs`. starts: tangents of q, v and the accelerations at the start of the period, (rows,
+    columns) each. rows: the coordinates with tangents. flat, w: the work array and its views, which the function
+    advances to the end of the period.
     """
     steps, h = steps_of(simulation, dt)
     n, links = starts[0].shape[1], simulation.scene.arm.n_links
@@ -95,7 +100,8 @@ class _Dual:
 
     def __init__(self, simulation: Simulation, w: Work, tangents: dict[str, Array]) -> None:
         """Copy the work array into the lanes. tangents: for each field of the array its tangents (rows, columns), with
-        at most one column per lane."""
+        at most one column per lane.
+        """
         self.simulation, self.lane = simulation, dual(WIDEST)
         model, motions = simulation.model, simulation.n_motions
         self.flat = np.zeros(int(uncompiled(work_size)(len(self.lane), model, motions)))

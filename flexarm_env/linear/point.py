@@ -1,12 +1,12 @@
 """Linear equations of an arm at a point of its motion: continuous and discrete state space, and outputs.
 
-The state is (d, e), in the plane and in space: changes of the independent coordinates and changes of their rates. The
-changes of a rotation are increments in the section's own axes. With the section's angular velocity w, d' = e - w x d,
-so that
+The state consists of d, the changes of the independent coordinates, and e, the changes of their rates. For a rotation
+in space, d is an increment in the section's own axes. With the section's angular velocity w then d' = e - w x d. For
+all coordinates together
 
     d' = e - V d,        M e' + C e + K d = B u
 
-with the matrices of `equations.Reduced`. The discrete model is the derivative of the solver's own steps, in dual lanes.
+with the matrices of `equations.Reduced`. The discrete model is the derivative of the solver's steps (`linear.period`).
 """
 
 from collections.abc import Sequence
@@ -41,21 +41,21 @@ COMPLEX_STEP = 1e-100
 
 
 def gauge_name(link: int, place: float, measures: str = "xy") -> str:
-    """Return the name of a gauge's output, such as "curvature0@0.5", from the link and the place (0: root, 1: tip).
+    """Return the output name of a gauge at a place from 0 (root) to 1 (tip) of a link, such as "curvature0@0.5".
 
     measures: strain that the gauge measures, one of `sensors.MEASURES`: "xy" or "xz" for bending in this plane, or
-        "torsion".
+    "torsion".
     """
     what = {"xy": "curvature", "xz": "curvature_z", "torsion": "torsion"}[measures]
     return f"{what}{link}@{place:g}"
 
 
 class ArmAtPoint:
-    """Matrices, names and values that make up the `LinearModel` of a simulation about its present state.
+    """Computation of the `LinearModel` of a simulation about its present state.
 
     Attributes:
-        names: names of the coordinates. inputs, x, u, rate: as in `LinearModel`. A, B: matrices of the continuous
-            model. still: mass, damping and stiffness matrices of the coordinates that are not prescribed.
+        names: names of the coordinates. inputs, x, u, rate, A, B: as in the continuous `LinearModel`. still: mass,
+            damping and stiffness matrices of the coordinates that are not prescribed.
     """
 
     def __init__(self, simulation: Simulation, stepping: bool, motions: bool) -> None:
@@ -82,9 +82,9 @@ class ArmAtPoint:
         self.still = reduced.among([i for i in range(n) if i not in driven])
 
     def period(self, dt: float) -> tuple[Array, Array, Array]:
-        """Return A, B and the state after a period dt (s) that the solver steps, without prescribed coordinates.
+        """Advance the solver by a period dt, s; return A and B of the discrete model, and the state after the period.
 
-        Call this method only once, because it advances the solver.
+        The state does not contain prescribed coordinates. Call this method only once.
         """
         e, w, reduced, start = self._equations, self._w, self._reduced, self._start
         n, m, f = e.independent.size, e.inputs.size, e.free.size
@@ -103,7 +103,8 @@ class ArmAtPoint:
 
     def _increments(self, q: Array) -> Array:
         """Return the matrix (f, f) that maps changes of coordinates to increments at q; the two differ for
-        rotations."""
+        rotations.
+        """
         free, found = self._equations.free, np.eye(self._equations.n)
         for i in self._equations.turning:
             found[np.ix_(i, i)] = rotations.slope(q[i])

@@ -1,8 +1,8 @@
-"""Stability of an arm near a point of its motion, from the eigenvalues of its linearized equations.
+"""Stability of an arm at an equilibrium or in motion, from the eigenvalues of its linearized equations.
 
-At rest, the forces of loads, gravity and held joints have a potential. An equilibrium is stable if the stiffness of the
-coordinates that can move has no negative eigenvalue (Lagrange and Dirichlet). A mode with mu < 0 grows as exp(sqrt(-mu)
-t).
+At rest, the forces of loads, gravity and held joints have a potential. An equilibrium is stable if K x = mu M x, with
+the stiffness K and the mass matrix M of the coordinates that can move, has no negative eigenvalue mu (Lagrange and
+Dirichlet). A mode with mu < 0 grows as exp(sqrt(-mu) t).
 """
 
 from collections.abc import Sequence
@@ -22,13 +22,13 @@ GROWS = 1e-6
 
 @dataclass(frozen=True)
 class Stability:
-    """Stability of an arm at rest, with its present joint conditions.
+    """Stability of an arm at rest, with given joints held and all other joints free.
 
     Attributes:
         smallest: smallest squared frequency mu, rad^2/s^2, of K x = mu M x with the held joints fixed; infinite if no
             coordinate can move.
-        negative: number of negative squared frequencies mu. neutral: number of mu that are 0 to round-off (freely
-            turning joints).
+        negative: number of negative mu. neutral: number of mu that are 0 except for round-off, as for freely turning
+            joints.
     """
 
     smallest: float
@@ -37,12 +37,12 @@ class Stability:
 
     @property
     def stable(self) -> bool:
-        """True if no small motion grows; the arm may still drift in a neutral direction."""
+        """True if no small motion grows exponentially; the arm may still drift where mu = 0 (`neutral`)."""
         return self.negative == 0
 
     @property
     def growth(self) -> float:
-        """Largest rate of growth (1/s) of a small motion without damping; 0.0 if the arm is stable."""
+        """Largest exponential growth rate of a small undamped motion, 1/s; 0.0 if the arm is stable."""
         return float(np.sqrt(max(0.0, -self.smallest)))
 
 
@@ -75,11 +75,11 @@ def growing(eigenvalues: Complex) -> int:
 
 
 def eigenpairs(M: Array, C: Array, K: Array) -> tuple[Complex, Complex]:
-    """Return eigenvalues and eigenvectors of M x'' + C x' + K x = 0, one member of each conjugate or rigid pair.
+    """Return eigenvalues and eigenvectors of M x'' + C x' + K x = 0.
 
-    The returned member of a conjugate pair has a positive imaginary part. All eigenvalues are computed in the basis of
-    the undamped modes. In the basis of the undamped modes the inertia matrix is the identity and the symmetric part of
-    the stiffness is diagonal.
+    Of each pair of conjugate eigenvalues only the member with positive imaginary part is returned, and of each pair of
+    zeros (a rigid motion) only one. The eigenvalues are computed in the basis of the undamped modes, in which M is the
+    identity and the symmetric part of K is diagonal.
     """
     squares, basis = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
     symmetric = np.abs(K - K.T).max() < 1e-8 * np.abs(K).max()

@@ -1,4 +1,4 @@
-"""State-space model of an arm about a point of its motion, continuous or over one period with constant torques."""
+"""State-space models of an arm about a point of its motion: continuous, or discrete with constant torques."""
 
 from collections.abc import Iterator, Sequence
 from copy import copy
@@ -25,27 +25,29 @@ METHODS = ("solver", "zoh")
 
 @dataclass(frozen=True)
 class LinearModel:
-    """Linear model x' = rate + A (x - x0) + B (u - u0), y = y0 + C (x - x0) + D (u - u0); with dt, x' is x(t + dt).
+    """Linear model x' = rate + A (x - x0) + B (u - u0), y = y0 + C (x - x0) + D (u - u0).
 
-    `A, B, C, D = model` unpacks the matrices.
+    In a continuous model x' is the time derivative of x; in a discrete model x' is x(t + dt). The operating point x0,
+    u0, y0 is in the attributes x, u, y. `A, B, C, D = model` unpacks the matrices.
 
     Attributes:
         A (2n, 2n), B (2n, m), C (p, 2n), D (p, m): matrices of the model.
-        states: names of the states: n independent coordinates, then their rates: "joint0", ..., "joint0_rate", ...; SI.
-            In space the states of a rotation ("link0.rx1", ...) are increments in the section's own axes (0 at the
-            operating point), and the section's angular velocity in these axes.
+        states: names of the states, in SI units: n independent coordinates ("joint0", ...), then their rates
+            ("joint0_rate", ...). In space the states of a section's rotation ("link0.rx1", ...) are increments in the
+            section's own axes, which are 0 at the operating point, and the angular velocity in these axes.
         inputs: names of the inputs: "torque0", ..., the torques of the joints that can turn and are not prescribed, N
-            m. With `motions`, the accelerations of prescribed coordinates follow, "joint0_acceleration", ..., rad/s^2
-            or m/s^2.
-        outputs: names of the outputs: "joint0" ... (rad), their rates, "deflection0" ... (each link's tip normal to its
-            root's tangent, m), their rates, "tip_x", "tip_y" (m). Elastic gears add "motor0", "motor0_rate", ...;
-            `gauges` add "curvature0@0", ... (1/m). In space there are "deflection0_y", "deflection0_z", "twist0" (rad),
-            "tip_z"; "curvature_z0@0" in x-z, "torsion0@0".
-        x, u, y: states, inputs and outputs at the operating point. rate: x' at this point; with dt, the state one
-            period later.
-        t: time of the operating point, s. dt: period, s; None for the continuous model.
-        growing: number of unstable motions of the continuous model, with free joints; 0 if the model is stable.
-            Eigenvalues of A that are 0 except for round-off (as in a stiff beam) do not count.
+            m. With the option `motions`, the accelerations of prescribed coordinates follow, "joint0_acceleration",
+            ..., rad/s^2 or m/s^2.
+        outputs: names of the outputs: joint angles "joint0", ... (rad) and their rates; deflections "deflection0", ...
+            (displacement of each link's tip normal to the tangent at its root, m) and their rates; "tip_x", "tip_y"
+            (m). Elastic gears add "motor0", "motor0_rate", ...; the argument `gauges` adds "curvature0@0", ... (1/m).
+            In space the deflections are "deflection0_y" and "deflection0_z" (m), and "twist0" (rad) and "tip_z" (m) are
+            added; gauges are also named "curvature_z0@0" (bending in the x-z plane) and "torsion0@0".
+        x, u, y: states, inputs and outputs at the operating point. rate: x' at this point; in a discrete model the
+            state one period later.
+        t: time of the operating point, s. dt: period, s; None for a continuous model.
+        growing: number of unstable modes of the continuous model with free joints; 0 if the model is stable.
+            Eigenvalues of A that are 0 except for round-off do not count.
     """
 
     A: Array
@@ -68,8 +70,7 @@ class LinearModel:
 
     @property
     def eigenvalues(self) -> NDArray[np.complex128]:
-        """Eigenvalues of A, in rad/s for a continuous model; of a model with dt, the factors of growth in one
-        period."""
+        """Eigenvalues of A: rad/s in a continuous model, dimensionless factors per period in a discrete model."""
         return np.asarray(np.linalg.eigvals(self.A), np.complex128)
 
 
@@ -86,22 +87,22 @@ def linearize(
     """Compute the linear model of an arm about a point of its motion.
 
     Args:
-        target: a Simulation, which is linearized at its present state, torques and parameters and does not change; or a
-            Scene, which is linearized at its start. For a Simulation at rest under gravity use `static_equilibrium`.
+        target: a Simulation, which is linearized at its present state and remains unchanged; or a Scene, which is
+            linearized at its initial state. `static_equilibrium` returns a Simulation at rest under gravity.
         formulation, options: formulation and options of the solver, as in `simulate`; only for a Scene.
         discrete: period, s, during which the torques are constant; None for the continuous model.
-        method: method for discrete models. "solver" computes the derivative of the solver's steps in a period along the
-            motion; the period begins with new accelerations, and steps last at most the settings' dt. "zoh" computes
-            the matrix exponential of the continuous model.
+        method: method for discrete models. "solver" computes the derivative of the solver's steps along the motion in
+            one period; the steps have equal length, at most the setting dt. "zoh" (zero-order hold) computes the matrix
+            exponential of the continuous model.
         motions: if True, prescribed coordinates and their rates are states, and their accelerations are inputs
             (continuous model, or method "zoh"). If False, the model does not contain prescribed coordinates.
         gauges: one pair (link, place) for each curvature among the outputs, with the place from 0 at the link's root to
-            1 at its tip; a curvature times half the thickness is a strain. In space a third entry is one of
-            `sensors.MEASURES`.
+            1 at its tip. A strain is the curvature times half the thickness of the link. In space a third entry, one of
+            `sensors.MEASURES`, selects bending in a plane or torsion.
     Returns:
         The linear model (`LinearModel`), which does not include Coulomb friction.
     Raises:
-        ValueError: an argument is not allowed, or the scene has a kink within the period.
+        ValueError: an argument is invalid, or an input of the scene is discontinuous within the period.
         RuntimeError: the solver fails within the period.
     """
     check.choice("method", method, METHODS)
@@ -155,7 +156,11 @@ def _places(gauges: object, links: Sequence[Link], measures: Sequence[str]) -> l
 def simulation_of(
     target: Simulation | Scene, formulation: str | None, options: dict[str, Any], period: float | None = None
 ) -> Simulation:
-    """Return the target, or a Simulation of the scene at its start whose steps divide a period, s."""
+    """Return the target if it is a Simulation; for a Scene create a Simulation at its initial state.
+
+    period: duration, s, of which the time step of the new Simulation is a fraction 1 / k with integer k; None: no
+    condition.
+    """
     if isinstance(target, Simulation):
         given = options if formulation is None else {"formulation": formulation, **options}
         for name, value in given.items():
@@ -166,7 +171,7 @@ def simulation_of(
 
 
 def without_friction(simulation: Simulation) -> Simulation:
-    """Return the simulation, or a view of it without Coulomb friction, because friction has no derivative."""
+    """Return the simulation, with Coulomb friction removed if it has any, because friction has no derivative."""
     model = smooth(simulation.model)
     if model is simulation.model:
         return simulation
@@ -176,7 +181,7 @@ def without_friction(simulation: Simulation) -> Simulation:
 
 
 def held(A: Array, B: Array, dt: float) -> tuple[Array, Array]:
-    """Return the matrices A and B of a continuous model, discretized over a period dt (s) with constant inputs."""
+    """Discretize the matrices A and B of a continuous model over a period dt, s, with constant inputs."""
     from scipy.linalg import expm
 
     n, m = B.shape
@@ -208,10 +213,10 @@ def _in_plane(simulation: Simulation) -> Equations:
 
 
 def set_state(simulation: Simulation, x: Array) -> None:
-    """Set the state of a Simulation to x (2n,), in the order of `LinearModel.states`; dependent coordinates follow.
+    """Set the state of a Simulation to x (2n,), in the order of `LinearModel.states`.
 
-    Raises ValueError if x has the wrong size or is not finite, and RuntimeError if no configuration of the arm has this
-    state.
+    The function computes the dependent coordinates from x. Raises ValueError if x has the wrong size or is not finite,
+    and RuntimeError if no configuration of the arm has this state.
     """
     equations = _in_plane(simulation)
     n, w = equations.independent.size, simulation.work

@@ -1,4 +1,4 @@
-"""Natural frequencies and mode shapes about a point of the motion, also in steady rotation."""
+"""Natural frequencies and mode shapes of an arm at rest, at a point of its motion, or in steady rotation."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -22,22 +22,24 @@ from .state_space import simulation_of
 
 @dataclass(frozen=True)
 class Modes:
-    """The n lowest modes of an arm about a point of its motion.
+    """The n lowest modes of an arm about a state.
 
     Attributes:
-        frequencies (n,): natural frequencies, rad/s: the magnitude of `eigenvalues`; 0 for a rigid motion, and for a
-            pole that decays or grows without oscillation. The modes are sorted by this magnitude, ascending.
-        damping (n,): damping ratios -Re lambda / |lambda|; 1 for each pole of an overdamped mode, -1 for a pole that
-            grows without oscillation, 0 for a rigid motion.
+        frequencies (n,): natural frequencies |lambda|, rad/s; 0 for a rigid motion, and for a real eigenvalue (decay or
+            growth without oscillation). The modes are sorted by |lambda|, ascending.
+        damping (n,): damping ratios -Re lambda / |lambda|; 1 for each eigenvalue of an overdamped mode, -1 for growth
+            without oscillation, 0 for a rigid motion.
         eigenvalues (n,): eigenvalues lambda, rad/s; of each conjugate pair the member with positive imaginary part.
-        shapes (n, points, 2), in space (n, points, 3): displacements of the points along the chain, scaled and shifted
-            in phase so that the largest one is 1 m. In rotation points move on ellipses; shapes are real parts.
-        points (points, 2) or (points, 3): the points along the chain, root to tip, m.
+        shapes (n, points, 2), in space (n, points, 3): displacements of points on the arm's center line, scaled and
+            shifted in phase so that the largest displacement is 1 m. In rotation, points move on ellipses; the array
+            contains the real parts.
+        points (points, 2), in space (points, 3): positions of the points on the center line, from root to tip, m.
         spin: spin rate, rad/s: the argument `spin` of `modes`.
         growing: number of unstable modes, counted among all modes and not only the n lowest; 0 if the state is stable.
         whirl (n,): in space, the direction in which points circle the first joint's axis, in the frame that turns with
-            the arm: 1 for circles in the direction of a positive spin, -1 against it, 0 for linear motion. NaN if
-            points are at rest or move only along the axis. Empty in the plane.
+            the arm: 1 for circles in the direction of a positive spin, -1 for circles in the opposite direction, 0 for
+            motion along a straight line, and between these values for ellipses. NaN if points are at rest or move only
+            along the axis. Empty in the plane.
     """
 
     frequencies: Array
@@ -59,22 +61,23 @@ def modes(
     clamped: bool | Sequence[int] = False,
     **options: Any,
 ) -> Modes:
-    """Compute natural frequencies, damping ratios and mode shapes of an arm about a point of its motion.
+    """Compute natural frequencies, damping ratios and mode shapes of an arm about a state.
 
     Args:
-        target: a Scene, for modes about its equilibrium with the joints held at their initial angles
+        target: a Scene, for modes about the equilibrium with the joints held at their initial angles
             (`static_equilibrium`); or a Simulation, for modes about its present state.
         n: largest number of modes to return.
         formulation, options: formulation and options of the solver, as in `simulate`; only for a Scene.
         spin: spin rate, rad/s, about the root of a pinned Scene without gravity; the scene's loads are not used. The
-            modes are those of the arm in steady rotation, which stretches and bends it, in the rotating frame.
+            modes are small motions, in the rotating frame, about the steady rotation, in which centrifugal forces
+            deform the arm.
         clamped: which joints are held. False: no joint; joints that are not prescribed or rigid turn under constant
-            torques. True: the hub ("clamped modes"). A list: the joints with these indices. With an elastic gear, the
-            motor's side is held. Coulomb friction is not included.
+            torques. True: the hub, joint 0. A list: the joints with these indices. With an elastic gear, the motor's
+            side is held. Coulomb friction is not included.
     Returns:
         The modes (`Modes`).
     Raises:
-        ValueError: an argument is not allowed. NoEquilibrium: the Scene has no equilibrium.
+        ValueError: an argument is invalid. NoEquilibrium: the Scene has no equilibrium.
     Warns:
         UnstableEquilibrium: the Scene's equilibrium is unstable although the joints are held.
     """

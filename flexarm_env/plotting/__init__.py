@@ -1,9 +1,9 @@
-"""Figures of trajectories, one function for each kind; needs matplotlib (extra `plot`).
+"""Plot trajectories with matplotlib (extra `plot`), one function for each kind of figure.
 
-`plot_trajectory` plots deformed shapes with time labels, beside tip deflection and energy, like the figures of the
-paper. `plot_comparison` compares runs with each other and with a reference. `plot_energies` and `plot_spectrum` plot
-energies and frequencies. `plot_all` writes all figures of a run to a folder. The ending of a file's name selects PNG,
-PDF or SVG.
+`plot_trajectory` plots deformed shapes with time labels, and beside them tip deflection and energy over time.
+`plot_comparison` compares runs with each other and with a reference. `plot_energies` and `plot_spectrum` plot
+energies and frequencies. `plot_all` writes all figures of a run to a folder. The extension of a file's name selects
+PNG, PDF or SVG.
 """
 
 from __future__ import annotations
@@ -44,19 +44,19 @@ def plot_trajectory(
     shapes: int = 13,
     title: str | None = None,
 ) -> Path:
-    """Plot deformed shapes with time labels beside tip deflection and energy over time.
+    """Plot deformed shapes with time labels, and beside them tip deflection and energy over time.
 
-    Small vibrations after the end of the drives would be invisible, so their deflection is enlarged; the panel's title
-    states the factor.
+    If the deflection after the last change of the drives is small, it is drawn enlarged; the panel's title states the
+    factor.
 
     Args:
-        trajectory: the run to plot. path: the file to write. reference: a table (`scenes.reference(NAME).columns`)
-            whose tip path is drawn as dots. shapes: number of deformed shapes. title: title of the figure; None for the
-            names of scene and formulation.
+        trajectory: the run to plot. path: the file to write. reference: a reference solution
+            (`scenes.reference(NAME).columns`), whose tip path is drawn as dots; None for no reference. shapes: number
+            of deformed shapes. title: title of the figure; None for the names of scene and formulation.
     Returns:
         The path of the figure's file.
     Raises:
-        ValueError: matplotlib does not support the file's ending.
+        ValueError: matplotlib does not support the file's extension.
     """
     if trajectory.scene.spatial:
         return plot_in_space(trajectory, path, shapes, _title(trajectory, title))
@@ -88,11 +88,11 @@ def plot_comparison(
 ) -> Path:
     """Plot several runs of a scene: tip paths, tip deflections, and distances of the tips from a reference.
 
-    The line of the first run is wide and all further lines are dashed, so that coinciding lines are all visible.
+    The line of the first run is wide and all other lines are dashed, so that coinciding lines are all visible.
 
     Args:
-        trajectories: the runs to compare, by label. path: the file to write. reference: reference table; None for the
-            first run. title: title of the figure.
+        trajectories: the runs to compare, by label. path: the file to write. reference: a reference solution
+            (`scenes.reference(NAME).columns`); None to use the first run as the reference. title: title of the figure.
     Returns:
         The path of the figure's file.
     Raises:
@@ -134,7 +134,10 @@ def plot_comparison(
 
 
 def plot_energies(trajectory: Trajectory, path: str | os.PathLike[str], title: str | None = None) -> Path:
-    """Plot energies over time, and below them the energy balance (J); for the arguments see `plot_trajectory`."""
+    """Plot energies over time, and below them the energy error `Trajectory.balance`, J.
+
+    Arguments are those of `plot_trajectory`.
+    """
     with styled_figure(path, 7.0, 5.0, _title(trajectory, title)) as figure:
         energy, balance = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [2.2, 1.0]})
         draw_energies(energy, trajectory)
@@ -152,9 +155,8 @@ LABELLED, LEAST_LABELLED = 4, 1e-2
 def spectrum(t: Array, x: Array) -> tuple[Array, Array]:
     """Return the amplitude spectrum of an evenly sampled signal x (n,) at times t (n,), s, with a Hann window.
 
-    Returns frequencies (Hz) and amplitudes (unit of x), (n // 2 + 1,) each.
-    The mean is removed; a sine of amplitude A gives a peak of height A. Raises ValueError if samples are not evenly
-    spaced, or if there are too few.
+    Returns frequencies (Hz) and amplitudes (unit of x), (n // 2 + 1,) each. The mean is removed first. A sine of
+    amplitude A gives a peak of height A. Raises ValueError if samples are not evenly spaced, or if there are too few.
     """
     step = np.diff(t)
     if t.size < 8 or np.ptp(step) > 1e-6 * step.mean():
@@ -167,11 +169,11 @@ def spectrum(t: Array, x: Array) -> tuple[Array, Array]:
 def plot_spectrum(
     trajectory: Trajectory, path: str | os.PathLike[str], since: float | None = None, title: str | None = None
 ) -> Path:
-    """Plot the amplitude spectrum of each link's tip deflection divided by its length; label the highest peaks.
+    """Plot the amplitude spectrum of each link's tip deflection divided by the link's length; label the highest peaks.
 
     Args:
         trajectory, path, title: arguments of `plot_trajectory`.
-        since: time, s, before which samples are ignored. None: the last instant at which a drive jumps or ends.
+        since: time, s, before which samples are ignored. None: the last instant at which an input jumps or ends.
     Raises:
         ValueError: too few samples remain.
     """
@@ -215,11 +217,11 @@ def plot_all(
     """Write all plots of a run: shapes.png with the tip deflection, energies.png, spectrum.png.
 
     Args:
-        trajectory: the run to plot. folder: folder of the figures, created if missing. reference: reference table, as
-            in `plot_trajectory`.
+        trajectory: the run to plot. folder: folder of the figures, created if missing. reference: a reference solution,
+            as in `plot_trajectory`.
         ending: format of the figures: png, pdf or svg.
     Returns:
-        Paths of the figures; the spectrum is missing if too few samples follow the last kink.
+        Paths of the figures. There is no spectrum if too few samples follow the last jump or end of an input.
     """
     home = Path(folder)
     paths = [
@@ -380,11 +382,11 @@ def _peaks(amplitude: Array) -> list[int]:
 
 
 def plot_campbell(found: Campbell, path: str | os.PathLike[str], title: str = "") -> Path:
-    """Plot natural frequencies over spin rate, with the line of one vibration per turn; returns `path`.
+    """Plot natural frequencies over spin rate, with the line of one vibration per revolution; return `path`.
 
-    Frequencies of forward and backward whirl refer to the fixed frame. If some mode is neither forward nor backward
-    whirl (the arm is not a body of revolution), all frequencies refer to the rotating frame. Marks at the bottom show
-    the spin rates at which the arm is unstable.
+    Frequencies refer to the fixed frame if they are all defined there (`Campbell.at_rest`), as for a body of
+    revolution. Otherwise all frequencies refer to the frame that rotates with the arm. Marks at the bottom show the
+    spin rates at which the arm is unstable.
     """
     spins, rests = np.abs(found.spins), np.isfinite(found.at_rest).all()
     values = np.abs(found.at_rest if rests else found.frequencies)

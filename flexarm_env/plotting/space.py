@@ -1,4 +1,4 @@
-"""Figures of runs in space: shapes in perspective over a ground with shadows, deflections and twist, energies."""
+"""Plot runs in space: deformed shapes in perspective, deflections and twist, and energies."""
 
 import os
 from pathlib import Path

@@ -52,9 +52,9 @@ _STYLE: Any = {
 
 @contextmanager
 def styled_figure(path: str | os.PathLike[str], width: float, height: float, title: str = "") -> Iterator[Figure]:
-    """Open a figure of width by height inches for a `with` block, at whose end it is written to `path`.
+    """Yield a figure of width by height inches for a `with` block, and write the figure to `path` at the block's end.
 
-    Raises ValueError for a path without a picture's ending.
+    Raises ValueError if matplotlib does not support the extension of `path`.
     """
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")

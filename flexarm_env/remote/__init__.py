@@ -1,6 +1,6 @@
-"""Remote operation over UDP: a server that runs an arm in real time, a client environment, and policies that drive it.
+"""Remote operation over UDP: a server that runs an arm in real time, and a client environment for policies.
 
-The server is no safety system. A real arm needs its own hardware for safety.
+The server does not make a real arm safe. A real arm needs its own safety hardware, such as an emergency stop.
 """
 
 from .client import Played, RemoteArmEnv, Wire, run_policy

@@ -1,4 +1,4 @@
-"""Client of a remote arm: the connection (`Wire`), a Gymnasium environment, and a loop that drives it by a policy."""
+"""Client of a remote arm: the connection (`Wire`), a Gymnasium environment, and a function that runs a policy."""
 
 import math
 import os
@@ -48,17 +48,17 @@ reading divided by its scale is a finite float32.
 
 
 class Wire:
-    """UDP connection to a server of an arm, with the packets of `remote.packet`.
+    """UDP connection to the server of an arm; `remote.packet` defines the packets.
 
     Args:
         host, port: address of the server. key: shared secret for signatures, or None for unsigned packets. timeout:
-            longest wait for a reading, s; None for ten periods.
+            longest wait for a reading, s; None for ten control periods.
     Attributes:
-        period: control period, s. limits (N,): torque limits, N m. scales (M,): scales of the observation's entries.
-            watchdog: number of periods without a command after which the server holds the arm. lost: number of packets
-            with readings that never arrived. angles, rates, torques (N,): joint angles (rad), rates (rad/s) and torques
-            (N m) of the last reading. seen (M,): sensor readings in the last packet of the server, SI units. flags,
-            status, time: flags, status and time (s) of the last reading.
+        period: control period, s. limits (N,): torque limits, N m. scales (M,): numbers by which the environment
+            divides the sensor readings. watchdog: number of periods without a command after which the server holds the
+            arm. lost: number of READING packets that never arrived. angles, rates, torques (N,): joint angles (rad),
+            joint rates (rad/s) and torques (N m) in the last READING packet. seen (M,): sensor readings in this packet,
+            SI units. flags, status, time: flags, status and time (s) in this packet.
     Raises:
         ConnectionError: the server does not answer, or it serves another client.
         OSError: the host does not exist. ValueError: an argument is invalid, or a torque is not finite.
@@ -131,7 +131,8 @@ class Wire:
 
     def _put(self, packet: Packet) -> None:
         """Send a packet. Raises ConnectionError if the operating system rejects the packet, except for a HELLO, which
-        is repeated."""
+        is repeated.
+        """
         try:
             self.socket.send(pack(packet, self.key))
         except OSError as error:
@@ -171,9 +172,9 @@ class Wire:
         return None
 
     def numbers(self, name: str, value: Any) -> Array:
-        """Return `value` as an array (N,) with one finite number per joint.
+        """Convert `value` to an array (N,) with one finite number per joint.
 
-        Raises ValueError, whose message begins with `name`.
+        Raises ValueError if this is impossible; the message begins with `name`.
         """
         try:
             found = np.asarray(value, np.float64)
@@ -184,10 +185,11 @@ class Wire:
         return found
 
     def command(self, torques: Any, flags: int = 0) -> None:
-        """Send torques (N,), N m, clipped to the limits, or with the flag `SET_POINTS` joint angles, rad.
+        """Send a command packet with torques or joint angles.
 
         Args:
-            flags: sum of the flags `ARM`, `SET_POINTS` and `RESET` of `remote.packet`.
+            torques (N,): joint torques, N m, which are clipped to the limits; with the flag `SET_POINTS` joint angles,
+                rad. flags: sum of the flags `ARM`, `SET_POINTS` and `RESET` of `remote.packet`.
         Raises:
             ConnectionError: all sequence numbers are used, or the operating system cannot send the packet.
         """
@@ -222,7 +224,7 @@ class Wire:
         return True
 
     def close(self) -> None:
-        """Send BYE, after which the server holds the arm, and close the socket."""
+        """Tell the server that the connection ends (packet BYE) and close the socket; the server then holds the arm."""
         self.sequence += 1
         try:
             self._put(Packet(Kind.BYE, self.connection, self.sequence))
@@ -236,9 +238,10 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
 
     Action (N,): joint torques divided by their limits, within +-1. Observation (M,): sensor readings divided by their
     scales, as in the environment that the server runs. The remote arm has no task: rewards are 0. `step` sends the
-    torques and waits for the next reading. An episode is truncated if no reading arrives, or if the watchdog or a limit
-    holds the arm. An episode is terminated if the arm has stopped. `info["reason"]` is then one of `REASONS`. `reset`
-    ends the hold of the arm and requests a new start. A simulated arm starts anew; a real arm may ignore the request.
+    torques and waits for the next reading. An episode is truncated if no reading arrives, or if the server holds the
+    arm because a limit was exceeded or commands were missing. An episode is terminated if the arm reports a failure.
+    `info["reason"]` is then one of `REASONS`. `reset` ends the hold and requests a new start. A simulated arm starts
+    again from an initial state; a real arm may ignore the request.
 
     Args:
         host, port: address of `flexarm serve`, or of any other server with the same packets. key: shared secret, or
@@ -260,18 +263,20 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array32, dict[str, Any]]:
         """End the hold of the arm, request a new start of the episode, and return the first observation and info.
-        The argument `options` must be empty."""
+
+        The argument `options` must be None or empty.
+        """
         super().reset(seed=seed)
         if options:
             raise check.InvalidValue("options", options, "must be left out: a remote arm has none")
         return self.arm(RESET)
 
     def arm(self, flags: int = 0) -> tuple[Array32, dict[str, Any]]:
-        """End the hold of the arm without moving it; return the first observation and info.
+        """End the hold of the arm with zero torques; return the first observation and info.
 
         flags: flags of the command; `RESET` requests a new start of the arm.
 
-        If the server has dropped this client after a long silence, the client connects again.
+        If the server has closed this connection after a long silence, the client connects again.
 
         Raises:
             ConnectionError: the arm is still held after `PATIENCE` seconds.
@@ -298,7 +303,10 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
             raise ConnectionError(f"{self._address[0]}:{self._address[1]}: another arm is served there now")
 
     def step(self, action: Any) -> tuple[Array32, float, bool, bool, dict[str, Any]]:
-        """Send torques, `action` (N,) times their limits; wait for the next reading; return Gymnasium's five values."""
+        """Send the torques `action` (N,) times the torque limits, and wait for the next reading.
+
+        Returns observation, reward (0), terminated, truncated and info.
+        """
         self.wire.command(np.clip(self.wire.numbers("action", action), -1.0, 1.0) * self.wire.limits)
         came = self.wire.read()
         # reason in order of precedence: no reading, stopped, watchdog expired, held by a limit
@@ -322,16 +330,16 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
         }  # fmt: skip
 
     def close(self) -> None:
-        """Close the connection, after which the server holds the arm."""
+        """Close the connection; the server then holds the arm."""
         self.wire.close()
 
 
 class Played:
-    """Policy that plays torques from a CSV file, one row per period, then zero torque.
+    """Policy that applies torques from a CSV file, one row per control period, and after the last row zero torque.
 
     Args:
         path: CSV file with the columns t (s, evenly spaced) and torque0, ... (N m). period: control period of the
-            driven arm, s. limits (N,): torque limits of this arm, N m.
+            arm, s. limits (N,): torque limits of the arm, N m.
     Attributes:
         seconds: duration of the file, s.
     Raises:
@@ -357,7 +365,7 @@ class Played:
         self.seconds = len(t) * period
 
     def reset(self, observation: Any) -> None:
-        """Continue with the first row of the file, at the start of an episode."""
+        """Return to the first row of the file at the start of an episode."""
         self._next = 0
 
     def act(self, observation: Any) -> Array:
@@ -371,15 +379,18 @@ class Played:
 def run_policy(
     policy: Any, env: RemoteArmEnv, seconds: float, most_angle: float = math.inf, most_rate: float = math.inf
 ) -> dict[str, Any]:
-    """Drive an arm by a policy for `seconds` and return a summary: steps, seconds, lost (readings) and ended.
+    """Control a remote arm by a policy for `seconds`, and return a summary.
 
-    policy: object with `reset(observation)` and `act(observation)`, or a function of observations. The first action may
-    take longer than the watchdog waits, for example because the policy designs a controller. The server then holds the
-    arm. In this case `drive` ends the hold and calls the policy again, at most `TRIES` times. `ended` is "time", one of
-    `REASONS`, "angle" or "rate".
+    The first action may take longer than the server's watchdog waits, for example because the policy designs a
+    controller. The server then holds the arm; this function ends the hold and calls the policy again, at most `TRIES`
+    times. The server holds the arm again when the environment is closed.
 
-    most_angle (rad), most_rate (rad/s): limits of every joint. If a joint exceeds one of these limits, the run ends.
-    The server holds the arm when the environment is closed.
+    Args:
+        policy: object with `reset(observation)` and `act(observation)`, or a function of observations.
+        most_angle, most_rate: limits of every joint's angle, rad, and rate, rad/s; a joint beyond a limit ends the run.
+    Returns:
+        Dict with the number of steps, the duration in seconds, the number of lost readings ("lost"), and the reason for
+        the end ("ended"): "time", "angle", "rate" or one of `REASONS`.
     """
     for name, value in (("seconds", seconds), ("most_angle", most_angle), ("most_rate", most_rate)):
         bound(name, value)

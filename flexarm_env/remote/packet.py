@@ -1,16 +1,16 @@
-"""The UDP packet: one layout in both directions, little-endian, at most 1,200 bytes.
+"""Layout of the UDP packets: the same in both directions, little-endian, at most 1,200 bytes.
 
     offset  type     content
     0       4 bytes  "FXRM"
     4       uint16   version, 2
     6       uint8    kind, a `Kind`
     7       uint8    flags, `ARM`, ...
-    8       uint64   connection: a random number that the server draws for a peer; in a HELLO the peer's own
+    8       uint64   connection: a random number that the server draws; in a HELLO a number that the client draws
     16      uint32   sequence number of the sender's packets in this connection, from 1
     20      uint32   count of the numbers that follow
     24      float64  sender's time, s
     32      float64  the numbers
-    ...     32 bytes HMAC-SHA256 of all bytes before, if the two ends share a key
+    ...     32 bytes HMAC-SHA256 of all preceding bytes, if server and client share a key
 
 Numbers of each kind:
 
@@ -19,14 +19,14 @@ Numbers of each kind:
                  applied torques (N m), then the sensors' readings in SI units
     WELCOME      period (s), number of joints, number of readings, watchdog (periods), torque limits (N m), scale of
                  each reading
-    HELLO        the cookie of a CHALLENGE, two whole numbers below 2^32; twice 0 for a peer without a cookie
-    CHALLENGE    the cookie
+    HELLO        cookie from a CHALLENGE, two integers below 2^32; 0 and 0 for a client without a cookie
+    CHALLENGE    cookie
     BYE, OTHER_VERSION   none
 
-A server answers a first HELLO with a CHALLENGE of the same size, and sends larger packets only to an address that has
-returned the cookie. A sender with a forged source address never sees the cookie, so nobody can direct a server's
-packets at another machine. The server answers a HELLO of another version by OTHER_VERSION, whose head has the server's
-version. (Version 1 had no cookies.)
+The server answers the first HELLO of a client with a CHALLENGE of the same size. It sends larger packets only to an
+address that has returned the cookie. A sender with a forged source address does not receive the cookie and therefore
+cannot direct large packets at another machine. If a HELLO has another version, the server answers with OTHER_VERSION,
+whose header contains the server's version.
 """
 
 import hashlib
@@ -77,7 +77,7 @@ KINDS = frozenset(Kind)
 
 
 class Refusal(Enum):
-    """Reason for dropping a packet. Each value is a sentence for messages to the user."""
+    """Reason for which a packet is ignored; each value is a text for messages to the user."""
 
     SIZE = "its size is not that of a packet"
     FOREIGN = "it is not of this protocol, or of another kind"
@@ -90,7 +90,7 @@ class Refusal(Enum):
 
 
 class Packet(NamedTuple):
-    """Content of one packet; the module's docstring gives the layout.
+    """Content of one packet; the description of the module `remote.packet` defines the layout.
 
     kind: purpose of the packet, a `Kind`. connection: 64-bit number of the connection. sequence: number of the packet,
     from 1. time: sender's clock, s. numbers: content of the packet, defined by its kind. flags: sum of the flags of a
@@ -139,7 +139,7 @@ def unpack(content: bytes, key: bytes | None = None) -> Packet | Refusal:
 
 
 def version_of(content: bytes) -> tuple[int, int]:
-    """Return (version, kind) of a packet that `unpack` rejected because of its version."""
+    """Return version and kind of a packet that `unpack` rejected because of its version."""
     _, version, kind, *_ = HEAD.unpack_from(content)
     return version, kind
 
@@ -163,7 +163,7 @@ def bound(name: str, value: float) -> float:
 
 @contextmanager
 def datagrams(host: str, port: int, least: int) -> Iterator[socket.socket]:
-    """Open a UDP socket for an address, in a `with` block; the socket is closed if the block raises.
+    """Yield a UDP socket for an address to a `with` block; the socket is closed if the block raises an exception.
 
     Args:
         host: host name or IPv4 address. port: port number from `least` to 65535.

@@ -1,6 +1,4 @@
-"""Server of a remote arm: its protocol and control periods (`Session`), and the real-time UDP loop (`Server`).
-
-The server is no safety system."""
+"""Server of a remote arm: protocol and control loop (`Session`), executed in real time over UDP (`Server`)."""
 
 import csv
 import hashlib
@@ -59,10 +57,10 @@ SILENCE = 10.0
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits that the server applies to every command. The value inf means no limit.
+    """Limits of commands and motion that the server enforces; inf means no limit.
 
-    angle (rad), rate (rad/s): limits of every joint, beyond which the arm is held. slew: largest change of a torque per
-    period, divided by the torque limit. watchdog: number of periods without a command after which the arm is held.
+    angle (rad), rate (rad/s): limits of every joint; beyond them the server holds the arm. slew: largest change of a
+    torque per period, divided by its limit. watchdog: number of periods without a command until the arm is held.
     """
 
     angle: float = math.inf
@@ -78,16 +76,18 @@ class Limits:
 
 @dataclass
 class Session:
-    """Protocol and control loop of an arm's server: answers packets and advances control periods; no socket, no clock.
+    """Protocol and control loop of an arm's server, without socket and clock.
 
     Args:
-        env: single environment whose actions are torques. limits: limits on commands and motion. key: shared secret, or
-            None: unsigned packets. hold: "zero" or "angles": a held arm has no torque or PD control. seed: of resets.
+        env: single environment whose actions are torques. limits: limits on commands and motion. key: shared secret or
+            None. hold: torques of a held arm: "zero", or "angles" for PD control to the joint angles at the start of
+            the hold. seed: seed of the environment's resets.
     Attributes:
-        row: time (s) and readings at the start of the last period, and the torques applied in it. counts: number of
-            packets by `Refusal`, "accepted", "challenged", "busy", "missing" (gaps in the client's sequence numbers).
-        held: whether the arm is held until a command with `ARM`. reason: why the arm is held. peer: the client's
-            address. status: 0.0 or a failure code. period: number of the last. notice: message on the client's version.
+        row: time (s) and readings at the start of the last control period, and the torques applied in it. counts:
+            numbers of packets by `Refusal` or "accepted", "challenged", "busy" (from a second client), "missing".
+        held: True if the arm is held until a command with the flag `ARM` arrives. reason: why the arm is held. peer:
+            address of the client. status: 0.0 or a failure code. period: number of control periods so far. notice:
+            message about a client of another protocol version.
     """
 
     env: Any
@@ -259,7 +259,7 @@ class Session:
         self._silence()
 
     def advance(self) -> bytes | None:
-        """Advance one control period: choose torques, apply limits, step the environment; return a READING."""
+        """Advance one control period: choose and limit torques, step the environment; return a READING or None."""
         asked, self._asked = self._asked, None
         self.silent = 0 if asked is not None else self.silent + 1
         if asked is not None:
@@ -330,12 +330,12 @@ class Server:
     """Real-time UDP server of a session.
 
     Args:
-        session: session with the arm that is served. host, port: address of the socket; port 0 selects any free port. A
-            host other than loopback requires a key, or `insecure`. log: CSV file (a row per period). tell: function
-            called with `Session.notice`.
+        session: the session to run. host, port: address of the socket; port 0 selects any free port. A host other than
+            loopback requires a key or insecure=True. log: CSV file (a row per period) or None. tell: function that
+            receives `Session.notice`.
     Attributes:
-        times: for each of the last 100,000 periods the due start, the start and the end, in s of the monotonic clock.
-        missed: number of periods that were skipped because they had passed before they could begin.
+        times: scheduled start, actual start and end of each of the last 100,000 periods, s of the monotonic clock.
+        missed: number of skipped periods: their time had passed before the computer was ready.
     """
 
     session: Session

@@ -1,4 +1,4 @@
-"""Scenes: an arm's motions and loads (``definition``, ``drives``), plane of motion (``plane``), files (``toml``)."""
+"""Scenes: an arm with its initial state, motions, loads and contacts, and the TOML files of scenes."""
 
 from flexarm_env.scene.contacts import Contact, contacts_of
 from flexarm_env.scene.definition import Scene, standing_scene

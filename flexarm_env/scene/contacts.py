@@ -1,4 +1,4 @@
-"""Contact of an arm with an obstacle: the force law, and the points of the arm that may touch."""
+"""Contact of an arm with an obstacle: the force law, and the points of the arm that can touch the obstacle."""
 
 from __future__ import annotations
 
@@ -21,30 +21,31 @@ EXPONENTS = (1.0, 1.5, 2.0, 2.5, 3.0)
 
 @dataclass(frozen=True)
 class Contact:
-    """An obstacle that pushes points of the arm out and resists their sliding.
+    """Obstacle with the law of its normal force and friction force on points of an arm.
 
-    Normal force F_n = max(0, k d^n (1 + 3/2 alpha dd/dt)) at penetration d (Hunt & Crossley 1975). The friction mu F_n
-    against the sliding velocity w is regularized: F_t = -mu F_n w / sqrt(|w|^2 + v_s^2). A point that sticks by
-    friction therefore creeps. The velocity of creep is at most v_s / sqrt((mu F_n / F)^2 - 1) under a tangential force
-    F < mu F_n.
+    The normal force at the penetration d is F_n = max(0, k d^n (1 + 3/2 alpha dd/dt)) (Hunt & Crossley 1975). The
+    friction force at the sliding velocity w is the regularized Coulomb law F_t = -mu F_n w / sqrt(|w|^2 + v_s^2). With
+    this law a point never sticks: under a tangential force F < mu F_n it creeps with a velocity of at most
+    v_s / sqrt((mu F_n / F)^2 - 1).
 
     Args:
         obstacle: `HalfSpace`, `Sphere`, `Box` or, in space, `Cylinder` (`flexarm_env.shapes`). In the plane shapes have
             two coordinates, in space three.
-        stiffness: stiffness k, N/m^n, positive. Time steps must resolve the contact (see `speed`).
+        stiffness: stiffness k, N/m^n, positive.
         exponent: exponent n of the force law: 1, 1.5 (Hertz), 2, 2.5 or 3.
         damping: damping coefficient alpha, s/m, zero or positive. The coefficient of restitution at low impact speed v
             is about 1 - alpha v.
         friction: coefficient of friction mu, zero or positive.
         creep: velocity v_s of the regularization, m/s, positive.
-        speed: impact speed, m/s, positive, at which time steps must resolve the contact: an impact on the effective
-            mass at the point must last 8 steps.
-        bodies: points of the arm that may touch. "tip" is the center of a sphere of radius `Payload.radius`; "joint1",
-            "joint2", ... are centers of spheres of radius `Elbow.radius`. In scenes "link0@0.5" is the center of a
-            sphere of `radius` at half of the length of link 0: `simulate` divides the link there.
+        speed: impact speed, m/s, positive, for which the time step must be short enough: an impact at this speed must
+            last at least 8 steps, with the effective mass of the arm at the point.
+        bodies: points of the arm that can touch the obstacle. "tip" is the center of a sphere of radius
+            `Payload.radius`; "joint1", "joint2", ... are centers of spheres of radius `Elbow.radius`. In scenes
+            "link0@0.5" is the center of a sphere of radius `radius` in the middle of link 0, where `simulate` divides
+            the link.
         radius: radius of the spheres at points along links, m, zero or positive.
-        displacement_x, displacement_y, displacement_z: displacement of the obstacle from its given place over time, m;
-            None: no displacement along this axis. A displacement must not jump.
+        displacement_x, displacement_y, displacement_z: displacement of the obstacle as a function of time, m; None: no
+            displacement along this axis. A displacement must be continuous.
     """
 
     obstacle: Shape
@@ -93,7 +94,7 @@ class Contact:
 
     @property
     def spatial(self) -> bool:
-        """Whether the obstacle is in space, not in the plane."""
+        """True if the obstacle has three coordinates, False if it has two."""
         return self.obstacle.dimension == 3
 
     @property
@@ -103,14 +104,14 @@ class Contact:
         return tuple((axis, function) for axis, function in found if function is not None)
 
     def held(self) -> Contact:
-        """Return the contact with the obstacle at rest at its position at t = 0."""
+        """Return the contact with an obstacle that does not move from its position at t = 0."""
         still: dict[str, Any] = {
             DISPLACEMENTS[axis]: constant(float(function(0.0))) for axis, function in self.displacements
         }
         return replace(self, **still) if still else self
 
     def links(self, arm: Arm) -> tuple[int, ...]:
-        """Return, for each point in `bodies`, the link of the arm whose tip is the point, or on which the point lies.
+        """Return, for each point in `bodies`, the index of the link on which it lies; joints belong to the link before.
 
         Raises:
             ValueError: the arm lacks a joint or link that `bodies` names.
@@ -132,22 +133,22 @@ class Contact:
         return tuple(found)
 
     def to_table(self) -> dict[str, Any]:
-        """Return a TOML table, without default values, from which `contact_of` makes an equal contact."""
+        """Return a table from which `contact_of` creates an equal contact; default values are omitted."""
         table: dict[str, Any] = {"obstacle": self.obstacle.to_dict(), "stiffness": self.stiffness}
         return table | {name: value for name, value in check.changed(self).items() if name not in table}
 
 
 def place_on_link(name: str) -> tuple[int, float] | None:
-    """Return (link, fraction of its length) of a point such as "link0@0.5"; None for other points."""
+    """Parse the name of a point on a link, such as "link0@0.5", to (0, 0.5); return None for any other name."""
     found = re.fullmatch(r"link(0|[1-9][0-9]*)@(0?\.[0-9]+)", name)
     place = (int(found[1]), float(found[2])) if found else None
     return place if place and 0.0 < place[1] < 1.0 else None
 
 
 def contact_of(path: str, value: object, dimension: int | None = None) -> Contact:
-    """Return a contact, or make one from a table with `obstacle` (a table of a shape) and the fields of `Contact`.
+    """Return `value` if it is a `Contact`; create a contact if it is a table with the fields of `Contact`.
 
-    dimension: dimension of the obstacle, 2 in the plane, 3 in space; None: the number of coordinates of its points.
+    dimension: required number of coordinates of the obstacle, 2 in the plane, 3 in space; None: no requirement.
 
     Raises:
         ValueError: the message names the key path, the value and the allowed values.
@@ -174,7 +175,7 @@ def _shape(path: str, value: object, dimension: int | None) -> Shape:
 
 
 def contacts_of(path: str, value: object, arm: Arm, dimension: int | None = None) -> tuple[Contact, ...]:
-    """Return validated contacts of an arm from one or several contacts or tables; () for None.
+    """Return an arm's contacts, validated, from a contact, a table, a sequence of both, or None (no contacts).
 
     dimension: 2 if the arm is computed in the plane, 3 in space; None if this is not known yet.
 

@@ -1,7 +1,7 @@
 """A scene: an arm, its initial configuration, prescribed motions, loads, and duration.
 
-Angles are measured from the global +x axis, counter-clockwise, in rad; all quantities are in SI units. A scene is
-frozen, hashable and validated at creation: a ``ValueError`` names the key path, the value and the rule.
+Angles are measured counterclockwise from the inertial x axis, in rad; all quantities are in SI units. A scene is
+immutable, hashable and validated at creation: a ``ValueError`` names the key path, the value and the rule.
 """
 
 from __future__ import annotations
@@ -37,34 +37,36 @@ _REQUIRED: Any = dataclasses.field()
 
 @dataclass(frozen=True)
 class Scene:
-    """An arm with its initial state, joints, prescribed motions, loads and duration.
+    """Arm with initial state, prescribed motions, loads, contacts and duration of a simulation.
 
     Args:
         name: name of the scene, a short word.
         arm: the arm, N links.
-        duration: length of the run, s. dt: default step, s. sample: default sampling interval, s (None: ``dt``).
-        root: "pinned" (position fixed or prescribed, hub angle free unless prescribed) or "free" (a free body; an arm
-            with a base floats together with the base).
+        duration: duration of the simulation, s. dt: default time step, s. sample: default sampling interval, s (None:
+            ``dt``).
+        root: "pinned": the root's position is fixed or prescribed, and the hub's angle is free unless prescribed.
+            "free": the arm, with its base if it has one, is a free body.
         position: position of the root at t = 0, m: (x, y), in space (x, y, z).
         angles: absolute angles of the links at t = 0, N numbers (rad), or () if all links point along +x. The angle of
             a curved link is the angle of its tangent at the root. If the links turn out of the plane (`Arm.spatial`),
             `angles` are joint angles.
-        velocity: velocity of the root before t = 0, m/s: (x, y), in space (x, y, z). rates: absolute rates of the links
-            before t = 0, N numbers (rad/s), or () for none; in space joint rates. Links turn as rigid bodies. If a
-            motion begins with another rate, the rate jumps at t = 0.
-        start: "unloaded": without stress. "held": at rest under gravity and the loads at t = 0, with joints (with
-            elastic gears, motors) held at `angles` and released at t = 0 unless a motion prescribes them.
-            "equilibrium": at rest under gravity and the loads at t = 0, with free joints.
-        rigid_joints: joints k >= 1 at which link k is fixed to link k-1 with its initial angle.
-        motions: prescribed coordinates; each starts at the value given by ``position`` and ``angles``.
+        velocity: velocity of the root before t = 0, m/s: (x, y), in space (x, y, z). rates: absolute angular rates of
+            the links before t = 0, N numbers (rad/s), or () for rest; in space joint rates. Before t = 0 each link
+            moves as a rigid body. If a motion begins with another rate, the rate jumps at t = 0.
+        start: "unloaded": the arm starts without stress. "held": it starts at rest under gravity and the loads at
+            t = 0; its joints (with elastic gears, its motors) are held at `angles` and are released at t = 0 unless a
+            motion prescribes them. "equilibrium": it starts at rest under gravity and the loads at t = 0, with free
+            joints.
+        rigid_joints: joints k >= 1 at which link k is fixed to link k-1 at its initial angle.
+        motions: prescribed coordinates; each must start at the value given by ``position`` and ``angles``.
         loads: joint torques and point loads.
-        contacts: obstacles that points of the arm may touch, with the law of the forces (`Contact`).
-        gravity: acceleration (gx, gy), in space (gx, gy, gz), m/s^2, or None.
-        space: True: compute the scene in space even if it could be computed in the plane. A scene is always in space if
-            an arm, gravity, position, velocity, force, moment or motion of the root leaves the x-y plane. If the scene
-            stays in another plane, `simulate` finds that plane (`scene.plane.in_plane`).
-        solver: formulation and solver options that suit the scene, as pairs (name, value) or a dict.
-        description, source, note: content, origin and assumptions.
+        contacts: obstacles that points of the arm can touch, with the force laws (`Contact`).
+        gravity: gravitational acceleration (gx, gy), in space (gx, gy, gz), m/s^2, or None.
+        space: True to compute the scene in space even if it could be computed in the plane. A scene is always in space
+            if its arm, gravity, position, velocity, a force, a moment or a motion of the root leaves the x-y plane. If
+            such a scene stays in another plane, `simulate` computes it in that plane (`scene.plane.in_plane`).
+        solver: default formulation and solver options of the scene, as pairs (name, value) or a dict.
+        description, source, note: texts on content, origin and assumptions.
     """
 
     name: str = words("a short word", empty=False)
@@ -270,7 +272,7 @@ class Scene:
 
     @property
     def spatial(self) -> bool:
-        """Whether the scene is computed in space, not in the plane."""
+        """True if the scene is in space, False if it is in the x-y plane."""
         vectors = (self.position, self.velocity, self.gravity or ())
         # out of the plane: a load, a third component, or a motion along z
         loads = any(isinstance(load, PointLoad) and load.spatial for load in self.loads)
@@ -285,26 +287,26 @@ class Scene:
 
     @property
     def floats(self) -> bool:
-        """Whether the arm is mounted on a freely floating base."""
+        """True if the arm is mounted on a freely floating base."""
         return self.root == "free" and self.arm.base is not None
 
     @property
     def undriven(self) -> bool:
-        """Whether the scene prescribes no motion, no moving obstacle and no load other than zero forces."""
+        """True if the scene has no motions, no moving obstacles and no loads except zero forces."""
         if any(contact.displacements for contact in self.contacts):
             return False
         return not self.motions and all(isinstance(load, PointLoad) and load.silent for load in self.loads)
 
     def motion_of(self, coordinate: str) -> TimeFunction | None:
-        """Return the function that prescribes a coordinate, or None if it is free."""
+        """Return the function of time that prescribes a coordinate, or None if the coordinate is free."""
         return next((motion.function for motion in self.motions if motion.coordinate == coordinate), None)
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Instants (s) inside the run at which a step must end, in order.
+        """Instants, s, within the duration at which a time step must end, in order ("kinks").
 
-        A step must end at the jumps of a motion's value, rate or acceleration, and at the jumps of a load's value or
-        slope. Displacements of obstacles count as motions in this list.
+        They are the jumps of the rate or acceleration of a motion or of an obstacle's displacement, and the jumps of a
+        load's value or slope.
         """
         # motions count with two derivatives (acceleration), loads with one
         times = {t for motion in self.motions for t in motion.function.kinks}
@@ -313,10 +315,10 @@ class Scene:
         return tuple(sorted(t for t in times if 0.0 < t < self.duration * (1.0 - 1e-12)))
 
     def settings(self, formulation: str | None = None, **options: Any) -> Settings:
-        """Return this scene's settings with dt: defaults, overridden by the scene's ``solver``, then by ``options``.
+        """Return solver settings for this scene; ``options`` override the scene's ``solver``, which overrides defaults.
 
-        The default mesh is finer for arms whose sections jump or kink (`scene.mesh`). The scene's solver options apply
-        only to its own formulation (default "floating_frame", in space "geometrically_exact").
+        The options in ``solver`` apply only if the formulation is the scene's own (default "floating_frame", in space
+        "geometrically_exact"). The default mesh is finer for arms whose sections jump or kink (`scene.mesh`).
         """
         own = dict(self.solver)
         preferred = own.pop("formulation", PREFERRED[self.axes])
@@ -330,7 +332,7 @@ class Scene:
 
     @classmethod
     def schema(cls) -> dict[str, Any]:
-        """Return the JSON schema (draft 2020-12) of scene files, with which editors complete and check them."""
+        """Return the JSON schema (draft 2020-12) of scene files, with which editors can complete and check files."""
         return toml.schema(cls)
 
     @classmethod
@@ -338,7 +340,7 @@ class Scene:
         """Read the scene from a TOML file or text (docs/scenes.md).
 
         Args:
-            source: a path, or the text itself. parameter_set: name of a parameter set in the file, or None.
+            source: path of a file, or TOML text. parameter_set: name of a parameter set in the file, or None.
         Raises:
             ValueError: the message names the file, the key path, the value and the rule.
             OSError: the file does not exist.
@@ -346,7 +348,7 @@ class Scene:
         return toml.read(cls, source, parameter_set)
 
     def to_toml(self) -> str:
-        """Return TOML text from which :meth:`from_toml` makes an equal scene."""
+        """Return TOML text from which :meth:`from_toml` creates an equal scene."""
         return toml.text_of(self)
 
 
@@ -380,12 +382,12 @@ def standing_scene(
     arm: Arm, dt: float, gravity: tuple[float, ...] | None, angles: Sequence[float] = (), pushed: bool = False,
     contacts: tuple[Contact, ...] = (),
 ) -> Scene:  # fmt: skip
-    """Return a scene of the arm without motions; the arm is pinned or on its floating base.
+    """Return a scene of the arm without motions, with a pinned root or, if the arm has a base, a free root.
 
     Args:
         dt: solver step, s. gravity: acceleration of gravity, m/s^2, or None. angles: initial angles of the links, rad
-            (in space joint angles). pushed: add a zero force on the tip, which reserves memory for an external force.
-            contacts: obstacles that the arm may touch.
+            (in space joint angles). pushed: True to add a zero force at the tip, which a caller can change during the
+            simulation. contacts: obstacles that the arm can touch.
     """
     root = "pinned" if arm.base is None else "free"
     loads = (PointLoad(arm.n_links - 1, "tip", force_x=constant(0.0)),) if pushed else ()

@@ -17,13 +17,13 @@ FORCES = ("force_x", "force_y", "torque", *OUT_OF_PLANE)
 
 @dataclass(frozen=True)
 class Motion:
-    """A coordinate whose value is prescribed as a function of time.
+    """Coordinate that is prescribed as a function of time.
 
     Args:
-        coordinate: "joint0" (absolute angle of the root of link 0), "joint1", ... (angle of link k's root from the tip
-            section of link k-1), "motor0", ... (motor's angle before an elastic gear, divided by the gear ratio,
-            measured like the joint's angle), "root_x", "root_y" or, in space, "root_z" (position of the root, m).
-        function: the value (rad or m) over time; it must not jump.
+        coordinate: "joint0" is the absolute angle of link 0's root; "joint1", ... is the angle from the tip of link k-1
+            to the root of link k; "motor0", ... is the angle of a motor with an elastic gear, divided by the gear ratio
+            and measured as the joint's angle; "root_x", "root_y" and, in space, "root_z" are the root's position, m.
+        function: value (rad or m) as a function of time; it must be continuous.
     """
 
     coordinate: str
@@ -39,18 +39,18 @@ class Motion:
 
     @property
     def joint(self) -> int | None:
-        """Index of the joint or of the motor's joint; None for a coordinate of the root's position."""
+        """Index of the joint whose angle or motor is prescribed; None for the root's position."""
         return None if self.coordinate.startswith("root") else int(self.coordinate[5:])
 
     @property
     def on_motor(self) -> bool:
-        """Whether the motion prescribes the motor's angle, before an elastic gear, instead of the joint's angle."""
+        """True if the motion prescribes the angle of a motor with an elastic gear."""
         return self.coordinate.startswith("motor")
 
 
 @dataclass(frozen=True)
 class JointTorque:
-    """Torque (N m) of joint ``k``: positive on the root of link k, negative on the tip of link k-1 (k = 0: ground)."""
+    """Torque, N m, of joint k, which acts on the root of link k and, reversed, on the tip of link k-1 or the ground."""
 
     joint: int
     function: TimeFunction
@@ -67,9 +67,9 @@ class JointTorque:
 
 @dataclass(frozen=True)
 class PointLoad:
-    """Force (N) and torque (N m) on the "root" or "tip" of a link, in inertial axes; at least one component is given.
+    """Force, N, and torque, N m, on the root or tip of a link, in inertial axes; at least one component is required.
 
-    In space a load may also have force_z, and torque_x and torque_y beside the torque about z.
+    The components force_z, torque_x and torque_y exist only in space.
     """
 
     link: int
@@ -93,17 +93,17 @@ class PointLoad:
 
     @property
     def spatial(self) -> bool:
-        """Whether the load has components out of the plane."""
+        """True if the load has a component force_z, torque_x or torque_y."""
         return any(getattr(self, name) is not None for name in OUT_OF_PLANE)
 
     @property
     def functions(self) -> tuple[TimeFunction, ...]:
-        """Functions of time of the load's given components."""
+        """Functions of time of all components that are not None."""
         return tuple(f for f in (getattr(self, name) for name in FORCES) if f is not None)
 
     @property
     def silent(self) -> bool:
-        """Whether the load is zero at all times; such a load reserves memory for external forces."""
+        """True if the load is zero at all times."""
         return not any(f.pieces[:, C0:].any() for f in self.functions)
 
 

@@ -1,4 +1,4 @@
-"""Meshes of arms whose sections jump or kink: the default mesh, and a mesh with half the cell size of another one."""
+"""Meshes of arms whose sections jump or kink: the default mesh, and a mesh with cells of half the size."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ MOST_SMOOTH = 12
 
 
 def divided(arm: Arm) -> bool:
-    """Return whether a link's section jumps or kinks, or its curvature jumps."""
+    """Return whether the section of a link jumps or kinks, or its curvature jumps."""
     return any(len(link.breaks) > 2 for link in arm.links if not link.rigid)
 
 
 def default_mesh(arm: Arm, formulation: str, given: Collection[str] = (), space: bool = False) -> dict[str, int]:
-    """Return mesh options that divide links with jumps or kinks as finely as the default divides uniform links.
+    """Return mesh options for an arm with jumps or kinks of the section, as fine as the default of a uniform arm.
 
-    The result is {} if no link has a jump or kink; the formulation's default then applies. All links use the same
+    The result is {} if no link has a jump or kink; the formulation's default then applies. All links have the same
     number of nodes or cells, the largest that a link requires. The number of nodes is at most 24 and at most the limit
-    of the link with the fewest smooth pieces.
+    of the link with the fewest intervals between jumps or kinks.
 
     Args:
-        given: names of the user's options; a mesh or modes given by the user take precedence. space: whether the
-            scene is in space, where the elastica has polynomials along whole links.
+        given: names of the options that the user sets; if the user sets mesh or modes, the result is {}. space: True
+            if the scene is in space, where the elastica has one polynomial for each link.
     """
     chosen = {"segments", "elements", "modes", "nodes"}.intersection(given)
     if not divided(arm) or chosen or (space and formulation == "elastica"):
@@ -52,11 +52,11 @@ def default_mesh(arm: Arm, formulation: str, given: Collection[str] = (), space:
 
 
 def halved_mesh(arm: Arm, settings: Settings) -> tuple[Arm, Settings] | None:
-    """Return an arm and settings with at least two cells for each cell of the given mesh, or None.
+    """Return an arm and settings with each cell of the mesh divided into at least two cells, or None.
 
-    The mechanics of the arm does not change: its sections get additional points in the middle of each cell, at which
-    the mesh is divided. The result is None if there are too many cells, if the cells are modes, or if a tapered link
-    needs more than 6 nodes.
+    The returned arm has the same mechanical properties. Its sections have additional points in the middle of each cell,
+    at which the mesh is divided. The result is None if there would be too many cells, if links are reduced to modes, or
+    if a tapered link needs more than 6 nodes.
     """
     # cells: nodes - 1 intervals of an elastica, or elements, or segments
     option, further = _CELLS[settings.formulation]

@@ -1,4 +1,4 @@
-"""Find the plane in which an arm of a scene in space stays, and express the scene in that plane."""
+"""Find the plane in which the motion of a spatial scene stays, and express the scene in that plane."""
 
 import dataclasses
 import math
@@ -21,12 +21,12 @@ EXACT = 1e-12
 
 
 class InPlane(NamedTuple):
-    """A scene in space whose arm stays in a plane, expressed in that plane.
+    """Planar scene that is equivalent to a spatial scene whose arm stays in one plane.
 
-    scene: the equivalent scene in the x-y plane. axes (3, 3): columns are the plane's x axis, y axis and normal, in
-    inertial axes. height: position of the plane along its normal, m. frames (N, 3, 3): rows are each link's x axis, y
-    axis and normal in the plane, in the link's own axes. signs, offsets (N,): the joint angle in the plane is offset
-    (rad) + sign times the joint angle of the scene in space.
+    scene: the planar scene. axes (3, 3): columns are the plane's x axis, y axis and normal, in inertial axes of the
+    spatial scene. height: position of the plane along its normal, m. frames (N, 3, 3): for each link of the planar
+    scene, rows are its x axis, y axis and normal in the axes of the spatial link. signs, offsets (N,): a joint angle of
+    the planar scene is offset (rad) + sign times the joint angle of the spatial scene.
     """
 
     scene: Scene
@@ -43,12 +43,12 @@ class _Leaves(Exception):
 
 @lru_cache(maxsize=64)
 def in_plane(scene: Scene) -> InPlane | None:
-    """Return the scene in its plane; None if it leaves the plane, has a rigid link, is planar or demands `space`.
+    """Return the equivalent planar scene of a spatial scene; None if there is no such scene.
 
-    The following conditions must hold to the accuracy `EXACT`. All joint axes must have one direction. The common
-    direction of the joint axes must be a principal axis of every section and every inertia tensor. Gravity, forces, the
-    root's motion and velocity, and the payload's offset are perpendicular to the joint axes. Moments act about the
-    direction of the joint axes.
+    The following conditions must hold to the accuracy `EXACT`. All joint axes must be parallel. Their direction must be
+    a principal axis of every section and every inertia tensor. Gravity, forces, the root's motion and velocity, and the
+    payload's offset must be perpendicular to the joint axes. Moments must act about the joint axes. The result is also
+    None if a link is rigid, or if the scene has contacts or `space` = True.
     """
     # rigid links are computed in space only
     rigid = any(link.rigid for link in scene.arm.links)
@@ -61,7 +61,7 @@ def in_plane(scene: Scene) -> InPlane | None:
 
 
 def computed(scene: Scene) -> Scene:
-    """Return the scene that `simulate` runs: in the arm's plane if there is one, otherwise the scene itself."""
+    """Return the scene that `simulate` computes: the equivalent planar scene, or the scene itself if there is none."""
     flat = in_plane(scene)
     return flat.scene if flat else scene
 

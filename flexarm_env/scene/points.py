@@ -1,4 +1,4 @@
-"""Contact points along links: a scene whose links are divided at these points and joined by rigid joints."""
+"""Contact points along links: divide the links of a scene at these points."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from flexarm_env.sections import ENDS, Link, Section
 
 
 def at_points(scene: Scene) -> Scene:
-    """Return the scene with links divided at the contact points along them; without such points the scene itself.
+    """Return the scene with links divided at their contact points, such as "link0@0.5".
 
-    The pieces of a link are links with a rigid joint between them. Each formulation computes forces and motions of link
-    ends, so that points along links can touch in every formulation. Joints, links and bodies keep their order and get
-    new numbers.
+    The pieces of a link are separate links with rigid joints between them, because all formulations compute contact at
+    the ends of links. Joints, links and bodies keep their order but get new numbers. A scene without contact points
+    along links is returned unchanged.
 
     Raises:
-        ValueError: the link is curved, or its section varies, or the arm has sensors that name links.
+        ValueError: a divided link is curved or has a varying section, or the arm has sensors on links.
     """
     places = {place: contact for contact in scene.contacts for place in map(place_on_link, contact.bodies) if place}
     if not places:

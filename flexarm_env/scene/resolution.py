@@ -1,4 +1,4 @@
-"""Longest step that resolves a scene's motions and loads; in longer steps, fast functions appear as constants."""
+"""Find the longest time step that resolves the motions and loads of a scene."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ longest step and the run has more than MOST_STEPS such steps.
 
 
 def resolving_step(scene: Scene, longest: float | Settings, end: float) -> float:
-    """Return a step (s) that resolves each function of time of the scene up to `end` (s), at most `longest`.
+    """Return a time step, s, that resolves all motions, loads and obstacle displacements until the time `end`, s.
 
     Args:
-        longest: largest step, s, or settings with a dt.
+        longest: upper limit of the time step, s, or settings with dt as this limit.
     Raises:
-        ValueError: the message names the function that would need too many steps.
+        ValueError: a function of time would need too many steps; the message names it.
     """
     dt = longest.dt if isinstance(longest, Settings) else longest
     assert dt is not None

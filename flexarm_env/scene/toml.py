@@ -1,4 +1,4 @@
-"""Read and write scenes as TOML, with parameter sets; every error names the key path."""
+"""Read and write scenes as TOML, with parameter sets (named groups of changed keys); every error names the key path."""
 
 import inspect
 import os
@@ -21,10 +21,10 @@ _OPTIONAL_TEXT = ("description", "source", "note")
 
 
 def read(kind: Callable[..., T], source: str | os.PathLike[str], parameter_set: str | None = None) -> T:
-    """Read a scene from a TOML file or text; a parameter set ``S`` replaces keys and names the scene ``NAME@S``.
+    """Read a scene from a TOML file or text.
 
-    kind: class whose fields are the keys of the file, that is ``Scene``. For arguments and errors see
-    :meth:`Scene.from_toml`.
+    A parameter set ``S`` replaces values of keys; the scene is then named ``NAME@S``. kind: the class ``Scene``, whose
+    fields are the keys of the file. Other arguments and errors are those of :meth:`Scene.from_toml`.
     """
     table, path = read_toml(source)
     with check.in_file(path):
@@ -126,7 +126,7 @@ def _contact(path: str, row: Any, directory: Path) -> Contact:
 
 
 def text_of(scene: Any) -> str:
-    """Return a scene as TOML text; optional keys at their defaults are omitted."""
+    """Return a scene as TOML text; keys with default values are omitted."""
     import tomli_w
 
     table: dict[str, Any] = {"name": scene.name}
@@ -181,10 +181,10 @@ _CSV = ("interpolation", "column", "time", "rate", "acceleration", "scale")
 
 
 def schema(kind: Any) -> dict[str, Any]:
-    """Return the JSON schema (draft 2020-12) of scene files, with which editors complete and check them.
+    """Return the JSON schema (draft 2020-12) of scene files, with which editors can complete and check these files.
 
-    kind: class whose fields are the keys of the file, that is `Scene`. Rules that relate several keys, and the
-    parameters of functions of time, are checked when the file is read.
+    kind: the class `Scene`, whose fields are the keys of the file. The schema does not contain rules that relate
+    several keys, nor the parameters of functions of time; they are checked when a file is read.
     """
     function = {
         "type": "object", "required": ["kind"],
@@ -218,7 +218,10 @@ def schema(kind: Any) -> dict[str, Any]:
 
 
 def function_from_table(entry: Mapping[str, Any], directory: Path) -> TimeFunction:
-    """Create a function of time from a TOML table: ``kind`` and parameters; CSV files are in ``directory``."""
+    """Create a function of time from a TOML table with the key ``kind`` and the parameters of this kind.
+
+    Relative paths of CSV files begin in ``directory``.
+    """
     kind = check.needed("", entry, "kind", "must be one of " + ", ".join(f'"{k}"' for k in (*KINDS, "csv")))
     check.choice("kind", kind, (*KINDS, "csv"))
     given = {key: value for key, value in entry.items() if key != "kind"}
@@ -240,5 +243,5 @@ def function_from_table(entry: Mapping[str, Any], directory: Path) -> TimeFuncti
 
 
 def function_table(function: TimeFunction) -> dict[str, Any]:
-    """Return a TOML table from which :func:`function_from_table` makes an equal function."""
+    """Return a TOML table from which :func:`function_from_table` creates an equal function."""
     return {"kind": function.kind, **dict(function.parameters)}

@@ -13,10 +13,11 @@ from .data import Task, task, tasks
 
 
 def make(task_id: str, **more: Any) -> Any:
-    """Create the environment of a task, like `gymnasium.make`.
+    """Create the environment of a task, as `gymnasium.make` does.
 
-    more: keywords `render_mode` and `info_level` of the environment. Any other keyword changes the task, so that its
-    score does not belong to the suite, and causes a warning (except `duration` and `reward`, for training).
+    more: further keywords of the environment. `render_mode` and `info_level` leave the task unchanged. Every other
+    keyword changes the task, so that scores on it do not count in the suite, and causes a warning. `duration` and
+    `reward` cause no warning, because training may change them.
     """
     import gymnasium
 
@@ -24,9 +25,9 @@ def make(task_id: str, **more: Any) -> Any:
 
 
 def make_vec(task_id: str, num_envs: int, **more: Any) -> Any:
-    """Create the vector environment of a task, like `gymnasium.make_vec`.
+    """Create the vector environment of a task, as `gymnasium.make_vec` does.
 
-    more: keywords of `make`, and the vector environment's `threads` and `autoreset_mode`.
+    more: further keywords as in `make`, and the vector environment's `threads` and `autoreset_mode`.
     """
     import gymnasium
 
@@ -34,10 +35,10 @@ def make_vec(task_id: str, num_envs: int, **more: Any) -> Any:
 
 
 def digest(one: Task) -> str:
-    """Return the digest of a resolved task, 16 hexadecimal digits.
+    """Return the digest of a task: a hash of its complete definition, 16 hexadecimal digits.
 
-    The hash covers environment and keywords, and the values that follow from them: the arm, solver, times, reward
-    weights, starts and observation layout. The digest depends on the first ten digits of each number.
+    The hash covers the environment's id and keywords, and all values that follow from them: arm, solver settings,
+    times, reward weights, ranges of initial states, and observation layout. Numbers enter with ten significant digits.
     """
     from .frozen import digest_of
 

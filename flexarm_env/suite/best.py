@@ -1,7 +1,7 @@
-"""Records: for each of a task's hundred public episodes, the best known actions, with values and date, for replay.
+"""Records: the best known actions in each of a task's 100 public episodes, which can be replayed.
 
-The reference values of scores (`flexarm_env.suite.score`) do not change with the records. A score above 1 is therefore
-possible, and the page of results lists runs that beat the record in an episode. The program `agents.record` in a
+A new record does not change the reference values of the scores (`flexarm_env.suite.score`), so that a score can exceed
+1. The page of results lists runs with a better value than the record in an episode. The program `agents.record` in a
 checkout computes the records.
 """
 
@@ -29,12 +29,12 @@ the matrices caused 3e-4, at a J of 298."""
 
 @dataclass(frozen=True)
 class Record:
-    """Record of a task for n episodes.
+    """Best known actions of a task in n episodes of T control periods.
 
     Attributes:
-        actions (T, n, N): actions, float32. values (n,): return minus price times cost. by (n,): name of the policy
-            that played each episode, or from which the search began. digest: digest of the task. date: date in ISO
-            format.
+        actions (T, n, N): actions of the N joints, float32. values (n,): each episode's return minus the task's price
+            times the episode's cost. by (n,): for each episode, name of the policy that chose the actions, or from
+            whose actions an optimization started. digest: digest of the task. date: date in ISO format.
     """
 
     actions: NDArray[np.float32]
@@ -46,7 +46,7 @@ class Record:
 
 @cache
 def known() -> tuple[str, ...]:
-    """Return the ids of the tasks with a record that belongs to their present version."""
+    """Return the ids of the tasks with a record for the same digest."""
     return tuple(
         task.id for task in tasks(earlier=True) if _path(task).is_file() and record(task).digest == task.digest
     )
@@ -58,14 +58,14 @@ def _path(task: Task) -> Any:
 
 
 def packed(actions: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Pack actions (T, n, N) into four planes of bytes (4, n, N, T), whose compressed files are a quarter smaller."""
+    """Split actions (T, n, N) into four byte planes (4, n, N, T), which compress to three quarters of the size."""
     # first bytes of all numbers, then second bytes, and so on
     rows = np.ascontiguousarray(actions.transpose(1, 2, 0), "<f4")
     return np.moveaxis(rows[..., None].view(np.uint8), -1, 0)
 
 
 def unpacked(planes: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Invert `packed`: return actions (T, n, N), float32, from planes of bytes."""
+    """Join the byte planes of `packed` to actions (T, n, N), float32."""
     rows = np.ascontiguousarray(np.moveaxis(planes, 0, -1)).view("<f4")[..., 0]
     return np.ascontiguousarray(rows.transpose(2, 0, 1), np.float32)
 
@@ -81,11 +81,14 @@ def record(task: Task) -> Record:
 
 
 def rounding(task_id: str) -> float:
-    """Return the largest difference between a record's values on two processors; see ROUNDING."""
+    """Return the largest difference of J between replays of a record on two processors (`ROUNDING`)."""
     return UPRIGHT.get(task_id, ROUNDING)
 
 
 def played(task: Task, env: Any, policy: Policy) -> tuple[Array, NDArray[np.bool_]]:
-    """Evaluate a policy on a task's public episodes: return values (n,), as in a results file, and successes (n,)."""
+    """Evaluate a policy on a task's n public episodes: return values (n,) and successes (n,).
+
+    The value of an episode is its return minus the task's price times the episode's cost.
+    """
     found = asdict(judge(env, policy, FIRST))
     return np.array(found["returns"]) - task.price * np.array(found["costs"]), np.array(found["successes"])

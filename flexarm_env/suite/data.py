@@ -23,8 +23,8 @@ class Task:
     Attributes:
         id: name and version, "slew-measured-v2". number: position in the suite. title: short title.
         environment: id of the underlying environment. keywords: keywords of that environment.
-        budget: number of control periods allowed for training. hard: the difficulty of real arms that the task
-            isolates. lesson: what the results on the task show, in one sentence; "" for superseded versions.
+        budget: number of control periods that training may use. hard: text that names the difficulty of the task.
+            lesson: what the results on the task show, in one sentence; "" for superseded versions.
         price: price per unit of an episode's cost (info["episode_cost"] at its end); scores use return minus price
             times cost.
         rules: version of the rules of rewards and drawn targets (keyword `rules` of the environment).

@@ -1,4 +1,4 @@
-"""Canonical text of a resolved task, hash of this text, and bounds of returns."""
+"""Digest of a task: hash of a canonical text with all its values. Bounds of a task's returns."""
 
 import dataclasses
 import hashlib
@@ -33,11 +33,12 @@ class Possible(NamedTuple):
 
 @cache
 def possible(task_id: str) -> Possible:
-    """Compute the bounds of an episode's length and return, for a task id, from the reward's terms (docs/suite.md).
+    """Compute the largest length and the bounds of the return of a task's episodes from its reward terms.
 
-    In each period, accuracy, settle and force pay at most 1. Impulse, distance, vibration and attitude cost at most 1.
-    Per joint, effort costs at most 1, and change at most 4. Each reward term is multiplied by its weight. The failure
-    term is subtracted once in an episode.
+    In each period the terms accuracy, settle and force are at most 1, and the penalties impulse, distance, vibration
+    and attitude are at most 1. The penalty effort is at most 1 per joint, and the penalty change at most 4 per joint.
+    Each term is multiplied by its weight. The failure penalty is subtracted at most once in an episode. With rules 2,
+    distance and attitude may also be rewards of at most 1.
     """
     made = resolved(task(task_id))
     weight = dict(zip(made.kind.rewards, made.record.weights.tolist(), strict=True))

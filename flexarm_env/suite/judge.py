@@ -1,4 +1,4 @@
-"""Evaluation of a policy in a task's episodes: returns, successes, costs, and computing time."""
+"""Evaluate a policy in a task's episodes: returns, successes, costs, and computing time."""
 
 import time
 from dataclasses import dataclass
@@ -17,9 +17,10 @@ class Judged:
     """Results of n episodes, one entry each.
 
     Attributes:
-        returns, successes, costs, settled: `returns`, `success`, `cost` and `success_period` of
-            `flexarm_env.episodes.measures`. lengths: number of control periods of each episode. wall_s, cpu_s: total
-            time, without compilation. decision_us: wall time per decision and episode, microseconds.
+        returns, successes, costs, settled: results of the functions `returns`, `success`, `cost` and `success_period`
+            in `flexarm_env.episodes.measures`. lengths: number of control periods of each episode. wall_s, cpu_s: total
+            time of all episodes, s, without compilation. decision_us: wall time that the policy takes to compute one
+            action of one episode, microseconds.
     """
 
     returns: list[float]
@@ -33,7 +34,7 @@ class Judged:
 
 
 class Checked(Policy):
-    """Policy whose actions are validated and clipped by `checked`."""
+    """Policy that validates and clips another policy's actions by the function `checked`."""
 
     def __init__(self, policy: Policy, shape: tuple[int, ...]) -> None:
         self.policy, self.shape = policy, shape
@@ -48,7 +49,7 @@ class Checked(Policy):
 
 
 def judge(env: Any, policy: Policy, first: int = FIRST) -> Judged:
-    """Run one episode in each environment of a native vector environment; the seeds are first, first + 1, ....
+    """Run one episode in each of n native environments, with the seeds first to first + n - 1.
 
     Raises:
         ValueError: actions of the wrong shape, or not finite.

@@ -13,20 +13,20 @@ from .score import interquartile_mean, interval
 
 @dataclass(frozen=True)
 class Line:
-    """A method on a task: the summary of each run, and its entry in the results file."""
+    """Results of one method on one task: for each run, its summary and its entry in the results file."""
 
     method: str
     summaries: list[dict[str, Any]]
     entries: list[dict[str, Any]]
 
     def mean(self, key: str) -> float | None:
-        """Return the mean over the runs of the summaries' entry `key`; None if one run lacks this entry."""
+        """Return the mean of the summaries' entry `key` over the runs; None if the entry is None in a run."""
         values = [one[key] for one in self.summaries]
         return None if any(value is None for value in values) else float(np.mean(values))
 
     @property
     def policy(self) -> bool:
-        """Whether the method can play any episode; optimized actions cannot."""
+        """True if the method can act in any episode, False if it consists of actions optimized for given episodes."""
         return all(entry["policy"].get("kind") != "actions" for entry in self.entries)
 
     @property
@@ -35,11 +35,11 @@ class Line:
         return self.policy and any(entry["training"] for entry in self.entries)
 
     def trained(self, key: str) -> float:
-        """Return the mean training effort per run; key: "steps", "wall_s" or "cpu_s"."""
+        """Return the training effort, averaged over runs. key: "steps", "wall_s" or "cpu_s"."""
         return float(np.mean([(entry["training"] or {}).get(key, 0.0) for entry in self.entries]))
 
     def short(self, task: Task) -> bool:
-        """Return whether the method was trained with less than the task's budget."""
+        """Return whether the method was trained with less than 99 % of the task's budget of control periods."""
         return 0.0 < self.trained("steps") < 0.99 * task.budget
 
 

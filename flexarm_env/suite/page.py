@@ -117,7 +117,7 @@ def _learnt(judged: Sequence[tuple[Task, dict[str, Any]]]) -> Iterator[int]:
 
 
 def less_pd(task: Task, numbers: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Return the values (n,) of a hundred episodes minus PD control's values in the same hundred episodes."""
+    """Return the values (n,) of n episodes minus the values of PD control in the same episodes."""
     gain: NDArray[np.float64] = values(task, numbers) - np.array(numbers["pd"], float)
     return gain
 
@@ -138,10 +138,10 @@ def _second(task: Task, line: Line, learnt: set[int]) -> tuple[str, str, str]:
 
 
 def gap(task: Task, line: Line, first: Line) -> tuple[float, float, int] | None:
-    """Return the difference between a method's score and another's on their common episodes, paired by episode.
+    """Return the score of the method `first` minus the score of `line`, from paired differences per episode.
 
-    The result has the mean difference, the half width of its 95 % interval, and the number of episodes; None without
-    scores.
+    Returns the mean difference, the half width of its 95 % interval, and the number of common episodes; None if the
+    task has no reference values.
     """
     known = reference(task)
     if known is None:
@@ -154,7 +154,10 @@ def gap(task: Task, line: Line, first: Line) -> tuple[float, float, int] | None:
 
 
 def widest(task: Task, lines: Sequence[Line]) -> float:
-    """Return the largest half width of a score difference over all pairs of policies with the task's full budget."""
+    """Return the largest half width of the 95 % intervals of score differences between two policies (`gap`).
+
+    All pairs of policies are compared, except policies that were trained with less than the task's budget.
+    """
     own = [line for line in lines if line.policy and not line.short(task)]
     gaps = [gap(task, line, other) for k, line in enumerate(own) for other in own[:k]]
     return max((found[1] for found in gaps if found is not None), default=0.0)

@@ -1,4 +1,4 @@
-"""Policies by name for evaluation in the suite, with a fingerprint and policy-specific second seeds."""
+"""Find the policies that the suite evaluates by their names, and compute hashes that identify them."""
 
 import hashlib
 import inspect
@@ -25,7 +25,7 @@ PLACE = "{task}"
 
 @dataclass(frozen=True)
 class Chosen:
-    """A policy that is not yet bound to an environment.
+    """Policy that a name denotes, before it is created for an environment.
 
     Attributes:
         kind: "controller", "policy", "onnx" or "function".
@@ -34,8 +34,9 @@ class Chosen:
         make: function of a vector environment that returns the `Policy`, or raises ValueError if the policy does not
             fit.
         run: training seed, if the policy's file records it. training: record of the training (steps, wall_s, cpu_s).
-        canonical: function that returns the policy's numbers as bytes, which determine the seeds of its second hundred
-            episodes (`flexarm_env.suite.second`); None: the policy has only the public hundred.
+        canonical: function that returns the policy's numbers as bytes. The bytes determine the seeds of the policy's
+            100 further episodes (`flexarm_env.suite.second`). None: the policy is evaluated only on the 100 public
+            episodes.
     """
 
     kind: str
@@ -78,11 +79,9 @@ def choose(word: str, task: Task) -> Chosen:
 
 
 def controller(name: str, env: Any) -> Policy:
-    """Create a classical controller by its name.
+    """Create a classical controller by its name, with the gains that the package contains for the task.
 
-    On tasks of the suite it has the package's gains, so that scores do not change.
-
-    Warnings of unstable gains are suppressed, because the score of PD control is 0 by definition.
+    Warnings about unstable gains are suppressed: PD control defines the score 0 even with unstable gains.
     """
     frozen = getattr(env.unwrapped.spec, "namespace", None) == NAMESPACE and name in control.NAMES
     with warnings.catch_warnings():

@@ -1,4 +1,4 @@
-"""Results files: the results of one run of a method on its tasks, one JSON file each."""
+"""Results files: each JSON file contains the results of one run of a method on one or more tasks."""
 
 import json
 import os
@@ -39,13 +39,15 @@ class Results:
     """Content of a results file.
 
     Attributes:
-        name: name of the method. run: seed, if there are several runs. tasks: results by task id: "digest",
-            "first_seed", "episodes", "returns", "successes", "costs", "lengths", "settled" (one number per episode;
-            older files lack the last), "wall_s", "cpu_s", "decision_us", "policy" (kind, source, fingerprint),
-            "training" (algorithm, steps, wall_s, cpu_s; or null), "pd" (values of PD on the same episodes), "second"
-            (the numbers of the second hundred, its "first_seed" and "pd"; or null), "further" (values of the episodes
-            with the following seeds, if differences between methods require more; or null), "versions", "date".
-            refused: by task id, the reason why the method could not be evaluated.
+        name: name of the method. run: training seed of the run, if the method has several runs.
+        tasks: a dict by task id. Its entries "returns", "successes", "costs", "lengths" and "settled" have one number
+            per episode (older files lack "settled"). "digest", "first_seed" and "episodes" identify the episodes.
+            "wall_s", "cpu_s" and "decision_us" are computing times, as in `judge.Judged`. "policy" has the keys kind,
+            source and fingerprint; "training" has algorithm, steps, wall_s and cpu_s, or is null. "pd" has the values
+            of PD control in the same episodes. "second" has the results of the second 100 episodes
+            (`flexarm_env.suite.second`) with their "first_seed" and "pd", or is null. "further" has the values of
+            episodes beyond the first 100, or is null. "versions" and "date" record programs and date.
+        refused: by task id, the reason why the method could not be evaluated.
     """
 
     name: str
@@ -68,10 +70,10 @@ class Results:
         return path
 
     def known(self, task: Task, chosen: Chosen, episodes: int) -> int:
-        """Return the number of episodes on which this policy has been evaluated on this task.
+        """Return the number of episodes of a task for which this file has results of a policy.
 
-        The number is 0 if the stored episodes differ from the requested episodes. For functions the number is also 0,
-        because the source of a function does not determine its behavior.
+    The number is 0 if the stored results belong to another policy, another version of the task, or other episodes. The
+    number is 0 for Python functions, too, because the name of a function does not determine its behavior.
         """
         entry = self.tasks.get(task.id)
         if entry is None or chosen.kind == "function" or entry["policy"]["fingerprint"] != chosen.fingerprint:
@@ -80,7 +82,7 @@ class Results:
         return length(entry) if (entry["digest"], entry["first_seed"], entry["episodes"]) == asked else 0
 
     def other_than(self, word: str, chosen: Chosen) -> str:
-        """Return the source of the stored results if it differs from the source that `word` names; "" otherwise."""
+        """Return the name of the policy with stored results if it is another policy than `word` names; "" otherwise."""
         for task, entry in self.tasks.items():
             source = entry["policy"].get("source", "")
             if os.path.normpath(source) != os.path.normpath(word.replace(PLACE, task)) and (
@@ -103,17 +105,18 @@ def judged(
 ) -> tuple[Results, list[str], dict[str, str]]:
     """Evaluate a policy on tasks and update its results file after each task.
 
-    Earlier results are kept unless `again` is True. A result on all episodes of the protocol is never replaced by a
-    result on fewer episodes, which is returned, not written.
+    Stored results of the same policy are kept unless `again` is True. Results on all 100 episodes of the protocol are
+    never replaced by results on fewer episodes; the latter are returned but not written.
 
     Args:
-        word: name of the policy. choose: function that finds the policy, see `suite.policies.choose`. name, run: name
-            and run of the results; None: the policy's name and run, and the results file must then contain only this
-            policy. episodes: number of episodes from the protocol's first one on, at least as many as before. Only the
-            values of episodes beyond the protocol's hundred are kept.
+        word: name of the policy. wanted: the tasks. folder: folder of the results file. choose: function that finds
+            the policy, see `suite.policies.choose`. name, run: name and run of the results. None: the policy's own name
+            and run; the results file may then contain no other policy. episodes: number of episodes, counted from the
+            protocol's first episode, at least the stored number. Beyond the first 100 episodes only the values are
+            stored.
     Returns:
-        the results on these tasks; messages about the tasks that failed; for tasks whose stored results were kept, a
-        note by task.
+        The results on these tasks; messages about the tasks that failed; and, by task id, a note about each task whose
+        stored results were kept.
     """
     known: Results | None = None
     found = Results(name or default_name(word))
@@ -185,7 +188,7 @@ def _entry(task: Task, chosen: Chosen, episodes: int) -> dict[str, Any]:
 
 
 def further(task: Task, chosen: Chosen, begin: int, end: int) -> list[float]:
-    """Evaluate the episodes of seeds FIRST + begin to FIRST + end - 1; return values to three decimals."""
+    """Evaluate the episodes with seeds FIRST + begin to FIRST + end - 1; return their values, rounded to 0.001."""
     found: list[float] = []
     for first in range(begin, end, LOT):
         with closing(make_vec(task.id, min(LOT, end - first))) as env:
@@ -204,9 +207,10 @@ def _pd(task: Task, env: Any, first: int) -> list[float] | None:
 
 
 def summary(task: Task, entry: Mapping[str, Any]) -> dict[str, Any]:
-    """Compute means over the episodes of a task's entry.
+    """Compute means over the episodes of a task's entry in a results file.
 
-    "value" is the return minus price times cost; "score" is None without a reference.
+    "value" is the mean return minus the task's price times the mean cost. "score" is None if the task has no reference
+    values.
     """
     mean = value(task, entry)
     return {
@@ -231,20 +235,20 @@ def values(task: Task, entry: Mapping[str, Any]) -> NDArray[np.float64]:
 
 
 def length(entry: Mapping[str, Any]) -> int:
-    """Return the number of episodes of an entry, counted from the protocol's first seed."""
+    """Return the number of consecutive episodes of an entry, counted from the protocol's first seed."""
     return int(entry["episodes"]) + len(entry.get("further") or ())
 
 
 def all_values(task: Task, entry: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Return the values of all episodes of an entry, further episodes included."""
+    """Return the values of all episodes of an entry, those beyond the first 100 included."""
     return np.concatenate([values(task, entry), np.array(entry.get("further") or (), float)])
 
 
 def settling(task: Task, entry: Mapping[str, Any]) -> float | None:
-    """Return the mean time, s, from which on success lasts (`episodes.measures.success_period`).
+    """Return the mean time, s, after which the success bounds stay met (`episodes.measures.success_period`).
 
-    At this time the success bounds are met and stay met to the end of the episode. A failed episode counts with a full
-    episode's length. The result is None if the entry does not record the time.
+    The success bounds are met from this time to the end of the episode. A failed episode counts with its full duration.
+    The result is None if the entry does not contain this time.
     """
     if "settled" not in entry:
         return None
@@ -254,12 +258,12 @@ def settling(task: Task, entry: Mapping[str, Any]) -> float | None:
 
 
 def of_the_protocol(task: Task, entry: Mapping[str, Any]) -> bool:
-    """Return whether a results entry belongs to the task's present version and to the protocol's episodes."""
+    """Return whether an entry belongs to the task's current version and contains the protocol's 100 episodes."""
     return (entry["digest"], entry["first_seed"], entry["episodes"]) == (task.digest, FIRST, EPISODES)
 
 
 def of_task(task: Task, found: Iterable[Results]) -> Iterator[tuple[Results, dict[str, Any]]]:
-    """Yield the results files with results of the task on the protocol's episodes, each with its entry of the task."""
+    """Yield those of the results `found` that contain the task on the protocol's episodes, each with its entry."""
     for one in found:
         entry = one.tasks.get(task.id)
         if entry is not None and of_the_protocol(task, entry):
@@ -267,7 +271,7 @@ def of_task(task: Task, found: Iterable[Results]) -> Iterator[tuple[Results, dic
 
 
 def frozen(task: Task) -> Task:
-    """Return the task if it still resolves to its recorded digest; ValueError otherwise."""
+    """Return the task if its computed digest equals the digest in its file; raise ValueError otherwise."""
     found = digest(task)
     if found != task.digest:
         raise check.InvalidValue(f"{task.id}.digest", found, f"must be {task.digest}: the task has changed")
@@ -356,7 +360,7 @@ def _check_numbers(path: str, table: Mapping[str, Any], count: int, can: Possibl
 
 
 def begun(folder: Path, name: str, run: int) -> Results:
-    """Return the existing results of a method's run in a folder, or new results; outdated entries will be replaced."""
+    """Read the results of a method's run in a folder, or create empty `Results` if there is no file."""
     fresh = Results(named(name), check.integer("--run", run, minimum=0))
     path = folder / fresh.file
     return read(path, earlier=True) if path.exists() else fresh

@@ -1,9 +1,9 @@
-"""The suite's protocol: evaluation episodes, a policy's score, and means over tasks with intervals.
+"""The suite's protocol: evaluation episodes, the score of a policy on a task, and the mean score of a method.
 
 The score of a policy on a task is (J - J_PD) / (J_best - J_PD). J is the policy's mean return minus the task's price
-times cost. The score is 0 for PD control and 1 for the best known policy. A method is summarized over tasks and runs by
-the interquartile mean (the mean of the middle half of all scores). The interval of a method's mean is a percentile
-interval by a bootstrap that resamples runs within each task (Agarwal et al. 2021).
+times the mean cost. J_PD is the J of PD control, and J_best was the largest known J when the reference was computed.
+The mean score of a method over tasks and runs is the interquartile mean, the mean of the middle half of all scores. Its
+interval is a percentile bootstrap interval, with runs resampled within each task (Agarwal et al. 2021).
 """
 
 import json
@@ -28,7 +28,7 @@ FLOOR = "pd"
 
 @dataclass(frozen=True)
 class Reference:
-    """Reference values J of a task for scores, on the episodes of the protocol.
+    """Reference values J of a task, from which scores are computed.
 
     digest: digest of the task version. pd: the value J of PD control. best: the best known value J. by: the method that
     reached the best value.
@@ -46,7 +46,7 @@ class Reference:
 
 @cache
 def references() -> dict[str, Reference]:
-    """Return the references that ship with the package, by task id."""
+    """Return the reference values in the package, by task id."""
     path = resources.files("flexarm_env") / "data" / "suite" / "references.json"
     return read_references(path.read_text("utf-8"), "references.json") if path.is_file() else {}
 
@@ -68,28 +68,28 @@ def read_references(text: str, path: str) -> dict[str, Reference]:
 
 
 def reference(task: Task) -> Reference | None:
-    """Return the reference of a task; None if none belongs to its present version."""
+    """Return the reference values of a task; None if the package has none for its current version."""
     known = references().get(task.id)
     return None if known is None or known.digest != task.digest else known
 
 
 def score(task: Task, value: float) -> float | None:
-    """Return the score of a value J on a task; None without a reference."""
+    """Return the score of a value J on a task; None if the task has no reference values."""
     known = reference(task)
     return None if known is None else known.score(value)
 
 
 def interquartile_mean(scores: Mapping[str, Sequence[float]]) -> float:
-    """Return the mean of the middle half of all scores; scores: for each task, the scores of its runs."""
+    """Return the mean of the middle half of all scores. scores: for each task id, the scores of the method's runs."""
     return float(_middle(np.concatenate([np.asarray(runs, float) for runs in scores.values()])[None])[0])
 
 
 def interval(
     scores: Mapping[str, Sequence[float]], *, resamples: int = RESAMPLES, seed: int = 0
 ) -> tuple[float, float] | None:
-    """Return the bootstrap interval (`LEVEL`) of the interquartile mean, with runs resampled within each task.
+    """Return the bootstrap interval, with confidence `LEVEL`, of the interquartile mean of scores.
 
-    Returns None if no task has two runs.
+    The bootstrap resamples the runs within each task. Returns None if no task has two runs.
     """
     if all(len(runs) < 2 for runs in scores.values()):
         return None

@@ -1,14 +1,15 @@
-"""Second hundred of episodes, with seeds that follow from the policy, so that they cannot be memorized.
+"""A policy's second 100 evaluation episodes, whose seeds depend on the policy, so that no policy can memorize them.
 
-The seeds begin at 2^32 plus the first eight hexadecimal digits of SHA-256(digest of the task, numbers of the policy).
-The numbers are a network's arrays and its normalizer, or a controller's name and gains, without metadata or file bytes.
-The second score does not protect against a policy that is changed until its seeds suit it, because each changed policy
-has other seeds. Policies without such numbers (Python functions, ONNX models, actions optimized beforehand) have only
-the public hundred of episodes.
+The first seed is 2^32 plus the number in the first eight hexadecimal digits of SHA-256(digest of the task, numbers of
+the policy). The numbers are a network's arrays and observation statistics, or a controller's name and gains, without
+metadata. Somebody could still modify a policy many times and publish the variant whose seeds happen to be easy.
+Policies without such numbers (Python functions, ONNX models, actions optimized in advance) are evaluated only on the
+100 public episodes.
 
-A permutation test detects a significant difference between both hundreds. The test redistributes at random, over two
-hundreds, the differences from PD control's values on the same seeds. The value p is the share of redistributions in
-which the two means differ at least as much as the measured means. Holm's method (1979) adjusts p for multiple tests.
+A permutation test compares the public and the second 100 episodes. Its data are the policy's value minus the value of
+PD control in each of the 200 episodes. The test assigns these data at random to two groups of 100. The p value is the
+share of assignments in which the group means differ at least as much as the measured means. Holm's method (1979)
+adjusts p for multiple tests.
 """
 
 import dataclasses
@@ -37,12 +38,12 @@ permutations."""
 
 
 def first_seed(task: Task, canonical: bytes) -> int:
-    """Return the first seed of a policy's second hundred of episodes; canonical: the policy's numbers."""
+    """Return the first seed of a policy's second 100 episodes. canonical: the policy's numbers as bytes."""
     return BEGIN + int(hashlib.sha256(task.digest.encode() + canonical).hexdigest()[:8], 16)
 
 
 def of_arrays(policy: NumpyPolicy) -> bytes:
-    """Serialize a network: shape and float64 values of each array, its normalizer, and the controller inside it."""
+    """Return a network's numbers as bytes: its arrays, observation statistics and the controller inside the policy."""
     arrays: list[Any] = [array for pair in policy.weights for array in pair]
     if policy.normaliser is not None:
         arrays += [policy.normaliser[name] for name in ("mean", "variance", "clip", "epsilon")]

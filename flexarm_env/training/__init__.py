@@ -1,6 +1,7 @@
 """Training, evaluation and tuning in run folders: `flexarm train`, `evaluate` and `tune`.
 
-The programs are `train`, `evaluate`, `tune`, `export_policy` and `films`. Each has a documented dataclass `Arguments`,
-a function that uses these arguments, and `main`. Stable-Baselines3 and PyTorch (the extra "train") are imported only to
-create or read a model. Evaluating controllers and exported policies requires NumPy and SciPy alone.
+The programs are the modules `train`, `evaluate`, `tune`, `export_policy` and `films`. Each module has a dataclass
+`Arguments` for the command-line flags, a function that takes an instance of this class, and `main`. Only functions that
+create or read a Stable-Baselines3 model import Stable-Baselines3 and PyTorch (extra "train"). Evaluating controllers
+and exported policies requires only NumPy and SciPy.
 """

@@ -1,7 +1,7 @@
-"""Command lines from documented dataclasses: each field becomes a flag.
+"""Command-line parsers that are built from dataclasses: each field becomes a flag.
 
-The help text of a flag is the field's sentence with unit and bounds (`flexarm_env.records`), or the entry in the
-class's docstring.
+The help text of a flag is the description, unit and bounds of a declared field (`flexarm_env.records`). For other
+fields it is the entry under "Args" in the class's docstring.
 """
 
 import argparse
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 class Parser(argparse.ArgumentParser):
-    """ArgumentParser whose errors are one sentence, and whose help keeps its line breaks."""
+    """ArgumentParser that prints each error as one sentence and keeps the description's line breaks in its help."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
@@ -38,10 +38,10 @@ class Parser(argparse.ArgumentParser):
 
 
 def parse(kind: type[T], program: str, description: str | None, words: Sequence[str] | None = None) -> T:
-    """Create a dataclass instance from the command line.
+    """Parse the command line into an instance of the dataclass `kind`.
 
-    Fields of type bool become switches: --name, or --no-name if the default is True. Dicts are given as JSON, and
-    tuples item by item (--name A --name B).
+    Fields of type bool become switches: --name, or --no-name if the default is True. The user writes a dict as JSON,
+    and repeats the flag of a tuple for each item (--name A --name B).
     """
     parser = Parser(prog=program, description=description, epilog="exit code: 0 done, 2 wrong input, 130 interrupted")
     texts, types = _texts(kind), typing.get_type_hints(kind)

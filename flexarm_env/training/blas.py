@@ -11,10 +11,10 @@ VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"
 
 
 def set_threads(count: int) -> None:
-    """Set the number of threads for matrix products.
+    """Set the number of threads that OpenBLAS uses for matrix products.
 
-    The number applies to every loaded OpenBLAS and, by environment variables, to libraries loaded later. One thread
-    multiplies the matrices of small networks faster than several.
+    The number applies to every loaded copy of OpenBLAS and, through environment variables, to BLAS libraries that are
+    loaded later. For the matrices of small networks one thread is faster than several.
     """
     os.environ.update(dict.fromkeys(VARIABLES, str(count)))
     for library, kind in _libraries():
@@ -22,7 +22,7 @@ def set_threads(count: int) -> None:
 
 
 def threads() -> list[int]:
-    """Return the number of threads of each loaded OpenBLAS."""
+    """Return the number of threads of each loaded copy of OpenBLAS."""
     return [int(getattr(library, kind.format("get"))()) for library, kind in _libraries()]
 
 

@@ -1,8 +1,9 @@
 """Hyper-parameters from files in RL Zoo's format: one entry per environment id.
 
-A file may contain two further tables, also keyed by id. `env_kwargs` has keywords of the environment for which the
-hyper-parameters are meant. RL Zoo ignores this table; its users pass the same keywords by `--env-kwargs`. `around`
-names the controller inside the policy (`control.around.Inside`) and the network's share.
+A file may contain two further tables, whose keys are environment ids too. `env_kwargs` contains keyword arguments of
+the environment for which the hyper-parameters were chosen. RL Zoo ignores this table; its users pass the same keywords
+by `--env-kwargs`. `around` names a classical controller whose torques are added to the network's
+(`control.around.Inside`), and the share of the torque limits that the network commands.
 """
 
 from __future__ import annotations
@@ -51,12 +52,13 @@ OURS = ("env", "seed", "tensorboard_log", "verbose", "device", "policy_kwargs", 
 
 @dataclass(frozen=True)
 class Config:
-    """Hyper-parameters of a run, as written in the file (`text`) and as passed to the algorithm.
+    """Hyper-parameters of a run: `text` has the file's values, `arguments` the algorithm's keyword arguments.
 
     Args:
-        algorithm: name of the algorithm, a key of CLASSES. text: values of the file by key. env_kwargs: keywords of the
-            environment.
-        around: controller inside the policy (controller, share and gains); {}: no controller.
+        algorithm: name of the algorithm, a key of CLASSES. text: values of the file by key. env_kwargs: keyword
+            arguments of the environment.
+        around: controller whose torques are added to the network's (keys controller, share and gains); {}: no
+            controller.
     """
 
     algorithm: str
@@ -69,7 +71,7 @@ class Config:
         return self if n_timesteps is None else replace(self, text={**self.text, "n_timesteps": n_timesteps})
 
     def changed(self, settings: Sequence[str], env_id: str) -> Config:
-        """Return the config with the values in `settings`, texts KEY=VALUE.
+        """Return the config with the hyper-parameters in `settings` changed; each is a text KEY=VALUE.
 
         Raises ValueError for invalid keys or values.
         """
@@ -126,7 +128,10 @@ def _literal(text: str) -> Any:
 
 
 def default_path(algorithm: str, env_id: str = "") -> Path:
-    """Return an algorithm's default file: suite.yml for tasks of the suite, and press.yml of PPO for `press-v1`."""
+    """Return the path of an algorithm's default file of hyper-parameters.
+
+    The file is default.yml, or suite.yml for tasks of the suite. For PPO on the suite task `press` it is press.yml.
+    """
     if not env_id.startswith("flexarm/"):
         return HOME / algorithm / "default.yml"
     presses = algorithm == "ppo" and env_id.startswith("flexarm/press-")
@@ -136,9 +141,9 @@ def default_path(algorithm: str, env_id: str = "") -> Path:
 def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str] | None = None) -> Config:
     """Read the hyper-parameters of an environment from a file. A ValueError names the file, the key and the rule.
 
-    path: a file, or the name of a file of the package: its path in a checkout (configs/ppo/robust.yml), or only its
-    stem (robust) for files of the algorithm. None: `default_path`.
-    allowed: accepted keys of the entry; None: the arguments of Stable-Baselines3's class.
+    path: your own file, or a file of the package, named by its path in a checkout (configs/ppo/robust.yml) or, if it
+    belongs to this algorithm, by its stem (robust). None means `default_path`.
+    allowed: accepted keys of the entry; None means the arguments of the algorithm's class in Stable-Baselines3.
     """
     yaml = _yaml()
     check.choice("algo", algorithm, tuple(CLASSES))
@@ -209,7 +214,7 @@ def checked(config: Config, path: str, env_id: str, allowed: Collection[str]) ->
 
 @contextmanager
 def fitting(algorithm: str) -> Iterator[None]:
-    """Convert errors in an algorithm's construction into a ValueError about its hyper-parameters."""
+    """In a `with` block that constructs an algorithm, convert errors into a ValueError about the hyper-parameters."""
     try:
         yield
     except (AssertionError, TypeError, RuntimeError) as error:
@@ -247,7 +252,10 @@ def algorithm_class(name: str) -> Any:
 
 
 class Linear:
-    """Linear schedule from a first value to zero over the run (RL Zoo's "lin_VALUE"); picklable, unlike a closure."""
+    """Hyper-parameter that falls linearly from a first value to zero over the run, written "lin_VALUE" in RL Zoo.
+
+    Instances can be pickled, unlike closures.
+    """
 
     def __init__(self, first: float) -> None:
         self.first = first

@@ -1,7 +1,7 @@
-"""Fixed episodes of an environment under a policy, with their measures.
+"""Run a policy in episodes with fixed seeds, and measure success, settling time and vibration of each episode.
 
 All episodes run together in one native vector environment. Episode i has seed `first + i` for every policy, so that
-policies are compared on the same starts, targets and arms.
+policies are compared on the same initial states, targets and arms.
 """
 
 from collections.abc import Mapping
@@ -36,17 +36,19 @@ or those of the user."""
 
 
 def judged_in(kwargs: Mapping[str, Any], asked: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return the environment keywords for evaluation or display, from the keywords of training.
+    """Derive the environment keywords for evaluation or display from the keywords of training.
 
-    kwargs: keywords of training. asked: the keywords that the user gave, see `user_keywords`; None: no such keywords.
+    Keywords that only training uses are omitted: `TRAINING_ONLY`, `randomization` and `lengths`.
+
+    kwargs: keywords of training. asked: keywords from `user_keywords`, which are added; None means no keywords.
     """
     return {k: v for k, v in kwargs.items() if k not in (*TRAINING_ONLY, "randomization", LENGTHS)} | dict(asked or {})
 
 
 def user_keywords(env_id: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the user's own keywords among `TRAINING_ONLY`; evaluation uses them too.
+    """Return those of the user's keywords `given` that are in `TRAINING_ONLY`; evaluation uses them too.
 
-    The result is None for tasks of the suite, whose evaluation never changes.
+    The result is {} for tasks of the suite, whose evaluation never changes.
     """
     if FROZEN in env_id:
         return {}
@@ -54,10 +56,11 @@ def user_keywords(env_id: str, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def validation(env_id: str, kwargs: Mapping[str, Any], asked: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return the environment keywords of the validation episodes, from the keywords `kwargs` of training.
+    """Derive the environment keywords of the validation episodes from the keywords `kwargs` of training.
 
-    The reward is the user's (`user_keywords`), otherwise the environment's own, with the price `cost` of the training
-    if it has one. The arm has its own link lengths, even if training draws them (`LENGTHS`).
+    Validation uses the user's reward weights if they are in `asked` (`user_keywords`), and otherwise the environment's
+    default weights; in this case the weight `cost` is the one of training, if training has one. The arm keeps its
+    nominal link lengths, even if training draws them at random (`LENGTHS`).
     """
     left_out = (*TRAINING_ONLY, LENGTHS)
     judged, reward = {k: v for k, v in kwargs.items() if k not in left_out}, kwargs.get("reward")
@@ -72,14 +75,15 @@ def validation(env_id: str, kwargs: Mapping[str, Any], asked: Mapping[str, Any] 
 
 @dataclass(frozen=True)
 class Episodes:
-    """Measures of n episodes (`flexarm_env.episodes.measures`), one entry or column each; errors in rad or m (reach).
+    """Measures of n episodes (`flexarm_env.episodes.measures`), with one entry or one column per episode.
 
     Attributes:
         task, dt: task and control period, s, of the environment. success (n,), settled (n,), terminated (n,): whether
             an episode succeeded, settled, and ended early. settling (n,): settling time, s; the full duration if the
-            tip never settled. vibration (n,): residual vibration, m. overshoot (n,): share of the initial error. effort
-            (n,): time integral of the joints' (torque / limit)^2, s. returns (n,): sum of the rewards of each episode.
-            errors (steps + 1, n): tip errors at each instant. way (n,): initial tip error.
+            tip never settled. vibration (n,): residual vibration, m. overshoot (n,): overshoot divided by the initial
+            tip error. effort (n,): time integral of the sum of (torque / limit)^2 over the joints, s. returns (n,): sum
+            of the rewards of each episode. errors (steps + 1, n): magnitude of the tip error at each instant, rad for
+            the task slew, m for reach. way (n,): initial tip error, in the same unit.
     """
 
     task: str
@@ -99,7 +103,7 @@ class Episodes:
 def make_episodes(env_id: str, n: int, /, **arguments: Any) -> Any:
     """Create the vector environment with n arms in which `run` runs its episodes.
 
-    Default randomization ranges that the arm does not support are dropped.
+    If the arm does not support one of the two ranges of `RANDOMIZED`, this range is omitted.
     """
     for key in ("id", "num_envs", "vectorization_mode"):
         if key in arguments:
@@ -115,7 +119,7 @@ def make_episodes(env_id: str, n: int, /, **arguments: Any) -> Any:
 
 
 def run(env: Any, policy: Policy, first: int = TEST) -> Episodes:
-    """Run one episode in each environment of a native vector environment; the seeds are first, first + 1, ...."""
+    """Run one episode in each of n native environments, with the seeds first to first + n - 1."""
     setup = Setup.of(env)
     history = History(*measures.EVERY, limit=int(env.unwrapped.plan.limit))
     play(env, policy, range(first, first + int(env.num_envs)), [history])

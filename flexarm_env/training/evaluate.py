@@ -7,14 +7,16 @@
 --policy takes a controller (pd, zv, zvd, lqr, mpc, time_optimal; lqg with --env-kwargs '{"observation": "measured"}';
 hybrid_force, impedance, lqr_force with --env-kwargs '{"task": "press"}' or "land"; zv@FILE is zv with gains from a file
 of `flexarm tune`), a run folder, a file (policy.npz, a .zip of Stable-Baselines3, .onnx), the name of a policy of the
-package, or MODULE:NAME, a Python function of observations. Several policies,
-separated by commas, give one table. A tip has settled when it stays, to the end of the episode, within 2 % of the slew
-(at least 0.5 deg), or within 2 % of the arm's length of the target; without settling the whole duration counts.
-Intervals are 95 % bootstrap intervals over the episodes. With --out, the table, the JSON, a figure of the tip error in
-one episode and, with --video, a film per policy are written there.
+package, or MODULE:NAME, a Python function of observations. Several policies, separated by commas, give one table with
+a row per policy.
 
-A policy.npz contains only numbers. A .zip, and a vecnormalize.pkl beside it, are pickles: only the numbers in them are
-read, and nothing that they name is executed. A policy given as MODULE:NAME runs your own code.
+The settling time is the time after which the tip stays near its target until the episode ends: within 2 % of the slew
+angle (at least 0.5 deg) for the task slew, within 2 % of the arm's length for reach. A tip that never settles counts
+with the episode's whole duration. Intervals are 95 % bootstrap intervals over the episodes. The folder --out receives
+the table, the JSON and a figure of the tip error in the first episode; with --video also a film for each policy.
+
+A policy.npz contains only numbers. A .zip and the vecnormalize.pkl beside it contain pickled objects: the command reads
+only the numbers in them and executes no code from them. A policy given as MODULE:NAME runs the code of this module.
 """
 
 import json
@@ -39,13 +41,14 @@ class Arguments:
     """Arguments of `flexarm evaluate`.
 
     Args:
-        policy: the policy (see above); several separated by commas.
+        policy: the policy in one of the forms above; several policies are separated by commas.
         env: id of the environment.
         episodes: number of episodes.
-        first: seed of the first episode; all further episodes have the following seeds.
-        formulation: beam formulation of the arm; default: that of the environment.
-        env_kwargs: further keywords of the environment, as JSON; they override those of a policy's training.
-        randomized: draw factors for each episode, on the payload from 0.5 to 2 and on the stiffness from 0.7 to 1.3.
+        first: seed of the first episode; each further episode's seed is larger by 1.
+        formulation: beam formulation of the arm; default: the environment's formulation.
+        env_kwargs: keywords of the environment, as JSON; they override the keywords with which a policy was trained.
+        randomized: multiply the payload by a random factor from 0.5 to 2, and the bending stiffness by a random factor
+            from 0.7 to 1.3, in each episode.
         json: print JSON instead of a table.
         out: folder for table, JSON and figure.
         video: write a film of episode 0 for each policy as well (needs --out).
@@ -64,9 +67,9 @@ class Arguments:
 
 
 def evaluate(arguments: Arguments) -> tuple[dict[str, dict[str, Any]], dict[str, fixed.Episodes], dict[str, float]]:
-    """Evaluate all policies: summaries and episodes by policy, and medians of the time bounds, s.
+    """Evaluate all policies; return summaries by policy, episodes by policy, and the result of `bounds`.
 
-    Raises ValueError with a sentence for invalid arguments.
+    Raises ValueError for invalid arguments.
     """
     if arguments.episodes < 1:
         raise ValueError(f"--episodes {arguments.episodes}: must be at least 1")
@@ -97,7 +100,11 @@ def keywords(arguments: Arguments, chosen: NamedPolicy) -> dict[str, Any]:
 
 
 def bounds(env: Any, result: fixed.Episodes) -> dict[str, float]:
-    """Return median times, s, of two plans of one link: the rigid time-optimal slew, and the flexible plan to rest."""
+    """Return lower bounds of the settling time, s: medians over the episodes, for one-link slews; {} otherwise.
+
+    One bound is the duration of the time-optimal slew of a rigid link. The other is the duration of the time-optimal
+    slew that brings the flexible link to rest.
+    """
     setup = Setup.of(env)
     if setup.task != "slew":
         return {}

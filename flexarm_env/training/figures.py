@@ -11,9 +11,9 @@ from flexarm_env.training.episodes import Episodes
 
 
 def learning_curve(curves: Sequence[Sequence[Mapping[str, float]]], path: Path, title: str = "") -> None:
-    """Plot success rate, settling time and return over environment steps, for one run or several seeds.
+    """Plot success rate, settling time and return over environment steps, for one run or for runs of several seeds.
 
-    Several seeds are shown with their median. curves: rows of each run's learning curve.
+    With several runs the figure also shows their median. curves: for each run, the rows of its learning curve.
     """
     shown = {"success_rate": "success rate", "settling_median": "median settling (s)", "return_mean": "mean return"}
     with styled_figure(path, 7.0, 7.8) as figure:
@@ -39,7 +39,7 @@ def learning_curve(curves: Sequence[Sequence[Mapping[str, float]]], path: Path, 
 
 
 def tip_errors(results: Mapping[str, Episodes], episode: int, path: Path, title: str = "") -> None:
-    """Plot the tip error over time in the same episode under each controller, linear and logarithmic."""
+    """Plot the tip error over time in one episode under each controller, on a linear and on a logarithmic axis."""
     first = next(iter(results.values()))
     slew = first.task == "slew"
     factor, unit = (180.0 / np.pi, "deg") if slew else (1000.0, "mm")
@@ -61,7 +61,10 @@ def tip_errors(results: Mapping[str, Episodes], episode: int, path: Path, title:
 def compared(
     rows: Sequence[Mapping[str, Any]], varied: Sequence[str], quantities: Mapping[str, str], path: Path, title: str = ""
 ) -> None:
-    """Plot quantities over the varied settings: a column of panels per setting, a dot per run, a line through means."""
+    """Plot measured quantities over varied settings, with a column of panels for each setting.
+
+    Each dot is a run, and a line connects the means of the runs with equal settings.
+    """
     keys = list(quantities)
     with styled_figure(path, max(4.6, 3.4 * len(varied)), 1.9 * len(keys)) as figure:
         axes = figure.subplots(len(keys), len(varied), sharex="col", sharey="row", squeeze=False)

@@ -3,8 +3,8 @@
     python -m flexarm_env.training.films --policy runs/ppo-FlexibleArm-v0-0,pd --out runs/beside.gif
     python -m flexarm_env.training.films --env TwoLinkFlexArm-v0 --policy pd,lqr --seed 10004 --out two.mp4 --size 480
 
---policy takes the same names as `flexarm evaluate`; all policies play the episode of the same seed. The option --labels
-gives labels above the pictures, separated by commas.
+--policy takes the same names as in `flexarm evaluate`. All policies act in the episode of the same seed. --labels takes
+labels to print above the pictures, separated by commas.
 """
 
 import sys
@@ -38,7 +38,7 @@ class Arguments:
         policy: the policy; several, separated by commas, are shown side by side.
         out: file of the film: .mp4, .gif, .webm, .mkv or .mov.
         env: id of the environment.
-        env_kwargs: keywords of the environment, as JSON; they override those of a policy's training.
+        env_kwargs: keywords of the environment, as JSON; they override the keywords with which a policy was trained.
         seed: seed of the episode.
         seconds: duration of the shown part of the episode, s; default: the whole episode.
         fps: pictures per second of film, at most one per control period.
@@ -95,7 +95,7 @@ def beside(films: Sequence[Iterator[Picture]], labels: Sequence[str], size: int)
 
 
 def make(arguments: Arguments) -> Path:
-    """Write the film; return its path. Raises ValueError with a sentence for invalid arguments."""
+    """Write the film; return its path. Raises ValueError for invalid arguments."""
     film_path(arguments.out)
     words = arguments.policy.split(",")
     chosen = [choose(word, arguments.env) for word in words]

@@ -1,10 +1,10 @@
-"""Policy learning by gradients of the return through differentiable simulation, in short windows, with a critic.
+"""Policy learning by derivatives of the return that are computed through the simulation (short-horizon actor-critic).
 
 The method follows Xu et al. 2022 (Accelerated policy learning with parallel differentiable simulation). n arms act for
-a window of periods. The objective is the sum of the discounted rewards and the critic's estimate of the return after
-the window. The objective is differentiated by the policy's weights through all periods of the window; the critic is
-fitted to the returns. The class has the interface of a Stable-Baselines3 algorithm: it uses PPO's policies and
-checkpoints, and the functions that read them.
+a window of a few control periods. The objective is the sum of the discounted rewards in the window and the critic's
+estimate of the return after the window. The gradient of the objective by the policy's weights is computed backward
+through all periods of the window. The critic is fitted to the returns. The class `Gradient` has the interface of a
+Stable-Baselines3 algorithm. Its policies and checkpoints have PPO's format, so that the same functions read them.
 """
 
 from __future__ import annotations
@@ -38,9 +38,10 @@ class Window:
     """Record of T control periods of n arms: lists of T entries.
 
     states (n, S), seen (n, O): states and observations before each period. inputs: inputs of each layer of the policy.
-    wanted, noise (n, A): actions before clipping, and their random part. total (n, A): actions plus the actions of a
-    controller inside, before saturation. rewards (T, n): rewards including the costs of limits and the price of
-    failure. slopes (n, O): derivatives of the limits' costs by the observation after the period. ended, failed (T, n):
+    wanted, noise (n, A): the policy's actions before clipping, and the random part of these actions. total (n, A):
+    `wanted` plus the action of the controller inside the policy (`control.around`), before saturation. rewards (T, n):
+    rewards including the cost near joint limits and the penalty of a failure. slopes (n, O): derivatives of the cost
+    near joint limits by the observation after the period. ended, failed (T, n):
     whether the episode ended, and whether the solver failed. after (T, n, O): observations after each period.
     """
 
@@ -58,7 +59,7 @@ class Window:
 
 
 class Gradient(BaseAlgorithm):
-    """Policy gradient through the simulation over short horizons (short-horizon actor-critic).
+    """Learning algorithm: policy gradient through the simulation over short windows (short-horizon actor-critic).
 
     Args:
         policy: name of the policy class, "MlpPolicy". env: a vector environment of this package.
@@ -66,8 +67,9 @@ class Gradient(BaseAlgorithm):
         batch_size, n_epochs: batch size and number of epochs for fitting the critic in each window.
         gae_lambda: weight of longer returns in the critic's targets. max_grad_norm: largest norm of the actor's
             gradient.
-        limit_margin: distance, rad, from a joint's limit below which a cost acts, up to `limit_cost` per period at the
-            limit (derivatives do not show that returns jump at the end of an episode).
+        limit_margin: angle, rad, from a joint limit within which a cost is subtracted from the reward. The cost grows
+            to `limit_cost` per period at the limit. It is needed because an episode ends at a limit, and the gradient
+            does not contain the jump of the return at this end.
         policy_kwargs, seed, verbose, device, tensorboard_log: as for PPO.
     """
 

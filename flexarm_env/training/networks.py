@@ -1,7 +1,7 @@
-"""Small networks in NumPy, forward and backward, that share memory with PyTorch's parameters.
+"""Forward and backward passes of small networks in NumPy, with parameters in the memory of a PyTorch module.
 
-For networks this small, PyTorch's overhead per operation exceeds the time of the arithmetic. The learned parameters
-belong to a PyTorch module, which is saved, loaded and evaluated as usual.
+For small networks PyTorch's overhead per operation exceeds the time of the arithmetic. The PyTorch module contains the
+learned parameters and is saved, loaded and evaluated as usual.
 """
 
 from typing import Any
@@ -15,7 +15,7 @@ DECAY, SQUARES, FLOOR = 0.9, 0.999, 1e-5
 
 
 class Parameters:
-    """PyTorch parameters in one contiguous array, with which they share memory from then on.
+    """PyTorch parameters, moved into one contiguous array with which they share memory.
 
     Attributes:
         values (n,): all parameters. gradient (n,): gradient, written by the caller. memory (2 n + 1,): Adam's moments
@@ -37,7 +37,7 @@ class Parameters:
         self._shapes = [tuple(tensor.shape) for tensor in tensors]
 
     def views(self, of: Array32) -> list[Array32]:
-        """Return views of `values`, or of a similar array, in the parameters' shapes."""
+        """Return one view of `of`, an array with the layout of `values`, per parameter, in the parameter's shape."""
         return [of[own].reshape(shape) for own, shape in zip(self._slices, self._shapes, strict=True)]
 
     def descend(self, rate: float, most: float | None = None) -> float:
@@ -90,7 +90,10 @@ class Network:
         return x @ self.weights[-1].T + self.biases[-1], inputs
 
     def backward(self, slope: Array32, inputs: list[Array32]) -> tuple[Array32, list[Array32]]:
-        """Return derivatives by the input (n, in) and the layers' outputs. slope (n, out): by the final output."""
+        """Return the objective's derivatives by the network's input (n, in) and by the output of each layer.
+
+    slope (n, out): derivatives of the objective by the network's output. inputs: each layer's inputs, from `forward`.
+        """
         slopes = [slope]
         for k in range(len(self.weights) - 1, 0, -1):
             slope = slope @ self.weights[k]
@@ -100,9 +103,9 @@ class Network:
         return slope @ self.weights[0], slopes[::-1]
 
     def note(self, inputs: list[Array32], slopes: list[Array32]) -> None:
-        """Write the gradients by weights and biases, summed over rows, into `parameters.gradient`.
+        """Write the objective's gradient by weights and biases, summed over the n rows, into `parameters.gradient`.
 
-        inputs: each layer's inputs. slopes: derivatives by each layer's outputs.
+    inputs: each layer's inputs, from `forward`. slopes: derivatives by each layer's outputs, from `backward`.
         """
         for (w, b), x, slope in zip(self._slopes, inputs, slopes, strict=True):
             np.matmul(slope.T, x, out=w)

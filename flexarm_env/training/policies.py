@@ -1,4 +1,4 @@
-"""Policies by their names on the command line, and models of Stable-Baselines3 during training."""
+"""Find the policy that a name on the command line denotes; run a Stable-Baselines3 model during training."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -13,7 +13,10 @@ from flexarm_env.training.export_policy import numpy_policy
 
 
 class TorchPolicy:
-    """A Stable-Baselines3 model with its normalizer, as a `Policy`. Policies of RecurrentPPO have a memory."""
+    """`Policy` that evaluates a Stable-Baselines3 model with its VecNormalize statistics.
+
+    A policy of RecurrentPPO has a memory, which `reset` clears.
+    """
 
     def __init__(self, model: Any, normaliser: Any) -> None:
         """Store the model and its normalizer, with an empty memory."""
@@ -34,7 +37,7 @@ class TorchPolicy:
 
 
 def acting(model: Any, meta: Mapping[str, Any], normaliser: Any) -> NumpyPolicy | TorchPolicy:
-    """Wrap a model as a Policy that needs only NumPy if possible, and otherwise PyTorch."""
+    """Convert a model to a `NumpyPolicy`, or wrap it as a `TorchPolicy` if the conversion is not possible."""
     if hasattr(model.policy, "lstm_actor"):
         return TorchPolicy(model, normaliser)
     return numpy_policy(model, meta, normaliser)

@@ -1,4 +1,4 @@
-"""Progress of a training run: rows of the learning curve, the best policy so far, and the time of the solution."""
+"""Progress of a training run: learning curve, best policy so far, and the time at which the task was solved."""
 
 import sys
 from collections.abc import Callable
@@ -22,12 +22,12 @@ COLUMNS = (
 
 @dataclass
 class Progress:
-    """Progress of a run; part of every checkpoint.
+    """Progress of a run, which is stored in every checkpoint.
 
     curve: learning curve, one row of COLUMNS per evaluation. best: smallest cost so far (see `cost`). best_return: mean
-    return of the evaluation with the smallest cost. Between equal costs, as before the first success, the higher return
-    wins. solved: row at which the task was solved, or None. wall_s, cpu_s: time spent so far, without evaluation and
-    checkpoints.
+    return of the evaluation with the smallest cost. Costs are equal until an episode succeeds; the evaluation with the
+    higher return is then the better one. solved: row of `curve` at which the task was solved, or None. wall_s, cpu_s:
+    time spent so far, s, without evaluation and checkpoints.
     """
 
     curve: list[dict[str, float]] = field(default_factory=list)
@@ -84,9 +84,9 @@ class Progress:
 
 
 def cost(result: episodes.Episodes, by: str = "settling") -> float:
-    """Return the cost that the best policy minimizes: mean settling time, s; a failure counts twice the duration.
+    """Return the cost by which the best policy of a run is chosen: the mean settling time, s, if by="settling".
 
-    With by="return" the cost is minus the mean return.
+    A failed episode counts with twice its duration. If by="return", the cost is minus the mean return.
     """
     if by == "return":
         return -float(result.returns.mean())
@@ -137,7 +137,7 @@ def finish(folder: Path, record: dict[str, Any], progress: Progress) -> None:
 
 
 def training_program(program: str, train: Callable[[Any], Any], arguments: Any) -> int:
-    """Train and print the result, or print an error with advice on how to continue; return the exit code."""
+    """Call `train(arguments)`; print the result, or an error and how to continue; return the exit code."""
     try:
         progress = train(arguments)
     except ValueError as error:
@@ -160,7 +160,7 @@ def training_program(program: str, train: Callable[[Any], Any], arguments: Any) 
 
 
 def finished(trainer: Any, folder: Path, **given: Any) -> str:
-    """Train a run, resume it, or keep it if it is finished; describe its result."""
+    """Start or resume the run in a folder, unless it is finished; return a text that describes its result."""
     begun = (folder / "run.json").exists()
     if begun and read_run(folder).get("finished"):
         return f"kept from an earlier call ({folder})"

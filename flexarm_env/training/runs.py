@@ -1,4 +1,4 @@
-"""Files of training runs, which are written atomically, and errors, which are reported in one sentence."""
+"""Read and write the files of training runs; writing is atomic, and an error is reported in one sentence."""
 
 import contextlib
 import csv
@@ -44,7 +44,10 @@ def write_rows(path: Path, heads: Sequence[str], rows: Iterable[Mapping[str, Any
 
 
 def report(folder: Path, title: str, began: float, lines: list[str]) -> None:
-    """Write report.md: title, date, time since `began` (of time.perf_counter) and versions; print its lines."""
+    """Write report.md with title, date, running time, versions and `lines`; print the lines.
+
+    began: value of time.perf_counter at the start of the program.
+    """
     made = " · ".join(f"{name} {version}" for name, version in versions().items())
     spent = f"{time.strftime('%Y-%m-%d')}, {time.perf_counter() - began:.0f} s in all"
     write_text(folder / "report.md", "\n".join([f"# {title}", "", f"{spent} · {made}", "", *lines]) + "\n")
@@ -66,9 +69,9 @@ def command(
     work: Callable[[T], int | None],
     words: Sequence[str] | None = None,
 ) -> int:
-    """Parse a command line (`arguments`) and run `work`.
+    """Parse a command line (`training.arguments.parse`) and call `work` with the result; return the exit code.
 
-    Returns the exit code, which is 2 after an error. An error is printed in one sentence.
+    An error is printed in one sentence, and the exit code is then 2.
     """
     arguments = parse(kind, program, description, words)
     try:
@@ -91,13 +94,13 @@ class Training:
 
     Args:
         env: id of the environment.
-        config: file of hyper-parameters, RL Zoo format, or the name of one of the package's, such as robust;
-            default configs/ppo/default.yml.
-        set: a hyper-parameter that overrides the config file's, KEY=VALUE; may be given several times.
-        env_kwargs: keywords of the environment, as JSON; they override those of the config file.
+        config: file of hyper-parameters in RL Zoo's format, or the name of such a file of the package, for example
+            robust; default configs/ppo/default.yml.
+        set: KEY=VALUE, a hyper-parameter that overrides the value in the config file; may be given several times.
+        env_kwargs: keywords of the environment, as JSON; they override the keywords in the config file.
         out: run folder; default runs/ALGO-ENV-SEED.
-        resume: continue from the run folder's last checkpoint, or start if it has none yet. Flags that would change
-            the training are rejected.
+        resume: continue from the last checkpoint in the run folder, or start a run if there is no checkpoint. Flags
+            that would change the training are rejected.
     """
 
     env: str = "FlexibleArm-v0"
@@ -125,7 +128,7 @@ class Training:
     progress: bool = switch("show a progress bar", True)
 
     def begun(self, *kept: str, algorithm: str | None = None) -> Self:
-        """Return the validated arguments of a new run, or of the run to be resumed.
+        """Validate and return the arguments of a new run, or of a run to be resumed.
 
         A resumed run keeps its original arguments except the arguments named in `kept`. Raises ValueError in four
         cases: a new run exists already; the run has finished and --n-timesteps does not extend it; the run belongs to
@@ -191,7 +194,10 @@ OF_POLICY = (
 
 
 def new_record(arguments: Any, algorithm: str, env_kwargs: dict[str, Any], setup: Any, **more: Any) -> dict[str, Any]:
-    """Return the content of run.json at a run's start. setup: result of `Setup.of` for the training environment."""
+    """Return the content of run.json at the start of a run.
+
+    setup: result of `Setup.of` for the training environment.
+    """
     given = {k: str(v) if isinstance(v, Path) else v for k, v in dataclasses.asdict(arguments).items()}
     return {
         "algorithm": algorithm, "env_id": arguments.env, "env_kwargs": env_kwargs, "layout": setup.layout,
@@ -201,7 +207,7 @@ def new_record(arguments: Any, algorithm: str, env_kwargs: dict[str, Any], setup
 
 
 def read_run(run: Path) -> dict[str, Any]:
-    """Read the record (run.json) of a run folder. Raises ValueError with a sentence if the folder has no run.json."""
+    """Read the record (run.json) of a run folder. Raises ValueError if the folder has no run.json."""
     if not run.is_dir():
         raise ValueError(f"{run}: no such run folder")
     if not (run / "run.json").is_file():
@@ -221,10 +227,10 @@ def checkpoints(folder: Path) -> list[Path]:
 
 @contextlib.contextmanager
 def new_checkpoint(folder: Path, steps: int, best: Iterable[str]) -> Iterator[Path]:
-    """Provide a folder to be filled, which then atomically becomes the checkpoint after `steps` steps.
+    """Yield an empty folder for a `with` block; at its end the folder atomically becomes a checkpoint.
 
-    The last two checkpoints are kept. steps: environment steps so far. best: names of the files of the run's best model
-    so far, which are restored together with the learning curve.
+    The last two checkpoints are kept. steps: environment steps so far. best: names of the run folder's files with the
+    best model so far; the checkpoint contains copies of them, so that model and learning curve are restored together.
     """
     home = folder / "checkpoints"
     part, final = home / f".part-{os.getpid()}", home / f"{steps:012d}"
@@ -287,9 +293,9 @@ def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
 
 
 def load_normaliser(path: Path, model: Any) -> Any:
-    """Load the VecNormalize statistics that belong to a model.
+    """Load the VecNormalize statistics of a model from a file.
 
-    Raises ValueError for other files, or for statistics of another model.
+    Raises ValueError if the file contains something else, or the statistics of another model.
     """
     try:
         with path.open("rb") as file:

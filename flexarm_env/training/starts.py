@@ -1,4 +1,4 @@
-"""Staggered starts of training environments, at times spread over an episode."""
+"""Start training environments at different times of their episodes."""
 
 from typing import Any
 
@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 
 def staggered(native: Any, seed: int) -> NDArray[np.float32] | None:
-    """Advance reset environments to times spread over an episode; return the observations there, (n, O).
+    """Advance n environments by one episode in which each is reset at another time; return observations (n, O).
 
-    Episodes of equal length that start together would show each rollout a single phase of the task: all arms moving,
-    then all at rest. The arms run without action and are reset at different times. The result is None if episodes
-    consist of a single step.
+    After this call the environments are at n different times of their episodes. Episodes of equal length that all
+    start together would fill each rollout with a single phase of the task: all arms moving, then all arms at rest. The
+    actions are 0. The result is None if an episode consists of a single step.
 
     Args:
-        native: a native vector environment. seed: seed of the random assignment of the times to the arms.
+        native: a native vector environment after `reset`. seed: seed of the random order of the reset times.
     """
     n, limit = native.num_envs, int(native.unwrapped.plan.limit)
     ages = np.random.default_rng(seed).permutation(np.arange(n) * limit // n)

@@ -16,7 +16,7 @@ LEVEL = 0.95
 def bootstrap(values: Array, statistic: Callable[..., Any], seed: int = 0) -> tuple[float, float]:
     """Return the percentile bootstrap interval (95 %) of a statistic of the values (n,).
 
-    statistic: NumPy function with an argument `axis`, such as the median.
+    statistic: NumPy function with an argument `axis`, such as np.median.
     """
     from scipy import stats
 
@@ -42,7 +42,10 @@ is in mm, overshoot in %."""
 
 
 def summary(result: Episodes) -> dict[str, Any]:
-    """Return `QUANTITIES` with their intervals (key + "_interval"), and the rates of settling and early ends."""
+    """Return a statistic of each of `QUANTITIES`, its interval (key + "_interval"), and two further rates.
+
+    The rates are the shares of episodes that settled and of episodes that ended early.
+    """
     out: dict[str, Any] = {"episodes": len(result.success)}
     for key, (_, statistic, values) in QUANTITIES.items():
         numbers = values(result)
@@ -54,7 +57,7 @@ def summary(result: Episodes) -> dict[str, Any]:
 
 
 def markdown(rows: Mapping[str, Mapping[str, Any]], bounds: Mapping[str, float] | None = None) -> str:
-    """Format a table: a row per policy, intervals in brackets; below it the medians of the bounds."""
+    """Format a Markdown table with a row per policy and intervals in brackets, and below it the times in `bounds`."""
     lines = []
     for name, row in rows.items():
         lines.append((name, *(_cell(key, row[key], row[f"{key}_interval"]) for key in QUANTITIES)))

@@ -1,13 +1,21 @@
 """Train a policy by PPO (Stable-Baselines3) or by another algorithm (--algo).
 
-    flexarm train --env FlexibleArm-v0 flexarm train --env TwoLinkFlexArm-v0 --config configs/ppo/residual.yml flexarm
-    train --env FlexibleArm-v0 --out runs/mine --resume
+    flexarm train --env FlexibleArm-v0
+    flexarm train --env TwoLinkFlexArm-v0 --config configs/ppo/residual.yml
+    flexarm train --env FlexibleArm-v0 --out runs/mine --resume
 
-The run folder contains model.zip (the best on the validation episodes), vecnormalize.pkl if observations are
-normalized, policy.npz (the same policy for NumPy alone), config.yml (resolved), run.json (arguments, versions, layout
-of the observation, results), learning_curve.csv and .png, tensorboard/ and checkpoints/. model.zip, vecnormalize.pkl
-and the checkpoints are pickles, which can run any code when they are read: resume only your own runs, and give
-policy.npz to others.
+The run folder contains these files:
+
+    model.zip            the model with the best result on the validation episodes
+    vecnormalize.pkl     its VecNormalize statistics, if observations are normalized
+    policy.npz           the same policy, for NumPy alone
+    config.yml           hyper-parameters and environment keywords of the run, changes by flags included
+    run.json             arguments, versions, layout of the observation, results
+    learning_curve.csv   learning curve; .png is its figure
+    tensorboard/, checkpoints/
+
+model.zip, vecnormalize.pkl and the checkpoints are pickles, which can execute any code when they are loaded. Resume
+only your own runs, and share a policy as policy.npz.
 """
 
 import shutil
@@ -38,14 +46,13 @@ class Arguments(Training):
     """Arguments of `flexarm train`.
 
     Args:
-        algo: "ppo", "sac", "tqc", "gradient" (gradients through the simulation), or "recurrent_ppo" (its policy is
-            saved only as model.zip, since policy.npz has no memory).
-        config: file of hyperparameters in RL Zoo format, or the name of a config of the package, such as robust;
-            default configs/ALGO/default.yml, or suite.yml for tasks of the suite.
-        around: controller inside the policy, such as pd: its torque plus the network's share is the action. pd@FILE
-            has the gains of a file of `flexarm tune`. The default is the config's controller; most configs have no
-            controller.
-        share: share of the torque limits that the network commands with --around; default 0.7.
+        algo: algorithm: "ppo", "sac", "tqc", "gradient" (gradients through the simulation), or "recurrent_ppo" (saved
+            only as model.zip, because policy.npz cannot store a recurrent network).
+        config: file of hyper-parameters in RL Zoo's format, or the name of such a file of the package, for example
+            robust; default configs/ALGO/default.yml, or suite.yml for tasks of the suite.
+        around: classical controller whose torque is added to the network's, such as pd, or pd@FILE with gains from a
+            file of `flexarm tune`. By default the config names the controller; most configs have none.
+        share: largest torque of the network with --around, as a fraction of the torque limits; default 0.7.
     """
 
     algo: str = "ppo"
@@ -59,7 +66,7 @@ class Arguments(Training):
 
 
 def train(arguments: Arguments) -> Any:
-    """Train a policy; return its `Progress`. Raises ValueError with a sentence for invalid arguments."""
+    """Train a policy; return its `Progress`. Raises ValueError for invalid arguments."""
     _check_installed()
     folder, arguments = arguments.folder, arguments.begun("progress")
     config = configs.load(arguments.config, arguments.algo, arguments.env)
@@ -126,9 +133,10 @@ def train(arguments: Arguments) -> Any:
 
 
 def controller_inside(config: configs.Config, arguments: Arguments, env: Any) -> Inside | None:
-    """Return the controller inside the policy, from the flags or otherwise from the config; None without a controller.
+    """Create the controller whose torque is added to the network's, as the flags or else the config name it.
 
-    env: an environment of the training. Raises ValueError for an invalid or an unsupported controller.
+    Returns None if neither names a controller. env: an environment of the training. Raises ValueError for an invalid
+    or an unsupported controller.
     """
     table, share = config.around, arguments.share
     if arguments.around and not (arguments.resume and table):
@@ -152,10 +160,10 @@ def controller_inside(config: configs.Config, arguments: Arguments, env: Any) ->
 
 
 def fitted(config: configs.Config, arguments: Arguments) -> tuple[configs.Config, dict[str, Any]]:
-    """Adapt discount factor, episode duration and control period to the user's own arm (`rigid.timescales`).
+    """Choose discount factor, episode duration and control period for the user's own arm (`rigid.timescales`).
 
-    Returns the config, and the chosen environment keywords. Values from the user, or from the user's own file, are
-    kept; the function prints the chosen values.
+    Values that the user gave by flags or in a config file are kept. The function prints the chosen values. Returns
+    the config, and the chosen environment keywords.
     """
     given, text = arguments.env_kwargs, dict(config.text)
     named = given.get("arm")

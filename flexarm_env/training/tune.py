@@ -6,14 +6,16 @@
     flexarm tune --env FlexibleArm-v0 --controllers pd,zv,zvd,lqr --randomized --out slew.toml
     flexarm tune --env FlexibleArm-v0 --env-kwargs '{"arm": "mine.toml"}' --controllers pd,zvd --out mine_gains.toml
 
-The search minimizes the mean settling time plus the duration for every episode without success, on episodes that
-neither training nor evaluation uses. The search starts from the gains on file, or else from the gains of the package.
-The result is written to runs/gains/TASK.toml, or to --out: `flexarm evaluate --policy zv@FILE` reads it from there.
-`python -m agents.tune` of a checkout writes flexarm_env/data/control/TASK.toml, which `flexarm_env.control.make` reads.
+The search minimizes the mean settling time, plus the episode's duration times the share of failed episodes. The
+episodes are used for neither training nor evaluation. The search starts from the gains in the output file, or from the
+gains of the package if this file does not exist. The output file is --out or, by default, runs/gains/TASK.toml. Pass
+the file to `flexarm evaluate --policy zv@FILE`. In a checkout, `python -m agents.tune` instead writes
+flexarm_env/data/control/TASK.toml, the file that `flexarm_env.control.make` reads.
 
-PD gains, also with a shaped reference, must leave a gain margin (--margin, 6 dB): the linear arm under them, sampled at
-the control period, is stable with all gains multiplied by the margin. Without the rule (--margin 0) the search finds
-unstable loops that settle in a limit cycle, in which the elbow's torque changes sign in every period.
+Gains of pd, zv and zvd must leave a gain margin (--margin; default: a factor of 2, 6 dB). The closed loop of the
+linearized arm, sampled at the control period, must be stable with all gains multiplied by the margin. Without this
+condition (--margin 0) the search finds unstable loops that end in a limit cycle, in which the elbow's torque changes
+sign in every period.
 """
 
 import json
@@ -73,16 +75,17 @@ class Arguments:
     Args:
         env: id of the environment.
         env_kwargs: keywords of the environment, as JSON: {"arm": "mine.toml"}.
-        controllers: names, separated by commas; default all but mpc, which takes long.
+        controllers: names of controllers, separated by commas; default: all except mpc, whose search takes long.
         samples: number of samples in the random search.
         refinements: number of Nelder-Mead evaluations.
         episodes: number of episodes per evaluation.
         seed: seed of the search.
-        margin: gain margin, the factor on all PD gains up to which the linear loop must be stable; 0: no condition.
+        margin: gain margin: the linearized loop must be stable with all PD gains multiplied by this factor; 0: no
+            condition.
         out: file to which the gains are written.
         home: folder in which TASK.toml is written if --out is not given.
         dry: print the result and write nothing.
-        randomized: tune on arms with random payload and stiffness, as in `flexarm evaluate --randomized`.
+        randomized: tune on arms with random payload and stiffness, drawn as in `flexarm evaluate --randomized`.
     """
 
     env: str
@@ -100,10 +103,11 @@ class Arguments:
 
 
 class SearchProgress:
-    """Cost function that reports a search's progress on standard error: on one line in a terminal.
+    """Cost function that also prints the progress of a search on standard error, in a terminal on one line.
 
     Args:
-        cost: cost function of gains. name: name of the controller. total: largest number of evaluations of the search.
+        cost: function of the gains that returns their cost, s. name: name of the controller. total: largest number of
+            evaluations in the search.
     """
 
     EVERY = (0.5, 10.0)  # s from one line to the next, on a terminal and elsewhere
@@ -138,9 +142,10 @@ class SearchProgress:
 def search(
     cost: Callable[[Array], float], bounds: Array, arguments: Arguments, start: Array | None
 ) -> tuple[Array, float]:
-    """Minimize the cost within bounds (k, 2): Sobol points, then Nelder-Mead, on a logarithmic scale.
+    """Minimize the cost over k gains within bounds (k, 2), by Sobol points and then Nelder-Mead.
 
-    start (k,): known gains from which the search starts, or None. Returns the best gains and their cost.
+    Both methods work on the logarithms of the gains. start (k,): known gains that are evaluated first, or None.
+    Returns the best gains and their cost.
     """
     from scipy.optimize import minimize
     from scipy.stats import qmc

@@ -1,4 +1,4 @@
-"""Callback of a training run: evaluation on fixed episodes, learning curve, checkpoints, progress bar."""
+"""Stable-Baselines3 callback that evaluates a run, writes learning curve and checkpoints, and shows progress."""
 
 import io
 import pickle
@@ -26,7 +26,7 @@ class Watch(BaseCallback):
     Args:
         arguments: arguments of the run. env: the vector environment for evaluation. meta: metadata of the exported
             policy.
-        progress: progress of the part of the run before it was resumed. total: environment steps of the whole run.
+        progress: progress up to the checkpoint from which the run resumes. total: environment steps of the whole run.
     """
 
     def __init__(self, arguments: Training, env: Any, meta: dict[str, Any], progress: Progress, total: int) -> None:
@@ -137,7 +137,7 @@ def start_staggered(model: Any, seed: int) -> None:
 
 # ------------------------------------------------------------------ checkpoints
 def save_checkpoint(folder: Path, model: Any, progress: Progress) -> None:
-    """Save the complete state, so that a resumed run continues as if it had not been interrupted."""
+    """Save the complete state of a run, so that a resumed run continues as if it had not been interrupted."""
     import torch
 
     with new_checkpoint(folder, model.num_timesteps, ("model.zip", "vecnormalize.pkl")) as part:
@@ -157,7 +157,7 @@ def save_checkpoint(folder: Path, model: Any, progress: Progress) -> None:
 
 
 def restore(folder: Path, algorithm: Any, env: Any) -> tuple[Any, Progress]:
-    """Restore model and progress of the last readable checkpoint, with environments and random generators."""
+    """Restore model, progress, environments and random generators from the last readable checkpoint."""
     import torch
 
     def read(path: Path, state: dict[str, Any]) -> tuple[Any, Progress]:

@@ -1,4 +1,4 @@
-"""Recorded runs of scenes: `Trajectory` in the plane, `SpatialTrajectory` in space."""
+"""Recorded simulations of scenes: `Trajectory` for motion in the plane, `SpatialTrajectory` for motion in space."""
 
 from ..scenes import COLUMNS
 from .recorded import MOST_SAMPLES, MOST_STEPS, Trajectory, check_work, kind_of, recorded

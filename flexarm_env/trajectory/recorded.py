@@ -1,4 +1,4 @@
-"""Recorded runs: times, poses, energies, torques, work counts; output as CSV, NPZ or a page that plays the run."""
+"""Recorded simulations in the plane: poses, energies and torques over time, and output as CSV, NPZ or a player page."""
 
 from __future__ import annotations
 
@@ -34,34 +34,38 @@ MOST_STEPS, MOST_SAMPLES = 10**9, 10**6
 
 @dataclass(repr=False)
 class Trajectory:
-    """A recorded run of n instants and N links, SI units. At a kink the recorded values are those just before the kink.
+    """Recorded simulation of an arm with N links at n instants, in SI units.
+
+    At a kink, an instant at which an input is discontinuous, the recorded values are those just before the kink.
 
     Attributes:
         scene, settings: the scene and the solver settings of the run. t (n,): recorded instants, s.
         start, tip (n, 3): x, y (m) and angle (rad) of the root of link 0 and of the tip of the last link.
-        tip_velocity (n, 3): rates of `tip`, m/s and rad/s. hinges (n, N-1, 2): positions of joints 1 to N-1, m.
+        tip_velocity (n, 3): time derivatives of `tip`, m/s and rad/s. hinges (n, N-1, 2): positions of joints 1 to N-1,
+            m.
         joint_angles, joint_rates (n, N): angles, rad, and rates, rad/s, of the joints: joint 0 relative to the x axis
             or the floating base, joint k relative to the tip of link k-1.
-        motor_angles, motor_rates (n, N): angles and rates of the motors divided by the gear ratio, relative to the
-            previous link; with a rigid gear they equal the joint's angle and rate.
+        motor_angles, motor_rates (n, N): angles, rad, and rates, rad/s, of the motors, divided by the gear ratio and
+            relative to the previous link. With a rigid gear they equal the joint's angle and rate.
         joint_torque (n, N): applied torque, or torque that enforces a prescribed angle, N m.
-        tip_deflection (n, N): displacement of each link's tip normal to the tangent at the link's root, divided by the
-            link's length.
+        tip_deflection (n, N): displacement of each link's tip, relative to the unstressed link, normal to the tangent
+            at the link's root, divided by the link's length.
         kinetic, strain_energy, gravity (n,): kinetic, strain and gravitational energy, J.
-        dissipated, work (n,): dissipated energy, and work of the drives, since the start, J.
-        shapes (n, points, 2): points along the chain from root to tip, m.
-        q, v (n, rows): coordinates and their rates; names (rows,): names of the coordinates.
+        dissipated, work (n,): energy dissipated since the start, and work of the drives since the start, J.
+        shapes (n, points, 2): points along the arm's center line from root to tip, m.
+        q, v (n, rows): the solver's coordinates and their time derivatives; names (rows,): names of the coordinates.
         status: "ok", "inaccurate", or the name of the failure that ended the run. message: a sentence about the status.
         steps, iterations, factorizations, halvings: numbers of time steps, Newton iterations, factored matrices and
-            halved steps. cpu_seconds: CPU time of the run's thread, without compilation.
-        notes: known errors of the formulation by name, as fractions of the arm's length.
-        error_estimate: estimated error of the tip, a fraction of the arm's length (`flexarm_env.accuracy`); nan if the
-            run ended early or the error was not estimated. error_parts: the parts of the estimate, by name.
-        deflection_bound: tip_deflection at which a run ends; infinite unless whole links are reduced to modes.
-        step_levels: with a step_tolerance, number of halvings of dt in each interval between samples and kinks.
-        step_error: largest remaining error in an interval between samples and kinks, divided by the arm's length; 0
-            without a step_tolerance.
-        gross_work: work of the drives, J, with negative work counted as positive.
+            halved steps. cpu_seconds: CPU time of the run's thread, s, without compilation.
+        notes: by name, tip errors that the formulation causes, divided by the arm's length.
+        error_estimate: estimated error of the tip's position, divided by the arm's length (`flexarm_env.accuracy`); nan
+            if the run ended early or the error was not estimated. error_parts: the parts of the estimate, by name.
+        deflection_bound: value of `tip_deflection` at which a run ends; infinite unless each link is reduced to modes.
+        step_levels: with the setting step_tolerance, the number of halvings of dt in each interval. Intervals end at
+            samples and kinks.
+        step_error: with step_tolerance, the largest estimated tip error of an interval, divided by the arm's length; 0
+            without this setting.
+        gross_work: sum of the magnitudes of the drives' positive and negative work, J.
         link_angles (n, N, 2): angles of the tangents at each link's root and tip, rad.
     """
 
@@ -113,41 +117,43 @@ class Trajectory:
 
     @property
     def base_angle(self) -> Array:
-        """Attitude (n,) of the floating base, rad, 0 at the start; ValueError if the arm has no floating base."""
+        """Attitude (n,) of the floating base relative to its attitude at the start, rad.
+
+        Raises ValueError if the arm has no floating base.
+        """
         if "base" not in self.names:
             raise check.InvalidValue("scene.arm.base", self.scene.arm.base, "must be a Base, and scene.root free")
         return self.q[:, self.names.index("base")]
 
     @property
     def finished(self) -> bool:
-        """True if the run reached its end, even if its result is inaccurate."""
+        """True if the run reached its end time, also with the status "inaccurate"."""
         return self.status in ("ok", "inaccurate")
 
     @property
     def energy(self) -> Array:
-        """Sum of kinetic, strain and gravity energy, J (n,)."""
+        """Sum of kinetic, strain and gravitational energy, (n,), J."""
         return self.kinetic + self.strain_energy + self.gravity
 
     @property
     def balance(self) -> Array:
-        """Energy imbalance, J (n,): change of energy + dissipated - work; 0 for an exact solution."""
+        """Energy error (n,), J: change of `energy` since the start + `dissipated` - `work`; 0 for an exact solution."""
         energy = self.energy
         brought = self.work - self.dissipated  # a velocity that jumps at the start brings some before the first sample
         return np.asarray(energy - energy[0] - (brought - brought[0]))
 
     @property
     def turned_over(self) -> float:
-        """Reference energy for the balance, J: the sum of gross work, initial energy and energy exchanged with
-        gravity."""
+        """Energy with which `balance` is compared, J: gross work + initial energy + energy exchanged with gravity."""
         return self.gross_work + float(self.kinetic[0] + self.strain_energy[0] + np.ptp(self.gravity))
 
     def strain(self, link: int, place: float, distance: float | None = None) -> Array:
-        """Return a link's bending strain at a place over time, (n,): curvature times distance from the neutral axis.
+        """Return a link's bending strain at one place over time, (n,): curvature times distance from the neutral axis.
 
         Args:
-            link: number of the link, from 0. place: position along the link, from 0 (root) to 1 (tip).
-            distance: distance from the neutral axis, m; None for sqrt(3 J / m), half the thickness of a rectangle with
-                the section's m and J.
+            link: index of the link, from 0. place: position along the link, from 0 (root) to 1 (tip).
+            distance: distance from the neutral axis, m. None means sqrt(3 J / m): half the thickness of a rectangular
+                section with the link's mass per length m and rotary inertia per length J.
         """
         gauge = StrainGauge(link=link, place=place, unit="strain", distance=distance)
         Sensors(strain_gauges=(gauge,)).check_for(self.scene.arm.links)
@@ -165,7 +171,7 @@ class Trajectory:
     # --- to be looked at ---------------------------------------------------------------------------
     @classmethod
     def read(cls, simulation: Any, fields: Mapping[str, Array], shapes: Array) -> dict[str, Any]:
-        """Return the fields that differ between plane and space, from the fields that `Simulation.record` returns."""
+        """Return the attributes whose form differs in plane and space, from the arrays of `Simulation.record`."""
         poses, links = fields["poses"], simulation.scene.arm.links
         lengths = np.array([link.span for link in links])
         bows = np.array([link.far.imag for link in links])
@@ -178,7 +184,7 @@ class Trajectory:
 
     @classmethod
     def read_tips(cls, scene: Scene, settings: Settings, fields: Mapping[str, Array]) -> Array:
-        """Return the tip's positions (n, 2), m, which error estimates compare; fields: see `read`."""
+        """Return the tip's positions (n, 2), m, from which errors are estimated. fields: as in `read`."""
         return fields["poses"][:, -1, TIP][:, :2]
 
     @property
@@ -187,9 +193,10 @@ class Trajectory:
         return self.tip[:, :2]
 
     def clip(self, label: str | None = None) -> Clip | SpaceClip:
-        """Return the run as a clip for the player. label: name beside other runs; the default is the scene's name.
+        """Return the run as a clip for the player.
 
-        Raises ValueError if the run has no samples or has inconsistent arrays.
+        label: name of the run in the player; the default is the scene's name. Raises ValueError if the run has no
+        samples or has inconsistent arrays.
         """
         self.check_arrays()
         if not len(self.t):
@@ -199,9 +206,10 @@ class Trajectory:
         return CLIPS[self.scene.axes](self, label, self._curvature)
 
     def view(self, *others: Trajectory, labels: Sequence[str] | None = None) -> Player:
-        """Return a page that plays the run and others; save it by `.save("arm.html")` or display it in a notebook.
+        """Return a `Player` that shows this run and `others` together.
 
-        labels: names of all runs; the default is the scenes' names.
+        Write the player to a web page by `.save("arm.html")`, or display it in a notebook. labels: names of the runs,
+        this run first; the default is the names of the scenes.
         """
         from ..view import Player
 
@@ -211,13 +219,14 @@ class Trajectory:
         return self.view()._repr_html_()
 
     def measured(self, sensors: Sensors | Mapping[str, Any] | None = None, seed: int = 0) -> dict[str, Array]:
-        """Return the readings of sensors at the recorded instants, by the environments' laws (`flexarm_env.sensors`).
+        """Return the readings of sensors at the recorded instants, computed as in the environments.
 
         Args:
-            sensors: the sensors or their table; None: the arm's sensors, or ideal sensors if it has none.
+            sensors: a `flexarm_env.sensors.Sensors`, or a dict with its fields. None: the arm's own sensors, or ideal
+                sensors if the arm has none.
             seed: seed of the sensors' noise, gains and biases.
         Returns:
-            Readings by name, (n,) each, SI: `hub_angle`, `hub_rate`, `elbow_angle`, ... (rad, rad/s),
+            Arrays (n,) by name of the reading, in SI units: `hub_angle`, `hub_rate`, `elbow_angle`, ... (rad, rad/s),
             `tip_acceleration_x`, `_y` (m/s^2), `camera_x`, `_y` (m), `strain_gauge_1`, ... (1/m, or strain).
         Raises:
             ValueError: there are fewer than two samples, the samples are not evenly spaced, or arrays are inconsistent.
@@ -269,7 +278,7 @@ class Trajectory:
         return inputs + ([self.tip[:, :2]] if sensors.camera is not None else [])
 
     def columns(self) -> dict[str, Array]:
-        """Return the table that `to_csv` writes."""
+        """Return the columns that `to_csv` writes, as arrays (n,) by name."""
         table = dict(zip(COLUMNS, (self.t, self.energy, *self.start.T, *self.tip.T), strict=True))
         for k in range(self.hinges.shape[1]):
             mark = "" if self.hinges.shape[1] == 1 else str(k + 1)
@@ -280,9 +289,10 @@ class Trajectory:
         return table
 
     def to_csv(self, path: str | os.PathLike[str], units: bool = False) -> None:
-        """Write `columns` as CSV with all digits, in s, J, m, rad and rad/s; an OSError means that nothing is written.
+        """Write `columns` as a CSV file with all digits, in s, J, m, rad and rad/s.
 
-        units: True to add units to the header, as in "t (s)"; the readers of this package accept both forms.
+        units: True to add units to the header, as in "t (s)"; this package reads files with and without units. Raises
+        OSError if writing fails; the file is then unchanged.
         """
         table = self.columns()
         text = [",".join(f"{name} ({unit_of(name)})" if units and unit_of(name) else name for name in table)]
@@ -300,8 +310,10 @@ class Trajectory:
             raise check.InvalidValue(f"t[{at}]", self.t[at], "must be later than the instant before")
 
     def to_npz(self, path: str | os.PathLike[str]) -> None:
-        """Write an .npz file with all arrays, status, settings and the scene's TOML text, completely or not at all.
-        Raises OSError if writing fails."""
+        """Write an .npz file with all arrays, the status, the settings and the scene's TOML text.
+
+        Raises OSError if writing fails; the file is then unchanged.
+        """
         known: dict[str, Any] = {name: getattr(self, name) for name in (*self.arrays, "error_estimate", "status")}
         known |= {"scene": self.scene.to_toml(), "names": np.array(self.names)}
         known |= {"formulation": self.settings.formulation, "options": json.dumps(self.settings.options())}
@@ -310,8 +322,10 @@ class Trajectory:
 
     @classmethod
     def from_npz(cls, path: str | os.PathLike[str]) -> Trajectory:
-        """Read a run that `to_npz` wrote; raise ValueError if the file is damaged, of another kind, or of version
-        0.1."""
+        """Read a run from a file that `to_npz` wrote.
+
+        Raises ValueError if the file is damaged, is of another kind, or was written by version 0.1.
+        """
         known = read_npz(path, "trajectory")
         with check.in_file(path):
             for name in SINGLE:
@@ -339,7 +353,7 @@ _NO_TRAJECTORY = "this is no trajectory, or one of a version before 0.2"
 
 
 def kind_of(scene: Scene) -> type[Trajectory]:
-    """Return the class of a scene's trajectory."""
+    """Return the class of a scene's trajectories: `Trajectory` or `SpatialTrajectory`."""
     return Trajectory.kinds[scene.axes]
 
 
@@ -388,7 +402,7 @@ ABOUT: dict[str, Reader] = {
 
 
 def check_work(end: float, interval: float, dt: float | None) -> None:
-    """Raise ValueError if a run of `end` s is empty or would need too many steps or samples."""
+    """Raise ValueError if a run of `end` s would have no samples, or too many steps or samples."""
     if end < 1e-9:
         raise check.InvalidValue("duration", end, "must be at least 1e-9 s: instants 1e-12 s apart are taken for one")
     if dt is not None and not end / dt <= MOST_STEPS:
@@ -400,7 +414,7 @@ def check_work(end: float, interval: float, dt: float | None) -> None:
 
 
 def recorded(simulation: Any, fields: Mapping[str, Array], shapes: Array, cpu_seconds: float) -> Trajectory:
-    """Return the Trajectory from the fields of `Simulation.record`, with shared memory."""
+    """Create the trajectory from the arrays of `Simulation.record`, without copying them."""
     energies, torque = fields["energies"], fields["torque"]
     scene, system, counts = simulation.scene, simulation.system, simulation.work.counts
     for i, motion in enumerate(scene.motions):

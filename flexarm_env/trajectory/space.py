@@ -1,4 +1,4 @@
-"""Recorded runs in space: a `Trajectory` with positions of three components, and with rotations."""
+"""Recorded simulations in space: a `Trajectory` with positions of three components, and with rotations."""
 
 import dataclasses
 import math
@@ -23,9 +23,9 @@ _QUATERNION = "wxyz"
 
 @dataclass(repr=False)
 class SpatialTrajectory(Trajectory):
-    """A recorded run of n instants and N links in space, SI units.
+    """Recorded simulation in space of an arm with N links at n instants, in SI units.
 
-    The following attributes differ from those of :class:`Trajectory`.
+    Only the attributes that differ from those of :class:`Trajectory` are listed.
 
     Attributes:
         start, tip (n, 3): positions of the root of link 0 and of the tip of the last link, m.
@@ -33,17 +33,17 @@ class SpatialTrajectory(Trajectory):
         tip_velocity (n, 6): velocity, m/s, and angular velocity, rad/s, of the tip, in inertial axes.
         hinges (n, N-1, 3): positions of joints 1 to N-1, m. joint_angles, joint_rates (n, N): angles, rad, and rates,
             rad/s, about the joints' axes.
-        tip_deflection (n, N, 2): displacement of each link's tip along y and z of the link's root, divided by the
-            link's length; 0 for rigid links.
+        tip_deflection (n, N, 2): displacement of each link's tip along the y and z axes at the link's root, divided by
+            the link's length; 0 for rigid links.
         twist (n, N): rotation of each link's tip about the x axis of the link's root, relative to the root, rad.
         link_rotations (n, N, 2, 4): quaternions (w, x, y, z) of the axes at each link's root and tip.
-        shapes (n, points, 3): points along the chain from root to tip, m.
-        unresolved_damping (n,): work of the damping forces since the start in excess of `dissipated`, J. Strain rates
-            at the ends of steps differ from strain rates within steps by a term of second order in the step. In stiff
-            links with damping, the strain energy absorbs this work and returns it. The balance includes this work.
-        q, v (n, rows): positions, rotation vectors and joint angles, and their rates; for rotations v contains angular
-            velocities in the section's own axes, rad/s. For a scene that stays in a plane, the rows are the rows of the
-            run in the plane (`scene.plane.in_plane`).
+        shapes (n, points, 3): points along the arm's center line from root to tip, m.
+        unresolved_damping (n,): work of the damping forces since the start minus `dissipated`, J. The difference arises
+            because strain rates at the ends of steps and within steps differ by a term of second order in the step.
+            `balance` includes it; it matters in stiff links with damping.
+        q, v (n, rows): the solver's coordinates (positions, rotation vectors and joint angles) and their time
+            derivatives. For a rotation, v contains the angular velocity in the section's own axes, rad/s. If the motion
+            was computed in a plane (`scene.plane.in_plane`), q and v are those of the planar run.
     """
 
     tip_rotation: Array = field(default_factory=lambda: np.zeros((0, 4)))
@@ -58,19 +58,18 @@ class SpatialTrajectory(Trajectory):
 
     @property
     def balance(self) -> Array:
-        """Energy imbalance, J (n,): change of energy + dissipated + unresolved damping - work."""
+        """Energy error (n,), J: change of `energy` + `dissipated` + `unresolved_damping` - `work`."""
         return np.asarray(super().balance + self.unresolved_damping - self.unresolved_damping[0])
 
     @classmethod
     def read(cls, simulation: Any, fields: Mapping[str, Array], shapes: Array) -> dict[str, Any]:
-        """Return the fields that differ between plane and space, from the fields of `Simulation.record`."""
+        """Return the attributes whose form differs in plane and space, from the arrays of `Simulation.record`."""
         found = read(simulation.scene.arm, simulation.settings, fields["q"], fields["v"])
         return {"deflection_bound": math.inf, "unresolved_damping": fields["beyond"], **found}
 
     @classmethod
     def read_tips(cls, scene: Scene, settings: Settings, fields: Mapping[str, Array]) -> Array:
-        """Return the tip's positions and axes (n, 4, 3), which error estimates compare. fields: as in the method
-        `read`."""
+        """Return the tip's positions and axes (n, 4, 3), from which errors are estimated. fields: as in `read`."""
         return tips(scene.arm, settings, fields["q"])
 
     @property
@@ -79,7 +78,10 @@ class SpatialTrajectory(Trajectory):
         return tips(self.scene.arm, self.settings, self.q)
 
     def columns(self) -> dict[str, Array]:
-        """Return the table that `to_csv` writes: t, energy, positions, tip quaternion, angles, deflections, twist."""
+        """Return the columns that `to_csv` writes, as arrays (n,) by name.
+
+        They are time, energy, positions, the tip's quaternion, joint angles, deflections and twist.
+        """
         table = {"t": self.t, "energy": self.energy}
         places = {"start": self.start, "tip": self.tip}
         places |= {f"hinge{k + 1}": self.hinges[:, k] for k in range(self.hinges.shape[1])}
@@ -124,9 +126,10 @@ SpatialTrajectory.arrays = {
 
 
 def placed(run: Trajectory, scene: Scene) -> Trajectory:
-    """Convert a run to space if it was computed in the plane of its scene (`scene.computed`).
+    """Convert a planar run of a spatial scene to a `SpatialTrajectory`; return any other run unchanged.
 
-    A run that was computed in space is returned unchanged."""
+    Scenes whose motion stays in a plane are computed in this plane (`scene.computed`). scene: the spatial scene.
+    """
     flat = in_plane(scene)
     if flat is None:
         return run
