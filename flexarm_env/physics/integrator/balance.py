@@ -1,4 +1,4 @@
-"""Acceptance of a step by its energy balance (docs: theory, section 6, "Steps that are refused")."""
+"""Acceptance of a step by its energy balance (docs: theory, section 6, "Rejected steps")."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _flag_unbalanced(lane, model, par, w: Work, active, turn, h):
     # state     w.q0, w.v0 at the start of the step; w.q, w.v, w.u at its end
     # out       w.flag <- NEWTON_FAILED.   # scratch  w.r, w.y, w.y0
 
-    See docs/theory.md, section 6, "Steps that are refused".
+    See docs/theory.md, section 6, "Rejected steps".
     """
     kinetic0, strain0, gravity0 = energy(lane, model, par, w.q0, w.v0)
     kinetic, strain, gravity = energy(lane, model, par, w.q, w.v)
