@@ -389,7 +389,7 @@ def test_the_page_is_made_of_all_files_in_a_folder(tmp_path: Path, monkeypatch: 
     first, text = texts[""], texts["-tasks"]
     assert "| ppo | 3 | 0.70 [0.50, 0.90] | 0.70 |" in text
     assert "| pd | 1 | 0.00 | 0.00 |" in text
-    assert "| *best less worst* |  |  | 0.70 |" in text and "| *left to the best known* |  |  | 0.30 |" in text
+    assert "| *range of scores* |  |  | 0.70 |" in text and "| *1 - highest score* |  |  | 0.30 |" in text
     assert "| 0% | 3600 |" in text  # of the budget
     assert "CPU hours: 4.00 of training" in first
     assert f"- short-0.json: {FIRST_TASK.id}" in texts["-missing"]

@@ -106,7 +106,7 @@ def test_what_was_learnt_by_heart_is_marked_and_what_was_not_is_not(tmp_path: Pa
     table = pages(results.folder_of(tmp_path))["suite-tasks.md"].partition(f"(`{TASK.id}`)")[2].splitlines()
     rows = {name: line for line in table for name in names if line.startswith(f"| {name} ")}
     assert [name for name, line in rows.items() if "†" in line] == ["by-heart"]
-    assert [name for name, line in rows.items() if "public alone" in line] == ["nothing"]
+    assert [name for name, line in rows.items() if "public only" in line] == ["nothing"]
 
 
 def nothing(seen):

@@ -24,19 +24,19 @@ HOW = f"""## How to read the tables
   training uses. If the task has a price, J is reduced by the price times the mean cost.
 - **Score** is (J - J_PD) / (J_best - J_PD): 0 for PD control, 1 for the best known torques.
 - **Blank cells** mean that the method does not apply to the task or was not evaluated on it.
-- Three rows describe the policies on a task. ***best less worst*** is the range of the policies' scores. ***left to
-  the best known*** is the distance of the highest score from 1. ***widest ±*** is the largest half width of the 95 %
-  interval of a score difference, over all pairs of policies with the full budget.
-- **Behind the best policy** is the difference between the score of the best policy and the method's score, paired
-  over the common episodes, with half the width of the difference's 95 % interval. If more than {EPISODES} episodes
+- The last three rows of the table of scores describe the policies on a task. ***Range of scores*** is the highest minus
+  the lowest score. ***Largest half width*** is the largest half width of the 95 % interval of a score difference, over
+  all pairs of policies with the full budget.
+- **Score gap to the best policy** is the score of the best policy minus the method's score, paired over the common
+  episodes, with half the width of the difference's 95 % interval. If more than {EPISODES} episodes
   were evaluated, their number follows. Brackets give the number of episodes that would reduce the half width to
   {WIDTH}.
-- **Settled** is the mean time after which the tip stays within the bounds of success to the end of the episode. A
+- **Settling time** is the mean time after which the tip stays within the bounds of success to the end of the episode. A
   failed episode counts as its whole length.
 - **Second hundred** are 100 episodes whose seeds follow from the policy itself (`flexarm_env.suite.second`). The
   columns give success, settling, and J minus the J of PD, with the same difference on the public hundred in brackets.
   † marks a difference between both hundreds that is larger than chance explains (permutation test, p < {LEVEL} after
-  Holm, over all runs of these pages). *public alone* marks functions, models with a memory and `foresight`, which are
+  Holm, over all runs of these pages). *public only* marks functions, models with a memory and `foresight`, which are
   evaluated only on the public hundred and may have memorized these episodes.
 - **Italic methods** were trained with less than the task's budget.
 - **`foresight`** is no policy. The torques of each episode are optimized by the gradient of the episode's own return,
@@ -100,10 +100,10 @@ def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> list[str]:
         [score for line in lines[task.id] if line.policy and (score := line.mean("score")) is not None]
         for task in known
     ]
-    rows.append(("*best less worst*", "", "", *(f"{max(own) - min(own):.2f}" if own else "" for own in found)))
+    rows.append(("*range of scores*", "", "", *(f"{max(own) - min(own):.2f}" if own else "" for own in found)))
     left = (f"{max(0.0, 1.0 - max(own)):.2f}" if own else "" for own in found)
-    rows.append(("*left to the best known*", "", "", *left))
-    rows.append(("*widest ±*", "", "", *(f"{widest(task, lines[task.id]):.3f}" for task in known)))
+    rows.append(("*1 - highest score*", "", "", *left))
+    rows.append(("*largest half width*", "", "", *(f"{widest(task, lines[task.id]):.3f}" for task in known)))
     return table(" | ".join(["method", "runs", "IQM", *(f"{task.number}" for task in known)]), rows, numbers=True)
 
 
@@ -126,7 +126,7 @@ def _second(task: Task, line: Line, learnt: set[int]) -> tuple[str, str, str]:
     """Format success, settling, and value minus PD's on the second hundred; the last also for the public hundred."""
     others = [entry["second"] for entry in line.entries if entry.get("second")]
     if len(others) < len(line.entries):
-        return "public alone" if any("second" in entry for entry in line.entries) else "", "", ""
+        return "public only" if any("second" in entry for entry in line.entries) else "", "", ""
     rate = np.mean([np.mean(one["successes"]) for one in others])
     time = float(np.mean([settling(task, one) for one in others]))
     if others[0]["pd"] is None:
@@ -207,8 +207,9 @@ def _table(task: Task, lines: Sequence[Line], learnt: set[int]) -> Iterator[str]
             f"{line.mean('decision_us'):.1f}",
         ))  # fmt: skip
     yield from table(
-        "method | runs | J | worst, best run | score | behind the best policy | success | settled, s | "
-        "second hundred: success | settled, s | J - J_PD | cost | training, share of the budget | CPU s | decision, µs",
+        "method | runs | J | J of the worst and the best run | score | score gap to the best policy | success | "
+        "settling time, s | second hundred: success | settling time, s | J - J_PD | cost | "
+        "training, share of the budget | training, CPU s | CPU per decision, µs",
         rows, numbers=True,
     )  # fmt: skip
 
