@@ -293,8 +293,8 @@ def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | No
         f"Controllers named `{DRAWN}` are tuned on randomized arms, and policies named `_robust` are trained on "
         "randomized arms. All other controllers and policies know only the nominal arm.", "",
         *short_table("success, median settling", both), "",
-        "The same policies were evaluated on an arm computed by the converged exact beam (4 cubic elements per link, "
-        f"steps of 1 ms), in the first {FEWER_EPISODES} episodes:", "",
+        f"In the first {FEWER_EPISODES} episodes the same policies were also evaluated on an arm that the converged "
+        "exact beam simulates (4 cubic elements per link, steps of 1 ms):", "",
         *short_table("policy", own["models"]), "",
         "The same policies were evaluated on arms that differ from the nominal arm in one parameter:", "",
         *short_table("policy", own["shifted"]),

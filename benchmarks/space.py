@@ -312,7 +312,11 @@ def blocks(found: Found) -> pages.Blocks:
             found["floating"],
         ),
         "OMISSION": table(heads, rows),
-        "MODES": ["The modes have " + ", ".join(f"{x:.2f}" for x in found["omission"]["modes"]) + " Hz."],
+        "MODES": [
+            "With the joints held, the first five natural frequencies are "
+            + ", ".join(f"{x:.2f}" for x in found["omission"]["modes"])
+            + " Hz."
+        ],
     }
 
 
