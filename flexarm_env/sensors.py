@@ -80,7 +80,7 @@ class Law:
     noise: float = number("standard deviation of each reading", "", 0.0, minimum=0.0, maximum=LARGEST)
     low_pass: LowPass | None = None
     quantum: float = number(
-        "resolution: readings are whole multiples of it; 0: no rounding", "", 0.0, minimum=0.0, maximum=LARGEST
+        "resolution: readings are rounded to its whole multiples; 0: no rounding", "", 0.0, minimum=0.0, maximum=LARGEST
     )
     delay: float = number("delay, which need not be a whole number of periods", "s", 0.0, minimum=0.0)
 
@@ -243,7 +243,7 @@ class Camera(Law):
     """
 
     period: float | None = number(
-        "time from one picture to the next, a whole number of control periods (or samples); None: a picture at each",
+        "time from one picture to the next, a whole number of control periods (or samples); None: one in each period",
         "s", None, above=0.0, optional=True,
     )  # fmt: skip
 

@@ -87,14 +87,14 @@ class Scene:
     loads: tuple[Load, ...] = ()
     gravity: tuple[float, ...] | None = None
     solver: tuple[tuple[str, Any], ...] = ()
-    description: str = words("content", "")
-    source: str = words("origin", "")
+    description: str = words("what the scene shows", "")
+    source: str = words("origin of the parameters", "")
     note: str = words("assumptions", "")
     start: str = choice(
         ("unloaded", "held", "equilibrium"), "start without stress, or at rest with held or with free joints",
         "unloaded",
     )  # fmt: skip
-    space: bool = switch("compute in space, even if the plane would do", False)
+    space: bool = switch("use the spatial solver, even if the arm stays in a plane", False)
     contacts: tuple[Contact, ...] = ()
 
     def __post_init__(self) -> None:

@@ -107,7 +107,9 @@ class Training:
     config: Path | None = None
     set: tuple[str, ...] = ()
     env_kwargs: dict[str, Any] = field(default_factory=dict)
-    seed: int = integer("seed of all random numbers; larger ones are for judging", 0, minimum=0, maximum=MOST_SEED)
+    seed: int = integer(
+        "seed of all random numbers; larger seeds are reserved for evaluation", 0, minimum=0, maximum=MOST_SEED
+    )
     n_timesteps: int | None = integer(
         "total environment steps, rounded to whole rollouts; default the config's; with --resume a run is extended to "
         "this number, even a finished one", None, minimum=1, optional=True,
