@@ -239,8 +239,8 @@ def blocks(found: pages.Found) -> pages.Blocks:
     rash, missed = (sum(bool(row["untold"]) for row in of) for of in (rows, space))
     return {
         "intervals": table_of(rows, TOLD),
-        "untold": [f"The report names exactly these three parameters in {right} of {len(rows)} cases, and a "
-                   f"parameter that the log determines in {rash} cases."],
+        "untold": [f"The report names exactly these three parameters in {right} of {len(rows)} cases. "
+                   f"In {rash} cases it names a parameter that the log determines."],
         "torques": [
             *table_of(torques, OF_HUB), "",
             f"The report suspected a column of the log or the clock in {suspect} of {len(torques)} cases. The fit "
