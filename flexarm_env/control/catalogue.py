@@ -139,7 +139,7 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
             what = 'must be "torque": controllers set torques themselves'
             raise check.InvalidValue("action_mode", "residual_pd", what)
         if plan.arm.base is not None:
-            what = "must be None: controllers plan for a root that stays where it is (pd of the suite aims anew)"
+            what = "must be None: controllers need a fixed root (the suite's pd updates its goal in each period)"
             raise check.InvalidValue("arm.base", plan.arm.base, what)
         if name == "mpc" and plan.contacts:
             what = "must be left out with mpc: its plans ignore obstacles that push the arm back"

@@ -68,7 +68,7 @@ def pages(found: Sequence[Results], stem: str = "suite", figure: str = "") -> di
     details += [f"Every method on every task; [the overview]({stem}.md) has the findings.", ""]
     details += ["## Scores", "", *_scores(known, rows), "", HOW]
     before = ["# Results on superseded tasks", ""]
-    before += [f"Results on versions of tasks that newer versions replace; {stem}-tasks.md explains the columns."]
+    before += [f"This page has the results on superseded versions of tasks; {stem}-tasks.md explains the columns."]
     for task in every:
         text = details if task in known else before
         text += ["", f"## {task.number}. {task.title} (`{task.id}`)", "", *_table(task, rows[task.id], learnt)]
