@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from flexarm_env import curves, meshing
+from flexarm_env.bodies import PLANE, Axes
 from flexarm_env.parameters import Arm
 from flexarm_env.sections import Link, Section
 from flexarm_env.settings import MOST_ELEMENTS, MOST_NODES, Settings, default_options
@@ -28,7 +29,7 @@ def divided(arm: Arm) -> bool:
     return any(len(link.breaks) > 2 for link in arm.links if not link.rigid)
 
 
-def default_mesh(arm: Arm, formulation: str, given: Collection[str] = (), space: bool = False) -> dict[str, int]:
+def default_mesh(arm: Arm, formulation: str, given: Collection[str] = (), axes: Axes = PLANE) -> dict[str, int]:
     """Return mesh options that divide links with jumps or kinks as finely as the default divides uniform links.
 
     The result is {} if no link has a jump or kink; the formulation's default then applies. All links use the same
@@ -36,11 +37,11 @@ def default_mesh(arm: Arm, formulation: str, given: Collection[str] = (), space:
     of the link with the fewest smooth pieces.
 
     Args:
-        given: names of the user's options; a mesh or modes given by the user take precedence. space: whether the
-            scene is in space, where the elastica has polynomials along whole links.
+        given: names of the user's options; a mesh or modes given by the user take precedence. axes: axes of the
+            scene; in space the elastica has polynomials along whole links.
     """
     chosen = {"segments", "elements", "modes", "nodes"}.intersection(given)
-    if not divided(arm) or chosen or (space and formulation == "elastica"):
+    if not divided(arm) or chosen or not axes.divides_cells(formulation):
         return {}
     option, further = _CELLS[formulation]
     usual = int(default_options(formulation)[option]) - further

@@ -194,9 +194,9 @@ class Trajectory:
         self.check_arrays()
         if not len(self.t):
             raise check.InvalidValue("t", self.t, "must hold one instant at least to be shown")
-        from ..view.sources import CLIPS
+        from ..view.sources import clips_of
 
-        return CLIPS[self.scene.axes](self, label, self._curvature)
+        return clips_of(self.scene.axes).run(self, label, self._curvature)
 
     def view(self, *others: Trajectory, labels: Sequence[str] | None = None) -> Player:
         """Return a page that plays the run and others; save it by `.save("arm.html")` or display it in a notebook.
@@ -264,7 +264,7 @@ class Trajectory:
         return dict(zip(readings, out.T.copy(), strict=True))
 
     def _tip_inputs(self, sensors: Sensors) -> list[Array]:
-        """Return the quantities at the tip that sensors read, in the order of `sensors.OF_THE_TIP`."""
+        """Return the quantities at the tip that sensors read, in the order of `sensors.of_the_tip`."""
         inputs = [self.tip, self.tip_velocity] if sensors.accelerometer is not None else []
         return inputs + ([self.tip[:, :2]] if sensors.camera is not None else [])
 
