@@ -140,7 +140,7 @@ def drawn(
     truth = experiment.start * rng.uniform(0.92, 1.08, len(names))
     silent = Run("case", t, motions, {channel.name: t for channel in config.outputs}, t >= config.skip)
     fine = Problem(experiment, [])
-    for kind in () if config.space else ("step", "step", "step", "mesh"):
+    for kind in () if config.axes == "xyz" else ("step", "step", "step", "mesh"):
         fine = refined(fine, kind)
     read = fine.experiment.predict(truth, silent)
     noisy = {name: y + 0.01 * y.std() * rng.normal(size=len(t)) + rng.normal() for name, y in read.items()}

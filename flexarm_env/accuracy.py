@@ -27,9 +27,7 @@ from functools import reduce
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .accuracy_space import LITTLE, STUBBY, mesh_factor, softest, step_factor, witness
-from .parameters import Arm
-from .rigid import inertia_beyond
+from .accuracy_space import HALF, LITTLE, Errors, errors_of
 from .scene import Scene, default_mesh, divided, halved_mesh, resolving_step
 from .settings import MOST_ELEMENTS, Settings, steps_in
 from .validation import Array
@@ -95,11 +93,7 @@ REMEDY = {
 }
 
 
-HALF = 0.5
-"""Error of a run divided by its distance from a run with twice the step, or from a run on half the mesh."""
-
-
-def other_mesh(settings: Settings, space: bool = False, full: int = 5) -> tuple[Settings, float]:
+def other_mesh(settings: Settings, errors: Errors | None = None, full: int = 5) -> tuple[Settings, float]:
     """Return settings with another mesh, and the expected ratio of the run's error to its distance from a run on it.
 
     The other mesh is coarser than the mesh of the run, or finer if there is no coarser mesh. If links are reduced to
@@ -112,25 +106,20 @@ def other_mesh(settings: Settings, space: bool = False, full: int = 5) -> tuple[
         if settings.nodes == 3:
             return settings.replace(nodes=5), 1.0
         return settings.replace(nodes=max(3, settings.nodes - 2)), HALF
-    # modes in space: half the segments
-    if settings.modes is not None and space:
-        n = settings.segments or 1
-        return settings.replace(segments=2 if n == 1 else -(-n // 2), modes=settings.modes), mesh_factor(n)
+    errors = errors or Errors()
     if settings.modes is not None:
-        return settings.replace(segments=max(full, settings.segments or 1), elements=1), 1.0
+        return errors.other_modes(settings, full)
     assert settings.elements is not None
     if settings.formulation == "geometrically_exact":
         # exact beams: half the elements; floating frames: half the segments
         if settings.elements == 1:
             return settings.replace(elements=2), 1.0
-        factor = mesh_factor(settings.elements) if space else HALF
-        return settings.replace(elements=-(-settings.elements // 2)), factor
+        return settings.replace(elements=-(-settings.elements // 2)), errors.factor(settings.elements)
     assert settings.segments is not None
     changes = {"coupling": "von_karman"}
     if settings.segments == 1:
         return settings.replace(segments=2, elements=-(-settings.elements // 2), **changes), 1.0
-    factor = mesh_factor(settings.segments) if space else HALF
-    return settings.replace(segments=-(-settings.segments // 2), **changes), factor
+    return settings.replace(segments=-(-settings.segments // 2), **changes), errors.factor(settings.segments)
 
 
 def companion_mesh(scene: Scene, settings: Settings) -> tuple[Scene, Settings, float]:
@@ -139,7 +128,8 @@ def companion_mesh(scene: Scene, settings: Settings) -> tuple[Scene, Settings, f
     show their error. Otherwise the mesh is that of `other_mesh`."""
     if divided(scene.arm) and (halved := halved_mesh(scene.arm, settings)):
         return replace(scene, arm=halved[0]), halved[1], 1.0
-    return scene, *other_mesh(settings, scene.spatial, default_mesh(scene.arm, settings.formulation).get("segments", 5))
+    full = default_mesh(scene.arm, settings.formulation).get("segments", 5)
+    return scene, *other_mesh(settings, errors_of(scene), full)
 
 
 COARSE, FINER = 0.5, 0.125
@@ -162,7 +152,7 @@ def clamped(scene: Scene, settings: Settings) -> Settings | None:
     """Return settings with frames clamped at the segments' roots, for a run whose error no mesh shows; otherwise None.
     This is the error of chord frames with von Karman coupling due to the shear of stubby links in the plane."""
     along = settings.formulation == "floating_frame" and settings.frame == "chord" and settings.coupling == "von_karman"
-    if along and not scene.spatial and any(link.slenderness > STUBBY for link in scene.arm.links):
+    if along and errors_of(scene).has_stubby_link(scene.arm):
         return settings.replace(frame="root")
     return None
 
@@ -175,60 +165,18 @@ def rubs(scene: Scene) -> bool:
 def gear_rate(scene: Scene) -> float:
     """Return the angular frequency, rad/s, of the fastest vibration of a rotor on its elastic gear against the rigid
     arm beyond the joint. Return 0 if no gear is elastic, or for an arm in space."""
-    arm, rates = scene.arm, [0.0]
-    if scene.spatial:
-        return 0.0
-    for k, joint in enumerate(arm.joints):
-        # two inertias on a spring: omega^2 = k (1 / rotor + 1 / arm)
-        if joint.elastic and joint.rotor > 0.0:
-            rates.append(math.sqrt(joint.stiffness * (1.0 / joint.rotor + 1.0 / inertia_beyond(arm, k))))
-    return max(rates)
+    return errors_of(scene).gear_rate(scene.arm)
 
 
 def slowest_rate(scene: Scene) -> float:
     """Return the angular frequency, rad/s, of the straight arm's slowest vibration with a fixed root; if overdamped,
     its faster decay rate, 1/s. It is Rayleigh's estimate for a beam with the arm's length, smallest stiffness and load
     at the tip. For planar arms with varying sections it is computed from the actual arm."""
-    arm, spatial = scene.arm, scene.spatial
-    bending = [link for link in arm.links if not link.rigid]
-    if not bending:
+    arm = scene.arm
+    if all(link.rigid for link in arm.links):
         return 0.0
-    uniform = all(link.uniform is not None and not link.rigid_ends for link in arm.links)
-    if spatial or (uniform and not arm.payload.eccentric):
-        stiffness = min(softest(link) if spatial else link.mean.EI for link in bending)
-        carried = arm.payload.mass + sum(arm.elbow(k).mass for k in range(1, arm.n_links))
-        # cantilever: omega^2 = 3 EI / ((m_tip + 33/140 m_beam) L^3); decay at rate tau_d omega^2
-        moved = carried + 33.0 / 140.0 * sum(link.mass for link in bending)
-        square = 3.0 * stiffness / (moved * arm.total_length**3)
-    else:
-        square = _varying_rate(arm)
+    square = errors_of(scene).slowest_square(arm)
     return max(math.sqrt(square), arm.damping[0] * square)
-
-
-def _varying_rate(arm: Arm) -> float:
-    """Return omega^2 (1/s^2) of a straight, locked arm with varying sections, as Rayleigh's quotient of its sag."""
-    s, EI, mass, first = [], [], [], 0.0
-    for k, link in enumerate(arm.links):
-        # 200 pieces per link; masses at their middles, payload and elbows at the link's last piece
-        places = np.linspace(0.0, link.length, 201)
-        middle, piece = 0.5 * (places[1:] + places[:-1]), link.length / 200
-        s.append(first + link.root_offset + middle)
-        sections = link.along(middle)
-        EI.append(sections.EI / piece)  # stiffness of a piece as a hinge with a spring
-        mass.append(sections.m * piece)
-        mass[-1][-1] += arm.payload.mass if k + 1 == arm.n_links else arm.elbow(k + 1).mass
-        mass[-1][-1] += link.tip_mass
-        first += link.span
-    if arm.payload.eccentric:  # a place of its own, behind a rigid piece
-        mass[-1][-1] -= arm.payload.mass
-        s.append(np.array([first + arm.payload.offset[0]]))
-        EI.append(np.array([np.inf]))
-        mass.append(np.array([arm.payload.mass]))
-    x, weight = np.concatenate(s), np.concatenate(mass)
-    levers = np.maximum(x[:, None] - x, 0.0)  # of a weight (row) about a hinge (column)
-    # deflection under weights w: moments at hinges, their rotations, lever arms; omega^2 = w.d / w.d^2
-    deflection = levers @ ((weight @ levers) / np.concatenate(EI))
-    return float(weight @ deflection / (weight @ deflection**2))
 
 
 def count_steps(scene: Scene, settings: Settings, end: float, sample: float) -> int:
@@ -332,8 +280,10 @@ def estimate(
         companion = run(scene, doubled, wide)
         found = distance(mine, companion)
         time_step = share * found
-        if scene.spatial and companion.good and time_step > LITTLE * length:
-            time_step = max(share, _share_of_step(scene, doubled, end, wide, companion, found, run)) * found
+        if companion.good and time_step > LITTLE * length:
+            time_step = found * errors_of(scene).share_of_step(
+                share, lambda: _growth(scene, doubled, end, wide, companion, found, run)
+            )
     # no longer step possible, or it failed: compare with half the step
     if not companion.good:
         doubled, wide = settings, sample
@@ -358,22 +308,22 @@ def estimate(
     return {"time_step": time_step / length, "mesh": mesh / length}, _why(time_step, mesh)
 
 
-def _share_of_step(
+def _growth(
     scene: Scene, settings: Settings, end: float, sample: float, mine: Probe, found: float, run: Callable[..., Probe]
 ) -> float:
-    """Return `step_factor` for a run in space with the distance `found` (m) from `mine`, which has half its step.
-    settings, sample: settings and sampling interval of `mine`. A third run, with four times the step, shows how the
-    distance grows."""
+    """Return the growth (`step_factor`) of the distance `found` (m) of a run in space from `mine`, which has half its
+    step. settings, sample: settings and sampling interval of `mine`. A third run, with four times the step, shows how
+    the distance grows."""
     again, wide = settings.replace(dt=2.0 * float(settings.dt or 0.0)), min(2.0 * sample, end)
     if count_steps(scene, again, end, wide) > 0.75 * count_steps(scene, settings, end, sample):
-        return step_factor(1.0)
-    return step_factor(distance(mine, run(scene, again, wide)) / found)
+        return 1.0
+    return distance(mine, run(scene, again, wide)) / found
 
 
 def _from_exact(scene: Scene, settings: Settings, mine: Probe, sample: float, run: Callable[..., Probe]) -> float:
     """Return the distance (m) of a run in space from its `witness`, an exact beam. Return inf if the witness is too
     coarse, and 0 if there is no witness or double precision cannot resolve it."""
-    exact, fine = witness(scene, settings, mine.t, mine.tip)
+    exact, fine = errors_of(scene).witness(scene, settings, mine.t, mine.tip)
     if exact is None:
         return 0.0
     try:
@@ -402,12 +352,10 @@ def followed(
     if stiffness is None:
         return {}
     length = scene.arm.total_length
-    if scene.spatial and (found := _from_exact(scene, settings, mine, sample, run)) > 0.0:
+    if (found := _from_exact(scene, settings, mine, sample, run)) > 0.0:
         return {"stretch_and_shear": found / length}
     apart = distance(mine, run(scene, settings, sample, levels, stiffness)) / length
-    if scene.spatial:
-        return {"stretch_and_shear": apart}
-    return {"stretch_and_shear": max(notes["stretch_and_shear"], min(1.0, apart))}
+    return {"stretch_and_shear": errors_of(scene).neglected(apart, notes.get("stretch_and_shear", 0.0))}
 
 
 def _why(time_step: float, mesh: float) -> str:

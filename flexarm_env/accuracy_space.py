@@ -1,14 +1,19 @@
-"""Part of the error estimate (`accuracy`) for runs in space: errors that coarser meshes and longer steps do not show.
-"""
+"""Parts of the error estimate of `accuracy` that differ in the plane and in space, and errors of a run in space that
+coarser meshes and longer steps do not show, with the runs that show them."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
-from .parameters import Link
+from .parameters import Arm, Link
+from .rigid import inertia_beyond
 from .scene import Scene
 from .settings import Settings
 from .validation import Array
+
+HALF = 0.5
+"""Error of a run divided by its distance from a run with twice the step, or from a run on half the mesh."""
 
 STUBBY = 5e-3
 """EI / (C L^2) of a link above which a run with chord frames is compared with another run.
@@ -73,7 +78,7 @@ def witness(scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Set
             enough.
     """
     links = [link for link in scene.arm.links if not link.rigid]
-    if not scene.spatial or not links:
+    if not links:
         return None, True
     # n: cells per link; bends: shortest bending length over the link's length
     elastica = settings.formulation == "elastica"
@@ -125,3 +130,122 @@ def mesh_factor(n: int) -> float:
     run has two elements, and the result is 1.
     """
     return 1.0 if n == 1 else 1.5 / ((n / -(-n // 2)) ** 2 - 1.0)
+
+
+class Errors:
+    """Parts of the estimate that differ: in the plane."""
+
+    def factor(self, n: int) -> float:
+        """Return the error of a run with n elements or segments divided by its distance from a run with n / 2."""
+        return HALF
+
+    def other_modes(self, settings: Settings, full: int) -> tuple[Settings, float]:
+        """Return `accuracy.other_mesh` of links reduced to modes: the full model with at least `full` segments."""
+        return settings.replace(segments=max(full, settings.segments or 1), elements=1), 1.0
+
+    def has_stubby_link(self, arm: Arm) -> bool:
+        """Return whether runs with chord frames are compared with frames clamped at the segments' roots."""
+        return any(link.slenderness > STUBBY for link in arm.links)
+
+    def gear_rate(self, arm: Arm) -> float:
+        """Return `accuracy.gear_rate`."""
+        rates = [0.0]
+        for k, joint in enumerate(arm.joints):
+            # two inertias on a spring: omega^2 = k (1 / rotor + 1 / arm)
+            if joint.elastic and joint.rotor > 0.0:
+                rates.append(math.sqrt(joint.stiffness * (1.0 / joint.rotor + 1.0 / inertia_beyond(arm, k))))
+        return max(rates)
+
+    def slowest_square(self, arm: Arm) -> float:
+        """Return omega^2 (1/s^2) of the straight arm's slowest vibration with a fixed root."""
+        uniform = all(link.uniform is not None and not link.rigid_ends for link in arm.links)
+        if uniform and not arm.payload.eccentric:
+            return _cantilever(arm, min(link.mean.EI for link in arm.links))
+        return _varying_rate(arm)
+
+    def share_of_step(self, share: float, growth: Callable[[], float]) -> float:
+        """Return the share of the distance between runs with h and 2 h that counts as error of the step.
+
+        share: usual share. growth: function that returns by what factor the distance grows for steps twice as long.
+        """
+        return share
+
+    def witness(self, scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Settings | None, bool]:
+        """Return `witness`; None in the plane, where `has_stubby_link` decides."""
+        return None, True
+
+    def neglected(self, apart: float, known: float) -> float:
+        """Return the elastica's error due to neglected stretch and shear, divided by the arm's length.
+
+        apart: distance from a run with reduced stiffness, known: linear estimate, both divided by the arm's length.
+        """
+        return max(known, min(1.0, apart))
+
+
+class ErrorsInSpace(Errors):
+    """Parts of the estimate that differ: in space."""
+
+    def factor(self, n: int) -> float:
+        return mesh_factor(n)
+
+    def other_modes(self, settings: Settings, full: int) -> tuple[Settings, float]:
+        """Return settings with half the segments and the same number of modes."""
+        n = settings.segments or 1
+        return settings.replace(segments=2 if n == 1 else -(-n // 2), modes=settings.modes), mesh_factor(n)
+
+    def has_stubby_link(self, arm: Arm) -> bool:
+        return False
+
+    def gear_rate(self, arm: Arm) -> float:
+        return 0.0
+
+    def slowest_square(self, arm: Arm) -> float:
+        return _cantilever(arm, min(softest(link) for link in arm.links if not link.rigid))
+
+    def share_of_step(self, share: float, growth: Callable[[], float]) -> float:
+        return max(share, step_factor(growth()))
+
+    def witness(self, scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Settings | None, bool]:
+        return witness(scene, settings, t, tip)
+
+    def neglected(self, apart: float, known: float) -> float:
+        return apart
+
+
+def errors_of(scene: Scene) -> Errors:
+    """Return the parts of the estimate for a scene, in the plane or in space."""
+    return ErrorsInSpace() if scene.spatial else Errors()
+
+
+def _cantilever(arm: Arm, stiffness: float) -> float:
+    """Return omega^2 (1/s^2) of a beam with the arm's length, a stiffness (N m^2) and the arm's load at its tip."""
+    carried = arm.payload.mass + sum(arm.elbow(k).mass for k in range(1, arm.n_links))
+    # cantilever: omega^2 = 3 EI / ((m_tip + 33/140 m_beam) L^3)
+    moved = carried + 33.0 / 140.0 * sum(link.mass for link in arm.links if not link.rigid)
+    return 3.0 * stiffness / (moved * arm.total_length**3)
+
+
+def _varying_rate(arm: Arm) -> float:
+    """Return omega^2 (1/s^2) of a straight, locked arm with varying sections, as Rayleigh's quotient of its sag."""
+    s, EI, mass, first = [], [], [], 0.0
+    for k, link in enumerate(arm.links):
+        # 200 pieces per link; masses at their middles, payload and elbows at the link's last piece
+        places = np.linspace(0.0, link.length, 201)
+        middle, piece = 0.5 * (places[1:] + places[:-1]), link.length / 200
+        s.append(first + link.root_offset + middle)
+        sections = link.along(middle)
+        EI.append(sections.EI / piece)  # stiffness of a piece as a hinge with a spring
+        mass.append(sections.m * piece)
+        mass[-1][-1] += arm.payload.mass if k + 1 == arm.n_links else arm.elbow(k + 1).mass
+        mass[-1][-1] += link.tip_mass
+        first += link.span
+    if arm.payload.eccentric:  # a place of its own, behind a rigid piece
+        mass[-1][-1] -= arm.payload.mass
+        s.append(np.array([first + arm.payload.offset[0]]))
+        EI.append(np.array([np.inf]))
+        mass.append(np.array([arm.payload.mass]))
+    x, weight = np.concatenate(s), np.concatenate(mass)
+    levers = np.maximum(x[:, None] - x, 0.0)  # of a weight (row) about a hinge (column)
+    # deflection under weights w: moments at hinges, their rotations, lever arms; omega^2 = w.d / w.d^2
+    deflection = levers @ ((weight @ levers) / np.concatenate(EI))
+    return float(weight @ deflection / (weight @ deflection**2))

@@ -148,7 +148,7 @@ class Batch:
         self.entries = len(task.entries) + ahead + read + gauges
         fitted = settings.step_tolerance is not None
         # layout of one lane group; _work: numbers per arm of the integrator, without its counters
-        self.layout = layout_of(lanes, model, task, self.entries, self.extras, fitted)
+        self.layout = layout_of(lanes, self.reading, model, task, self.entries, self.extras, fitted)
         self._work = int(uncompiled(work_size)(1, model, 0)) - COUNTS.places.end  # these are apart
         count, links = self.n, self.arm.n_links
         self.info_at = info_places(task)
@@ -404,7 +404,9 @@ class Batch:
             torques=info[at.torque : at.torque + links].copy(),
             deflection=info[at.deflection : at.twist].copy(),
             q=q,
-            touches=touches_of(self.system.model, self._mine(0, self.layout.par, i).copy(), self.poses(i)),
+            touches=touches_of(
+                self.reading, self.system.model, self._mine(0, self.layout.par, i).copy(), self.poses(i)
+            ),
         )
 
     def close(self) -> None:

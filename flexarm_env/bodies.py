@@ -1,5 +1,6 @@
 """Parameters of arms in space: joint axes, mounts, inertia tensors and rigid links."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -19,6 +20,85 @@ Inertia = Any
 
 Z: Vector = (0.0, 0.0, 1.0)
 """Joint axis of an arm in the plane."""
+
+
+class Axes(str):
+    """Axes along which an arm moves: "xy" in the plane (this class), "xyz" in space; and conventions that follow.
+
+    formulation, quick_formulation: default formulation of scenes; of environments and of fits. turns: axes of the
+    gyroscope at the tip. rises: axes along which a camera measures the slope of the tip. measures: curvatures that
+    strain gauges measure. hinges: axes about which the sections of a link turn.
+    """
+
+    formulation, quick_formulation = "floating_frame", "elastica"
+    turns, rises, hinges = "", "", "z"
+    measures: tuple[str, ...] = ("xy",)
+
+    def joint(self, values: Sequence[float], joint: int, turn: float) -> float:
+        """Return a joint's angle (rad) or rate (rad/s) from a scene's `angles` or `rates`; turn: see `Arm.relative`."""
+        if joint == 0:
+            return values[0]
+        return values[joint] - (values[joint - 1] + turn if turn else values[joint - 1])
+
+    def stated(self, joints: Sequence[float]) -> tuple[float, ...]:
+        """Return a scene's `angles` (rad) from joint angles (rad)."""
+        return tuple(np.cumsum(joints).tolist())
+
+    def behind_rigid_joint(self, value: float) -> float:
+        """Return a scene's angle or rate of the link behind a rigid joint; value: of the link before the joint."""
+        return value
+
+    def divides_cells(self, formulation: str) -> bool:
+        """Return whether meshes of a formulation end at jumps and kinks of the sections."""
+        return True
+
+    def inertia_across(self, link: Link, s: Array) -> Array:
+        """Return the rotary inertia per length, kg m, about the y axis of a link's sections at s, m from its root."""
+        return np.asarray(link.along(s).J)
+
+    def check_planar(self, path: str, value: object, what: str) -> None:
+        """Raise `InvalidValue` in space. path, value: of the invalid key; what: the rule."""
+
+    def table_of_gains(self, task: str) -> str:
+        """Return the name of the table of controllers' tuned gains for a task."""
+        return task
+
+
+class _Space(Axes):
+    """The three axes along which an arm in space moves."""
+
+    formulation = quick_formulation = "geometrically_exact"
+    turns, rises, hinges = "xyz", "yz", "xyz"
+    measures = ("xy", "xz", "torsion")
+
+    def joint(self, values: Sequence[float], joint: int, turn: float) -> float:
+        return values[joint]
+
+    def stated(self, joints: Sequence[float]) -> tuple[float, ...]:
+        return tuple(joints)
+
+    def behind_rigid_joint(self, value: float) -> float:
+        return 0.0
+
+    def divides_cells(self, formulation: str) -> bool:
+        return formulation != "elastica"
+
+    def inertia_across(self, link: Link, s: Array) -> Array:
+        return link.across(s)["J_y"]
+
+    def check_planar(self, path: str, value: object, what: str) -> None:
+        raise check.InvalidValue(path, value, what)
+
+    def table_of_gains(self, task: str) -> str:
+        return "space"
+
+
+PLANE, SPACE = Axes("xy"), _Space("xyz")
+
+
+def axes_of(spatial: bool) -> Axes:
+    """Return `SPACE` for what is computed in space, otherwise `PLANE`."""
+    return SPACE if spatial else PLANE
 
 
 def vector(path: str, value: object, unit: str = "") -> Vector:

@@ -14,11 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
 from flexarm_env import bodies
 from flexarm_env import validation as check
-from flexarm_env.bodies import Inertia, RigidLink, Vector
+from flexarm_env.bodies import Axes, Inertia, RigidLink, Vector, axes_of
 from flexarm_env.records import choice, described, number, validate, value
 from flexarm_env.sections import Link, Points, Section, Taper
 from flexarm_env.sensors import Sensors
@@ -30,9 +28,6 @@ __all__ = [
 ]  # fmt: skip
 
 JointRange = tuple[float, float]
-
-AXES = {False: "xy", True: "xyz"}
-"""Axes along which arms move: in the plane, and in space."""
 
 
 @described
@@ -315,9 +310,9 @@ class Arm:
         return hub or any(part.spatial for part in parts) or any(link.rigid for link in self.links)
 
     @property
-    def axes(self) -> str:
+    def axes(self) -> Axes:
         """Axes along which the arm moves: "xy" in the plane, "xyz" in space."""
-        return AXES[self.spatial]
+        return axes_of(self.spatial)
 
     def relative(self, values: Sequence[float], joint: int, turn: float = 0.0) -> float:
         """Return a joint's angle (rad) or rate (rad/s) from a scene's `angles` or `rates`.
@@ -326,19 +321,16 @@ class Arm:
         one of the two sequences. turn: angle from the tangent at the root of the previous link, if it is curved, to the
         tangent at the joint, rad; 0 for rates.
         """
-        if joint == 0 or self.spatial:
-            return values[joint]
-        return values[joint] - (values[joint - 1] + turn if turn else values[joint - 1])
+        return self.axes.joint(values, joint, turn)
 
     def stated(self, joints: Sequence[float]) -> tuple[float, ...]:
         """Convert joint angles to a scene's `angles`, rad: absolute link angles in the plane, joint angles in space."""
-        return tuple(joints if self.spatial else np.cumsum(joints).tolist())
+        return self.axes.stated(joints)
 
     def check_planar(self) -> None:
         """Raise ValueError if the arm leaves the plane or has a rigid link."""
-        if self.spatial:
-            what = "must move in the x-y plane here; SpatialFlexArm-v0, simulate and modes compute arms in space"
-            raise check.InvalidValue("arm", self.name, what)
+        what = "must move in the x-y plane here; SpatialFlexArm-v0, simulate and modes compute arms in space"
+        self.axes.check_planar("arm", self.name, what)
 
     @property
     def n_links(self) -> int:

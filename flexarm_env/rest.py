@@ -12,6 +12,7 @@ import numpy as np
 from .compiler import SINGLE, uncompiled
 from .physics.model import OK, OUT_OF_RANGE
 from .physics.protocol import local_difference
+from .physics.reading import Reading, reading_of
 from .scene import JointTorque, Load, Motion, PointLoad, Scene
 from .scene.drives import FORCES
 from .settings import Settings
@@ -66,15 +67,9 @@ def _at_start(load: Load) -> Load:
     return PointLoad(load.link, load.end, **{name: value(f) for name, f in acting.items() if f is not None})
 
 
-def resting_settings(settings: Settings, space: bool) -> Settings:
-    """Return the settings for `relax`: a constant step, and no correction of the period error.
-
-    An elastica in space is assembled for steps of 1 s. The added inertia of an elastica is then proportional to the
-    stiffness, so that all strains come to rest at the same rate.
-    """
-    plain: dict[str, Any] = {"step_tolerance": None}
-    if space and settings.formulation == "elastica":
-        plain["dt"] = 1.0
+def resting_settings(settings: Settings, reading: Reading) -> Settings:
+    """Return the settings for `relax`: a constant step, and no correction of the period error (`Reading.resting`)."""
+    plain: dict[str, Any] = {"step_tolerance": None, **reading.resting(settings)}
     if settings.period_correction:
         plain["period_correction"] = False
     return settings.replace(**plain)
@@ -133,9 +128,7 @@ def _reason(simulation: Any, last: float) -> str:
     if not moved.issuperset(str(k) for k in range(scene.arm.n_links) if k not in scene.rigid_joints):
         why += ", or turn it on and on"
         instead = f'start="held" holds its joints, {instead}'
-    if scene.spatial and frames:
-        why += ", or be just below what it buckles under, where floating frames find none (geometrically_exact does)"
-    return f"{why}; {instead}"
+    return f"{why}{reading_of(scene).buckling(simulation.settings)}; {instead}"
 
 
 def out_of_range(model: Any, share: str = "") -> str:
@@ -155,6 +148,6 @@ def rested(system: Any, scene: Scene, settings: Settings, kind: Any) -> Any:
     """
     if scene.start == "unloaded":
         return system
-    still = kind(resting(scene), resting_settings(settings, scene.spatial))
+    still = kind(resting(scene), resting_settings(settings, reading_of(scene)))
     found = dict(zip(still.system.names, relax(still).tolist(), strict=True))
     return replace(system, q0=np.array([found.get(name, 0.0) for name in system.names]))

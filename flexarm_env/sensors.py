@@ -20,13 +20,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from flexarm_env import validation as check
+from flexarm_env.bodies import PLANE, SPACE, Axes
 from flexarm_env.records import choice, described, integer, number, validate, value
 
 Range = tuple[float, float]
 UNITS, SIDES = ("curvature", "strain"), ("link", "motor")
 MEASURES = ("xy", "xz", "torsion")
-MEASURED = {"xy": ("xy",), "xyz": MEASURES}
-"""What a strain gauge can measure, by the axes along which an arm moves."""
 RATE_FREQUENCY = 20.0
 """Default frequency (Hz) of the first-order low-pass filter with which an encoder computes the rate from readings."""
 LARGEST, FINEST = 1e15, 1e-12
@@ -273,22 +272,17 @@ SINGLES: dict[str, type[Law]] = {
 """Classes of sensors of which an arm has at most one, by key in a table of sensors."""
 
 _OF_CONTACT = {"force": ("tip_force_normal", "tip_force_tangential"), "switch": ("contact_switch",)}
-OF_THE_TIP: dict[str, dict[str, tuple[str, ...]]] = {
-    "xy": {
-        "accelerometer": ("tip_acceleration_x", "tip_acceleration_y"),
-        "camera": ("camera_x", "camera_y"),
+
+
+def of_the_tip(axes: Axes) -> dict[str, tuple[str, ...]]:
+    """Return the names of the readings of each sensor at the tip, in the order of an observation."""
+    rises = (f"camera_rise_{axis}" for axis in axes.rises)
+    return {
+        "accelerometer": tuple(f"tip_acceleration_{axis}" for axis in axes),
+        "gyroscope": tuple(f"gyroscope_{axis}" for axis in axes.turns),
+        "camera": (*(f"camera_{axis}" for axis in axes), *rises),
         **_OF_CONTACT,
-    },
-    "xyz": {
-        "accelerometer": ("tip_acceleration_x", "tip_acceleration_y", "tip_acceleration_z"),
-        "gyroscope": ("gyroscope_x", "gyroscope_y", "gyroscope_z"),
-        "camera": ("camera_x", "camera_y", "camera_z", "camera_rise_y", "camera_rise_z"),
-        **_OF_CONTACT,
-    },
-}
-"""Names of the readings of sensors at the tip, for arms in the plane (False) and in space (True), in the order of an
-observation.
-"""
+    }
 
 
 @dataclass(frozen=True)
@@ -322,7 +316,7 @@ class Sensors:
         """Return the encoder of a joint, or None if there are no encoders."""
         return self.encoders[joint if len(self.encoders) > 1 else 0]
 
-    def readings(self, arm: Any, axes: str = "xy") -> dict[str, tuple[str, Law]]:
+    def readings(self, arm: Any, axes: Axes = PLANE) -> dict[str, tuple[str, Law]]:
         """Return a dict from the names of an arm's readings, in order, to pairs (key path, sensor).
 
         Names are those of `Trajectory.measured`. Key paths begin after the key "sensors". The encoders' resolution is
@@ -334,13 +328,13 @@ class Sensors:
             # an encoder gives two readings, angle and rate
             own = self.encoder(k).behind(arm.joint(k).gear_ratio)
             found |= {f"{joint}_{of}": (f"encoders[{k}]", own) for of in ("angle", "rate")}
-        for place, names in OF_THE_TIP[axes].items():
+        for place, names in of_the_tip(axes).items():
             if (law := getattr(self, place)) is not None:
                 found |= dict.fromkeys(names, (place, law))
         gauges = enumerate(self.strain_gauges)
         return found | {f"strain_gauge_{i + 1}": (f"strain_gauges[{i}]", gauge) for i, gauge in gauges}
 
-    def check_for(self, links: Sequence[Any], axes: str = "xyz", touches: bool = True) -> None:
+    def check_for(self, links: Sequence[Any], axes: Axes = SPACE, touches: bool = True) -> None:
         """Raise ValueError if an arm cannot have these sensors.
 
         links: the arm's links. axes: "xy" for an arm in the plane, "xyz" in space. touches: True if the arm has
@@ -349,7 +343,7 @@ class Sensors:
         for name in () if touches else ("force", "switch"):
             if getattr(self, name) is not None:
                 raise check.InvalidValue(name, getattr(self, name), "must be left out: no contact forces are recorded")
-        if "gyroscope" not in OF_THE_TIP[axes] and (own := self.gyroscope) is not None:
+        if (own := self.gyroscope) is not None and not axes.turns:
             raise check.InvalidValue("gyroscope", own, "must be left out: there are gyroscopes in space alone")
         if len(self.encoders) not in (0, 1, len(links)):
             raise check.InvalidValue("encoders", f"{len(self.encoders)} encoders", f"must be one, or {len(links)}")
@@ -358,13 +352,8 @@ class Sensors:
             if links[gauge.link].rigid:
                 what = "must be a link that bends: this one is rigid"
                 raise check.InvalidValue(f"strain_gauges[{i}].link", gauge.link, what)
-            if gauge.measures not in MEASURED[axes]:
+            if gauge.measures not in axes.measures:
                 raise check.InvalidValue(f"strain_gauges[{i}].measures", gauge.measures, 'must be "xy" in the plane')
-
-    @classmethod
-    def usual(cls, arm: Any) -> Sensors:
-        """Return the default sensors of an environment's arm: those of `ideal` in the plane, none in space."""
-        return {"xy": cls.ideal(arm.links), "xyz": cls()}[arm.axes]
 
     @classmethod
     def ideal(cls, links: Sequence[Any]) -> Sensors:

@@ -85,7 +85,7 @@ class Simulation:
         self.deadline: float | None = None
         self._chunk = max(1, int(CHUNK * min(1.0, CHEAP / len(self.system.q0)) ** 3))
         self._kinks = np.array(scene.kinks, dtype=np.float64)
-        self._whole = bool(self._kinks.size) or (moves and scene.spatial)  # whether `sample_rows` restarts by itself
+        self._whole = reading_of(scene).restarts_sampling(bool(self._kinks.size), moves)
         self._points: int | None = None
         self._sizes = {"rows": len(self.work.q), "links": scene.arm.n_links, "motions": self.n_motions}
         self._sample = SAMPLE.offsets(0, *self._sizes.values()).end

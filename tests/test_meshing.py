@@ -9,6 +9,7 @@ import pytest
 
 from flexarm_env import meshing
 from flexarm_env.accuracy import companion_mesh
+from flexarm_env.bodies import SPACE
 from flexarm_env.parameters import Arm, Link, Payload, Section, Taper
 from flexarm_env.physics.elastica.chain import chain
 from flexarm_env.scene import JointTorque, Scene, default_mesh, halved_mesh
@@ -65,7 +66,7 @@ def test_default_mesh_follows_the_section(link: Link, cells: int) -> None:
     assert default_mesh(arm, "floating_frame") == {"segments": cells}
     assert default_mesh(arm, "elastica") == {"nodes": min(cells, 11) + 1}
     assert default_mesh(Arm("a", (link,)), "elastica") == {"nodes": cells + 1}
-    assert default_mesh(arm, "elastica", space=True) == {}
+    assert default_mesh(arm, "elastica", axes=SPACE) == {}
     for given in ("nodes", "elements", "segments", "modes"):
         assert default_mesh(arm, "floating_frame", [given]) == {}
     scene = Scene("s", arm, duration=0.1, dt=0.01)

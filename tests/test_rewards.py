@@ -41,12 +41,12 @@ def test_no_end_pays_more_than_the_worst_that_can_follow(kind: Kind, rng: np.ran
     """At any instant a failure costs at least what all periods that are left can take: whatever is paid until then,
     going on is no worse. For random arms, periods, durations and prices."""
     for _ in range(12):
-        arm: Any = "three_dof" if kind.space else random_arm(rng, JOINTS[kind.id] or int(rng.integers(2, 5)))
+        arm: Any = "three_dof" if kind.axes == "xyz" else random_arm(rng, JOINTS[kind.id] or int(rng.integers(2, 5)))
         period = float(rng.choice([0.005, 0.01, 0.02, 0.05]))
         more: dict[str, Any] = {"reward": {"change": float(rng.uniform(0.0, 0.5))}} if rng.random() < 0.5 else {}
-        if more and not kind.space:
+        if more and kind.axes == "xy":
             more = {"reward": {**more["reward"], "cost": 0.3}, "cost": {"deflection": 0.1}}
-        if kind.id != CHAIN.id and not kind.space and rng.random() < 0.3:
+        if kind.id != CHAIN.id and kind.axes == "xy" and rng.random() < 0.3:
             more["base"] = Base(10.0, 1.0)
         made = plan(kind, arm=arm, control_dt=period, duration=float(rng.uniform(1.0, 20.0)), **more)
         failure = made.record.weights[-1]

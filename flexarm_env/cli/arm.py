@@ -17,6 +17,7 @@ from flexarm_env.control.catalogue import tuned_gains
 from flexarm_env.control.margins import MARGINS_OF, margins
 from flexarm_env.control.time_optimal import slew_plan
 from flexarm_env.envs.ids import make_registered
+from flexarm_env.envs.space import kind_for
 from flexarm_env.linear import modes
 from flexarm_env.parameters import Arm
 from flexarm_env.rigid import timescales
@@ -61,8 +62,7 @@ def run(args: argparse.Namespace) -> int:
 
 def environment_of(arm: Arm) -> str:
     """Return the id of the environment that fits an arm."""
-    planar = {1: "FlexibleArm-v0", 2: "TwoLinkFlexArm-v0"}.get(arm.n_links, "MultiLinkFlexArm-v0")
-    return {"xy": planar, "xyz": "SpatialFlexArm-v0"}[arm.axes]
+    return kind_for(arm).id
 
 
 def frequencies(arm: Arm) -> dict[str, float]:

@@ -9,16 +9,16 @@ from flexarm_env import arms
 from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE
 from flexarm_env.cli.progress import show
+from flexarm_env.envs.space import kind_for
 from flexarm_env.exchange import calibrated, chain_of, choose_integrator, differences, import_arm, mjcf, urdf
 from flexarm_env.files import to_file, write_text
+from flexarm_env.parameters import Arm
 from flexarm_env.sections import Section
 
 FLAGS = ("segments", "placement", "gravity")
 """Flags that apply only to --to mjcf."""
 _OF_OTHERS = ("name", "cpu", "env", "env_kwargs", "slew", "elbows", "targets", "fmi")
 SEGMENTS = 4
-DOWN = {"xy": (0.0, 0.0, 0.0), "xyz": (0.0, 0.0, -9.81)}
-"""Default gravity, m/s^2, by the axes along which an arm moves."""
 """Default number of springs per link."""
 
 
@@ -30,7 +30,7 @@ def export(args: argparse.Namespace, out: Path) -> int:
             flag = f"--{word.replace('_', '-')}"
             raise check.InvalidValue(flag, getattr(args, word), f"must not be given with --to {args.to}")
     values: dict[str, Any] = {"export": str(out)}
-    gravity = _gravity(args.gravity, arm.axes)
+    gravity = _gravity(args.gravity, arm)
     comments = [f"{arm.name}: written by flexarm_env, flexarm export --to {args.to}"]
     if args.to == "urdf":
         chain = chain_of(arm, 0)
@@ -46,9 +46,11 @@ def export(args: argparse.Namespace, out: Path) -> int:
     return DONE
 
 
-def _gravity(text: str | None, axes: str) -> tuple[float, float, float]:
+def _gravity(text: str | None, arm: Arm) -> tuple[float, float, float]:
+    """Read --gravity; the default is that of the environment with such arms, 0 in the plane."""
     if text is None:
-        return DOWN[axes]
+        x, y, z = (*(kind_for(arm).gravity or ()), 0.0, 0.0, 0.0)[:3]
+        return x, y, z
     try:
         x, y, z = (check.number("--gravity", float(word), "m/s^2") for word in text.split(":"))
     except ValueError:

@@ -52,7 +52,7 @@ class Inside:
                 tables, _ = read_toml(Path(file))
             except OSError as error:
                 raise ValueError(f"around = {word}: {file}: {error.strerror}") from error
-            gains = gains_from(name, check.table_of(f"{file}: {name}", tables.get(name)), setup.arm.axes)
+            gains = gains_from(name, check.table_of(f"{file}: {name}", tables.get(name)), setup.gains)
         else:
             gains = tuned_gains(name, setup.gains, setup.n_joints)
         table = {key: list(v) if isinstance(v, tuple) else v for key, v in dataclasses.asdict(gains).items()}

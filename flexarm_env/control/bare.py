@@ -2,21 +2,41 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..batch import Chain, Reach, Slew, SpaceReach, Starts, Task
 from ..parameters import Arm
 
 
-def bare_task(arm: Arm) -> Task:
+class Bare(NamedTuple):
+    """Record of a task without reward: class, numbers of entries and of a target's coordinates.
+
+    ranges: ranges of targets, which are not used.
+    """
+
+    kind: type[Task]
+    entries: int
+    targets: int
+    ranges: list[tuple[float, float]]
+
+
+def bare_in_plane(arm: Arm) -> Bare:
+    """Return the record for an arm in the plane."""
+    n, ranges = arm.n_links, [(arm.total_length, arm.total_length), (0.0, 0.0)]
+    return Bare(Slew, 6, 1, ranges) if n == 1 else Bare(Reach if n == 2 else Chain, 5 * n + 4, 2, ranges)
+
+
+def bare_in_space(arm: Arm) -> Bare:
+    """Return the record for an arm in space."""
+    n, flexible = arm.n_links, [link for link in arm.links if not link.rigid]
+    return Bare(SpaceReach, 3 * n + 6 * len(flexible) + 6, 3, [(0.0, 0.0)] * n)
+
+
+def bare_task(arm: Arm, bare: Bare) -> Task:
     """Return a task without reward for an arm."""
-    n = arm.n_links
-    flexible = [link for link in arm.links if not link.rigid]
-    # class, number of entries and of a target's coordinates
-    kind, entries, targets = {
-        "xy": (Slew, 6, 1) if n == 1 else (Reach if n == 2 else Chain, 5 * n + 4, 2),
-        "xyz": (SpaceReach, 3 * n + 6 * len(flexible) + 6, 3),
-    }[arm.axes]
+    n, (kind, entries, targets, _) = arm.n_links, bare
     assert arm.torque_limits is not None
     return kind(
         links=(0,) * n, targets=(0,) * targets, terms=(0,) * 6, entries=(0,) * entries,
@@ -27,7 +47,6 @@ def bare_task(arm: Arm) -> Task:
     )  # fmt: skip
 
 
-def bare_starts(arm: Arm) -> Starts:
-    """Return ranges of starts of the straight arm at rest, with targets that are not used."""
-    none, reach = [(0.0, 0.0)] * arm.n_links, arm.total_length
-    return Starts(start=none, target={"xy": [(reach, reach), (0.0, 0.0)], "xyz": none}[arm.axes])
+def bare_starts(arm: Arm, bare: Bare) -> Starts:
+    """Return ranges of starts of the straight arm at rest."""
+    return Starts(start=[(0.0, 0.0)] * arm.n_links, target=bare.ranges)

@@ -8,7 +8,7 @@ import json
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from .. import validation as check
 from ..geometry.inverse import goal_angles
 from ..geometry.plane import tip_in_hub_frame, wrapped
 from ..parameters import Arm
+from ..physics.reading import rate_name, reading_of
 from ..rigid import rigid_inertia
 from ..sensors import Sensors
 from ..shapes import Shape
@@ -31,6 +32,9 @@ SHARES: dict[str, dict[str, float]] = {
     "drift": {"minimum": 0.0, "maximum": 1.0},
 }  # fmt: skip
 """Names of the gains whose allowed range is not 0 to `MOST_GAIN`, each with its bounds."""
+
+IN_SPACE = "space"
+"""Name of the table of tuned gains for arms in space."""
 
 MOST_GAIN = 1e6
 """Largest gain or weight, in its own unit; larger values make no sense for these arms."""
@@ -120,7 +124,7 @@ class Setup:
     @property
     def gains(self) -> str:
         """Name of the table of tuned gains: the task, or "space" for an arm in space."""
-        return {"xy": self.task, "xyz": "space"}[self.arm.axes]
+        return self.arm.axes.table_of_gains(self.task)
 
     @property
     def n_joints(self) -> int:
@@ -190,65 +194,47 @@ class Signals:
         return np.concatenate([angles, self.rates, self.bends, self.bend_rates], axis=1)
 
 
-class Observed(NamedTuple):
-    """Names of observation entries, without link numbers, from which controllers read how links bend.
-
-    bends, rates: names of deflections and twist, and of their rates. aims: whether goals are computed from the bends.
-    """
-
-    bends: tuple[str, ...]
-    rates: tuple[str, ...]
-    aims: bool
-
-
-OBSERVED = {
-    "xy": Observed(("tip_deflection",), ("tip_deflection_rate",), True),
-    "xyz": Observed(
-        ("tip_deflection_y", "tip_deflection_z", "twist"),
-        ("tip_deflection_rate_y", "tip_deflection_rate_z", "twist_rate"), False,
-    ),
-}  # fmt: skip
-"""Observed bends by the axes along which an arm moves."""
-
-
 class Reader:
     """Convert the newest instant of an observation to :class:`Signals`.
 
     Args:
         setup: setup of the environment. who: name of the controller, for error messages. bends: whether deflections are
             required.
-        goals: whether differences between goal and present joint angles are required.
+        goals: whether differences between goal and present joint angles are required. aims: whether goals are computed
+            from deflections.
     Raises:
         ValueError: a required entry is not observed; the message names it.
     """
 
-    def __init__(self, setup: Setup, who: str = "a controller", bends: bool = True, goals: bool = False) -> None:
+    def __init__(
+        self, setup: Setup, who: str = "a controller", bends: bool = True, goals: bool = False, aims: bool = True
+    ) -> None:
         """Look up the positions of all required entries in the observation."""
         self.scales, self.size = np.asarray(setup.scales), setup.size
         place = {name: i for i, name in enumerate(setup.names)}
         joints = setup.arm.joint_names
-        own, arm = OBSERVED[setup.arm.axes], setup.arm
+        arm, bent = setup.arm, reading_of(setup.arm).bent
         # only flexible links have deflections
-        bending = [k for k, link in enumerate(arm.links) if (bends or own.aims) and not link.rigid]
+        bending = [k for k, link in enumerate(arm.links) if (bends or aims) and not link.rigid]
         deflections, deflection_rates = (
-            tuple(arm.by_link(name)[k] for name in names for k in bending) for names in (own.bends, own.rates)
+            tuple(arm.by_link(name)[k] for name in names for k in bending) for names in (bent, map(rate_name, bent))
         )
         error = ("target_error",) if setup.task == "slew" else tuple(f"to_target_{axis}" for axis in arm.axes)
-        aims = tuple(f"{joint}_error" for joint in joints)
+        to_go = tuple(f"{joint}_error" for joint in joints)
         self.aimed = goals or (
-            not bends and any(name not in place for name in (*error, *deflections)) and aims[0] in place
+            not bends and any(name not in place for name in (*error, *deflections)) and to_go[0] in place
         )
         needed = [f"{joint}_{of}" for of in ("sin", "cos", "rate") for joint in joints]
-        needed += aims if self.aimed else [*deflections, *error]
+        needed += to_go if self.aimed else [*deflections, *error]
         for name in (*needed, *(deflection_rates if bends else ())):
             if name not in place:
                 known = ", ".join(setup.names)
-                hint = ' (observation="measured" has it)' if name in aims else ""
+                hint = ' (observation="measured" has it)' if name in to_go else ""
                 raise ValueError(f"observation: {who} needs the entry {name}{hint}, which is not among {known}")
         # indices within one instant: an observation may stack several
         self._sin, self._cos, self._rates = ([place[f"{j}_{of}"] for j in joints] for of in ("sin", "cos", "rate"))
         self._bends, self._bend_rates, self._error, self._goals = (
-            [place[name] for name in names if name in place] for names in (deflections, deflection_rates, error, aims)
+            [place[name] for name in names if name in place] for names in (deflections, deflection_rates, error, to_go)
         )
         self._gauges = [place[name] for name in setup.names if name.startswith("strain_gauge_")]
 
@@ -282,6 +268,10 @@ class Controller(ABC):
     """Whether the controller requires tip deflections and their rates."""
     needs_goals: ClassVar[bool] = False
     """Whether the controller requires goal joint angles minus measured joint angles (observation="measured")."""
+    aims: ClassVar[bool] = True
+    """Whether goals are computed from observed deflections."""
+    omits_modes: ClassVar[bool] = True
+    """Whether the controller's linear model may omit vibration modes of the arm (`margins.warn_of_growth`)."""
     follows_goal: ClassVar[bool] = True
     """Whether observed goal joint angles are followed in every period; if not, the goal is fixed at reset."""
     restarts: ClassVar[bool] = False
@@ -291,7 +281,7 @@ class Controller(ABC):
         """Store the setup and torque limits, and prepare the observation reader."""
         self.setup = setup
         self.limits = np.asarray(setup.torque_limits)
-        self.read = Reader(setup, type(self).__name__, self.needs_bends, self.needs_goals)
+        self.read = Reader(setup, type(self).__name__, self.needs_bends, self.needs_goals, self.aims)
         self.goal = np.zeros((0, setup.n_joints))
         """Joint angles (n, N) of the arm at rest at its target, unwrapped from the angles at the start."""
 

@@ -15,8 +15,8 @@ from .. import validation as check
 from ..parameters import Arm
 from ..rigid import timescales
 from .arm_model import arm_model
-from .base import Controller, Setup
-from .force import ForceGains, HybridForce, Impedance, ImpedanceGains
+from .base import IN_SPACE, Controller, Setup
+from .force import ForceGains, HybridForce, Impedance, ImpedanceGains, WallController
 from .lqg import LQG, LQGGains, SpatialLQG, SpatialLQR
 from .lqr import LQR, LQRGains
 from .lqr_force import LQRForce, LQRForceGains
@@ -47,9 +47,6 @@ _SPACE_WALL: dict[str, Callable[[Setup, Any], Controller]] = {
     "pd": SpatialPathPD, "hybrid_force": SpatialHybridForce, "impedance": SpatialImpedance,
 }  # fmt: skip
 """Controller classes for task "press" in space, by name."""
-CLASSES = {"xy": _KINDS, "xyz": _SPACE}
-"""Gains and controller classes by the axes along which an arm moves."""
-
 PRESS, LAND = "press", "land"
 """Names of the tasks at a wall, which share gains for any number of joints."""
 
@@ -58,6 +55,11 @@ FORCE_NAMES = ("hybrid_force", "impedance", "lqr_force")
 
 NAMES = tuple(_KINDS)
 """Controller names accepted by `make`."""
+
+
+def _classes(table: str) -> dict[str, _Kind]:
+    """Return gains and controller classes by name. table: name of a table of tuned gains (`Setup.gains`)."""
+    return _SPACE if table == IN_SPACE else _KINDS
 
 
 @cache
@@ -76,21 +78,21 @@ def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
     """
     check.choice("controller", name, NAMES)
     at_wall = task in (PRESS, LAND)
-    many = n_joints is not None and n_joints > 2 and task != "space"
+    many = n_joints is not None and n_joints > 2 and task != IN_SPACE
     table = _table(PRESS if at_wall else "chain" if many else task)
     if name not in table:
         known = ", ".join(f'"{other}"' for other in table)
         raise check.InvalidValue("controller", name, f'must be one of {known} for task="{task}"')
-    return gains_from(name, table[name], "xyz" if task == "space" else "xy")
+    return gains_from(name, table[name], task)
 
 
-def gains_from(name: str, values: Mapping[str, Any], axes: str = "xy") -> Any:
+def gains_from(name: str, values: Mapping[str, Any], task: str = "slew") -> Any:
     """Build the gains of controller `name` from values by key.
 
-    axes: axes along which the arm moves (`Arm.axes`). Raises ValueError for an unknown key; the message lists the known
-        keys.
+    task: the task, or "space" for an arm in space (`Setup.gains`). Raises ValueError for an unknown key; the message
+        lists the known keys.
     """
-    kind, _ = CLASSES[axes][name]
+    kind, _ = _classes(task)[name]
     needed = [field.name for field in dataclasses.fields(kind) if field.default is dataclasses.MISSING]
     return check.made(name, kind, values, **dict.fromkeys(needed, "must be given"))
 
@@ -144,7 +146,7 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
         if name == "mpc" and plan.contacts:
             what = "must be left out with mpc: its plans ignore obstacles that push the arm back"
             raise check.InvalidValue("contacts", plan.contacts, what)
-    classes = CLASSES[setup.arm.axes]
+    classes = _classes(setup.gains)
     if name not in classes:
         there = ", ".join(f'"{one}"' for one in classes)
         raise check.InvalidValue("controller", name, f"must be one of {there} for an arm in space")
@@ -158,11 +160,12 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
         gains = tuned_gains(name, setup.gains, setup.n_joints)
         gains = for_arm(gains, setup) if kind is LQRGains and setup.n_joints == 1 else gains
     elif isinstance(gains, Mapping):
-        gains = gains_from(name, gains, setup.arm.axes)
+        gains = gains_from(name, gains, setup.gains)
     gains = check.instance("gains", gains, kind)
     found = made(setup, gains)
     warn_of_delay(name, setup, gains)
-    warn_of_growth(name, setup, gains)
+    if found.omits_modes:
+        warn_of_growth(name, setup, gains)
     return found
 
 
@@ -194,7 +197,8 @@ class Following:
 def controller(name: str, env: Any, gains: Any = None) -> Controller | Following:
     """Create a controller as :func:`flexarm_env.control.make` does; PD also for moving targets and floating bases."""
     plan = env.unwrapped.plan
-    moves = plan.task in ("track", PRESS, LAND) and not (plan.task == PRESS and plan.kind.space)
-    following = name == "pd" and (moves or plan.arm.base is not None)
+    following = name == "pd" and (plan.task in ("track", PRESS, LAND) or plan.arm.base is not None)
     made = make(name, Setup.of(env) if following else env, gains)
+    if following and isinstance(made, WallController):  # follows the path by itself
+        return make(name, env, gains)
     return Following(made) if following else made

@@ -8,6 +8,7 @@ import dataclasses
 import math
 import os
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +24,7 @@ from ..rigid import rigid_inertia, weight_and_inertia
 from ..settings import Settings
 from ..validation import Array
 from .arm_model import arm_model
-from .bare import bare_starts, bare_task
+from .bare import bare_in_plane, bare_in_space, bare_starts, bare_task
 from .lqr import StateWeights, riccati
 from .space import held_model
 
@@ -48,6 +49,7 @@ class Dynamics:
     """
 
     gravity: Vector | None = None
+    bare = staticmethod(bare_in_plane)  # record of the program's task
     usual_nodes, halvings = 4, 0  # default number of nodes per link; number of times that plans may halve the step
     step = 0.02 / 3.0
     """Default of the longest solver step, s, which is that of the planar environments."""
@@ -290,7 +292,8 @@ class Dynamics:
         while size < m:
             size *= 2
         if size not in self._batches:
-            task, starts = bare_task(self.arm), bare_starts(self.arm)
+            own = self.bare(self.arm)
+            task, starts = bare_task(self.arm, own), bare_starts(self.arm, own)
             made = Batch(self.arm, self.settings, size, task, starts, period=self.period, gravity=self.gravity)
             made.start(range(size), [0] * size, limit=10**9)
             self._batches[size] = made
@@ -314,7 +317,7 @@ class SpatialDynamics(Dynamics):
     Deflections are the flexible links' tip deflections along y, then along z, divided by length, then twists, rad.
     """
 
-    usual_nodes, halvings = 3, 3
+    usual_nodes, halvings, bare = 3, 3, staticmethod(bare_in_space)
     step = 0.005
 
     def __init__(self, arm: Arm, period: float, nodes: int, gravity: Vector, step: float | None = None) -> None:
@@ -423,10 +426,6 @@ class SpatialDynamics(Dynamics):
         return np.concatenate([bent[..., 0], bent[..., 1], twist], axis=1)
 
 
-# classes by the axes along which an arm moves
-DYNAMICS: dict[str, type[Dynamics]] = {"xy": Dynamics, "xyz": SpatialDynamics}
-
-
 def dynamics(
     arm: Arm | str | os.PathLike[str], period: float, nodes: int | None = None, gravity: Vector | None = None,
     step: float | None = None,
@@ -438,13 +437,13 @@ def dynamics(
     """
     arm = arms.resolve(arm)
     period = check.number("period", period, "s", above=0.0)
-    kind = DYNAMICS[arm.axes]
+    kind = SpatialDynamics if arm.spatial else Dynamics
     nodes = kind.usual_nodes if nodes is None else check.integer("nodes", nodes, minimum=3, maximum=12)
     step = None if step is None else check.number("step", step, "s", above=0.0)
-    return _one_for_all(arm, period, nodes, gravity, step)
+    return _one_for_all(kind, arm, period, nodes, gravity, step)
 
 
 @lru_cache(maxsize=16)
-def _one_for_all(arm: Arm, period: float, nodes: int, gravity: Vector | None, step: float | None) -> Dynamics:
+def _one_for_all(kind: type[Dynamics], *arguments: Any) -> Dynamics:
     """Create the `Dynamics` or `SpatialDynamics` of an arm, once per set of arguments."""
-    return DYNAMICS[arm.axes].of(arm, period, nodes, gravity, step)
+    return kind.of(*arguments)

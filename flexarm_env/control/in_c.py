@@ -9,7 +9,7 @@ steps of `arm_model.GRID`.
 import itertools
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,8 @@ Pairs = Sequence[tuple[float, float]]
 Points = Sequence[Sequence[float]]
 
 Held = list[tuple[float, ...]]
+_Tables = tuple[Held, dict[str, Any], list[str]]
+"""Postures with tabulated gains; values by name (arrays become C tables, single numbers sizes); source fragments."""
 
 MOST = 1000
 """Largest number of postures in a file, mirror images not counted."""
@@ -70,24 +72,12 @@ def controller_source(
         what = "must be pd, zv, zvd, lqr, lqg or time_optimal: others solve a programme in each period"
         raise check.InvalidValue("controller", kind.__name__, what)
     setup, read = controller.setup, controller.read
-    many, aimed = setup.n_joints > 1, read.aimed
-    plain, space = kind in (PD, SpatialPD), isinstance(controller, AboutRest)
-    if not space and targets is not None:
-        raise check.InvalidValue("targets", targets, "requires an arm in space")
-    if (plain or space) and elbows is not None:
-        what = "gains in space are those at the targets" if space else "gains of PD are the same in all postures"
-        raise check.InvalidValue("elbows", elbows, f"must be left out: {what}")
-    held = [] if plain or space else _postures(controller, elbows)
-    known = _in_space(controller, targets) if space else _in_plane(controller, slew, held)
+    aimed = read.aimed
+    held, known, parts = _TABLES[kind](controller, slew, elbows, targets)
     sizes = {word: value for word, value in known.items() if isinstance(value, int | float)}
     places = {"SINES": read._sin, "COSINES": read._cos, "RATES": read._rates, "GAUGES": read._gauges}
     places |= {"BENDS": read._bends, "BEND_RATES": read._bend_rates, "ERRORS": read._goals if aimed else read._error}
     declared = {"JOINTS": setup.n_joints, "ENTRIES": len(setup.names), "HISTORY": setup.history, **sizes}
-    pointed = many and not aimed
-    parts = [] if plain or space else ["times"]
-    parts += ["rigid"] if kind is ShapedPD or (pointed and not space and setup.n_joints == 2) else []
-    if not space:
-        parts += ["aim_joints" if aimed else "aim_point" if many else "aim_tip", *(["posture"] if held else [])]
     texts = [c_part("memory").replace("FIELDS", _FIELDS[kind]), *map(c_part, (*parts, *_BODIES[kind], "act"))]
     body = "\n".join(texts).replace("GAUGED", _GAUGED if read._gauges else "").replace("SHARP", repr(SHARP))
     for word, text in _BESIDE.items():
@@ -133,11 +123,10 @@ def _postures(own: Controller, elbows: Pairs | None) -> Held:
     return list(dict.fromkeys(postures(np.array([(0.0, *row) for row in itertools.product(*ranges)]))))
 
 
-def _in_space(own: Controller, targets: Points | None) -> dict[str, Any]:
-    """Collect the tables and sizes of a controller in space: rigid bodies and axes, gains, rests at the targets.
-
-    Arrays become C tables, single numbers become sizes.
-    """
+def _in_space(own: Controller, slew: float | None, elbows: Pairs | None, targets: Points | None) -> _Tables:
+    """Collect the tables and sizes of a controller in space: rigid bodies and axes, gains, rests at the targets."""
+    if elbows is not None:
+        raise check.InvalidValue("elbows", elbows, "must be left out: gains in space are those at the targets")
     assert isinstance(own, AboutRest)
     arm, N = own.setup.arm, own.setup.n_joints
     points = check.sequence("targets", () if targets is None else targets, "points (x, y, z), m, of the tip")
@@ -161,21 +150,32 @@ def _in_space(own: Controller, targets: Points | None) -> dict[str, Any]:
         "gravity": own.gravity, "target": where, "rest": angles, "rest_torque": torques,
         "TARGETS": len(points), "BODIES": len(parts),
     }  # fmt: skip
-    if isinstance(own, SpatialPD):
-        gains = own.gains
-        found["filter"] = [own.passed, gains.rate**2, 2.0 * gains.ratio * gains.rate]
-    if isinstance(own, SpatialShapedPD):
-        shapers = [shaper_in_space(arm, own.gravity, own.shaped, own.kind, angle) for angle in angles]
-        found |= _impulses(shapers, own.shaped.effort * own.limits)
-    if isinstance(own, SpatialLQG):
-        plants = [plant_in_space(own.setup, own.gravity, angle) for angle in angles]
-        designs = [own.design(one) for one, _ in plants]
-        still = np.array([own.resting(y) for _, y in plants])
-        if type(own) is SpatialLQG:
-            still[:, N:] += own.centres
-        found |= _filters(own, designs) | {"still": still, "pull": np.stack([d.K @ d.rigid for d in designs])}
-        found |= {"FARTHEST": FARTHEST, "BENT": len(own.read._bends)}
-    return found
+    for table in _IN_SPACE[type(own)]:
+        found |= table(own, angles)
+    return [], found, []
+
+
+def _rate_filter(own: Any, angles: Array) -> dict[str, Any]:
+    """Collect the PD gains and the rate filter. angles (targets, N): joint angles at rest, rad."""
+    gains = own.gains
+    return {"filter": [own.passed, gains.rate**2, 2.0 * gains.ratio * gains.rate]}
+
+
+def _shapers(own: Any, angles: Array) -> dict[str, Any]:
+    """Collect the impulses of the shaper at each rest."""
+    shapers = [shaper_in_space(own.setup.arm, own.gravity, own.shaped, own.kind, angle) for angle in angles]
+    return _impulses(shapers, own.shaped.effort * own.limits)
+
+
+def _designs(own: Any, angles: Array) -> dict[str, Any]:
+    """Collect the regulator and filter designs at each rest."""
+    plants, N = [plant_in_space(own.setup, own.gravity, angle) for angle in angles], own.setup.n_joints
+    designs = [own.design(one) for one, _ in plants]
+    still = np.array([own.resting(y) for _, y in plants])
+    if type(own) is SpatialLQG:
+        still[:, N:] += own.centres
+    found = _filters(own, designs) | {"still": still, "pull": np.stack([d.K @ d.rigid for d in designs])}
+    return found | {"FARTHEST": FARTHEST, "BENT": len(own.read._bends)}
 
 
 def _filters(own: LQG, filters: Sequence[Design]) -> dict[str, Any]:
@@ -198,12 +198,19 @@ def _impulses(shapers: Sequence[Shaper], effort: Array) -> dict[str, Any]:
     return found
 
 
-def _in_plane(own: Controller, slew: float | None, held: Held) -> dict[str, Any]:
-    """Collect the tables and sizes of a planar controller; arrays become C tables, single numbers become sizes.
-
-    slew: slew of TimeOptimal, rad. held: postures for which gains are tabulated.
-    """
-    setup = own.setup
+def _in_plane(own: Controller, slew: float | None, elbows: Pairs | None, targets: Points | None) -> _Tables:
+    """Collect the tables, sizes and source fragments of a planar controller. slew: slew of TimeOptimal, rad."""
+    if targets is not None:
+        raise check.InvalidValue("targets", targets, "requires an arm in space")
+    setup, aimed, same = own.setup, own.read.aimed, isinstance(own, PD)
+    if same and elbows is not None:
+        raise check.InvalidValue("elbows", elbows, "must be left out: gains of PD are the same in all postures")
+    held = [] if same else _postures(own, elbows)
+    parts = [] if same else ["times"]
+    if isinstance(own, ShapedPD) or (setup.n_joints == 2 and not aimed):
+        parts.append("rigid")
+    parts.append("aim_joints" if aimed else "aim_point" if setup.n_joints > 1 else "aim_tip")
+    parts += ["posture"] if held else []
     arm, inertia = setup.arm, link_inertia(setup.arm)
     ranges = [(-np.inf, np.inf) if one is None else one for one in arm.joint_limits or (None,) * arm.n_links]
     found: dict[str, Any] = {
@@ -233,7 +240,7 @@ def _in_plane(own: Controller, slew: float | None, held: Held) -> dict[str, Any]
     if isinstance(own, LQG):
         filters = [lqg_design(setup, own.gains, posture) for posture in held]
         found |= _filters(own, filters) | {"centre": own.centres}
-    return found
+    return held, found, parts
 
 
 def _head(own: Controller, slew: float | None, held: Held) -> str:
@@ -318,3 +325,15 @@ _BODIES: Mapping[type[Controller], tuple[str, ...]] = {
 }  # fmt: skip
 """Source fragments of each class for three purposes: start of an episode, control period, and update with the applied
 torque."""
+
+_IN_SPACE: Mapping[type[Controller], tuple[Callable[..., dict[str, Any]], ...]] = {
+    SpatialPD: (_rate_filter,), SpatialShapedPD: (_rate_filter, _shapers),
+    SpatialLQR: (_designs,), SpatialLQG: (_designs,),
+}  # fmt: skip
+"""Functions that collect a controller's gains at the rests of an arm in space."""
+
+_TABLES: Mapping[type[Controller], Callable[..., _Tables]] = {
+    **dict.fromkeys((PD, ShapedPD, LQR, LQG, TimeOptimal), _in_plane),
+    **dict.fromkeys((SpatialPD, SpatialShapedPD, SpatialLQR, SpatialLQG), _in_space),
+}
+"""Functions that collect a controller's tables."""

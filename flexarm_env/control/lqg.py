@@ -23,11 +23,12 @@ from numpy.typing import NDArray
 from ..linear.point import gauge_name
 from ..linear.state_space import held
 from ..parameters import Arm
+from ..physics.reading import reading_of
 from ..rigid import rigid_inertia
 from ..sensors import Encoder, Sensors, StrainGauge
 from ..validation import Array
 from .arm_model import linear_model, postures
-from .base import OBSERVED, Controller, Setup, Signals
+from .base import Controller, Setup, Signals
 from .lqr import SENSOR, StateWeights, riccati
 from .space import AboutRest, held_model
 
@@ -130,7 +131,7 @@ def bent_of(arm: Arm) -> list[tuple[str, float]]:
     (rad, divisor 1), of the flexible links.
     """
     found = []
-    for name in OBSERVED[arm.axes].bends:
+    for name in reading_of(arm).bent:
         what, axis = re.fullmatch(r"(?:tip_)?([a-z]+)(_[yz])?", name).groups("")  # type: ignore[union-attr]
         over = [(k, 1.0 if what == "twist" else link.span) for k, link in enumerate(arm.links) if not link.rigid]
         found += [(f"{what}{k}{axis}", divisor) for k, divisor in over]

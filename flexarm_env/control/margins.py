@@ -36,10 +36,10 @@ class Margins:
 def margins(setup: Setup, gains: Any) -> Margins | None:
     """Compute the margins of a PD or LQR loop on the setup's arm, with its motor lag and without its delay.
 
-    Returns the minima over all postures; None for other gains and for arms in space.
+    Returns the minima over all postures; None for other gains, which include the gains of arms in space.
     """
     found, dt = [], setup.control_dt
-    if setup.arm.spatial or not isinstance(gains, PDGains | LQRGains):
+    if not isinstance(gains, PDGains | LQRGains):
         return None
     for posture in postures_of(setup.arm):
         model, law = arm_model(setup.arm, posture), _law(setup, gains, posture)
@@ -85,7 +85,7 @@ def warn_of_growth(name: str, setup: Setup, gains: Any) -> None:
     arm of the check has all modes of the linear model. name: name of the controller.
     """
     arm, dt = setup.arm, setup.control_dt
-    if arm.spatial or any((arm.tau_d if link.tau_d is None else link.tau_d) for link in arm.links):
+    if any((arm.tau_d if link.tau_d is None else link.tau_d) for link in arm.links):
         return
     if not isinstance(gains, LQRGains):
         if name not in ("mpc", "time_optimal"):

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..files import from_json, imported, in_words, read_json, read_toml
 from ..validation import Array32
-from .base import Setup
+from .base import IN_SPACE, Setup
 from .catalogue import NAMES, controller, gains_from
 from .models import load_model
 from .policy import HOME, AroundPolicy, NumpyPolicy, fitted, load_npz, names
@@ -166,7 +166,7 @@ def _gains(name: str, path: Path) -> Any:
 def _gains_in_space(name: str, table: Mapping[str, Any]) -> bool:
     """Return whether a table contains valid gains for an arm in space."""
     try:
-        gains_from(name, table, "xyz")
+        gains_from(name, table, IN_SPACE)
     except ValueError:
         return False
     return True

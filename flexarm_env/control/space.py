@@ -56,7 +56,7 @@ class AboutRest(Controller):
     Goals are static rests of the flexible arm (`linear.static_equilibrium`); each takes a few tenths of a second.
     """
 
-    follows_goal = False
+    aims = follows_goal = omits_modes = False
 
     def __init__(self, setup: Setup) -> None:
         """Store gravity and the bodies of the rigid arm."""

@@ -54,7 +54,7 @@ class SpatialHybridForce(WallController):
     the wall's reaction (Raibert & Craig 1981).
     """
 
-    follows_goal = False
+    aims = follows_goal = omits_modes = False
 
     def __init__(self, setup: Setup, gains: SpatialForceGains | None = None) -> None:
         """Look up the positions of the observation's entries that the controller reads.

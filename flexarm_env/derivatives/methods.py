@@ -63,13 +63,14 @@ def method_of(model: Any, program: Any, extras: Any, kept: bool, alone: str) -> 
     return Method(by_equations, backwards, _passes(model))
 
 
+OF_KIND = {SpatialBeam: MOST_PASSES, ExactBeam: PASSES, SpatialElastica: PASSES}
+"""Number of iterations for a step's tangents, by the kind of model; 1, and `PASSES` with contacts, for all others."""
+
+
 def _passes(model: Any) -> int:
-    arm = getattr(model, "arm", model)
-    if isinstance(arm, SpatialBeam):
-        return MOST_PASSES
     # the matrix leaves out how contacts' normals and velocities change with the coordinates
     touches = model.newton.contact is not None
-    return PASSES if touches or isinstance(arm, ExactBeam | SpatialElastica) else 1
+    return OF_KIND.get(type(getattr(model, "arm", model)), PASSES if touches else 1)
 
 
 def _goes_back(model: Any) -> bool:

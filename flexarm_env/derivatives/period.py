@@ -212,7 +212,9 @@ class Periods:
         chunks = -(-columns // at_once) if method.by_equations else 1
         self._derivative, self.backwards = implicit if method.by_equations else derivative.tangents, method.backwards
         both = dual(lane, at_once)
-        layouts = [layout_of(k, model, task, batch.entries, extras, fitted, motions) for k in (lanes, len(both))]
+        layouts = [
+            layout_of(k, batch.reading, model, task, batch.entries, extras, fitted, motions) for k in (lanes, len(both))
+        ]
         seen, rows, size = self._memory.entries, core + self._memory.entries + 1, len(names)
         self.observation_size = self._memory.size
         stiff = "EI_factor", "EI_y_factor", "GJ_factor", "tau_d"

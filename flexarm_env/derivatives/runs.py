@@ -22,9 +22,6 @@ from .methods import PASSES
 MOST = 4_000_000
 """Largest number of float64 entries of factored matrices that are stored at a time."""
 
-PASSES_IN_SPACE = 10
-"""Number of iterations for the tangents of a step in space. The step's matrix is less accurate than in the plane."""
-
 MOST_ROWS = 1_000_000
 """Largest number of steps in a run whose states are all stored."""
 
@@ -123,8 +120,7 @@ class Run:
             moved = moved + weight * other_psi
             stars.append(Neighbour(other.model, other.par, other_u.ravel(), offset, weight))
         approximate = own.settings.formulation == "geometrically_exact" or own.scene.contacts
-        passes = PASSES if approximate else 1
-        passes = PASSES_IN_SPACE if own.scene.spatial else passes
+        passes = reading_of(own.scene).passes or (PASSES if approximate else 1)
         room, out = np.zeros(int(uncompiled(sensitivity.room_of)(model, own.par))), np.empty((len(h), 2 * n))
         w = uncompiled(unpack)(dual(SINGLE), model, room, 0)
         for rows, values, own_tangent in zip((w.q, w.v, w.a, w.b), self.start, tangent, strict=True):

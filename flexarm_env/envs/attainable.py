@@ -13,8 +13,8 @@ from ..compiler import uncompiled
 from ..geometry.inverse import INVERSE, chain_of, lost_at
 from ..parameters import Arm
 from ..rigid import link_bodies, mass_moments, weight_and_inertia
-from .features import Frame
-from .targets import Pair
+
+Pair = tuple[float, float]
 
 SAMPLES = 1000
 """Number of drawn targets of which at least one must be attainable."""
@@ -31,111 +31,161 @@ _SURE = 0.98
 """Share of the largest torque: if every sampled posture needs at most this share, drawn targets are not checked."""
 
 
-def needs_of(frame: Frame, task: Task, starts: Starts, extras: Any) -> Attainable | None:
-    """Return the conditions on drawn targets; None if every possible target is attainable or the arm's base floats.
+class Conditions:
+    """Conditions on targets and paths of arms in the plane, and checks of given ones."""
 
-    Raises:
-        ValueError: none of the `SAMPLES` drawn targets is attainable.
-    """
-    arm = frame.arm
-    if arm.base is not None:
-        return None
-    arm, torques = _worst(arm, task, starts, extras)
-    if frame.kind.space:
-        return _in_space(frame, arm, starts, torques)
-    needs, surely_held = _in_plane(frame, arm, torques)
-    if surely_held and _all_within(arm, frame, task, starts):
-        return None
-    rng, ask = np.random.default_rng(0), uncompiled(attainable)
-    begin, aims = np.array(starts.start, np.float64), np.array(starts.target, np.float64)
-    for _ in range(SAMPLES):
-        angles = rng.uniform(begin[:, 0], begin[:, 1]) * (rng.uniform() >= starts.straight)
-        first, second = rng.uniform(aims[:, 0], aims[:, 1]).tolist()
-        if frame.kind.target.numbers == 1:
-            first, second = task.relative * angles[0] + first, 0.0
-        else:
-            first, second = first * math.cos(second), first * math.sin(second)
-        if ask(task, needs, angles, first, second) > 0.5:
-            return needs
-    raise _none(starts, arm, needs.gravity)
+    def of_targets(
+        self, arm: Arm, gravity: tuple[float, ...] | None, task: Task, starts: Starts, extras: Any
+    ) -> Attainable | None:
+        """Return the conditions on drawn targets; None if every possible target is attainable or the base floats.
 
-
-def path_needs(frame: Frame, task: Task, starts: Starts, extras: Any, periods: int) -> Any:
-    """Return the moving target (`Extras.reference`) with the conditions on drawn paths.
-
-    Raises:
-        ValueError: the joint limits do not let the arm follow a given path, or none of the `PATHS` drawn paths is
-            attainable.
-    """
-    moving, arm = extras.reference, frame.arm
-    if moving is None or arm.base is not None:
-        return moving
-    begin, numbers = np.array(starts.start, np.float64), frame.kind.target.numbers
-    if len(moving.table):
-        points = moving.table.reshape(-1, 2 * numbers)[: periods + 1, :numbers]
-        at = _first_lost(arm, begin, points) if frame.kind.space else _first_out(task, begin, points)
-        if at is not None:
-            unit = "rad" if numbers == 1 else "m"
-            where = ", ".join(f"{x:g}" for x in points[at])
-            what = f"must stay where {arm.name!r} can follow within its joint limits"
-            raise ValueError(f"reference = ({where}) {unit} at {at * frame.period:g} s: {what}")
-        return moving
-    if frame.kind.space or (numbers == 1 and moving.line is not None):  # `Place.check_ranges`; an endless line
-        return moving
-    arm, torques = _worst(arm, task, starts, extras)
-    needs, surely_held = _in_plane(frame, arm, torques)
-    if surely_held and _surely_followed(arm, frame, moving, begin):
-        return moving
-    moving = moving._replace(needs=needs, lasting=periods * frame.period)
-    rng, ask, path = np.random.default_rng(0), uncompiled(draw_attainable), np.zeros(GOAL)
-    stream = np.zeros(1, np.uint64)
-    with np.errstate(over="ignore"):
-        for _ in range(PATHS):
-            angles = rng.uniform(begin[:, 0], begin[:, 1]) * (rng.uniform() >= starts.straight)
-            stream[0] = rng.integers(2**63)
-            if ask(moving, task, stream, 0, angles, path, 1) > 0.5:
-                return moving
-    what = f"must hold paths that {arm.name!r} can follow within its joint limits"
-    what += " and that its motors hold against gravity" * bool(needs.gravity.any())
-    raise check.InvalidValue("reference", moving.ranges.tolist(), f"{what}: none of {PATHS} drawn ones is")
-
-
-def _first_out(task: Task, begin: np.ndarray, points: np.ndarray) -> int | None:
-    """Return the index of the first point of a path (n, 1 or 2) that a planar arm cannot follow, or None.
-
-    begin (N, 2): ranges of the joints' starts, rad; the arm starts in their middles.
-    """
-    flat = np.zeros((len(points), 2))
-    flat[:, : points.shape[1]] = points
-    at = uncompiled(first_unattainable)(task, _free(task), begin.mean(axis=1), flat.ravel())
-    return None if at < 0 else int(at)
-
-
-def _first_lost(arm: Arm, begin: np.ndarray, points: np.ndarray) -> int | None:
-    """Return the index of the first point (n, 3), m, at which an arm in space leaves its joint limits, or None.
-
-    The arm starts at the middles of the ranges begin (N, 2), rad. If the arm leaves its limits from this start, `TRIED`
-    drawn starts are tried, too. The function returns the largest index over all starts.
-    """
-    if arm.joint_limits is None:
-        return None
-    rng, latest = np.random.default_rng(0), 0
-    for start in (begin.mean(axis=1), *rng.uniform(begin[:, 0], begin[:, 1], (TRIED, len(begin)))):
-        at = lost_at(arm, start, points, *map(uncompiled, INVERSE))
-        if at is None:
+        gravity: acceleration of gravity, m/s^2. task: the task's record. extras: the `Extras` of the environment.
+        Raises ValueError if none of the `SAMPLES` drawn targets is attainable.
+        """
+        if arm.base is not None:
             return None
-        latest = max(latest, at)
-    return latest
+        arm, torques = _worst(arm, task, starts, extras)
+        needs, surely_held = _in_plane(arm, gravity, torques)
+        if surely_held and _all_within(arm, task, starts):
+            return None
+        rng, ask = np.random.default_rng(0), uncompiled(attainable)
+        begin, aims = np.array(starts.start, np.float64), np.array(starts.target, np.float64)
+        for _ in range(SAMPLES):
+            angles = rng.uniform(begin[:, 0], begin[:, 1]) * (rng.uniform() >= starts.straight)
+            first, second = rng.uniform(aims[:, 0], aims[:, 1]).tolist()
+            if len(task.targets) == 1:
+                first, second = task.relative * angles[0] + first, 0.0
+            else:
+                first, second = first * math.cos(second), first * math.sin(second)
+            if ask(task, needs, angles, first, second) > 0.5:
+                return needs
+        raise _none(starts, arm, needs.gravity)
+
+    def of_paths(
+        self, arm: Arm, gravity: tuple[float, ...] | None, task: Task, starts: Starts, extras: Any, period: float,
+        periods: int,
+    ) -> Any:  # fmt: skip
+        """Return the moving target (`Extras.reference`) with the conditions on drawn paths.
+
+        period: control period, s. periods: largest number of control periods in an episode. Raises ValueError if the
+        joint limits do not let the arm follow a given path, or if none of the `PATHS` drawn paths is attainable.
+        """
+        moving = extras.reference
+        if moving is None or arm.base is not None:
+            return moving
+        begin, numbers = np.array(starts.start, np.float64), len(task.targets)
+        if len(moving.table):
+            points = moving.table.reshape(-1, 2 * numbers)[: periods + 1, :numbers]
+            at = self.first_lost(arm, task, begin, points)
+            if at is not None:
+                unit = "rad" if numbers == 1 else "m"
+                where = ", ".join(f"{x:g}" for x in points[at])
+                what = f"must stay where {arm.name!r} can follow within its joint limits"
+                raise ValueError(f"reference = ({where}) {unit} at {at * period:g} s: {what}")
+            return moving
+        return self.of_drawn_paths(arm, gravity, task, starts, extras, periods * period)
+
+    def of_drawn_paths(
+        self, arm: Arm, gravity: tuple[float, ...] | None, task: Task, starts: Starts, extras: Any, lasting: float
+    ) -> Any:
+        """Return the moving target with the conditions on drawn paths of `lasting` seconds."""
+        moving, begin = extras.reference, np.array(starts.start, np.float64)
+        if len(task.targets) == 1 and moving.line is not None:  # an endless line
+            return moving
+        arm, torques = _worst(arm, task, starts, extras)
+        needs, surely_held = _in_plane(arm, gravity, torques)
+        if surely_held and _surely_followed(arm, task, moving, begin):
+            return moving
+        moving = moving._replace(needs=needs, lasting=lasting)
+        rng, ask, path = np.random.default_rng(0), uncompiled(draw_attainable), np.zeros(GOAL)
+        stream = np.zeros(1, np.uint64)
+        with np.errstate(over="ignore"):
+            for _ in range(PATHS):
+                angles = rng.uniform(begin[:, 0], begin[:, 1]) * (rng.uniform() >= starts.straight)
+                stream[0] = rng.integers(2**63)
+                if ask(moving, task, stream, 0, angles, path, 1) > 0.5:
+                    return moving
+        what = f"must hold paths that {arm.name!r} can follow within its joint limits"
+        what += " and that its motors hold against gravity" * bool(needs.gravity.any())
+        raise check.InvalidValue("reference", moving.ranges.tolist(), f"{what}: none of {PATHS} drawn ones is")
+
+    def first_lost(self, arm: Arm, task: Task, begin: np.ndarray, points: np.ndarray) -> int | None:
+        """Return the index of the first point of a path (n, numbers) that the arm cannot follow, or None.
+
+        begin (N, 2): ranges of the joints' starts, rad; the arm starts in their middles.
+        """
+        flat = np.zeros((len(points), 2))
+        flat[:, : points.shape[1]] = points
+        at = uncompiled(first_unattainable)(task, _free(task), begin.mean(axis=1), flat.ravel())
+        return None if at < 0 else int(at)
+
+    def check_target(self, arm: Arm, task: Task, angles: np.ndarray, target: np.ndarray) -> None:
+        """Raise `InvalidValue` if the joint limits exclude a given target, as a request stores it.
+
+        angles (N,): joint angles at the start, rad; NaN for joints with drawn angles.
+        """
+        if arm.base is not None or arm.joint_limits is None:
+            return
+        given = tuple(target.tolist())
+        if uncompiled(attainable)(task, _free(task), np.nan_to_num(angles), *given) < 0.5:
+            shown = given if len(task.targets) > 1 else given[0]
+            raise check.InvalidValue("options.target", shown, f"must be within the joint limits of {arm.name!r}")
 
 
-def check_target(task: Task, angles: np.ndarray, target: Pair, arm: Arm) -> None:
-    """Raise `InvalidValue` if the joint limits of a planar arm exclude a given target.
+IN_PLANE = Conditions()
 
-    angles (N,): joint angles at the start, rad; NaN for joints with drawn angles.
-    """
-    if uncompiled(attainable)(task, _free(task), np.nan_to_num(angles), *target) < 0.5:
-        given = target if len(task.targets) > 1 else target[0]
-        raise check.InvalidValue("options.target", given, f"must be within the joint limits of {arm.name!r}")
+
+class ConditionsInSpace(Conditions):
+    """Conditions for arms in space, whose targets are drawn as joint angles within the joint limits."""
+
+    def of_targets(
+        self, arm: Arm, gravity: tuple[float, ...] | None, task: Task, starts: Starts, extras: Any
+    ) -> Attainable | None:
+        """Return the conditions on drawn targets; None if the motors hold the arm at every target.
+
+        `Attainable.bodies` gets each link's mass (kg) and center of mass (m, link axes).
+        """
+        arm, torques = _worst(arm, task, starts, extras)
+        down = np.array(gravity or (0.0, 0.0, 0.0))
+        if not down.any():
+            return None
+        ranges, parts = np.array(starts.target), link_bodies(arm)
+        drawn = np.random.default_rng(0).uniform(ranges[:, 0], ranges[:, 1], (SAMPLES, arm.n_links))
+        corners = np.array([*itertools.product(*ranges[:6])])
+        rest = np.broadcast_to(ranges[6:].mean(axis=1), (len(corners), max(0, arm.n_links - 6)))
+        tried = np.concatenate([drawn, np.hstack([corners, rest])])
+        needed = np.abs(weight_and_inertia(arm, down, tried, parts)[0]) / torques
+        if needed.max() <= _SURE:
+            return None
+        if needed[:SAMPLES].max(axis=1).min() > 1.0:
+            raise _none(starts, arm, down)
+        bodies = np.concatenate([(part.mass, *part.centre) for part in parts])
+        return Attainable(bodies, down, torques, chain_of(arm))
+
+    def of_drawn_paths(
+        self, arm: Arm, gravity: tuple[float, ...] | None, task: Task, starts: Starts, extras: Any, lasting: float
+    ) -> Any:
+        """Return the moving target: `Place.check_ranges` has checked the ranges of drawn paths."""
+        return extras.reference
+
+    def first_lost(self, arm: Arm, task: Task, begin: np.ndarray, points: np.ndarray) -> int | None:
+        """Return the index of the first point (n, 3), m, at which the arm leaves its joint limits, or None.
+
+        If the arm leaves its limits from the middles of the ranges begin (N, 2), rad, `TRIED` drawn starts are tried,
+        too. The function returns the largest index over all starts.
+        """
+        if arm.joint_limits is None:
+            return None
+        rng, latest = np.random.default_rng(0), 0
+        for start in (begin.mean(axis=1), *rng.uniform(begin[:, 0], begin[:, 1], (TRIED, len(begin)))):
+            at = lost_at(arm, start, points, *map(uncompiled, INVERSE))
+            if at is None:
+                return None
+            latest = max(latest, at)
+        return latest
+
+    def check_target(self, arm: Arm, task: Task, angles: np.ndarray, target: np.ndarray) -> None:
+        """Accept every target: `Place.read` finds joint angles within the limits."""
 
 
 def _free(task: Task) -> Attainable:
@@ -153,20 +203,20 @@ def _worst(arm: Arm, task: Task, starts: Starts, extras: Any) -> tuple[Arm, np.n
     return _with_payload(arm, heavy), torques
 
 
-def _in_plane(frame: Frame, arm: Arm, torques: np.ndarray) -> tuple[Attainable, bool]:
+def _in_plane(arm: Arm, gravity: tuple[float, ...] | None, torques: np.ndarray) -> tuple[Attainable, bool]:
     """Return the conditions on targets of a planar arm, and whether its motors can hold the arm in every posture."""
-    gravity = np.array(frame.gravity or (0.0, 0.0))
+    down = np.array(gravity or (0.0, 0.0))
     moments = np.array(mass_moments(arm), complex)
     bodies = np.stack([moments.real, moments.imag], axis=1).ravel()
-    most = np.cumsum(np.abs(moments)[::-1])[::-1] * float(np.hypot(*gravity))
-    return Attainable(bodies, gravity, torques, None), bool((most <= torques).all())
+    most = np.cumsum(np.abs(moments)[::-1])[::-1] * float(np.hypot(*down))
+    return Attainable(bodies, down, torques, None), bool((most <= torques).all())
 
 
-def _surely_followed(arm: Arm, frame: Frame, moving: Any, begin: np.ndarray) -> bool:
+def _surely_followed(arm: Arm, task: Task, moving: Any, begin: np.ndarray) -> bool:
     """Return True only if the joint limits certainly let the arm follow every path that can be drawn."""
     limits = [(-math.inf, math.inf) if pair is None else pair for pair in arm.joint_limits or (None,) * arm.n_links]
     ranges = moving.ranges.reshape(-1, 2)
-    if frame.kind.target.numbers == 1:  # a swing from the start to either side
+    if len(task.targets) == 1:  # a swing from the start to either side
         wide = ranges[0, 1]
         return bool(limits[0][0] <= begin[0, 0] - wide and begin[0, 1] + wide <= limits[0][1])
     nearest, farthest = _distances(arm, limits[1:])
@@ -189,11 +239,11 @@ def _with_payload(arm: Arm, factor: float) -> Arm:
     return dataclasses.replace(arm, payload=dataclasses.replace(arm.payload, mass=factor * arm.payload.mass))
 
 
-def _all_within(arm: Arm, frame: Frame, task: Task, starts: Starts) -> bool:
+def _all_within(arm: Arm, task: Task, starts: Starts) -> bool:
     """Return True only if a planar arm certainly reaches every target that can be drawn within its joint limits."""
     limits = [(-math.inf, math.inf) if pair is None else pair for pair in arm.joint_limits or (None,) * arm.n_links]
     low, high = starts.target[0]
-    if frame.kind.target.numbers == 1:
+    if len(task.targets) == 1:
         first, last = starts.start[0] if task.relative else (0.0, 0.0)
         if starts.straight > 0.0 and task.relative:
             first, last = min(first, 0.0), max(last, 0.0)
@@ -221,27 +271,3 @@ def _distances(arm: Arm, limits: list[Pair]) -> Pair:
     bearings = np.concatenate([np.zeros((len(elbows), 1)), np.cumsum(elbows, axis=1)], axis=1)
     found = np.abs(np.exp(1j * bearings) @ np.array([link.span for link in arm.links]))
     return float(found.min()), float(found.max())
-
-
-def _in_space(frame: Frame, arm: Arm, starts: Starts, torques: np.ndarray) -> Attainable | None:
-    """Return the conditions on targets of an arm in space; None if the motors hold the arm at every target.
-
-    Targets in space are drawn as joint angles. `Attainable.bodies` gets each link's mass (kg) and center of mass (m,
-    link axes). torques (N,): largest torque of each joint, N m. Raises ValueError if the motors cannot hold the arm at
-    any of `SAMPLES` drawn targets.
-    """
-    gravity = np.array(frame.gravity or (0.0, 0.0, 0.0))
-    if not gravity.any():
-        return None
-    ranges, parts = np.array(starts.target), link_bodies(arm)
-    drawn = np.random.default_rng(0).uniform(ranges[:, 0], ranges[:, 1], (SAMPLES, arm.n_links))
-    corners = np.array([*itertools.product(*ranges[:6])])
-    rest = np.broadcast_to(ranges[6:].mean(axis=1), (len(corners), max(0, arm.n_links - 6)))
-    tried = np.concatenate([drawn, np.hstack([corners, rest])])
-    needed = np.abs(weight_and_inertia(arm, gravity, tried, parts)[0]) / torques
-    if needed.max() <= _SURE:
-        return None
-    if needed[:SAMPLES].max(axis=1).min() > 1.0:
-        raise _none(starts, arm, gravity)
-    bodies = np.concatenate([(part.mass, *part.centre) for part in parts])
-    return Attainable(bodies, gravity, torques, chain_of(frame.arm))

@@ -9,7 +9,6 @@ import numpy as np
 
 from .. import validation as check
 from ..batch import PayloadChange, standing_scene
-from ..compiler import uncompiled
 from ..physics import assembly
 from ..physics.contact.build import STEPS, check_steps, duration, effective_masses, links_of, start_depths
 from ..physics.contact.layout import Touching
@@ -18,9 +17,8 @@ from ..physics.reading import reading_of
 from ..scene import Contact, Scene, contacts_of
 from ..scene.contacts import place_on_link
 from ..settings import Settings
-from ..tasks.program import GOAL, TARGET
 from ..tasks.starts import Starts
-from ..tasks.task import Task, aim, target_from
+from ..tasks.task import Task
 from ..validation import Array
 from .features import Frame
 from .resolution import FINEST_TOLERANCE
@@ -83,7 +81,7 @@ def free_starts(frame: Frame, task: Task, starts: Starts, targets: bool) -> Star
     for _ in range(DRAWS):
         postures.append(rng.uniform(begin[:, 0], begin[:, 1]) * (rng.uniform() >= starts.straight))
         first = rng.uniform(aims[:, 0], aims[:, 1])
-        goals.append(_goal(frame, task, postures[-1], first))
+        goals.append(frame.kind.target.goal(task, postures[-1], first))
     for name, drawn in (("angles", postures), ("target", goals if targets else [])):
         if drawn and all(_is_inside(frame, angles) for angles in drawn):
             what = f"must contain places outside the obstacles of contacts: none of {DRAWS} drawn ones is"
@@ -92,22 +90,11 @@ def free_starts(frame: Frame, task: Task, starts: Starts, targets: bool) -> Star
     return replace(starts, free=(0,), free_targets=(0,) if targets else None)
 
 
-def _goal(frame: Frame, task: Task, angles: Array, drawn: Array) -> Array:
-    """Return the joint angles (rad) that reach a target from joint angles `angles`; drawn: the target's numbers."""
-    if frame.kind.space:
-        return drawn
-    record = np.zeros(GOAL + len(angles))
-    record[GOAL:] = angles
-    record[TARGET : TARGET + 2] = uncompiled(target_from)(task, angles, *drawn.tolist())
-    uncompiled(aim)(task, record)
-    return record[GOAL:]
-
-
 def _is_inside(frame: Frame, angles: Array) -> bool:
     """Return whether a point of the arm with straight links at joint angles (rad) is inside an obstacle."""
     assert frame.settings.dt is not None
-    of_links = angles if frame.kind.space else np.cumsum(angles)
-    scene = standing_scene(frame.arm, frame.settings.dt, frame.gravity, of_links.tolist(), contacts=frame.contacts)
+    stated = frame.arm.stated(angles.tolist())
+    scene = standing_scene(frame.arm, frame.settings.dt, frame.gravity, stated, contacts=frame.contacts)
     return bool(start_depths(assembly.assemble(scene, frame.settings)).any())
 
 

@@ -9,15 +9,13 @@ import numpy as np
 
 from .. import validation as check
 from ..batch import CONTACT, FURTHER, Cost, Extras, KeepOut, PayloadChange, Pushes, Starts, gauge_table, packed
-from ..geometry.inverse import chain_of
 from ..parameters import Arm
-from ..physics.gauges import over
-from ..rigid import reach
+from ..physics.reading import reading_of
 from ..sensors import surface
 from ..shapes import Shape, shape_of
 from ..validation import Array
 from .features import Frame, for_each, table_of
-from .motion import ANGLE
+from .targets import joint_range
 from .task import Kind, at_zero
 
 Pair = tuple[float, float]
@@ -54,10 +52,9 @@ def _strains(frame: Frame, limit: float) -> Array:
     row times q is strain over limit. In space each station has two rows of a `GAUGE` record, for bending in the link's
     x-y and x-z planes.
     """
-    space = frame.kind.space
-    planes = ("xy", "xz") if space else ("xy",)
+    reading = reading_of(frame.arm)
     bending = [k for k, link in enumerate(frame.arm.links) if not link.rigid]
-    places = [(k, place, plane) for k in bending for place in STATIONS for plane in planes]
+    places = [(k, place, plane) for k in bending for place in STATIONS for plane in reading.planes]
     distances = []
     for k, place, plane in places:
         link = frame.arm.links[k]
@@ -68,12 +65,10 @@ def _strains(frame: Frame, limit: float) -> Array:
             raise check.InvalidValue(f"arm.links[{k}].section.{name}", J, what)
         distances.append(surface(m, J))
     table = gauge_table(frame.arm, frame.settings, frame.gravity, places)
-    if space:
-        return over(table, limit / np.array(distances), True)
-    return np.asarray(table * np.array(distances)[:, None] / limit)
+    return reading.strain_rows(table, np.array(distances), limit)
 
 
-def shapes_of(space: bool, value: Any) -> tuple[Shape, ...]:
+def shapes_of(kind: Kind, value: Any) -> tuple[Shape, ...]:
     """Return the shapes of `keep_out`; () without shapes."""
     if value is None:
         return ()
@@ -83,12 +78,12 @@ def shapes_of(space: bool, value: Any) -> tuple[Shape, ...]:
     rows = check.sequence(path, rows, what)
     if not rows:
         raise check.InvalidValue(path, value, f"must hold {what}")
-    return tuple(shape_of(f"{path}[{k}]", row, 3 if space else 2) for k, row in enumerate(rows))
+    return tuple(shape_of(f"{path}[{k}]", row, len(kind.axes)) for k, row in enumerate(rows))
 
 
 def keep_out(frame: Frame, value: Any) -> KeepOut | None:
     """Read `keep_out`: shapes that the arm or its tip must not enter."""
-    shapes = shapes_of(frame.kind.space, value)
+    shapes = shapes_of(frame.kind, value)
     if not shapes:
         return None
     table = dict(value) if isinstance(value, Mapping) and "shapes" in value else {}
@@ -172,8 +167,8 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool,
         changes["turns"] = (0,)
     if absolute:
         changes["relative"] = 0.0
-    if kind.space and extras.reference is not None:
-        changes["chain"] = chain_of(frame.arm)
+    if extras.reference is not None:
+        changes |= kind.target.chain(frame.arm)
     fitted = frame.settings.step_tolerance is not None
     events = any(getattr(extras, name) is not None for name in EVENTS)
     if drawn >= 0 or fitted or frame.arm.base or events or frame.contacts:
@@ -191,10 +186,10 @@ def starts(kind: Kind, arm: Arm, value: Any, rules: int) -> tuple[Starts, bool]:
     changes: dict[str, Any] = {}
     if "angles" in table:
         rows = check.sequence("starts.angles", table["angles"], f"{n} pairs (low, high), rad", n)
-        changes["start"] = [_joint(arm, k, row) for k, row in enumerate(rows)]
+        changes["start"] = [joint_range(arm, k, row) for k, row in enumerate(rows)]
         changes["straight"] = 0.0
     if "target" in table:
-        changes["target"] = _target(kind, arm, table["target"])
+        changes["target"] = kind.target.start_ranges(arm, table["target"])
     if "straight" in table:
         changes["straight"] = share = check.number("starts.straight", table["straight"], minimum=0.0, maximum=1.0)
         if share > at_zero(arm) == 0.0:
@@ -203,39 +198,6 @@ def starts(kind: Kind, arm: Arm, value: Any, rules: int) -> tuple[Starts, bool]:
     if absolute and kind.target.numbers != 1:
         raise check.InvalidValue("starts.absolute", True, f"must be left out for {kind.id}: a point is where it is")
     return dataclasses.replace(usual, **changes), absolute
-
-
-def _joint(arm: Arm, k: int, row: Any, of: str = "angles") -> Pair:
-    """Return joint k's range (low, high), rad, of `starts.<of>`; raise `InvalidValue` if it exceeds the joint limits.
-
-    row: the user's pair of angles, rad. of: key of the pair in the table, for messages.
-    """
-    low, high = check.limits(f"starts.{of}[{k}]", row, "rad", **ANGLE)
-    own = None if arm.joint_limits is None else arm.joint_limits[k]
-    if own is not None and not own[0] <= low <= high <= own[1]:
-        what = f"must be within the joint's limits, {own[0]:g} to {own[1]:g} rad"
-        raise check.InvalidValue(f"starts.{of}[{k}]", (low, high), what)
-    return low, high
-
-
-def _target(kind: Kind, arm: Arm, value: Any) -> list[Pair]:
-    """Return the two ranges that `starts.target` gives for a target.
-
-    One link: range of the angle (rad) and an unused range. More links: ranges of a point's distance (m) and bearing
-    (rad). In space: a range of each joint angle, rad.
-    """
-    if kind.space:
-        rows = check.sequence("starts.target", value, f"{arm.n_links} pairs of joint angles, rad", arm.n_links)
-        return [_joint(arm, k, row, "target") for k, row in enumerate(rows)]
-    if kind.target.numbers == 1:
-        return [check.limits("starts.target", value, "rad", **ANGLE), (0.0, 0.0)]
-    first, second = check.sequence("starts.target", value, "two pairs: distance (m) and bearing (rad)", 2)
-    near, far = reach(arm)
-    low, high = check.limits("starts.target[0]", first, "m")
-    if not near <= low <= high <= far:
-        what = f"must be within reach, {near:g} to {far:g} m from the root"
-        raise check.InvalidValue("starts.target[0]", (low, high), what)
-    return [(low, high), check.limits("starts.target[1]", second, "rad", **ANGLE)]
 
 
 def unguided(extras: Extras, path: str, value: Any) -> None:

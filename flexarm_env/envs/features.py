@@ -272,14 +272,16 @@ def reference(frame: Frame, value: Any, periods: int) -> Reference:
         table = np.column_stack([f(t) for f in path] + [f(t, 1) for f in path]).ravel()
     scales = np.array([scale for _, scale in target.entries(arm)])
     line = (0,) if shape == "line" else None
-    axis = np.array(arm.hub_axis, np.float64) if frame.kind.space else None
-    return Reference(line=line, table=table, ranges=np.array(ranges).ravel(), ahead=ahead, scales=scales, axis=axis)
+    return Reference(
+        line=line, table=table, ranges=np.array(ranges).ravel(), ahead=ahead, scales=scales, axis=target.axis(arm)
+    )
 
 
 def gravity_of(kind: Kind, given: Any) -> tuple[float, ...] | None:
     """Return gravity (2,), in space (3,), m/s^2; the default of the environment's task if none is given."""
     if given is None:
         return kind.gravity
-    what = "three numbers (m/s^2), (x, y, z)" if kind.space else "two numbers (m/s^2), (x, y)"
-    values = check.sequence("gravity", given, what, 3 if kind.space else 2)
+    count = len(kind.axes)
+    what = f"{('two', 'three')[count - 2]} numbers (m/s^2), ({', '.join(kind.axes)})"
+    values = check.sequence("gravity", given, what, count)
     return tuple(check.number(f"gravity[{k}]", value, "m/s^2") for k, value in enumerate(values))

@@ -18,15 +18,14 @@ _HELD = {
 """Keywords that require a fixed root, and the reason for each."""
 
 
-def with_base(arm: Arm, value: Any, space: bool) -> Arm:
+def with_base(arm: Arm, value: Any) -> Arm:
     """Return the arm on the floating base given by the keyword `base`, a Base or its table.
 
     If the keyword is None, the arm does not change.
     """
     if value is None:
         return arm
-    if space:
-        raise check.InvalidValue("base", value, "must be left out in space, where the root is held")
+    arm.axes.check_planar("base", value, "must be left out in space, where the root is held")
     return replace(arm, base=value if isinstance(value, Base) else arms.base_of(value))
 
 

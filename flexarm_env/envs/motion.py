@@ -206,7 +206,8 @@ class Guide:
         simulation, given, one = self.simulation, batch.program, slice(i, i + 1)
         model, fitted = simulation.model, given.models is not None
         models = (system.model for system in simulation._systems)
-        layout = layout_of(1, model, batch.task, batch.entries, batch.extras, fitted, simulation.n_motions)
+        motions, reading = simulation.n_motions, batch.reading
+        layout = layout_of(1, reading, model, batch.task, batch.entries, batch.extras, fitted, motions)
         self.block, self.action = aligned(1, layout.row)[0], np.zeros(len(self.free))
         flat, par = self.block[: len(simulation._flat)], self.block[layout.par : layout.poses]
         flat[:], par[:] = simulation._flat, simulation.par

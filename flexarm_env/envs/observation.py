@@ -68,7 +68,7 @@ def checked_observation(observation: Any, history: Any) -> tuple[str | tuple[str
     return names, count
 
 
-def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any) -> description.Sensors:
+def sensors_of(kind: Kind, arm: Arm, observation: str | tuple[str, ...], given: Any) -> description.Sensors:
     """Return the environment's sensors: the user's, otherwise the arm's unless the observation is "full".
 
     With "measured", an arm without sensors gets ideal sensors, and an arm without encoders gets ideal encoders.
@@ -81,7 +81,7 @@ def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any) -> desc
         known = {key: value for key, value in table.items() if key in description.KEYS}
         found, named = description.from_table(known), set(known)
     if observation != FULL:
-        base = own or description.Sensors.usual(arm)
+        base = own or kind.sensors(arm)
         if own is None and observation != MEASURED:
             gauged = any(name.startswith("strain_gauge_") for name in observation)
             base = description.Sensors(strain_gauges=base.strain_gauges if gauged else ())
@@ -104,7 +104,7 @@ def sight(frame: Frame, observation: str | tuple[str, ...], sensors: description
     sizes = {"accelerometer": push, "gyroscope": rate_scale(arm, 0), "camera": arm.total_length}
     assert arm.torque_limits is not None
     sizes |= {"force": arm.torque_limits[0] / arm.total_length, "switch": 1.0}
-    for sensor, readings in description.OF_THE_TIP[arm.axes].items():
+    for sensor, readings in description.of_the_tip(arm.axes).items():
         if getattr(sensors, sensor) is not None:
             entries += [(name, 1.0 if "_rise_" in name else sizes[sensor]) for name in readings]
     gauges = _gauge_entries(frame, sensors.strain_gauges)
@@ -174,7 +174,7 @@ def _instruments(
         laws += [law_of(encoder, 1.0, period, f"sensors.encoders[{k}]") for k, encoder in enumerate(each)]
         motors = [int(encoder.side == "motor" and frame.arm.joint(k).elastic) for k, encoder in enumerate(each)]
     scales = dict(entries)
-    for sensor, readings in description.OF_THE_TIP[frame.arm.axes].items():
+    for sensor, readings in description.of_the_tip(frame.arm.axes).items():
         if getattr(sensors, sensor) is not None:
             laws += [law_of(getattr(sensors, sensor), scales[name], period, f"sensors.{sensor}") for name in readings]
     lawful = not all(gauge.is_ideal for gauge in sensors.strain_gauges)
@@ -184,7 +184,7 @@ def _instruments(
     if not laws and not aimed:
         return None
     table = np.array(laws) if laws else np.zeros((0, LAW_SIZE))
-    gravity = frame.gravity or (0.0, 0.0, 0.0)[: len(frame.arm.axes)]
+    gravity = frame.gravity or (0.0,) * len(frame.arm.axes)
     return Instruments(
         period=period,
         laws=table.ravel(),

@@ -26,7 +26,6 @@ from ..settings import PRESETS, Settings, expand_preset, merged
 from ..shapes import Shape
 from . import contacts as touch
 from . import events, resolution
-from .attainable import needs_of, path_needs
 from .features import (
     ACTION_MODES,
     Frame,
@@ -48,10 +47,8 @@ from .observation import ACTED, checked_observation, sensors_of, sight
 from .pressing import pressing
 from .resolution_warnings import warn, warn_of_times
 from .small_motions import Drive
-from .space import check_arm
 from .task import COST, LAND, PRESS, RULES, Entry, Kind, afloat, info_entries, priced, reward_weights, with_own_terms
 from .trials import Trial, amplification, is_known, trials_of
-from .vibration import shake, swing
 
 INFO_LEVELS = ("standard", "full", "numbers")
 RENDER_MODES = ("human", "rgb_array")
@@ -148,7 +145,7 @@ class Plan:
     @property
     def deflection_bound(self) -> float:
         """Largest valid tip deflection divided by link length; it is finite only for modal links in the plane."""
-        return math.inf if self.kind.space else self.settings.deflection_bound
+        return reading_of(self.arm).deflection_bound(self.settings)
 
     @property
     def observation_bounds(self) -> np.ndarray[Any, np.dtype[np.float32]]:
@@ -196,7 +193,7 @@ def plan(
     **options: Any,
 ) -> Plan:
     """Check the arguments of an environment (see its class); a ValueError names the key, the value and the rule."""
-    own = with_friction(with_base(_arm(kind, arm, joint_limits), base, kind.space), actuator)
+    own = with_friction(with_base(_arm(kind, arm, joint_limits), base), actuator)
     kind, contacts, sensors, reference = pressing(kind, own, task, duration, contacts, sensors, reference)
     # trials run without the user's reward terms, which move nothing and would be kept with the arm
     of_trials = afloat(kind, own)
@@ -240,7 +237,7 @@ def plan(
         frame, word, action_mode, wanted, pushes=pushes, payload_change=payload_change, gravity=gravity,
         initial_vibration=initial_vibration,
     )  # fmt: skip
-    carried = sensors_of(own, wanted, sensors)
+    carried = sensors_of(kind, own, wanted, sensors)
     seen = sight(frame, wanted, carried, kind.target.entries(own) if moves else [])
     gauges = carried.strain_gauges
     extras = Extras(
@@ -266,18 +263,19 @@ def plan(
     laws, modes = any(factors.get(name, (1.0, 1.0)) != (1.0, 1.0) for name in OF_JOINTS), None
     vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
     if vibration > 0.0:
-        modes = swing(own, settings) if kind.space else shake(own, settings, frame.gravity)
+        modes = kind.vibrate(own, settings, frame.gravity)
     begun = dataclasses.replace(begun, drawn=factors, laws=laws, hub=hub, vibration=vibration, shake=modes)
     drawn = {name: k for k, name in enumerate(FACTOR_NAMES) if name in (randomization or {})}
     drawn |= _drawn_offsets(extras, carried.readings(own, own.axes))
     aims = events.aims(frame, extras, success, turns, absolute, max(drawn.values(), default=-1))
     record = kind.build(own, weights, period, aims, version)
     if version > 1 and word == kind.task and not moves:
-        begun = dataclasses.replace(begun, attainable=needs_of(frame, record, begun, extras))
+        begun = dataclasses.replace(begun, attainable=kind.conditions.of_targets(own, down, record, begun, extras))
     if version > 1 and touched and word != "replay":
         begun = touch.free_starts(frame, record, begun, word == kind.task and not moves)
     if version > 1 and moves:
-        extras = dataclasses.replace(extras, reference=path_needs(frame, record, begun, extras, limit))
+        moving = kind.conditions.of_paths(own, down, record, begun, extras, period, limit)
+        extras = dataclasses.replace(extras, reference=moving)
     return Plan(
         kind=kind, task=word, arm=own, settings=settings, period=period, duration=length, limit=limit,
         max_steps=max_episode_steps, gravity=frame.gravity, full=full, words=words, render_mode=render_mode,
@@ -289,7 +287,7 @@ def plan(
             kind, record, full, full and own.jointed and word != "replay", extras, settings.step_tolerance is not None,
             drawn, bool(touched),
         ),
-        action_mode=action_mode, keep_out=events.shapes_of(kind.space, keep_out), contacts=touched,
+        action_mode=action_mode, keep_out=events.shapes_of(kind, keep_out), contacts=touched,
     )  # fmt: skip
 
 
@@ -301,8 +299,8 @@ def with_starts(plan: Plan, ranges: Mapping[str, Any] | None) -> Plan:
         raise check.InvalidValue("starts.absolute", absolute, "must stay as the environment was made with")
     begun = dataclasses.replace(plan.starts, start=begun.start, target=begun.target, straight=begun.straight)
     if plan.record.nearness is not None and plan.task == plan.kind.task:
-        frame = Frame(plan.kind, plan.arm, plan.settings, plan.period, plan.gravity)
-        begun = dataclasses.replace(begun, attainable=needs_of(frame, plan.record, begun, plan.extras))
+        needs = plan.kind.conditions.of_targets(plan.arm, plan.gravity, plan.record, begun, plan.extras)
+        begun = dataclasses.replace(begun, attainable=needs)
     if begun.free is not None:
         frame = Frame(plan.kind, plan.arm, plan.settings, plan.period, plan.gravity, plan.contacts)
         begun = touch.free_starts(frame, plan.record, begun, begun.free_targets is not None)
@@ -349,7 +347,7 @@ def _only_with(name: str, value: Any, task: str, wanted: str) -> None:
 def _arm(kind: Kind, value: Any, joint_limits: Any) -> Arm:
     """Return the arm of an environment with the given joint limits, after checking the arm against the task."""
     arm = arms.resolve(kind.arm if value is None else value)
-    check_arm(arm, kind) if kind.space else arm.check_planar()
+    kind.check_axes(arm)
     least, most = kind.links
     if arm.n_links < least or (most is not None and arm.n_links > most):
         wanted = f"{least}" if most == least else f"at least {least}"
@@ -378,8 +376,9 @@ def _settings(
     """
     default = DEFAULT_FORMULATION if kind.settings is None else "geometrically_exact"
     chosen = default if formulation is None else formulation
-    if kind.space and isinstance(chosen, str) and chosen in ("elastica", *PRESETS):
-        raise check.InvalidValue("formulation", chosen, "must be 'geometrically_exact' or 'floating_frame' in space")
+    if isinstance(chosen, str) and chosen in ("elastica", *PRESETS) and chosen not in kind.formulations:
+        possible = " or ".join(repr(name) for name in kind.formulations)
+        raise check.InvalidValue("formulation", chosen, f"must be {possible} in space")
     expand_preset(chosen, {name: value for name, value in options.items() if name in ARGUMENTS})
     for name in options:
         if name not in ARGUMENTS:

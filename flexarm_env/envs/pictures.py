@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..batch import View
-from ..geometry.ribbons import ribbons, sides
+from ..geometry.ribbons import cuts_of, ribbons, ribbons_of, sides
 from ..parameters import Arm
 from ..physics.layout import POSE, ROOT, SPACE_POSE
 from ..physics.space.reading import straight
 from ..rigid import largest_force
+from ..trajectory import Trajectory
 from .drawing import PAPER, pygame_module
 from .options import Plan
 from .rendering import Renderer, end_of_scale
@@ -36,11 +37,7 @@ def renderer(plan: Plan, mode: str, size: tuple[int, int] = (SIDE, SIDE)) -> Ren
     bend = max((t * link.span / (2.0 * EI) for t, link, EI in rows if not link.rigid), default=0.2)
     usual: dict[str, Any] = {"size": size, "fps": 1.0 / plan.period, "deflection": end_of_scale(bend)}
     usual["payload"] = arm.payload.mass > 0.0
-    pen: Renderer
-    if plan.kind.space:
-        pen = SpaceRenderer(mode, arm.total_length, sides=sides(arm), links=bending(arm), **usual)
-    else:
-        pen = Renderer(mode, arm.total_length, **usual)
+    pen: Renderer = pictures_of(arm.axes).pen(arm, mode, **usual)
     pen.keep_out = plan.keep_out
     pen.obstacles = [contact.obstacle for contact in plan.contacts]
     # impacts exceed the motors' static force several times; commanded forces are a share of it
@@ -97,21 +94,66 @@ class Wall:
 
 def draw(pen: Renderer, plan: Plan, view: View) -> Any:
     """Draw an arm's present shape and return the picture."""
-    target = plan.kind.target.place(plan.arm, view.target)
-    limits = np.array(plan.arm.torque_limits)
     pen.touches = view.touches
-    if isinstance(pen, SpaceRenderer):
-        ribbon = ribbons(plan.arm, plan.settings, view.q[None])
+    return pictures_of(plan.arm.axes).of_view(pen, plan, view)
+
+
+class Pictures:
+    """Pictures of arms in the plane."""
+
+    def pen(self, arm: Arm, mode: str, ground: float = 0.0, **usual: Any) -> Any:
+        """Return a renderer. usual: further arguments of `Renderer`. ground: height of the floor, m, in space."""
+        return Renderer(mode, arm.total_length, **usual)
+
+    def of_view(self, pen: Any, plan: Plan, view: View) -> Any:
+        """Draw an environment's arm as it is in `view` and return the picture."""
+        target = plan.kind.target.place(plan.arm, view.target)
+        shapes = chain(view.points, view.poses)
+        attitude = None
+        if plan.arm.base is not None:  # of its attitude is the last row
+            attitude, hub = float(view.q[-1]), view.points[0]
+            target = hub + target if plan.kind.target.numbers == 1 else target
+        angles, torques = view.poses[:, [POSE.angle, POSE.tip_angle]], view.torques / np.array(plan.arm.torque_limits)
+        return pen.frame(shapes, angles, target, view.time, torques, view.deflection, attitude)
+
+    def of_run(self, pen: Any, run: Trajectory) -> Callable[[int, Any], Any]:
+        """Return a function that draws instant i of a run with joint torques divided by their limits, or None."""
+        hinges = cuts_of(run.shapes, run.hinges)
+
+        def draw(i: int, torques: Any) -> Any:
+            links = [run.shapes[i, a : b + 1] for a, b in pairwise(hinges)]
+            return pen.frame(links, run.link_angles[i], None, float(run.t[i]), torques, run.tip_deflection[i])
+
+        return draw
+
+
+class PicturesInSpace(Pictures):
+    """Pictures of arms in space."""
+
+    def pen(self, arm: Arm, mode: str, ground: float = 0.0, **usual: Any) -> Any:
+        return SpaceRenderer(mode, arm.total_length, sides=sides(arm), links=bending(arm), ground=ground, **usual)
+
+    def of_view(self, pen: Any, plan: Plan, view: View) -> Any:
+        target, ribbon = plan.kind.target.place(plan.arm, view.target), ribbons(plan.arm, plan.settings, view.q[None])
         off = bent(plan.arm, view.deflection.reshape(2, -1).T)
         rigid = straight(plan.arm, view.poses[:, SPACE_POSE.angle])
-        return pen.frame_of(ribbon.chain(0), target, view.time, view.torques / limits, off, rigid)
-    shapes = chain(view.points, view.poses)
-    attitude = None
-    if plan.arm.base is not None:  # of its attitude is the last row
-        attitude, hub = float(view.q[-1]), view.points[0]
-        target = hub + target if plan.kind.target.numbers == 1 else target
-    angles = view.poses[:, [POSE.angle, POSE.tip_angle]]
-    return pen.frame(shapes, angles, target, view.time, view.torques / limits, view.deflection, attitude)
+        torques = view.torques / np.array(plan.arm.torque_limits)
+        return pen.frame_of(ribbon.chain(0), target, view.time, torques, off, rigid)
+
+    def of_run(self, pen: Any, run: Trajectory) -> Callable[[int, Any], Any]:
+        arm, found, held = run.scene.arm, ribbons_of(run), run.scene.root == "pinned"
+
+        def draw(i: int, torques: Any) -> Any:
+            rigid = straight(arm, run.joint_angles[i]) + run.start[i] if held else None
+            off = bent(arm, run.tip_deflection[i])
+            return pen.frame_of(found.chain(i), None, float(run.t[i]), torques, off, rigid)
+
+        return draw
+
+
+def pictures_of(axes: str) -> Pictures:
+    """Return the `Pictures` of arms that move along the given axes (`Arm.axes`)."""
+    return {"xy": Pictures(), "xyz": PicturesInSpace()}[axes]
 
 
 def chain(points: NDArray[np.float64], poses: NDArray[np.float64]) -> list[NDArray[np.float64]]:

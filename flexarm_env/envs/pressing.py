@@ -3,42 +3,31 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .. import sensors as description
 from .. import validation as check
-from ..batch import Land, LandChain, Press, PressChain, SpacePress, Starts, Task
-from ..compiler import uncompiled
-from ..geometry.inverse import angles_at, beyond_reach, goal_angles
+from ..batch import Starts
 from ..parameters import Arm
 from ..rigid import largest_force
 from ..scene import Contact, contacts_of
 from ..shapes import HalfSpace
-from ..tasks.space import directions as directions_of
 from ..validation import Array
 from .observation import COMMANDED
-from .space import Place
-from .targets import Pair, Point
+from .targets import REACH, Pair, Wall
 from .task import FAILURE, LAND, PRESS, Kind
 
 DISTANCE = 0.7
 """Distance of the default wall from the root, divided by the arm's length."""
-NEAR, TURN = 0.75, 0.1
-"""Tip's distance from the root at a start, divided by the wall's distance; half width of the ranges of initial joint
-angles, rad."""
+TURN = 0.1
+"""Half width of the ranges of initial joint angles, rad."""
 LONGER = 3.0
 """Length of an episode, as a multiple of that of the environment's default task.
 
 The arm comes to rest at the wall in a third of an episode.
 """
-HEIGHTS = (0.2, 0.5)
-"""Range of the height of a path's middle in space, divided by the largest distance within reach along the wall."""
-FORCES = (0.3, 0.6)
-"""Range of the commanded force, divided by the largest tip force that the motors can hold."""
-REACH = 0.85
-"""Largest distance of a path's point from the root, divided by the arm's length."""
 BANDS: dict[str, tuple[float, str]] = {"force": (0.1, ""), "path": (0.002, "m")}
 """Bounds of a success: root mean square of the force's relative error, and largest distance from the path."""
 
@@ -49,111 +38,6 @@ LANDED: dict[str, tuple[float, str]] = {"path": (0.005, "m"), "speed": (0.005, "
 The bound of a period's impulse is the impulse, in one default control period, of the largest tip force that the motors
 can hold.
 """
-
-
-class Wall(NamedTuple):
-    """A wall: distance (m), bearing and elevation (rad) of its point nearest to the root."""
-
-    distance: float
-    bearing: float
-    elevation: float = 0.0
-
-    @property
-    def directions(self) -> Array:
-        """Unit vectors (3, 3): from the root to the nearest point, to greater bearing, and upwards along the wall."""
-        return np.array(uncompiled(directions_of)(self.bearing, self.elevation))
-
-    def half_chord(self, length: float) -> float:
-        """Return the largest distance (m) along the wall from its nearest point within `REACH` lengths of the root."""
-        return math.sqrt(max((REACH * length) ** 2 - self.distance**2, 0.0))
-
-
-class OnWall(Point):
-    """Moving target on a wall."""
-
-    paths: ClassVar = {"line": (*Point.paths["line"], ("force", "N"))}
-
-    def __init__(self, wall: Wall, duration: float) -> None:
-        """Store the wall and the length of an episode, s."""
-        self.wall, self.duration = wall, duration
-
-    def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges of a drawn path: wall distance (m), time (s), speed (m/s), bearing (rad), force (N)."""
-        d, b, _ = self.wall
-        half = self.wall.half_chord(arm.total_length)
-        speed = min(0.05 * arm.total_length, half / (0.6 * self.duration))
-        most = largest_force(arm)
-        time = (0.4 * self.duration, 0.6 * self.duration)
-        return [(d, d), time, (0.4 * speed, speed), (b, b), (FORCES[0] * most, FORCES[1] * most)]
-
-    def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Check that the wall is within reach and the commanded force positive."""
-        check_force(ranges[4])
-
-
-class OnWallInSpace(Place):
-    """Moving target on a wall in space, with a random direction along the wall."""
-
-    paths: ClassVar = {"line": (*Place.paths["line"], ("height", "m"), ("force", "N"))}
-
-    def __init__(self, wall: Wall, duration: float) -> None:
-        """Store the wall and the length of an episode, s."""
-        self.wall, self.duration = wall, duration
-
-    def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges of a path: distance (m), time (s), speed (m/s), bearing, elevation (rad), height, force (N).
-
-        The height of a path's middle is its distance from the wall's nearest point, upwards along the wall.
-        """
-        d, b, e = self.wall
-        half, most = self.wall.half_chord(arm.total_length), largest_force(arm)
-        speed = min(0.05 * arm.total_length, 0.4 * half / (0.6 * self.duration))
-        time = (0.4 * self.duration, 0.6 * self.duration)
-        height, force = (HEIGHTS[0] * half, HEIGHTS[1] * half), (FORCES[0] * most, FORCES[1] * most)
-        return [(d, d), time, (0.4 * speed, speed), (b, b), (e, e), height, force]
-
-    def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Check that the commanded force is positive, and that all paths are within reach and joint limits."""
-        check_force(ranges[6])
-        away, around, up = self.wall.directions
-        time, speed = ranges[1], ranges[2][1]
-        # farthest ends of the paths from their middles, in eight directions along the wall
-        far = speed * max(abs(time[1]), abs(self.duration - time[0]))
-        turns = np.linspace(0.0, 2.0 * np.pi, 9)[:-1, None]
-        ends = np.concatenate([np.zeros((1, 3)), far * (np.cos(turns) * around + np.sin(turns) * up)])
-        middles = self.wall.distance * away + np.linspace(*ranges[5], 3)[:, None] * up
-        places = (middles[:, None] + ends).reshape(-1, 3)
-        wrong = beyond_reach(arm, places)
-        if wrong is not None:
-            limits = " and the joint limits" * bool(arm.joint_limits)
-            at = ", ".join(f"{x:g}" for x in places[wrong])
-            what = f"must keep the paths within reach{limits} at speeds up to {speed:g} m/s: ({at}) m is not"
-            raise check.InvalidValue("reference.height", ranges[5], what)
-
-
-def check_force(force: Pair) -> None:
-    """Raise `InvalidValue` unless all commanded forces are positive."""
-    if force[0] <= 0.0:
-        raise check.InvalidValue("reference.force", force, "must be positive (N)")
-
-
-class PlaceOnWall(OnWall):
-    """Target at rest on a wall."""
-
-    paths: ClassVar = {"line": (("distance", "m"), ("offset", "m"), ("speed", "m/s"), ("bearing", "rad"))}
-
-    def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges of a target: wall distance (m), offset from its nearest point (m), speed (0), bearing (rad)."""
-        d, b, _ = self.wall
-        half = self.wall.half_chord(arm.total_length)
-        return [(d, d), (0.0, 0.7 * half), (0.0, 0.0), (b, b)]
-
-    def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Check that the target on the wall is within the arm's reach."""
-        farthest = math.sqrt(max((0.95 * arm.total_length) ** 2 - self.wall.distance**2, 0.0))
-        if ranges[1][1] > farthest:
-            what = f"must be at most {farthest:g} m, so that the point of the wall is within reach"
-            raise check.InvalidValue("reference.offset", ranges[1], what)
 
 
 class Pressing(NamedTuple):
@@ -176,11 +60,12 @@ def pressing(kind: Kind, arm: Arm, task: Any, duration: Any, contacts: Any, sens
     """
     if task not in (PRESS, LAND):
         return Pressing(kind, contacts, sensors, reference)
-    if kind.target.numbers == 1 or (kind.space and task == LAND):
+    target = kind.target
+    if target.on_wall is None or (task == LAND and target.at_rest_on_wall is None):
         ids = "TwoLinkFlexArm-v0 or MultiLinkFlexArm-v0, whose target is a point in the plane"
         ids = "TwoLinkFlexArm-v0, MultiLinkFlexArm-v0 or SpatialFlexArm-v0" if task == PRESS else ids
         raise check.InvalidValue("task", task, f"must be given for {ids}")
-    if kind.space and arm.n_links < 3:
+    if arm.n_links < target.numbers:
         what = f"must be given for an arm with at least three joints in space, which {arm.name!r} has not"
         raise check.InvalidValue("task", task, what)
     if arm.base is not None:
@@ -204,7 +89,7 @@ def pressing(kind: Kind, arm: Arm, task: Any, duration: Any, contacts: Any, sens
 
 def _usual_wall(arm: Arm) -> Contact:
     """Return the default wall: a soft pad with friction 0.3 that the motors' largest force indents by 3 mm."""
-    zeros = (0.0,) * (2 if arm.spatial else 1)
+    zeros = (0.0,) * (len(arm.axes) - 1)
     obstacle = HalfSpace((DISTANCE * arm.total_length, *zeros), (-1.0, *zeros))
     return Contact(obstacle, largest_force(arm) / 3e-3**1.5, damping=30.0, friction=0.3)
 
@@ -219,65 +104,41 @@ def _wall_of(contact: Contact, arm: Arm) -> Wall:
     if not 0.0 < distance < REACH * arm.total_length:
         what = f"must be a wall at most {REACH * arm.total_length:g} m from the root, which is outside"
         raise check.InvalidValue(path, obstacle.to_dict(), what)
-    elevation = math.atan2(away[2], math.hypot(away[0], away[1])) if arm.spatial else 0.0
-    return Wall(distance, math.atan2(away[1], away[0]), elevation)
+    x, y, z = np.append(away, 0.0)[:3]
+    return Wall(distance, math.atan2(y, x), math.atan2(z, math.hypot(x, y)))
 
 
 def _kind(kind: Kind, wall: Wall, duration: float) -> Kind:
     """Return the task definition for task="press" at a wall, with episodes of `duration` s."""
-    weights = {name: kind.rewards[name] for name in kind.rewards if name != FAILURE}
+    assert kind.target.on_wall is not None
+    target = kind.target.on_wall(wall, duration)
 
     def entries(arm: Arm) -> list[tuple[str, float]]:
         return [*kind.entries(arm), (COMMANDED, largest_force(arm))]
 
-    def starts(arm: Arm, rules: int) -> Starts:
-        usual = kind.starts(arm, rules)
-        begun = _ranges_in_space(arm, wall, kind.gravity) if kind.space else _ranges(arm, wall)
-        return dataclasses.replace(usual, start=begun, straight=0.0)
-
-    def record(arm: Arm) -> type[Task]:
-        return SpacePress if kind.space else Press if arm.n_links == 2 else PressChain
-
-    return dataclasses.replace(
-        kind, task=PRESS, duration=LONGER * kind.duration, entries=entries, starts=starts, bands=BANDS,
-        target=OnWallInSpace(wall, duration) if kind.space else OnWall(wall, duration),
-        rewards={**weights, "force": 0.5, FAILURE: kind.rewards[FAILURE]}, record=record,
-    )  # fmt: skip
+    made = _at_wall(kind, target, PRESS, {"force": 0.5})
+    return dataclasses.replace(made, duration=LONGER * kind.duration, entries=entries, bands=BANDS)
 
 
 def _landing(kind: Kind, wall: Wall, duration: float, arm: Arm) -> Kind:
     """Return the task definition for task="land" at a wall, with episodes of `duration` s."""
+    assert kind.target.at_rest_on_wall is not None
+    made = _at_wall(kind, kind.target.at_rest_on_wall(wall, duration), LAND, {"impulse": 1.0})
+    return dataclasses.replace(made, bands={**LANDED, "impulse": (largest_force(arm) * kind.period, "N s")})
+
+
+def _at_wall(kind: Kind, target: Any, task: str, reward: dict[str, float]) -> Kind:
+    """Return a task definition with a target on a wall. reward: the added reward term and its weight."""
     weights = {name: kind.rewards[name] for name in kind.rewards if name != FAILURE}
 
     def starts(arm: Arm, rules: int) -> Starts:
-        return dataclasses.replace(kind.starts(arm, rules), start=_ranges(arm, wall), straight=0.0)
+        begun = _about(arm, target.first_posture(arm, kind.gravity))
+        return dataclasses.replace(kind.starts(arm, rules), start=begun, straight=0.0)
 
     return dataclasses.replace(
-        kind, task=LAND, target=PlaceOnWall(wall, duration), starts=starts,
-        bands={**LANDED, "impulse": (largest_force(arm) * kind.period, "N s")},
-        rewards={**weights, "impulse": 1.0, FAILURE: kind.rewards[FAILURE]},
-        record=lambda arm: Land if arm.n_links == 2 else LandChain,
+        kind, task=task, target=target, starts=starts, record=target.record,
+        rewards={**weights, **reward, FAILURE: kind.rewards[FAILURE]},
     )  # fmt: skip
-
-
-def _ranges(arm: Arm, wall: Wall) -> list[Pair]:
-    """Return the ranges of joint angles at a start, rad, about a posture whose tip is in front of the wall."""
-    place = NEAR * wall.distance * np.array([[math.cos(wall.bearing), math.sin(wall.bearing)]])
-    return _about(arm, goal_angles(arm, np.zeros((1, arm.n_links)), place, np.ones((1, arm.n_links)))[0])
-
-
-def _ranges_in_space(arm: Arm, wall: Wall, gravity: Any) -> list[Pair]:
-    """Return the ranges of joint angles at a start, rad; see `_ranges`.
-
-    gravity (3,): acceleration of gravity, m/s^2, against which the motors hold the arm.
-    """
-    away, _, up = wall.directions
-    height = 0.5 * sum(HEIGHTS) * wall.half_chord(arm.total_length)
-    found = angles_at(arm, NEAR * (wall.distance * away + height * up), gravity)
-    if found is None:
-        what = f"must be a wall in front of which the tip of {arm.name!r} can start, within its joint limits"
-        raise check.InvalidValue("contacts[0].obstacle", tuple(wall), what)
-    return _about(arm, found)
 
 
 def _about(arm: Arm, angles: Array) -> list[Pair]:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import GUIDED, Batch
-from .attainable import check_target
 from .contacts import refuse_motion
 from .events import unguided
 from .motion import ANGLE, Guide, Prescribed, guide, prescribed
@@ -68,8 +67,7 @@ class Request:
 def request_of(plan: Plan, options: Any) -> Request:
     """Check the options of one reset; a ValueError names the key, the value and the rule."""
     n = plan.arm.n_links
-    numbers = n if plan.kind.space else 2
-    modes = 3 if plan.kind.space else 1
+    numbers, modes = plan.kind.target.request_size(plan.arm), plan.kind.amplitudes
     request = Request(np.full(n, np.nan), np.full(numbers, np.nan), np.full(modes, np.nan), plan.motion)
     if options is None:
         return request
@@ -80,8 +78,7 @@ def request_of(plan: Plan, options: Any) -> Request:
         request.angles[:] = _start(plan, given["start"])
     if "target" in given:
         request.target[:] = plan.kind.target.read(plan.arm, given["target"], plan.gravity)
-        if not plan.kind.space and plan.arm.base is None and plan.arm.joint_limits is not None:
-            check_target(plan.record, request.angles, (float(request.target[0]), float(request.target[1])), plan.arm)
+        plan.kind.conditions.check_target(plan.arm, plan.record, request.angles, request.target)
     if "vibration" in given:
         request.vibration[:] = _vibration(given["vibration"], modes)
     if "force" in given:
@@ -161,7 +158,7 @@ def _end_of(plan: Plan, guided: Guide) -> Sequence[float]:
     for name in (f"joint{k}" for k in range(plan.arm.n_links)):
         motion = guided.scene.motion_of(name)
         angles.append(guided.scene.initial_value(name) if motion is None else motion(guided.scene.duration))
-    return angles if plan.kind.space else plan.kind.target.reached(plan.arm, angles)
+    return plan.kind.target.requested(plan.arm, angles)
 
 
 def start_episode(

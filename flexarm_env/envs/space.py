@@ -9,25 +9,25 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from .. import bodies
 from .. import validation as check
-from ..batch import SpaceReach, Starts, Task
-from ..geometry.inverse import angles_at, beyond_reach
+from ..batch import SpacePress, SpaceReach, Starts, Task
+from ..geometry.inverse import angles_at, beyond_reach, chain_of
 from ..parameters import Arm
-from ..rigid import rate_scale, tip_at
+from ..rigid import largest_force, rate_scale, tip_at
+from ..sensors import Sensors
 from ..time_functions import TimeFunction
 from ..validation import Array
-from .targets import POINT, Pair, Target, coordinates
-from .task import REACH, Kind, at_zero, within
+from .attainable import ConditionsInSpace
+from .targets import FORCES, NEAR, POINT, Pair, Target, Wall, check_force, coordinates, joint_range
+from .task import CHAIN, REACH, SLEW, Kind, at_zero, within
+from .vibration import swing
 
 SHARES = (1.0, 0.75, 0.5, 0.25)
 """Shares of the default ranges' widths that are tried for paths of an arm with joint limits."""
 
-
-def check_arm(arm: Arm, kind: Kind) -> None:
-    """Raise `InvalidValue` if an environment in space gets a planar arm."""
-    if not arm.spatial:
-        what = f"must leave the x-y plane for {kind.id}; FlexibleArm-v0 and MultiLinkFlexArm-v0 have arms of the plane"
-        raise check.InvalidValue("arm", arm.name, what)
+HEIGHTS = (0.2, 0.5)
+"""Range of the height of a path's middle in space, divided by the largest distance within reach along the wall."""
 
 
 class Place(Target):
@@ -46,6 +46,26 @@ class Place(Target):
 
     def reached(self, arm: Arm, angles: Sequence[float]) -> Any:
         return tuple(tip_at(arm, np.array(angles)).tolist())
+
+    def requested(self, arm: Arm, angles: Sequence[float]) -> Sequence[float]:
+        return angles
+
+    def request_size(self, arm: Arm) -> int:
+        return arm.n_links
+
+    def goal(self, task: Task, angles: Array, drawn: Array) -> Array:
+        return drawn
+
+    def start_ranges(self, arm: Arm, value: Any) -> list[Pair]:
+        """Return a range of each joint angle, rad."""
+        rows = check.sequence("starts.target", value, f"{arm.n_links} pairs of joint angles, rad", arm.n_links)
+        return [joint_range(arm, k, row, "target") for k, row in enumerate(rows)]
+
+    def chain(self, arm: Arm) -> dict[str, Array]:
+        return {"chain": chain_of(arm)}
+
+    def axis(self, arm: Arm) -> Array:
+        return np.array(arm.hub_axis, np.float64)
 
     def place(self, arm: Arm, target: Array) -> Array:
         return target
@@ -115,6 +135,63 @@ class Place(Target):
         return all_three
 
 
+class OnWallInSpace(Place):
+    """Moving target on a wall in space, with a random direction along the wall."""
+
+    paths: ClassVar = {"line": (*Place.paths["line"], ("height", "m"), ("force", "N"))}
+
+    def __init__(self, wall: Wall, duration: float) -> None:
+        """Store the wall and the length of an episode, s."""
+        self.wall, self.duration = wall, duration
+
+    def ranges(self, arm: Arm, path: str) -> list[Pair]:
+        """Return ranges of a path: distance (m), time (s), speed (m/s), bearing, elevation (rad), height, force (N).
+
+        The height of a path's middle is its distance from the wall's nearest point, upwards along the wall.
+        """
+        d, b, e = self.wall
+        half, most = self.wall.half_chord(arm.total_length), largest_force(arm)
+        speed = min(0.05 * arm.total_length, 0.4 * half / (0.6 * self.duration))
+        time = (0.4 * self.duration, 0.6 * self.duration)
+        height, force = (HEIGHTS[0] * half, HEIGHTS[1] * half), (FORCES[0] * most, FORCES[1] * most)
+        return [(d, d), time, (0.4 * speed, speed), (b, b), (e, e), height, force]
+
+    def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
+        """Check that the commanded force is positive, and that all paths are within reach and joint limits."""
+        check_force(ranges[6])
+        away, around, up = self.wall.directions
+        time, speed = ranges[1], ranges[2][1]
+        # farthest ends of the paths from their middles, in eight directions along the wall
+        far = speed * max(abs(time[1]), abs(self.duration - time[0]))
+        turns = np.linspace(0.0, 2.0 * np.pi, 9)[:-1, None]
+        ends = np.concatenate([np.zeros((1, 3)), far * (np.cos(turns) * around + np.sin(turns) * up)])
+        middles = self.wall.distance * away + np.linspace(*ranges[5], 3)[:, None] * up
+        places = (middles[:, None] + ends).reshape(-1, 3)
+        wrong = beyond_reach(arm, places)
+        if wrong is not None:
+            limits = " and the joint limits" * bool(arm.joint_limits)
+            at = ", ".join(f"{x:g}" for x in places[wrong])
+            what = f"must keep the paths within reach{limits} at speeds up to {speed:g} m/s: ({at}) m is not"
+            raise check.InvalidValue("reference.height", ranges[5], what)
+
+    def first_posture(self, arm: Arm, gravity: Any) -> Array:
+        """Return joint angles (N,), rad, at which the tip is in front of the wall, if possible held against gravity."""
+        away, _, up = self.wall.directions
+        height = 0.5 * sum(HEIGHTS) * self.wall.half_chord(arm.total_length)
+        found = angles_at(arm, NEAR * (self.wall.distance * away + height * up), gravity)
+        if found is None:
+            what = f"must be a wall in front of which the tip of {arm.name!r} can start, within its joint limits"
+            raise check.InvalidValue("contacts[0].obstacle", tuple(self.wall), what)
+        return found
+
+    def record(self, arm: Arm) -> type[Task]:
+        """Return the class of the task's record for an arm."""
+        return SpacePress
+
+
+Place.on_wall = OnWallInSpace
+
+
 def _about_middle(pair: Pair, share: float) -> Pair:
     """Return a range with the same middle whose width is the given share of the range's width."""
     middle, half = 0.5 * (pair[0] + pair[1]), 0.5 * share * (pair[1] - pair[0])
@@ -156,6 +233,13 @@ def _starts(arm: Arm, rules: int) -> Starts:
 
 SPACE = dataclasses.replace(
     REACH, id="SpatialFlexArm-v0", links=(1, None), arm="three_dof", duration=5.0, target=Place(), entries=_entries,
-    record=_record, starts=_starts, replays="robot_arm_motion_smooth", space=True, period=0.01,
-    gravity=(0.0, 0.0, -9.81), settings={"elements": 2, "dt": 0.0025, "tolerance": 1e-5},
+    record=_record, starts=_starts, replays="robot_arm_motion_smooth", axes=bodies.SPACE, period=0.01,
+    sensors=lambda arm: Sensors(), gravity=(0.0, 0.0, -9.81), formulations=("geometrically_exact", "floating_frame"),
+    conditions=ConditionsInSpace(), vibrate=swing, amplitudes=3,
+    settings={"elements": 2, "dt": 0.0025, "tolerance": 1e-5},
 )  # fmt: skip
+
+
+def kind_for(arm: Arm) -> Kind:
+    """Return the first definition of a task that fits an arm."""
+    return next(kind for kind in (SLEW, REACH, CHAIN, SPACE) if kind.fits(arm))

@@ -3,13 +3,19 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from .. import validation as check
+from ..batch import Land, LandChain, Press, PressChain, Task
+from ..compiler import uncompiled
+from ..geometry.inverse import goal_angles
 from ..parameters import Arm
-from ..rigid import rate_scale, reach
+from ..rigid import largest_force, rate_scale, reach
+from ..tasks.program import GOAL, TARGET
+from ..tasks.space import directions as directions_of
+from ..tasks.task import aim, target_from
 from ..time_functions import TimeFunction
 from ..validation import Array
 from .motion import ANGLE, function_of
@@ -19,6 +25,26 @@ Pair = tuple[float, float]
 AHEAD = (0.1, 0.3)
 """Times from the present, s, for which task="track" observes the future displacement of the target."""
 
+NEAR = 0.75
+"""Tip's distance from the root at a start before a wall, divided by the wall's distance."""
+FORCES = (0.3, 0.6)
+"""Range of the commanded force, divided by the largest tip force that the motors can hold."""
+REACH = 0.85
+"""Largest distance of a path's point on a wall from the root, divided by the arm's length."""
+
+
+def joint_range(arm: Arm, k: int, row: Any, of: str = "angles") -> Pair:
+    """Return joint k's range (low, high), rad, of `starts.<of>`; raise `InvalidValue` if it exceeds the joint limits.
+
+    row: the user's pair of angles, rad. of: key of the pair in the table, for messages.
+    """
+    low, high = check.limits(f"starts.{of}[{k}]", row, "rad", **ANGLE)
+    own = None if arm.joint_limits is None else arm.joint_limits[k]
+    if own is not None and not own[0] <= low <= high <= own[1]:
+        what = f"must be within the joint's limits, {own[0]:g} to {own[1]:g} rad"
+        raise check.InvalidValue(f"starts.{of}[{k}]", (low, high), what)
+    return low, high
+
 
 class Target(ABC):
     """Type of a task's target: an angle or a point.
@@ -27,10 +53,13 @@ class Target(ABC):
     angle is 0.
     paths: shapes of drawn paths, the default shape first. Each shape has the names and units of the numbers that define
     a path.
+    on_wall, at_rest_on_wall: types of targets on a wall, for the tasks "press" and "land"; None: there is no such task.
     """
 
     numbers: int
     paths: ClassVar[Mapping[str, tuple[tuple[str, str], ...]]]
+    on_wall: ClassVar[Any] = None
+    at_rest_on_wall: ClassVar[Any] = None
 
     @abstractmethod
     def read(self, arm: Arm, value: Any, gravity: Sequence[float] | None = None) -> Pair:
@@ -42,6 +71,34 @@ class Target(ABC):
     @abstractmethod
     def reached(self, arm: Arm, angles: Sequence[float]) -> Pair:
         """Return the target that the rigid arm reaches at joint angles, rad."""
+
+    def requested(self, arm: Arm, angles: Sequence[float]) -> Sequence[float]:
+        """Return the target that the rigid arm reaches at joint angles (rad), as a request of `reset` stores it."""
+        return self.reached(arm, angles)
+
+    def request_size(self, arm: Arm) -> int:
+        """Return the number of values with which a request stores a target."""
+        return 2
+
+    def goal(self, task: Task, angles: Array, drawn: Array) -> Array:
+        """Return the joint angles (rad) that reach a target from joint angles `angles`; drawn: the drawn numbers."""
+        record = np.zeros(GOAL + len(angles))
+        record[GOAL:] = angles
+        record[TARGET : TARGET + 2] = uncompiled(target_from)(task, angles, *drawn.tolist())
+        uncompiled(aim)(task, record)
+        return record[GOAL:]
+
+    @abstractmethod
+    def start_ranges(self, arm: Arm, value: Any) -> list[Pair]:
+        """Check `starts.target` and return the two ranges of a drawn target, in space a range for each joint."""
+
+    def chain(self, arm: Arm) -> dict[str, Array]:
+        """Return the field of the task's record for inverse kinematics, if moving targets of the type need one."""
+        return {}
+
+    def axis(self, arm: Arm) -> Array | None:
+        """Return the axis (3,) about which drawn paths are turned; None in the plane."""
+        return None
 
     @abstractmethod
     def place(self, arm: Arm, target: Array) -> Array:
@@ -102,6 +159,10 @@ class Angle(Target):
     def reached(self, arm: Arm, angles: Sequence[float]) -> Pair:
         return float(sum(angles)), 0.0
 
+    def start_ranges(self, arm: Arm, value: Any) -> list[Pair]:
+        """Return the range of the angle (rad) and an unused range."""
+        return [check.limits("starts.target", value, "rad", **ANGLE), (0.0, 0.0)]
+
     def place(self, arm: Arm, target: Array) -> Array:
         return np.array([arm.total_length * math.cos(target[0]), arm.total_length * math.sin(target[0])])
 
@@ -147,6 +208,16 @@ class Point(Target):
             angle += turn
             x, y = x + link.span * math.cos(angle), y + link.span * math.sin(angle)
         return x, y
+
+    def start_ranges(self, arm: Arm, value: Any) -> list[Pair]:
+        """Return the ranges of a point's distance (m) and bearing (rad)."""
+        first, second = check.sequence("starts.target", value, "two pairs: distance (m) and bearing (rad)", 2)
+        near, far = reach(arm)
+        low, high = check.limits("starts.target[0]", first, "m")
+        if not near <= low <= high <= far:
+            what = f"must be within reach, {near:g} to {far:g} m from the root"
+            raise check.InvalidValue("starts.target[0]", (low, high), what)
+        return [(low, high), check.limits("starts.target[1]", second, "rad", **ANGLE)]
 
     def place(self, arm: Arm, target: Array) -> Array:
         return target
@@ -196,5 +267,84 @@ def coordinates(value: Any, what: str, numbers: int) -> list[TimeFunction]:
         value = [rows[:, [0, 1 + d]] for d in range(numbers)]
     return [function_of(f"reference[{d}]", f) for d, f in enumerate(check.sequence("reference", value, what, numbers))]
 
+
+class Wall(NamedTuple):
+    """A wall: distance (m), bearing and elevation (rad) of its point nearest to the root."""
+
+    distance: float
+    bearing: float
+    elevation: float = 0.0
+
+    @property
+    def directions(self) -> Array:
+        """Unit vectors (3, 3): from the root to the nearest point, to greater bearing, and upwards along the wall."""
+        return np.array(uncompiled(directions_of)(self.bearing, self.elevation))
+
+    def half_chord(self, length: float) -> float:
+        """Return the largest distance (m) along the wall from its nearest point within `REACH` lengths of the root."""
+        return math.sqrt(max((REACH * length) ** 2 - self.distance**2, 0.0))
+
+
+class OnWall(Point):
+    """Moving target on a wall."""
+
+    paths: ClassVar = {"line": (*Point.paths["line"], ("force", "N"))}
+
+    def __init__(self, wall: Wall, duration: float) -> None:
+        """Store the wall and the length of an episode, s."""
+        self.wall, self.duration = wall, duration
+
+    def ranges(self, arm: Arm, path: str) -> list[Pair]:
+        """Return ranges of a drawn path: wall distance (m), time (s), speed (m/s), bearing (rad), force (N)."""
+        d, b, _ = self.wall
+        half = self.wall.half_chord(arm.total_length)
+        speed = min(0.05 * arm.total_length, half / (0.6 * self.duration))
+        most = largest_force(arm)
+        time = (0.4 * self.duration, 0.6 * self.duration)
+        return [(d, d), time, (0.4 * speed, speed), (b, b), (FORCES[0] * most, FORCES[1] * most)]
+
+    def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
+        """Check that the wall is within reach and the commanded force positive."""
+        check_force(ranges[4])
+
+    def first_posture(self, arm: Arm, gravity: Any) -> Array:
+        """Return joint angles (N,), rad, at which the tip is in front of the wall."""
+        place = NEAR * self.wall.distance * np.array([[math.cos(self.wall.bearing), math.sin(self.wall.bearing)]])
+        return np.asarray(goal_angles(arm, np.zeros((1, arm.n_links)), place, np.ones((1, arm.n_links)))[0])
+
+    def record(self, arm: Arm) -> type[Task]:
+        """Return the class of the task's record for an arm."""
+        return Press if arm.n_links == 2 else PressChain
+
+
+def check_force(force: Pair) -> None:
+    """Raise `InvalidValue` unless all commanded forces are positive."""
+    if force[0] <= 0.0:
+        raise check.InvalidValue("reference.force", force, "must be positive (N)")
+
+
+class PlaceOnWall(OnWall):
+    """Target at rest on a wall."""
+
+    paths: ClassVar = {"line": (("distance", "m"), ("offset", "m"), ("speed", "m/s"), ("bearing", "rad"))}
+
+    def ranges(self, arm: Arm, path: str) -> list[Pair]:
+        """Return ranges of a target: wall distance (m), offset from its nearest point (m), speed (0), bearing (rad)."""
+        d, b, _ = self.wall
+        half = self.wall.half_chord(arm.total_length)
+        return [(d, d), (0.0, 0.7 * half), (0.0, 0.0), (b, b)]
+
+    def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
+        """Check that the target on the wall is within the arm's reach."""
+        farthest = math.sqrt(max((0.95 * arm.total_length) ** 2 - self.wall.distance**2, 0.0))
+        if ranges[1][1] > farthest:
+            what = f"must be at most {farthest:g} m, so that the point of the wall is within reach"
+            raise check.InvalidValue("reference.offset", ranges[1], what)
+
+    def record(self, arm: Arm) -> type[Task]:
+        return Land if arm.n_links == 2 else LandChain
+
+
+Point.on_wall, Point.at_rest_on_wall = OnWall, PlaceOnWall
 
 ANGLE_OF_TIP, POINT = Angle(), Point()

@@ -11,12 +11,17 @@ import numpy as np
 
 from .. import validation as check
 from ..batch import CONTACT, FURTHER, TERM_ARGUMENTS, Chain, Extras, Reach, Slew, Starts, Task, info_places, with_terms
+from ..bodies import PLANE, Axes
 from ..files import imported
 from ..parameters import Arm
 from ..physics.layout import BASE_POSE
 from ..rigid import centre_shift, rate_scale
+from ..sensors import Sensors
+from ..settings import FORMULATIONS, PRESETS, Settings
 from ..validation import Array
+from .attainable import IN_PLANE, Conditions
 from .targets import ANGLE_OF_TIP, POINT, Pair, Target
+from .vibration import shake
 
 HOLD_TIME = 0.5
 """Time, s: an episode is a success if the arm stays within the bounds for the last HOLD_TIME of the episode."""
@@ -40,6 +45,11 @@ ATTITUDE = "attitude"
 """Name of the reward term for a floating base's attitude, and of the attitude's bound in a success."""
 
 
+def ideal_sensors(arm: Arm) -> Sensors:
+    """Return ideal encoders, and a gauge at the root of each flexible link."""
+    return Sensors.ideal(arm.links)
+
+
 @dataclass(frozen=True)
 class Kind:
     """Definition of a task for arms of `links` links (minimum, maximum; None: any number).
@@ -50,8 +60,11 @@ class Kind:
     scales of an arm's observation, in the order of `observe`. record: class of the task's record for an arm; it
     determines the kernels. starts: ranges of fresh starts, by arm and version of the rules. bands: default bounds of
     success with their units, by name. replays: default motions of task="replay"; additional joints use the last motion.
-    space: whether arms leave the plane. period: control period, s. gravity: default gravity, m/s^2. settings: default
-    settings in space.
+    axes: axes along which arms move (`Arm.axes`). period: control period, s. gravity: default gravity, m/s^2.
+    settings: default settings of exact beams; None for the usual default formulation. formulations: formulations and
+    presets that arms of these axes have in environments. conditions: conditions on drawn targets and paths. vibrate:
+    function of an arm, settings and gravity that returns the modes of `initial_vibration`; amplitudes: their number.
+    sensors: function that returns the sensors of "measured" observations for an arm without sensors.
     """
 
     id: str
@@ -66,10 +79,32 @@ class Kind:
     starts: Callable[[Arm, int], Starts]
     bands: Mapping[str, tuple[float, str]]
     replays: str
-    space: bool = False
+    axes: Axes = PLANE
     period: float = 0.02
     gravity: tuple[float, ...] | None = None
     settings: Mapping[str, Any] | None = None
+    formulations: tuple[str, ...] = (*FORMULATIONS, *PRESETS)
+    conditions: Conditions = IN_PLANE
+    vibrate: Callable[[Arm, Settings, tuple[float, ...] | None], Array] = shake
+    amplitudes: int = 1
+    sensors: Callable[[Arm], Sensors] = ideal_sensors
+
+    def fits(self, arm: Arm) -> bool:
+        """Return whether the task has an arm of this number of links, in the plane or in space."""
+        least, most = self.links
+        return self.has_axes_of(arm) and least <= arm.n_links and (most is None or arm.n_links <= most)
+
+    def has_axes_of(self, arm: Arm) -> bool:
+        """Return whether the task has arms of the plane like this arm, or arms in space like this arm."""
+        return arm.axes == self.axes
+
+    def check_axes(self, arm: Arm) -> None:
+        """Raise `InvalidValue` if an arm of the plane is given for space, or an arm in space for the plane."""
+        if not self.has_axes_of(arm):
+            arm.check_planar()
+            what = f"must leave the x-y plane for {self.id}"
+            what += "; FlexibleArm-v0 and MultiLinkFlexArm-v0 have arms of the plane"
+            raise check.InvalidValue("arm", arm.name, what)
 
     def build(self, arm: Arm, weights: Array, period: float, aims: Mapping[str, Any], rules: int = 2) -> Task:
         """Return the constants of the task (a `tasks.task.Task`) for an arm.
@@ -230,7 +265,13 @@ class Entry:
 
 
 def info_entries(
-    kind: Kind, task: Task, full: bool, motors: bool, extras: Extras, fitted: bool, drawn: Mapping[str, int],
+    kind: Kind,
+    task: Task,
+    full: bool,
+    motors: bool,
+    extras: Extras,
+    fitted: bool,
+    drawn: Mapping[str, int],
     touches: bool = False,
 ) -> tuple[Entry, ...]:
     """Return the numeric entries of info, in order.
@@ -244,7 +285,7 @@ def info_entries(
     entries = [
         Entry("tip_position", at.tip, at.deflection - at.tip),
         Entry("tip_deflection", at.deflection, None if at.twist - at.deflection == 1 else at.twist - at.deflection),
-        *([Entry("twist", at.twist, n)] if kind.space else []),
+        *([Entry("twist", at.twist, n)] if at.target > at.twist else []),
         Entry("target", at.target, None if targets == 1 else targets),
         Entry("hub_torque", at.torque, None),
         Entry("joint_torque", at.torque, n),
@@ -264,7 +305,7 @@ def info_entries(
     if extras.payload_change is not None:
         entries.append(Entry("payload_mass", first + FURTHER.payload, None))
     if extras.pushes is not None:
-        entries.append(Entry("push", first + FURTHER.push, 3 if kind.space else 2))
+        entries.append(Entry("push", first + FURTHER.push, len(kind.axes)))
     if task.base:
         of_base = first + FURTHER.base
         entries += [Entry("base_attitude", of_base, None), Entry("base_position", of_base + 1, 2)]

@@ -131,7 +131,7 @@ def trials_of(
     """
     drive = None if amplifier is None else tuple(None if x is None else tuple(x.tolist()) for x in amplifier)
     ends = corners(drawn or {})
-    key = kind.id, kind.space, arm, period, gravity, mode, share, drive, repr(ends)
+    key = kind.id, kind.axes, arm, period, gravity, mode, share, drive, repr(ends)
     if key in _kept:
         return _kept[key]
     motions = small_motions(arm)

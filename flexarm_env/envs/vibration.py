@@ -85,7 +85,7 @@ def _rates(simulation: Simulation) -> tuple[Array, Array]:
     return simulation.work.v.copy(), simulation.observe()[0]
 
 
-def swing(arm: Arm, settings: Settings) -> Array:
+def swing(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None = None) -> Array:
     """Return initial rates (n + 2, 3) of an arm in space in its lowest modes of y bending, z bending and torsion.
 
     The first n rows are rates for `protocol.set_joint_configuration`. The next row is the energy, J, for an amplitude

@@ -5,7 +5,6 @@ import importlib
 import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +13,9 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..geometry.ribbons import cuts_of, ribbons_of, sides
-from ..physics.space.reading import straight
 from ..trajectory import Trajectory
-from .pictures import bending, bent
-from .rendering import Renderer, end_of_scale
-from .space_rendering import SpaceRenderer
+from .pictures import pictures_of
+from .rendering import end_of_scale
 
 FILMS = (".mp4", ".webm", ".mkv", ".mov")
 """File name endings of the films that imageio-ffmpeg writes; Pillow writes .gif."""
@@ -64,7 +60,9 @@ def pictures(
         "deflection": end_of_scale(float(np.abs(trajectory.tip_deflection).max())),
         "torque": max(1.0, end_of_scale(float(np.abs(shares).max()))),
     }  # fmt: skip
-    renderer, draw = PENS[scene.axes](trajectory, mode, usual)
+    kind = pictures_of(scene.axes)
+    renderer = kind.pen(arm, mode, min(float(trajectory.shapes[..., -1].min()), 0.0), **usual)
+    draw = kind.of_run(renderer, trajectory)
     try:
         for i in nearest.tolist():
             picture = draw(i, None if limits is None else shares[i])
@@ -74,39 +72,6 @@ def pictures(
                 yield picture
     finally:
         renderer.close()
-
-
-def _in_the_plane(trajectory: Trajectory, mode: str, usual: dict[str, Any]) -> tuple[Renderer, Draw]:
-    """Return a renderer for a planar trajectory, and a function that draws its frame i with given torques."""
-    hinges = cuts_of(trajectory.shapes, trajectory.hinges)
-    pen = Renderer(mode, trajectory.scene.arm.total_length, **usual)
-
-    def draw(i: int, torques: Any) -> Any:
-        chain = [trajectory.shapes[i, a : b + 1] for a, b in pairwise(hinges)]
-        angles, time = trajectory.link_angles[i], float(trajectory.t[i])
-        return pen.frame(chain, angles, None, time, torques, trajectory.tip_deflection[i])
-
-    return pen, draw
-
-
-def _in_space(trajectory: Trajectory, mode: str, usual: dict[str, Any]) -> tuple[Renderer, Draw]:
-    """Return a renderer for a trajectory in space, and a function that draws its frame i with given torques."""
-    arm, found = trajectory.scene.arm, ribbons_of(trajectory)
-    ground = min(float(trajectory.shapes[..., 2].min()), 0.0)
-    pen = SpaceRenderer(mode, arm.total_length, sides=sides(arm), links=bending(arm), ground=ground, **usual)
-
-    held = trajectory.scene.root == "pinned"
-
-    def draw(i: int, torques: Any) -> Any:
-        off = bent(arm, trajectory.tip_deflection[i])
-        rigid = straight(arm, trajectory.joint_angles[i]) + trajectory.start[i] if held else None
-        return pen.frame_of(found.chain(i), None, float(trajectory.t[i]), torques, off, rigid)
-
-    return pen, draw
-
-
-PENS = {"xy": _in_the_plane, "xyz": _in_space}
-"""Renderers of runs by the axes along which an arm moves."""
 
 
 def film_path(path: str | os.PathLike[str]) -> Path:

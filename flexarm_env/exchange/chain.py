@@ -277,12 +277,9 @@ def _springs(
         # compliance of the cell, exact for sections that vary
         inner = [p for p in link.points if a < p < b]
         at, weights = _quadrature([a, *inner, b])
-    stiffness = {"z": link.along(at).EI}
-    if arm.spatial:
-        across = link.across(at)
-        stiffness = {"x": across["GJ"], "y": across["EI_y"], **stiffness}
     found = []
-    for axis, values in stiffness.items():
+    for axis in arm.axes.hinges:
+        values = link.along(at).EI if axis == "z" else link.across(at)[{"x": "GJ", "y": "EI_y"}[axis]]
         own = 1.0 / float(weights @ (1.0 / values))
         name = f"bend{k}_{i}{'' if axis == 'z' else axis}"
         found.append(Hinge(name, np.eye(3)["xyz".index(axis)], own, tau * own, place=s))
@@ -307,7 +304,7 @@ def _piece_mass(arm: Arm, link: Link, a: float, b: float) -> _Mass:
     if high > low:
         at, weights = _quadrature([low, *(p for p in link.points if low < p < high), high])
         sections = link.along(at)
-        J_y = link.across(at)["J_y"] if arm.spatial else sections.J
+        J_y = arm.axes.inertia_across(link, at)
         for s, w, m, J, Jy in zip(at, weights, sections.m, sections.J, J_y, strict=True):
             turn = rotations.matrices((_tangent(link, s) - angle) * _Z)
             total.add(w * m, there(s), turn @ np.diag([w * (J + Jy), w * Jy, w * J]) @ turn.T)

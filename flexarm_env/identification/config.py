@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from flexarm_env import validation as check
+from flexarm_env.bodies import PLANE, SPACE, Axes
 from flexarm_env.files import read_toml
-from flexarm_env.parameters import AXES, Arm
+from flexarm_env.parameters import Arm
 from flexarm_env.sensors import Sensors, from_table
 
 INPUTS = ("joint", "motor", "torque", "current", "voltage")
@@ -108,7 +109,7 @@ class Config:
     skip: float = 0.0
     sensors: Sensors | None = None
     experiment: Mapping[str, Any] = field(default_factory=dict)  # tables of gravity and loads
-    space: bool = False  # True if the arm is simulated in space
+    axes: Axes = PLANE  # axes along which the arm is simulated
     solver: Mapping[str, Any] = field(default_factory=dict)
     starts: int = 4
     evaluations: int = 60
@@ -165,16 +166,15 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
     carried = own if sensors is None else from_table(check.table_of("sensors", sensors))
     experiment: dict[str, Any] = {key: table[key] for key in ("gravity", "loads") if key in table}
     # the experiment decides whether the arm is computed in space
-    space = arm.spatial or _leaves_the_plane(experiment)
+    axes = SPACE if _leaves_the_plane(experiment) else arm.axes
     with check.under("sensors"):
-        carried.check_for(arm.links, AXES[space])
+        carried.check_for(arm.links, axes)
     parameters = tuple(_parameter(p, v) for p, v in check.table_of("parameters", table.get("parameters", {})).items())
     names = [p.name for p in parameters]
     for p in parameters:
         if names.count(p.name) > 1:
             raise check.InvalidValue(f'parameters."{p.path}".name', p.name, "must be the name of one parameter alone")
-    usual = "geometrically_exact" if space else "elastica"
-    solver = {"formulation": usual, **check.table_of("solver", table.get("solver", {}))}
+    solver = {"formulation": axes.quick_formulation, **check.table_of("solver", table.get("solver", {}))}
     good = check.number("good", table.get("good", 70.0), "%", maximum=100.0)
     fit = check.sequence("fit", table.get("fit", names), "names of parameters")
     config = Config(
@@ -183,12 +183,12 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
         fit=tuple(check.text(f"fit[{k}]", name) for k, name in enumerate(fit)),
         start=check.choice("start", table.get("start", "unloaded"), ("unloaded", "held")),
         skip=check.number("skip", table.get("skip", 0.0), "s", minimum=0.0),
-        sensors=carried, experiment=experiment, space=space, solver=solver,
+        sensors=carried, experiment=experiment, axes=axes, solver=solver,
         starts=check.integer("starts", table.get("starts", 4), minimum=1, maximum=1000),
         evaluations=check.integer("evaluations", table.get("evaluations", 60), minimum=1), good=good,
         seed=check.integer("seed", table.get("seed", 0), minimum=0),
     )  # fmt: skip
-    known = carried.readings(arm, AXES[space])
+    known = carried.readings(arm, axes)
     for channel in config.outputs:
         if channel.name not in known:
             raise check.UnknownKey(f"outputs.{channel.name}", known, "sensor")

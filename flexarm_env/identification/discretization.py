@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexarm_env.bodies import SPACE
+
 from ..validation import Array
 from .fit import Fit, Problem, Solver
 from .uncertainty import Uncertainty, uncertainty
@@ -63,7 +65,7 @@ def resolve(solver: Solver, found: Fit) -> Resolved:
     Fits of arms in space are not refined.
     """
     problem, z, left = solver.problem, found.z, dict(MOST)
-    if problem.experiment.config.space:
+    if problem.experiment.config.axes == SPACE:
         return Resolved(problem, found, uncertainty(problem, z), {}, ())
     while True:
         # shifts by one refinement, and their limits from the present intervals

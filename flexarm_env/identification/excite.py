@@ -87,9 +87,7 @@ def excite(
         ValueError: a value is invalid, or the arm has no torque limits and most_torque is not given.
     """
     given = arms.resolve(arm)
-    if given.spatial:
-        what = "must move in the x-y plane, for which excitations are made"
-        raise check.InvalidValue("arm", given.name, what)
+    given.axes.check_planar("arm", given.name, "must move in the x-y plane, for which excitations are made")
     seconds = check.number("seconds", seconds, "s", above=0.0, maximum=600.0)
     rate = check.number("rate", rate, "Hz", above=0.0, maximum=10_000.0)
     angle = check.number("most_angle", most_angle, "rad", above=0.0, maximum=float(np.pi))

@@ -14,6 +14,7 @@ from flexarm_env import arms
 from flexarm_env import sensors as sensing
 from flexarm_env import validation as check
 from flexarm_env.accuracy import finer_mesh, in_steps
+from flexarm_env.bodies import SPACE
 from flexarm_env.derivatives.runs import NotDifferentiable
 from flexarm_env.derivatives.runs import Run as Played
 from flexarm_env.parameters import Arm, Joint
@@ -66,10 +67,10 @@ class Experiment:
         gravity = check.sequence("gravity", config.experiment.get("gravity", (0.0, 0.0)), "numbers (m/s^2)")
         if len(gravity) not in (2, 3):
             raise check.InvalidValue("gravity", gravity, "must be two numbers (m/s^2), or three for an arm in space")
-        usual = {key: value for key, value in _LOAD.items() if config.space or key != "force_z"}
+        usual = {key: _LOAD[key] for key in ("link", "end", *(f"force_{axis}" for axis in config.axes))}
         self._table: dict[str, Any] = {
             **_lists(arms.to_table(arm)), "sensors": sensing.to_table(config.sensors),
-            "gravity": [*gravity, 0.0][: 2 + config.space], "loads": [{**usual, **load} for load in loads],
+            "gravity": [*gravity, 0.0][: len(config.axes)], "loads": [{**usual, **load} for load in loads],
             "inputs": {c.name: {"gain": 1.0, "offset": 0.0, "shift": 0.0} for c in config.inputs},
             "outputs": {c.name: {"gain": 1.0, "shift": 0.0} for c in config.outputs},
             "starts": {log: [0.0] * arm.n_links for log in logs},
@@ -303,7 +304,7 @@ class Experiment:
         gravity = tuple(table["gravity"]) if any(table["gravity"]) else None
         return Scene(
             run.stem, arm, duration=float(run.t[-1]), dt=run.period, angles=arm.stated(angles), motions=tuple(motions),
-            loads=tuple(loads), gravity=gravity, space=self.config.space, start=self.config.start,
+            loads=tuple(loads), gravity=gravity, space=self.config.axes == SPACE, start=self.config.start,
         )  # fmt: skip
 
     def _read_at_start(self) -> dict[int, float | None]:

@@ -10,9 +10,10 @@ import numpy as np
 
 from flexarm_env import arms
 from flexarm_env import validation as check
+from flexarm_env.bodies import SPACE
 from flexarm_env.files import read_toml
 from flexarm_env.linear import modes
-from flexarm_env.parameters import AXES, Arm
+from flexarm_env.parameters import Arm
 from flexarm_env.scene import Scene
 
 from ..validation import Array
@@ -82,7 +83,7 @@ def identify(
     before = Experiment(given, setup, ())
     unfitted = tuple(_judged(run, before.predict(np.zeros(0), run), setup) for run in everything)
     assert setup.sensors is not None
-    laws = {name: law for name, (_, law) in setup.sensors.readings(given, AXES[setup.space]).items()}
+    laws = {name: law for name, (_, law) in setup.sensors.readings(given, setup.axes).items()}
     simple = {c.name: oscillator(runs, c.name, laws[c.name]) for c in setup.outputs}
     baseline = tuple(_judged(run, {n: o.predict(run) for n, o in simple.items()}, setup) for run in everything)
     found = experiment.arm_of(values)
@@ -137,7 +138,7 @@ def _modes(arm: Arm, config: Config) -> tuple[Array, Array]:
     """Return frequencies, Hz, and damping ratios of the straight arm's modes while the prescribed joints are held."""
     held = tuple(c.joint for c in config.inputs if c.moves)
     solver = {key: value for key, value in config.solver.items() if key not in ("formulation", "dt")}
-    rest = Scene("rest", arm, duration=1.0, dt=0.005, space=config.space)
+    rest = Scene("rest", arm, duration=1.0, dt=0.005, space=config.axes == SPACE)
     try:
         found = modes(rest, 4, config.solver["formulation"], clamped=held, **solver)
     except ValueError:  # an elastic gear with a massless, undriven motor

@@ -16,7 +16,7 @@ from ..control.base import Controller, Setup
 from ..control.export import check_name
 from ..control.in_c import Pairs, Points, controller_source
 from ..files import write_whole
-from ..layout import Layout
+from ..physics.reading import reading_of
 from ..tasks.program import ENERGIES, INFO
 from .build import Built, linked, write
 from .source import VERSION, fill, flat, number
@@ -211,7 +211,7 @@ def _variables(source: Any, plan: Any) -> Iterator[Variable]:
             if field.name not in LEFT_OUT:
                 yield Variable(word, "INFO", at, unit, meaning)
             at += 1
-    posed = list(POSED[plan.arm.axes](source.poses))
+    posed = list(reading_of(plan.arm).pose_entries())
     for link in joints:
         for k, (word, unit, meaning) in enumerate(posed):
             yield Variable(f"link[{link}].{word}", "POSE", len(posed) * link + k, unit, f"link {link}: {meaning}")
@@ -224,25 +224,6 @@ def _observation_variable(setup: Setup, k: int) -> tuple[str, str, int, str, str
     instant, entry = divmod(k, len(setup.names))
     past, told = "" if setup.history == 1 else f"[{instant}]", f"read by the sensors, over {setup.scales[entry]:.9g}"
     return f"observation{past}.{setup.names[entry]}", "OBSERVATION", k, "", told
-
-
-def _planar(layout: Layout) -> Iterator[tuple[str, str, str]]:
-    """Yield name, unit and meaning of each number of a link pose in the plane: position and angle of root and tip."""
-    for field in layout.fields:
-        where, word = "tip" if field.name.startswith("tip_") else "root", field.name.removeprefix("tip_")
-        unit = {"angle": "rad", "rate": "rad/s"}.get(word, "m/s" if word.startswith("v") else "m")
-        yield f"{where}_{word}", unit, f"of its {where}"
-
-
-def _in_space(layout: Layout) -> Iterator[tuple[str, str, str]]:
-    """Yield name, unit and meaning of each number of a link pose in space."""
-    for field, shape in zip(layout.fields, layout.shapes(), strict=True):
-        for place in np.ndindex(shape):
-            yield f"{field.name}{list(place) if place else ''}".replace(" ", ""), field.unit, field.meaning
-
-
-POSED = {"xy": _planar, "xyz": _in_space}
-"""Numbers of a link pose by the axes along which an arm moves."""
 
 
 def _info_variables(field: Any, shape: tuple[int, ...]) -> Iterator[tuple[str, str, str]]:

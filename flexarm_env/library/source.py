@@ -33,19 +33,6 @@ LEAST_DAMPED = 1e-3
 """Damping time tau_d (s) assumed for an undamped arm. The largest tau_d that a user can set is ten times the arm's
 tau_d.
 """
-_OWN = (
-    ("payload_mass", "kg", "of the arm", 0.0), ("payload_inertia", "kg m2", "of the arm", 0.0),
-    ("EI_factor", "", "on all stiffness to bending", LEAST), ("tau_d", "s", "of the damping", 0.0),
-)  # fmt: skip
-"""Parameters of every planar arm: name, unit, meaning, lower bound."""
-
-_OWN_IN_SPACE = (
-    _OWN[0], ("payload_inertia", "", "a factor on the payload's tensor", 0.0), ("EI_factor", "", "on EI", LEAST),
-    _OWN[3], ("EI_y_factor", "", "on EI_y", LEAST), ("GJ_factor", "", "on GJ", LEAST),
-)  # fmt: skip
-OWN = {"xy": _OWN, "xyz": _OWN_IN_SPACE}
-"""Parameters of an arm by the axes along which it moves."""
-
 MEANT = {
     1: "an angle, rad", 2: "x and y, m, from {near:.9g} to {far:.9g} m from the root",
     3: "joint angles that bring the rigid arm's tip there, rad",
@@ -194,8 +181,8 @@ class Source:
     def _most(self) -> tuple[float, ...]:
         """Return the largest values of an arm's own parameters that double precision can resolve (`physics.precision`).
 
-        The result has one value for each entry of `_OWN_IN_SPACE`: payload mass (kg), inertia, factor on EI, tau_d (s),
-        factors on EI_y and GJ.
+        The result has one value for each entry of `model.OWN_IN_SPACE`: payload mass (kg), inertia, factor on EI,
+        tau_d (s), factors on EI_y and GJ.
         """
         batch = self.batch
         largest = 10.0 * (batch.arm.damping[0] or LEAST_DAMPED) * batch.starts.drawn["damping"][1]
@@ -224,11 +211,11 @@ class Source:
         """Parameters that a user of the library may set between control periods."""
         batch, system = self.batch, self.batch.system
         # the arm's own numbers, in the order of its `par`
-        own = zip(OWN[self.plan.arm.axes], self._most(), strict=False)
-        found = [
-            Parameter(name, unit, meaning, float(system.par[k]), least, most, None, batch.layout.par + k)
-            for k, ((name, unit, meaning, least), most) in enumerate(own)
-        ]
+        found = []
+        for k, (name, most) in enumerate(zip(batch.reading.own, self._most(), strict=False)):
+            unit, meaning = batch.reading.meanings[name]
+            least = LEAST if name.endswith("_factor") else 0.0
+            found.append(Parameter(name, unit, meaning, float(system.par[k]), least, most, None, batch.layout.par + k))
         # factor on the motors' torques, in the arm's record
         factor = batch.layout.record + TORQUE_FACTOR
         found.append(Parameter("torque_factor", "", "on the motors' torques", 1.0, 0.0, check.LARGEST, None, factor))

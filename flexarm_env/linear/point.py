@@ -18,23 +18,11 @@ from .. import rotations
 from ..compiler import SINGLE, uncompiled
 from ..equations import Equations, point_of
 from ..physics.gauges import Spot, curvature_rows
-from ..physics.layout import POSE, ROOT, ROOT_RATES, SPACE_POSES, TIP, TIP_RATES
 from ..physics.protocol import local_difference
-from ..physics.reading import joint_angles, link_deflection
+from ..physics.reading import reading_of
 from ..simulation import Simulation
 from ..validation import Array
 from .period import at_start, period_tangents
-
-SHOWN = {
-    "": "angle", "_rate": "rate", "deflection_y": "deflection", "deflection_z": "deflection",
-    "deflection_y_rate": "deflection_rate", "deflection_z_rate": "deflection_rate", "twist": "twist",
-    "twist_rate": "twist_rate",
-}  # fmt: skip
-"""Names of a link's outputs in space that follow "joint0" and "joint0_rate", and the fields of `SPACE_POSES` from which
-they are computed."""
-
-NAMES = {"xy": ("", "_rate", "deflection", "deflection_rate"), "xyz": tuple(SHOWN)}
-"""Names of a link's outputs without its number, by the axes along which an arm moves."""
 
 COMPLEX_STEP = 1e-100
 """Imaginary step for derivatives of outputs by poses; they are exact, because nothing is subtracted."""
@@ -119,8 +107,13 @@ class ArmAtPoint:
         dq[e.free, :n], dv[e.free, :n], dv[e.free, n:] = reduced.lift, reduced.drift, reduced.lift
         rows = curvature_rows(simulation.scene, simulation.settings, simulation.system, gauges)
         poses, bent, by_poses, by_bent = e.poses_along(q, v, dq, dv, rows)
-        axes = simulation.scene.axes
-        shown = {"xy": self._in_plane, "xyz": self._in_space}[axes]
+        reading = reading_of(simulation.scene)
+
+        def shown(poses: Any, q: Any, v: Any) -> Any:
+            base = (0.0, 0.0) if e.base is None else (q[e.base], v[e.base])
+            motors = [x[row] for row in e.motors.values() for x in (q, v)]
+            return np.concatenate([*reading.outputs(poses, base), poses[-1, reading.tip], motors])
+
         values = shown(poses, q, v)
         columns = [
             shown(poses + COMPLEX_STEP * 1j * change, q + COMPLEX_STEP * 1j * d, v + COMPLEX_STEP * 1j * rate).imag
@@ -128,31 +121,10 @@ class ArmAtPoint:
         ]
         C = np.vstack([np.array(columns).T / COMPLEX_STEP, by_bent.T])
         links, ends = range(e.n_links), ("", "_rate")
-        names = [_numbered(name, k) for name in NAMES[axes] for k in links] + [f"tip_{axis}" for axis in axes]
+        names = [_numbered(name, k) for name in reading.output_names for k in links]
+        names += [f"tip_{axis}" for axis in simulation.scene.axes]
         names += [f"motor{k}{end}" for k in e.motors for end in ends] + [gauge_name(*spot) for spot in gauges]
         return tuple(names), np.concatenate([values, bent]), C
-
-    def _in_plane(self, poses: Any, q: Any, v: Any) -> Any:
-        """Return the outputs of an arm in the plane from its poses (n_links, 12), coordinates and rates (n,)."""
-        e = self._equations
-        angles, rates = joint_angles(poses)
-        if e.base is not None:
-            angles[0], rates[0] = angles[0] - q[e.base], rates[0] - v[e.base]
-        cos, sin, spin = np.cos(poses[:, POSE.angle]), np.sin(poses[:, POSE.angle]), poses[:, POSE.rate]
-        dx, dy, _ = (poses[:, TIP] - poses[:, ROOT]).T
-        vx, vy, _ = (poses[:, TIP_RATES] - poses[:, ROOT_RATES]).T
-        turning = cos * vy - sin * vx - spin * (cos * dx + sin * dy)
-        motors = [x[row] for row in e.motors.values() for x in (q, v)]
-        return np.concatenate([angles, rates, link_deflection(poses), turning, poses[-1, TIP][:2], motors])
-
-    def _in_space(self, poses: Any, q: Any, v: Any) -> Any:
-        """Return the outputs of an arm in space from its poses (n_links, ...), coordinates and rates (n,)."""
-        values, found = SPACE_POSES.unpack(poses), []
-        for name, field in SHOWN.items():
-            of = values[field]
-            found.append(of[:, "yz".index(name[11])] if of.ndim > 1 else of)
-        motors = [x[row] for row in self._equations.motors.values() for x in (q, v)]
-        return np.concatenate([*found, values["tip"][-1], motors])
 
 
 def _numbered(name: str, k: int) -> str:

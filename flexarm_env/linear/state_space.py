@@ -14,7 +14,6 @@ from ..parameters import Link
 from ..physics.assembly import smooth
 from ..physics.gauges import Spot
 from ..scene import Scene
-from ..sensors import MEASURED
 from ..simulation import Simulation
 from ..validation import Array
 from .point import ArmAtPoint
@@ -118,12 +117,12 @@ def linearize(
         what = 'must be "zoh" on a base that floats: how steps keep its momentum is in no derivative of them'
         raise check.InvalidValue("method", method, what)
     scene = simulation.scene
-    if motions and scene.spatial:
-        raise check.InvalidValue("motions", True, "must be False in space")
+    if motions:
+        scene.axes.check_planar("motions", True, "must be False in space")
     if motions and (simulation.drive.known < 0).any():
         what = "must be False where multipliers join bodies: they prescribe the joints"
         raise check.InvalidValue("motions", motions, what)
-    places = _places(gauges, scene.arm.links, MEASURED[scene.axes])
+    places = _places(gauges, scene.arm.links, scene.axes.measures)
     about = ArmAtPoint(simulation, stepping, motions)
     A, B, rate = about.A, about.B, about.rate
     if discrete is not None:
@@ -206,9 +205,8 @@ def state_of(simulation: Simulation) -> Array:
 def _in_plane(simulation: Simulation) -> Equations:
     """Return the equations of an arm in the plane; ValueError for one in space."""
     scene = check.instance("simulation", simulation, Simulation).scene
-    if scene.spatial:
-        what = "must be a scene in the plane; in space there are `linearize`, `modes` and `static_equilibrium`"
-        raise check.InvalidValue("scene", scene.name, what)
+    what = "must be a scene in the plane; in space there are `linearize`, `modes` and `static_equilibrium`"
+    scene.axes.check_planar("scene", scene.name, what)
     return Equations(simulation)
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from ..settings import Settings
 from ..validation import Array
 from . import assembly
 from .gauges import over
-from .layout import POSE, POSES, SPACE_POSE, SPACE_POSES, TIP, TIP_RATES
+from .layout import POSE, POSES, ROOT, ROOT_RATES, SPACE_POSE, SPACE_POSES, TIP, TIP_RATES
 from .model import OWN, OWN_IN_SPACE, STIFFNESSES, System
 from .protocol import centerline
 from .space.reading import read
@@ -57,21 +58,78 @@ def placed(coordinates: Mapping[str, int], poses: Array, q: Array, v: Array) -> 
     }  # fmt: skip
 
 
+SHOWN = {
+    "": "angle", "_rate": "rate", "deflection_y": "deflection", "deflection_z": "deflection",
+    "deflection_y_rate": "deflection_rate", "deflection_z_rate": "deflection_rate", "twist": "twist",
+    "twist_rate": "twist_rate",
+}  # fmt: skip
+"""Names of a link's outputs in space that follow "joint0" and "joint0_rate", and the fields of `SPACE_POSES` from which
+they are computed."""
+
+
+def rate_name(name: str) -> str:
+    """Return the name of the rate of a deflection or twist (`Reading.bent`): "tip_deflection_rate_y"."""
+    return name.replace("deflection", "deflection_rate") if "deflection" in name else f"{name}_rate"
+
+
 class Reading:
     """Quantities of an arm in the plane.
 
     Attributes:
         poses: layout of a link's pose, as tasks read it. own: names of the parameters in which arms may differ
-        (`model.OWN`). stiffnesses: names of the stiffnesses that have factors of their own.
+        (`model.OWN`). stiffnesses: names of the stiffnesses that have factors of their own. planes: planes of a link's
+        axes in which the link bends. bent: names of a link's deflections and twist in observations. tip: entries of a
+        pose with the tip's position. passes: number of iterations for the derivatives of a step (`derivatives.runs`) if
+        the step's matrix is approximate in all formulations, otherwise None. output_names: names of the arrays in
+        `outputs`, without link numbers.
     """
 
     poses: Layout = POSES
     own: tuple[str, ...] = OWN
     stiffnesses: tuple[str, ...] = ("EI",)
+    planes: tuple[str, ...] = ("xy",)
+    output_names: tuple[str, ...] = ("", "_rate", "deflection", "deflection_rate")
+    bent: tuple[str, ...] = ("tip_deflection",)
+    tip = slice(POSE.tip_x, POSE.tip_x + 2)
+    passes: int | None = None
+    meanings: ClassVar[dict[str, tuple[str, str]]] = {
+        "payload_mass": ("kg", "of the arm"), "payload_inertia": ("kg m2", "of the arm"),
+        "EI_factor": ("", "on all stiffness to bending"), "tau_d": ("s", "of the damping"),
+    }  # fmt: skip
+    """Unit and meaning of each parameter in `own`."""
+
+    def pose_entries(self) -> Iterator[tuple[str, str, str]]:
+        """Yield name, unit and meaning of each number of a link's pose, for users outside of Python."""
+        for field in self.poses.fields:
+            where, word = "tip" if field.name.startswith("tip_") else "root", field.name.removeprefix("tip_")
+            yield f"{where}_{word}", field.unit, f"of its {where}"
 
     def scale_rows(self, rows: Array, sizes: Array) -> Array:
         """Return gauge rows (`gauges.curvature_rows`) divided by sizes (G,), 1/m; readings are relative to these."""
         return over(rows, sizes, False)
+
+    def strain_rows(self, rows: Array, distances: Array, limit: float) -> Array:
+        """Return gauge rows for surface strains over `limit`. distances (G,): of the surface from the axis, m."""
+        return np.asarray(rows * distances[:, None] / limit)
+
+    def resting(self, settings: Settings) -> dict[str, Any]:
+        """Return the settings that the search for a rest (`rest.relax`) changes."""
+        return {}
+
+    def buckling(self, settings: Settings) -> str:
+        """Return a further reason for which no rest may be found, or ""."""
+        return ""
+
+    def restarts_sampling(self, kinks: bool, moves: bool) -> bool:
+        """Return whether `runtime.sampling.sample_rows` restarts by itself.
+
+        kinks: whether the scene has kinks. moves: whether it has motions.
+        """
+        return kinks
+
+    def deflection_bound(self, settings: Settings) -> float:
+        """Return the largest valid tip deflection divided by link length; inf without a bound."""
+        return settings.deflection_bound
 
     def pose_table(self, arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Array | None:
         """Return the table for starts with straight links (`assembly.pose_table`); None if starts need no table."""
@@ -80,6 +138,19 @@ class Reading:
     def joints(self, poses: Array) -> tuple[Array, Array]:
         """Return joint angles (..., N), rad, and their rates, rad/s, from poses (..., N, size)."""
         return joint_angles(poses)
+
+    def outputs(self, poses: Any, base: tuple[Any, Any]) -> list[Any]:
+        """Return joint angles, deflections and so on (`output_names`) of all links, from poses (N, size).
+
+        base: attitude (rad) of the arm's base and its rate, rad/s. Poses may be complex, for derivatives.
+        """
+        angles, rates = joint_angles(poses)
+        angles[0], rates[0] = angles[0] - base[0], rates[0] - base[1]
+        cos, sin, spin = np.cos(poses[:, POSE.angle]), np.sin(poses[:, POSE.angle]), poses[:, POSE.rate]
+        dx, dy, _ = (poses[:, TIP] - poses[:, ROOT]).T
+        vx, vy, _ = (poses[:, TIP_RATES] - poses[:, ROOT_RATES]).T
+        turning = cos * vy - sin * vx - spin * (cos * dx + sin * dy)
+        return [angles, rates, link_deflection(poses), turning]
 
     def points(self, arm: Arm, settings: Settings, model: Any, q: Array) -> Array:
         """Return positions (P, 2), in space (P, 3), of points along the chain from root to tip, m."""
@@ -105,15 +176,56 @@ class SpaceReading(Reading):
     """Quantities of an arm in space."""
 
     poses, own, stiffnesses = SPACE_POSES, OWN_IN_SPACE, tuple(STIFFNESSES)
+    output_names = tuple(SHOWN)
+    planes, bent = ("xy", "xz"), ("tip_deflection_y", "tip_deflection_z", "twist")
+    tip, passes = slice(SPACE_POSE.tip, SPACE_POSE.tip + 3), 10
+    meanings = Reading.meanings | {
+        "payload_inertia": ("", "a factor on the payload's tensor"), "EI_factor": ("", "on EI"),
+        "EI_y_factor": ("", "on EI_y"), "GJ_factor": ("", "on GJ"),
+    }  # fmt: skip
+
+    def pose_entries(self) -> Iterator[tuple[str, str, str]]:
+        for field, shape in zip(self.poses.fields, self.poses.shapes(), strict=True):
+            for place in np.ndindex(shape):
+                yield f"{field.name}{list(place) if place else ''}".replace(" ", ""), field.unit, field.meaning
 
     def scale_rows(self, rows: Array, sizes: Array) -> Array:
         return over(rows, sizes, True)
+
+    def strain_rows(self, rows: Array, distances: Array, limit: float) -> Array:
+        return over(rows, limit / distances, True)
+
+    def resting(self, settings: Settings) -> dict[str, Any]:
+        """Assemble an elastica for steps of 1 s: its added inertia is then proportional to the stiffness.
+
+        All strains then come to rest at the same rate.
+        """
+        return {"dt": 1.0} if settings.formulation == "elastica" else {}
+
+    def buckling(self, settings: Settings) -> str:
+        if settings.formulation != "floating_frame":
+            return ""
+        return ", or be just below what it buckles under, where floating frames find none (geometrically_exact does)"
+
+    def restarts_sampling(self, kinks: bool, moves: bool) -> bool:
+        """Return True with motions, too: restarts within `sample_rows` save a second compilation."""
+        return kinks or moves
+
+    def deflection_bound(self, settings: Settings) -> float:
+        return math.inf
 
     def pose_table(self, arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> None:
         return None
 
     def joints(self, poses: Array) -> tuple[Array, Array]:
         return poses[..., SPACE_POSE.angle], poses[..., SPACE_POSE.rate]
+
+    def outputs(self, poses: Any, base: tuple[Any, Any]) -> list[Any]:
+        values, found = SPACE_POSES.unpack(poses), []
+        for name, field in SHOWN.items():
+            of = values[field]
+            found.append(of[:, "yz".index(name[11])] if of.ndim > 1 else of)
+        return found
 
     def points(self, arm: Arm, settings: Settings, model: Any, q: Array) -> Array:
         return np.asarray(read(arm, settings, q[None], np.zeros((1, len(q))))["shapes"][0])

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
+from functools import singledispatch
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from flexarm_env.geometry.ribbons import cuts_of
 from flexarm_env.view.sources import mesh_of, shapes_of
 
 from .. import validation as check
+from ..trajectory import SpatialTrajectory
 from ..validation import Array
 from .space import plot_in_space
 from .style import COLORS, FAINT, INK, draw_energies, legend_above, mark_kinks, shade, styled_figure
@@ -58,13 +60,19 @@ def plot_trajectory(
     Raises:
         ValueError: matplotlib does not support the file's extension.
     """
-    if trajectory.scene.spatial:
-        return plot_in_space(trajectory, path, shapes, _title(trajectory, title))
+    return _plot(trajectory, path, reference, shapes, _title(trajectory, title))
+
+
+@singledispatch
+def _plot(
+    trajectory: Trajectory, path: str | os.PathLike[str], reference: Columns | None, shapes: int, title: str
+) -> Path:
+    """Plot a run in the plane, see `plot_trajectory`; `plot_in_space` plots the class `SpatialTrajectory`."""
     stages = _stages(trajectory)
     factors = [1.0, *(_larger(trajectory, chosen) for chosen in stages[1:])]
     extents = [_extent(trajectory.shapes[chosen]) for chosen in stages]
     widths = [float(np.clip(4.4 * w / h, 2.8, 8.5 if len(stages) == 1 else 4.8)) for w, h in extents]
-    with styled_figure(path, sum(widths) + 4.4, 4.8, _title(trajectory, title)) as figure:
+    with styled_figure(path, sum(widths) + 4.4, 4.8, title) as figure:
         grid = figure.add_gridspec(2, len(stages) + 1, width_ratios=[*widths, 4.2])
         for i, chosen in enumerate(stages):
             axes = figure.add_subplot(grid[:, i])
@@ -78,6 +86,9 @@ def plot_trajectory(
         draw_energies(energy, trajectory)
         deflection.tick_params(labelbottom=False)
     return Path(path)
+
+
+_plot.register(SpatialTrajectory, plot_in_space)
 
 
 def plot_comparison(

@@ -9,8 +9,7 @@ import numpy as np
 
 from ..compiler import size, uncompiled
 from ..physics.integrator.work import work_size
-from ..physics.layout import POSE, SPACE_POSE
-from ..physics.model import OWN, OWN_IN_SPACE
+from ..physics.reading import Reading
 from ..tasks.program import CHANNEL, INFO, LAW, RECORD, SAVED, SCRATCH, Block
 
 
@@ -36,23 +35,19 @@ def readings_size(instruments: Any) -> int:
     return channels * int(CHANNEL.offsets(0, instruments.room).end)
 
 
-def parameters_of(model: Any, space: bool) -> int:
-    """Return the number of each arm's own parameters, which include joint laws if arms differ in these.
-
-    space: whether the arm moves in space.
-    """
-    count = len(OWN_IN_SPACE if space else OWN)
-    return count + (len(model.data) if getattr(model, "own", None) is not None else 0)
+def parameters_of(model: Any, reading: Reading) -> int:
+    """Return the number of each arm's own parameters, which include joint laws if arms differ in these."""
+    return len(reading.own) + (len(model.data) if getattr(model, "own", None) is not None else 0)
 
 
 def layout_of(
-    lanes: int, model: Any, task: Any, entries: int, extras: Any, fitted: bool, motions: int = 0
+    lanes: int, reading: Reading, model: Any, task: Any, entries: int, extras: Any, fitted: bool, motions: int = 0
 ) -> Block:
     """Return the offsets of the sections in the memory block of a group of `lanes` arms, aligned to cache lines.
 
-    task: a `tasks.task.Task`. entries: number of entries of the observation. extras: a `tasks.program.Extras`. fitted:
-    whether steps are fitted to a tolerance, which needs a `SCRATCH` after the other sections. motions: number of
-    prescribed coordinates.
+    reading: quantities of the arm (`reading_of`). task: a `tasks.task.Task`. entries: number of entries of the
+    observation. extras: a `tasks.program.Extras`. fitted: whether steps are fitted to a tolerance, which needs a
+    `SCRATCH` after the other sections. motions: number of prescribed coordinates.
     """
     links, record = len(task.links), RECORD.offsets(0, *record_sizes(task, entries, extras)).end
     info = INFO.offsets(0, links, len(task.targets), len(task.terms), len(task.further)).end
@@ -62,10 +57,9 @@ def layout_of(
     # integrator's work array first, rounded up to 8 float64, a cache line: eight lanes of all that follows fill one
     first = -(-int(uncompiled(work_size)(lanes, model, motions)) // 8) * 8
     starts = [first]
-    space = len(task.targets) == 3
-    pose = SPACE_POSE.end if space else POSE.end
+    pose = reading.poses.places.end
     # offsets of par, poses, record, action, seen, info, saved, in lanes
-    for count in (parameters_of(model, space), pose * links + len(task.base), record, links, entries, info, saved):
+    for count in (parameters_of(model, reading), pose * links + len(task.base), record, links, entries, info, saved):
         starts.append(starts[-1] + count * lanes)
     scratch = SCRATCH.offsets(0, links, saved).end * lanes if fitted else 0
     return Block(*starts, row=-(-(starts[-1] + scratch) // 8) * 8)  # type: ignore[misc]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..compiler import SINGLE, uncompiled
 from ..physics.contact.layout import READ, Touching
 from ..physics.integrator.work import unpack
-from ..physics.layout import POSE, SPACE_POSE
+from ..physics.reading import Reading
 from ..tasks.program import INFO
 from ..tasks.task import Task
 
@@ -27,11 +27,11 @@ NO_TOUCHES = np.zeros((0, 7))
 """Value of `View.touches` for an arm without contacts."""
 
 
-def touches_of(model: Any, row: Array, poses: Array) -> Array:
+def touches_of(reading: Reading, model: Any, row: Array, poses: Array) -> Array:
     """Return position (m), force on the arm (N) and normal force (N) of each contact point, (points, 7), inertial axes.
 
-    model: the arm's model. row: the integrator's work array of one arm, without lanes. poses: the links' poses, one row
-    for each link.
+    reading: quantities of the arm (`reading_of`). model: the arm's model. row: the integrator's work array of one arm,
+    without lanes. poses: the links' poses, one row for each link.
     """
     contact = model.newton.contact
     if contact is None:
@@ -40,9 +40,7 @@ def touches_of(model: Any, row: Array, poses: Array) -> Array:
     S: Array = uncompiled(unpack)(SINGLE, model, row, 0).S
     rows = [S[contact.at + k * contact.stride :][: READ.end] for k in range(len(contact.points))]
     found = np.zeros((len(rows), NO_TOUCHES.shape[1]))
-    axes = len(part.space)
-    first = SPACE_POSE.tip if axes == 3 else POSE.tip_x
-    found[:, :axes] = poses[part.links, first : first + axes]
+    found[:, : len(part.space)] = poses[part.links, reading.tip]
     found[:, 3:6] = [reading[READ.force : READ.force + 3] for reading in rows]
     found[:, 6] = [reading[READ.normal] for reading in rows]
     return found

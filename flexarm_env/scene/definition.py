@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from flexarm_env import validation as check
-from flexarm_env.parameters import AXES, Arm
+from flexarm_env.bodies import Axes, axes_of
+from flexarm_env.parameters import Arm
 from flexarm_env.records import choice, number, switch, validate, words
 from flexarm_env.scene import toml
 from flexarm_env.scene.contacts import Contact, contacts_of
@@ -23,9 +24,6 @@ from flexarm_env.scene.drives import ROOT, JointTorque, Load, Motion, PointLoad
 from flexarm_env.scene.mesh import default_mesh
 from flexarm_env.settings import Settings, default_options, expand_preset, merged
 from flexarm_env.time_functions import TimeFunction, constant
-
-PREFERRED = {"xy": "floating_frame", "xyz": "geometrically_exact"}
-"""Default formulation by the axes along which a scene's arm moves."""
 
 _SAME_TIME = 1e-9
 """Instants of different functions count as one if their difference is smaller (in s, or relative to the duration)."""
@@ -126,9 +124,9 @@ class Scene:
         self._check_loads()
         self._check_contacts()
         # in space position, velocity and gravity have three components
-        if self.spatial:
-            vectors = {name: getattr(self, name) for name in ("position", "velocity", "gravity")}
-            check.store(self, **{name: (*v, 0.0)[:3] for name, v in vectors.items() if v is not None})
+        vectors, count = {name: getattr(self, name) for name in ("position", "velocity", "gravity")}, len(self.axes)
+        longer = {name: (*v, 0.0) for name, v in vectors.items() if v is not None and len(v) < count}
+        check.store(self, **longer)
         self._join_instants()
 
     def _one_a_link(self, name: str, unit: str, n: int) -> tuple[float, ...]:
@@ -221,9 +219,10 @@ class Scene:
 
     def _check_contacts(self) -> None:
         """Check that obstacles have two dimensions in the plane and three in space, and move along these axes."""
-        contacts_of("contacts", self.contacts, self.arm, len(self.axes))
+        count = len(self.axes)
+        contacts_of("contacts", self.contacts, self.arm, count)
         for i, contact in enumerate(self.contacts):
-            if any(axis >= len(self.axes) for axis, _ in contact.displacements):
+            if any(axis >= count for axis, _ in contact.displacements):
                 what = "must be left out in the plane"
                 raise check.InvalidValue(f"contacts[{i}].displacement_z", contact.displacement_z, what)
 
@@ -281,9 +280,9 @@ class Scene:
         return self.space or self.arm.spatial or loads or away or touched
 
     @property
-    def axes(self) -> str:
+    def axes(self) -> Axes:
         """Axes along which the scene's arm moves: "xy" in the plane, "xyz" in space."""
-        return AXES[self.spatial]
+        return axes_of(self.spatial)
 
     @property
     def floats(self) -> bool:
@@ -321,13 +320,13 @@ class Scene:
         "geometrically_exact"). The default mesh is finer for arms whose sections jump or kink (`scene.mesh`).
         """
         own = dict(self.solver)
-        preferred = own.pop("formulation", PREFERRED[self.axes])
+        preferred = own.pop("formulation", self.axes.formulation)
         formulation, options = expand_preset(formulation or preferred, options)
         # the scene's options belong to its own formulation
         if formulation != preferred:
             own = {}
         chosen = merged(own, options)
-        mesh = default_mesh(self.arm, formulation, chosen, self.spatial)
+        mesh = default_mesh(self.arm, formulation, chosen, self.axes)
         return Settings.make(formulation, **{**mesh, **chosen}).with_dt(self.dt)
 
     @classmethod

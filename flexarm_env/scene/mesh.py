@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from flexarm_env import curves, meshing
+from flexarm_env.bodies import PLANE, Axes
 from flexarm_env.parameters import Arm
 from flexarm_env.sections import Link, Section
 from flexarm_env.settings import MOST_ELEMENTS, MOST_NODES, Settings, default_options
@@ -28,7 +29,7 @@ def divided(arm: Arm) -> bool:
     return any(len(link.breaks) > 2 for link in arm.links if not link.rigid)
 
 
-def default_mesh(arm: Arm, formulation: str, given: Collection[str] = (), space: bool = False) -> dict[str, int]:
+def default_mesh(arm: Arm, formulation: str, given: Collection[str] = (), axes: Axes = PLANE) -> dict[str, int]:
     """Return mesh options for an arm with jumps or kinks of the section, as fine as the default of a uniform arm.
 
     The result is {} if no link has a jump or kink; the formulation's default then applies. All links have the same
@@ -36,11 +37,11 @@ def default_mesh(arm: Arm, formulation: str, given: Collection[str] = (), space:
     of the link with the fewest intervals between jumps or kinks.
 
     Args:
-        given: names of the options that the user sets; if the user sets mesh or modes, the result is {}. space: True
-            if the scene is in space, where the elastica has one polynomial for each link.
+        given: names of the options that the user sets; if the user sets mesh or modes, the result is {}. axes: axes of
+            the scene; in space the elastica has one polynomial for each link.
     """
     chosen = {"segments", "elements", "modes", "nodes"}.intersection(given)
-    if not divided(arm) or chosen or (space and formulation == "elastica"):
+    if not divided(arm) or chosen or not axes.divides_cells(formulation):
         return {}
     option, further = _CELLS[formulation]
     usual = int(default_options(formulation)[option]) - further

@@ -54,7 +54,7 @@ def at_points(scene: Scene) -> Scene:
     # absolute angles in the plane; joint angles in space, 0 at rigid joints
     def of_links(values: tuple[float, ...]) -> tuple[float, ...]:
         own = [values[max(k for k in range(arm.n_links) if first[k] <= n)] for n in range(len(links))]
-        return tuple(0.0 if n in new and arm.spatial else value for n, value in enumerate(own))
+        return tuple(arm.axes.behind_rigid_joint(value) if n in new else value for n, value in enumerate(own))
 
     return dataclasses.replace(
         scene, arm=divided, angles=of_links(scene.angles), rates=of_links(scene.rates),

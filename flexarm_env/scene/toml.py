@@ -135,10 +135,7 @@ def text_of(scene: Any) -> str:
     table |= {key: getattr(scene, key) for key in ("velocity", "rates") if any(getattr(scene, key))}
     if scene.start != "unloaded":
         table["start"] = scene.start
-    if scene.space:
-        table["space"] = True
-    if scene.rigid_joints:
-        table["rigid_joints"] = scene.rigid_joints
+    table |= {key: getattr(scene, key) for key in ("space", "rigid_joints") if getattr(scene, key)}
     if scene.gravity is not None:
         table["gravity"] = scene.gravity
     if scene.solver:

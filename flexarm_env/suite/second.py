@@ -56,7 +56,7 @@ def of_arrays(policy: NumpyPolicy) -> bytes:
 def of_controller(name: str, task: Task) -> bytes:
     """Serialize a controller: its name and its tuned gains on a task."""
     made = resolved(task)
-    gains = tuned_gains(name, "space" if made.kind.space else made.kind.task, made.arm.n_links)
+    gains = tuned_gains(name, made.arm.axes.table_of_gains(made.kind.task), made.arm.n_links)
     return json.dumps({"name": name, **dataclasses.asdict(gains)}, sort_keys=True).encode()
 
 

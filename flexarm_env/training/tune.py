@@ -266,8 +266,8 @@ def search_all(arguments: Arguments) -> None:
     drawn = arguments.env_kwargs | ({"randomization": episodes.RANDOMIZED} if arguments.randomized else {})
     env = episodes.make_episodes(arguments.env, arguments.episodes, **drawn)
     setup = control.Setup.of(env)
-    if setup.arm.spatial:
-        raise ValueError(f"--env {arguments.env}: must be an environment of the plane; gains in space are not searched")
+    what = "must be an environment of the plane; gains in space are not searched"
+    setup.arm.axes.check_planar("--env", arguments.env, what)
     # LQG observes joint angles and gauges instead of the full state
     measured = episodes.make_episodes(arguments.env, arguments.episodes, **drawn | {"observation": "measured"})
     task = setup.task

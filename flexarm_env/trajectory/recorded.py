@@ -201,9 +201,9 @@ class Trajectory:
         self.check_arrays()
         if not len(self.t):
             raise check.InvalidValue("t", self.t, "must hold one instant at least to be shown")
-        from ..view.sources import CLIPS
+        from ..view.sources import clips_of
 
-        return CLIPS[self.scene.axes](self, label, self._curvature)
+        return clips_of(self.scene.axes).run(self, label, self._curvature)
 
     def view(self, *others: Trajectory, labels: Sequence[str] | None = None) -> Player:
         """Return a `Player` that shows this run and `others` together.
@@ -273,7 +273,7 @@ class Trajectory:
         return dict(zip(readings, out.T.copy(), strict=True))
 
     def _tip_inputs(self, sensors: Sensors) -> list[Array]:
-        """Return the quantities at the tip that sensors read, in the order of `sensors.OF_THE_TIP`."""
+        """Return the quantities at the tip that sensors read, in the order of `sensors.of_the_tip`."""
         inputs = [self.tip, self.tip_velocity] if sensors.accelerometer is not None else []
         return inputs + ([self.tip[:, :2]] if sensors.camera is not None else [])
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from .. import rotations
-from .. import validation as check
 from ..physics.gauges import Spot, curvatures
 from ..physics.space.reading import read, tips
 from ..scene import Scene, in_plane
@@ -92,9 +91,6 @@ class SpatialTrajectory(Trajectory):
             table |= {f"joint{k}": self.joint_angles[:, k], f"twist{k}": self.twist[:, k]}
             table |= {f"deflection{k}_{axis}": self.tip_deflection[:, k, i] for i, axis in enumerate("yz")}
         return table
-
-    def _in_the_plane(self, what: str) -> Any:
-        raise check.InvalidValue("scene", self.scene.name, f"must be in the plane for {what}; it is in space")
 
     def _curvature(self, places: Sequence[Spot]) -> Array:
         """Return curvatures (samples, places), 1/m; for an arm that moves in a plane, those of its planar scene."""

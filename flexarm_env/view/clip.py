@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import validation as check
 from ..validation import Array
@@ -88,6 +89,36 @@ class Clip:
         names = ("t", "points", "angles", "rigid", "curvature", *optional)
         thin: Clip = thinner(self, names, step)
         return thin
+
+    def own_entries(self) -> dict[str, Any]:
+        """Return the entries of the page's data that only planar clips have."""
+        return {
+            **{name: packed("f4", getattr(self, name)) for name in ("angles", "rest")},
+            "surface": self.surface,
+            "polar": self.polar,
+            "curvature": short(self.curvature),
+            **({} if self.base is None else {"base": packed("f4", self.base)}),
+            **({"walls": [packed("f4", wall) for wall in self.walls]} if self.walls else {}),
+        }
+
+
+def packed(kind: str, values: NDArray[Any]) -> dict[str, Any]:
+    """Pack an array for the page. kind: NumPy's name of the type without byte order, such as "f4"."""
+    data = np.ascontiguousarray(values, dtype=f"<{kind}")
+    return {"kind": kind, "shape": list(data.shape), "data": base64.b64encode(data.tobytes()).decode()}
+
+
+def short(values: Array) -> dict[str, Any]:
+    """Pack values as 16-bit integers between their minimum and maximum; 0 is exact if it lies between.
+
+    The integer -32768 represents NaN.
+    """
+    good = np.isfinite(values)
+    low, high = (float(np.min(values[good])), float(np.max(values[good]))) if good.any() else (0.0, 0.0)
+    step = (high - low) / 65533.0 or 1.0
+    low = step * np.floor(low / step) if low < 0.0 < high else low
+    whole = np.round((np.where(good, values, low) - low) / step) - 32767.0
+    return packed("i2", np.where(good, whole, -32768.0)) | {"low": low, "step": step}
 
 
 def thinner(clip: Any, names: Sequence[str], step: int) -> Any:

@@ -11,17 +11,15 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib import resources
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation as check
 from ..files import write_text
 from ..validation import Array
-from .clip import Chart, Clip
+from .clip import Chart, Clip, packed, short
 from .space import SpaceClip, check_alike
 
 MOST_BYTES = 2_900_000
@@ -124,51 +122,27 @@ def _json(clips: Sequence[Any], step: int, title: str) -> str:
 
 
 def _clip(clip: Clip | SpaceClip) -> dict[str, Any]:
-    return _common(clip) | (_in_space(clip) if isinstance(clip, SpaceClip) else _in_plane(clip))
-
-
-def _in_plane(clip: Clip) -> dict[str, Any]:
-    """Return the entries of the page's data that only planar clips have."""
-    return {
-        **{name: _packed("f4", getattr(clip, name)) for name in ("angles", "rest")},
-        "surface": clip.surface,
-        "polar": clip.polar,
-        "curvature": _short(clip.curvature),
-        **({} if clip.base is None else {"base": _packed("f4", clip.base)}),
-        **({"walls": [_packed("f4", wall) for wall in clip.walls]} if clip.walls else {}),
-    }
-
-
-def _in_space(clip: SpaceClip) -> dict[str, Any]:
-    """Return the entries of the page's data that only spatial clips have; walls are split into triangles."""
-    faces = [[face[0], *pair] for face in clip.walls for pair in pairwise(face[1:])]
-    return {
-        "across": _short(clip.across),
-        "sides": clip.sides.tolist(),
-        "length": clip.length,
-        "ground": clip.ground,
-        "walls": _packed("f4", np.array(faces)) if faces else None,
-    }
+    return _common(clip) | clip.own_entries()
 
 
 def _common(clip: Clip | SpaceClip) -> dict[str, Any]:
     """Return the entries of the page's data that all clips have: points (m), instants (s), torques, charts."""
     roots, optional = clip.points[:, :1], {"rigid": clip.rigid, "target": clip.target}
     return {
-        "root": _packed("f8", roots[:, 0]),
-        "points": _packed("f4", clip.points - roots),  # of the arm's size wherever it is: good to 1e-7 of it
-        **{name: None if x is None else _packed("f4", x) for name, x in optional.items()},
+        "root": packed("f8", roots[:, 0]),
+        "points": packed("f4", clip.points - roots),  # of the arm's size wherever it is: good to 1e-7 of it
+        **{name: None if x is None else packed("f4", x) for name, x in optional.items()},
         **{name: getattr(clip, name) for name in ("cuts", "pinned", "payload")},
         "label": clip.label,
         "note": clip.note + (f", one instant of {clip.skipped}" if clip.skipped > 1 else ""),
-        "t": _packed("f8", clip.t),
+        "t": packed("f8", clip.t),
         "pulls": [
-            {"name": p.name, "point": p.point, "values": _short(p.values), "most": _most(p.values, p.limit)}
-            | ({} if p.axis is None else {"axis": _packed("f4", p.axis)})
+            {"name": p.name, "point": p.point, "values": short(p.values), "most": _most(p.values, p.limit)}
+            | ({} if p.axis is None else {"axis": packed("f4", p.axis)})
             for p in clip.pulls
         ],
         "charts": [
-            {"title": chart.title, "series": {name: _short(values) for name, values in chart.series.items()}}
+            {"title": chart.title, "series": {name: short(values) for name, values in chart.series.items()}}
             for chart in clip.charts
         ],
     }
@@ -178,24 +152,6 @@ def _most(values: Array, limit: float | None) -> float:
     size = np.linalg.norm(values, axis=1) if values.ndim == 2 else np.abs(values)
     known = limit if limit is not None and np.isfinite(limit) else 0.0
     return max(float(known), float(size.max()))  # a motion that is prescribed takes what it needs, beyond any limit
-
-
-def _packed(kind: str, values: NDArray[Any]) -> dict[str, Any]:
-    data = np.ascontiguousarray(values, dtype=f"<{kind}")
-    return {"kind": kind, "shape": list(data.shape), "data": base64.b64encode(data.tobytes()).decode()}
-
-
-def _short(values: Array) -> dict[str, Any]:
-    """Pack values as 16-bit integers between their minimum and maximum; 0 is exact if it lies between.
-
-    The integer -32768 represents NaN.
-    """
-    good = np.isfinite(values)
-    low, high = (float(np.min(values[good])), float(np.max(values[good]))) if good.any() else (0.0, 0.0)
-    step = (high - low) / 65533.0 or 1.0
-    low = step * np.floor(low / step) if low < 0.0 < high else low
-    whole = np.round((np.where(good, values, low) - low) / step) - 32767.0
-    return _packed("i2", np.where(good, whole, -32768.0)) | {"low": low, "step": step}
 
 
 # -------------------------------------------------------------- many clips

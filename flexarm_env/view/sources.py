@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -58,11 +58,6 @@ def of_trajectory_in_space(run: Any, label: str | None, curvature: Any) -> Space
     charts = [c for c in _forces(run.scene.arm, run.joint_torque, _energies(run), _moving) if c.series]
     return space.of_run(run, label, _note(run.settings, _ended(run)), charts)
 
-
-CLIPS: dict[str, Callable[[Any, str | None, Any], Clip | SpaceClip]] = {
-    "xy": of_trajectory, "xyz": of_trajectory_in_space,
-}  # fmt: skip
-"""Functions that return clips of runs, by the axes along which an arm moves."""
 
 
 def _ended(run: Any) -> str:
@@ -242,9 +237,23 @@ def of_episode(
     others = [Chart("reward a step", {"sum": total} | _moving(terms)), Chart("observation, in its scales", seen)]
     others = [*contact_charts(rows), *others]
     torque = np.array([view.torques for view in views])
-    if plan.kind.space:
-        others = [*_forces(arm, torque, energies, dict), *others]
-        return space.of_episode(plan, views, label, _note(plan.settings, ""), [c for c in others if c.series])
+    return clips_of(arm.axes).episode(plan, views, label, rate, torque, energies, others)
+
+
+def _episode_in_space(
+    plan: Any, views: Sequence[Any], label: str, rate: Any, torque: Array, energies: dict[str, Array],
+    others: Sequence[Chart],
+) -> SpaceClip:  # fmt: skip
+    charts = [c for c in (*_forces(plan.arm, torque, energies, dict), *others) if c.series]
+    return space.of_episode(plan, views, label, _note(plan.settings, ""), charts)
+
+
+def _episode_in_plane(
+    plan: Any, views: Sequence[Any], label: str, rate: Any, torque: Array, energies: dict[str, Array],
+    others: Sequence[Chart],
+) -> Clip:  # fmt: skip
+    """Return the clip of a planar arm's episode. torque (n, N): N m. others: charts shown last."""
+    arm: Arm = plan.arm
     t = np.array([view.time for view in views])
     shapes = np.array([view.points for view in views])
     poses = np.array([view.poses for view in views])
@@ -268,6 +277,19 @@ def of_episode(
         charts=[c for c in charts if c.series], payload=arm.payload.mass > 0.0,
         walls=[outline_of(x, np.zeros(2), 3.0 * arm.total_length) for x in obstacles_of(plan)], base=base,
     )  # fmt: skip
+
+
+class Clips(NamedTuple):
+    """Functions that return the clip of a run and of an episode."""
+
+    run: Callable[[Any, str | None, Any], Clip | SpaceClip]
+    episode: Callable[..., Clip | SpaceClip]
+
+
+def clips_of(axes: str) -> Clips:
+    """Return the functions for arms that move along the given axes (`Arm.axes`)."""
+    plane, in_space = Clips(of_trajectory, _episode_in_plane), Clips(of_trajectory_in_space, _episode_in_space)
+    return {"xy": plane, "xyz": in_space}[axes]
 
 
 def _attitude(base: Array | None) -> list[Chart]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from ..rigid import axis_of
 from ..rotations import matrices, of_quaternions, turned
 from ..scene import PointLoad, Scene
 from ..validation import Array
-from .clip import Chart, Pull, thinner
+from .clip import Chart, Pull, packed, short, thinner
 from .contact import contact_pulls, obstacles_of
 
 
@@ -57,6 +58,17 @@ class SpaceClip:
         names = [name for name in ("t", "points", "across", "rigid", "target") if getattr(self, name) is not None]
         thin: SpaceClip = thinner(self, names, step)
         return thin
+
+    def own_entries(self) -> dict[str, Any]:
+        """Return the entries of the page's data that only spatial clips have; walls are split into triangles."""
+        faces = [[face[0], *pair] for face in self.walls for pair in pairwise(face[1:])]
+        return {
+            "across": short(self.across),
+            "sides": self.sides.tolist(),
+            "length": self.length,
+            "ground": self.ground,
+            "walls": packed("f4", np.array(faces)) if faces else None,
+        }
 
 
 def _clip(
@@ -153,6 +165,6 @@ def of_episode(plan: Any, views: Sequence[Any], label: str, note: str, charts: S
 
 def check_alike(clips: Sequence[Any]) -> None:
     """Raise ValueError if some clips are planar and some in space."""
-    if len({isinstance(clip, SpaceClip) for clip in clips}) > 1:
+    if len({type(clip) for clip in clips}) > 1:
         labels = [clip.label for clip in clips]
         raise check.InvalidValue("clips", labels, "must all be of the plane, or all of space")
