@@ -238,6 +238,12 @@ def _target(kind: Kind, arm: Arm, value: Any) -> list[Pair]:
     return [(low, high), check.limits("starts.target[1]", second, "rad", **ANGLE)]
 
 
+def only_with(name: str, value: Any, task: str, wanted: str) -> None:
+    """Raise `InvalidValue` if a keyword is given that belongs to another task."""
+    if value is not None and task != wanted:
+        raise check.InvalidValue(name, value, f'must be given with task="{wanted}" only')
+
+
 def unguided(extras: Extras, path: str, value: Any) -> None:
     """Raise `InvalidValue` if a prescribed motion is combined with events that require a freely moving arm."""
     for name in EVENTS:

@@ -220,10 +220,6 @@ class Scene:
     def _check_contacts(self) -> None:
         """Check that obstacles have two dimensions in the plane and three in space, and move along these axes."""
         contacts_of("contacts", self.contacts, self.arm, len(self.axes))
-        for i, contact in enumerate(self.contacts):
-            if any(axis >= len(self.axes) for axis, _ in contact.displacements):
-                what = "must be left out in the plane"
-                raise check.InvalidValue(f"contacts[{i}].displacement_z", contact.displacement_z, what)
 
     def _join_instants(self) -> None:
         """Give instants of different functions that differ by round-off one value; this avoids tiny steps."""
@@ -290,9 +286,7 @@ class Scene:
 
     @property
     def undriven(self) -> bool:
-        """Whether the scene prescribes no motion, no moving obstacle and no load other than zero forces."""
-        if any(contact.displacements for contact in self.contacts):
-            return False
+        """Whether the scene prescribes no motion of the arm and no load other than zero forces."""
         return not self.motions and all(isinstance(load, PointLoad) and load.silent for load in self.loads)
 
     def motion_of(self, coordinate: str) -> TimeFunction | None:
