@@ -19,6 +19,7 @@ from .compiler.pace import Team, default_threads
 from .compiler.sheets import Sheet
 from .parameters import Arm
 from .physics import assembly, precision
+from .physics.contact.build import with_paths
 from .physics.gauges import Spot, curvature_rows
 from .physics.integrator.work import unpack, work_size
 from .physics.joints.build import with_own_laws
@@ -89,10 +90,13 @@ LANES_FROM = 3  # smallest batch that is stored in lanes of eight arms; smaller 
 ALONE_AFTER = 1  # steps after which a single arm's program is compiled, for arms whose Newton iteration fails
 
 
-def gauge_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, places: Sequence[Spot]) -> Array:
+def gauge_table(
+    arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, places: Sequence[Spot],
+    contacts: tuple[Contact, ...] = (),
+) -> Array:  # fmt: skip
     """Return rows (G, n), one per strain gauge: curvature (1/m) = row q. places: (link, 0 at root to 1 at tip)."""
     assert settings.dt is not None
-    scene = standing_scene(arm, settings.dt, gravity)
+    scene = standing_scene(arm, settings.dt, gravity, contacts=contacts)
     return curvature_rows(scene, settings, assembly.assemble(scene, settings), places)
 
 
@@ -128,7 +132,8 @@ class Batch:
         drawn = starts.drawn
         self.tolerance = precision.of_torques(arm, settings, precision.largest(drawn), drawn["damping"][1])
         pushed = self.extras.pushes is not None
-        self.systems = fitted_systems(standing_scene(arm, settings.dt, gravity, (), pushed, contacts), settings)
+        scene = standing_scene(arm, settings.dt, gravity, (), pushed, contacts)
+        self.systems = [with_paths(scene, system) for system in fitted_systems(scene, settings)]
         self.systems = [with_own_laws(system, starts.hub) for system in self.systems] if starts.laws else self.systems
         self.system: System = self.systems[-1]
         self.lane = SINGLE if n < LANES_FROM or settings.multipliers else WIDEST
@@ -136,6 +141,9 @@ class Batch:
         self.paced = threads is None
         self.threads = max(1, min(default_threads(n) if threads is None else threads, self.groups))
         self.pose = self.reading.pose_table(arm, settings, gravity)
+        if self.pose is not None:
+            # rows of moving obstacles, which the start of an episode sets
+            self.pose = np.pad(self.pose, ((0, len(self.system.q0) - len(self.pose)), (0, 0)))
         self._build()
 
     def _build(self) -> None:

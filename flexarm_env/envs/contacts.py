@@ -10,7 +10,15 @@ import numpy as np
 from .. import validation as check
 from ..batch import PayloadChange, standing_scene
 from ..physics import assembly
-from ..physics.contact.build import STEPS, check_steps, duration, effective_masses, links_of, start_depths
+from ..physics.contact.build import (
+    STEPS,
+    check_steps,
+    duration,
+    effective_masses,
+    largest_speed,
+    links_of,
+    start_depths,
+)
 from ..physics.contact.layout import Touching
 from ..physics.model import EI_Y_FACTOR, GJ_FACTOR, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, System
 from ..physics.reading import reading_of
@@ -28,16 +36,16 @@ MOST_STEPS = 1000
 
 
 def framed(
-    frame: Frame, value: Any, task: str, given: Mapping[str, Any], drawn: Mapping[str, tuple[float, float]],
-    changing: PayloadChange | None,
+    frame: Frame, value: Any, task: str, duration: float, given: Mapping[str, Any],
+    drawn: Mapping[str, tuple[float, float]], changing: PayloadChange | None,
 ) -> Frame:  # fmt: skip
     """Return the frame with the given contacts and with a step so short that every impact lasts at least `STEPS` steps.
 
     If the user gives no `dt`, a control period is divided into enough steps, at most `MOST_STEPS`. The Newton tolerance
     decreases with the square of the step. The number of steps follows from the lightest and softest arm that may be
     drawn. value: keyword `contacts`: one or several `Contact` or tables; None for no contacts. task: task of the
-    environment. given: the user's solver options. drawn: ranges of randomized factors by name. changing: the payload
-    change, or None.
+    environment. duration: longest episode, s. given: the user's solver options. drawn: ranges of randomized factors by
+    name. changing: the payload change, or None.
 
     Raises:
         ValueError: the message names the key path, the value and the allowed values.
@@ -51,10 +59,6 @@ def framed(
             if place_on_link(name):
                 what = 'must be "tip" or a joint in an environment; scenes (flexarm_env.Scene) have points along links'
                 raise check.InvalidValue(f"contacts[{i}].bodies[{k}]", name, what)
-        if contact.displacements:
-            path = f"contacts[{i}].displacement_{'xyz'[contact.displacements[0][0]]}"
-            what = "must be None in an environment; scenes (flexarm_env.Scene) have moving obstacles"
-            raise check.InvalidValue(path, contact.displacements[0][1], what)
     if task == "replay":
         refuse_motion(contacts, "task", task)
     if settings.step_tolerance is not None:
@@ -63,7 +67,14 @@ def framed(
     if settings.multipliers:
         raise check.InvalidValue("multipliers", True, "must be False with contacts")
     changed = 1.0 if changing is None else float(changing.factor[0])
-    return replace(frame, contacts=contacts, settings=_resolved(frame, contacts, given, drawn, changed))
+    return replace(frame, contacts=contacts, settings=_resolved(frame, contacts, duration, given, drawn, changed))
+
+
+def with_rows(modes: Array, contacts: tuple[Contact, ...], space: bool) -> Array:
+    """Return a table of initial rates with rows of zeros for moving obstacles, which follow the arm's coordinates."""
+    rows = sum(len(contact.displacements) for contact in contacts)
+    behind = 2 if space else 0
+    return np.insert(modes, [len(modes) - behind] * rows, 0.0, axis=0)
 
 
 DRAWS = 50
@@ -106,11 +117,16 @@ def refuse_motion(contacts: tuple[Contact, ...], path: str, value: Any) -> None:
 
 
 def _resolved(
-    frame: Frame, contacts: tuple[Contact, ...], given: Mapping[str, Any], drawn: Mapping[str, tuple[float, float]],
-    changed: float,
+    frame: Frame, contacts: tuple[Contact, ...], length: float, given: Mapping[str, Any],
+    drawn: Mapping[str, tuple[float, float]], changed: float,
 ) -> Settings:  # fmt: skip
-    """Return settings whose steps resolve the contacts. changed: smallest factor of a payload change."""
+    """Return settings whose steps resolve the contacts, also with obstacles that move for `length` s.
+
+    changed: smallest factor of a payload change.
+    """
     settings = frame.settings
+    # an obstacle hits a resting arm with its own speed
+    contacts = tuple(replace(x, speed=max(x.speed, largest_speed(x, length))) for x in contacts)
     assert settings.dt is not None
     count = max(1, round(frame.period / settings.dt))
     while True:

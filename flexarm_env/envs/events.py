@@ -200,6 +200,12 @@ def starts(kind: Kind, arm: Arm, value: Any, rules: int) -> tuple[Starts, bool]:
     return dataclasses.replace(usual, **changes), absolute
 
 
+def only_with(name: str, value: Any, task: str, wanted: str) -> None:
+    """Raise `InvalidValue` if a keyword is given that belongs to another task."""
+    if value is not None and task != wanted:
+        raise check.InvalidValue(name, value, f'must be given with task="{wanted}" only')
+
+
 def unguided(extras: Extras, path: str, value: Any) -> None:
     """Raise `InvalidValue` if a prescribed motion is combined with events that require a freely moving arm."""
     for name in EVENTS:

@@ -213,7 +213,7 @@ def sensors(
     """
     table = table_of("sensors", None if isinstance(value, description.Sensors) else value, _SENSORS)
     places = [gauge.spot for gauge in gauges]
-    rows = gauge_table(frame.arm, frame.settings, frame.gravity, places) if places else np.zeros((0, 0))
+    rows = gauge_table(frame.arm, frame.settings, frame.gravity, places, frame.contacts) if places else np.zeros((0, 0))
     noise = _noise(table.get("noise", 0.0), names, scales)
     least, age = _late("sensors.delay", table.get("delay", 0.0), frame.period, "control_dt")
     if not places and age == 0 and not noise.any():

@@ -227,10 +227,11 @@ def plan(
     full, words = level == "full", level != "numbers"
     word = check.choice("task", kind.task if task is None else task, (kind.task, "track", "replay"))
     moves = word in ("track", PRESS, LAND)
-    _only_with("reference", reference, "track" if moves else word, "track")
-    _only_with("motion", motion, word, "replay")
+    events.only_with("reference", reference, "track" if moves else word, "track")
+    events.only_with("motion", motion, word, "replay")
     frame = Frame(kind, own, settings, period, down)
-    frame = touch.framed(frame, contacts, word, options, factors, heavy := events.payload_change(frame, payload_change))
+    heavy = events.payload_change(frame, payload_change)
+    frame = touch.framed(frame, contacts, word, limit * period, options, factors, heavy)
     settings, touched = frame.settings, frame.contacts
     wanted, frames = checked_observation(observation, history)
     check_afloat(
@@ -264,6 +265,7 @@ def plan(
     vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
     if vibration > 0.0:
         modes = kind.vibrate(own, settings, frame.gravity)
+        modes = touch.with_rows(modes, touched, kind.space)
     begun = dataclasses.replace(begun, drawn=factors, laws=laws, hub=hub, vibration=vibration, shake=modes)
     drawn = {name: k for k, name in enumerate(FACTOR_NAMES) if name in (randomization or {})}
     drawn |= _drawn_offsets(extras, carried.readings(own, own.axes))
@@ -336,12 +338,6 @@ def _replayed(kind: Kind, n_links: int, motion: Any) -> Prescribed:
 def _packaged(arm: Any) -> bool:
     """Return whether an arm is one of the package's arms or the environment's default arm."""
     return arm is None or (isinstance(arm, str) and arm in arms.names())
-
-
-def _only_with(name: str, value: Any, task: str, wanted: str) -> None:
-    """Raise `InvalidValue` if a keyword is given that belongs to another task."""
-    if value is not None and task != wanted:
-        raise check.InvalidValue(name, value, f'must be given with task="{wanted}" only')
 
 
 def _arm(kind: Kind, value: Any, joint_limits: Any) -> Arm:

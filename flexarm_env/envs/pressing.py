@@ -13,6 +13,7 @@ from ..batch import Starts
 from ..parameters import Arm
 from ..rigid import largest_force
 from ..scene import Contact, contacts_of
+from ..scene.contacts import DISPLACEMENTS
 from ..shapes import HalfSpace
 from ..validation import Array
 from .observation import COMMANDED
@@ -99,6 +100,9 @@ def _wall_of(contact: Contact, arm: Arm) -> Wall:
     obstacle, path = contact.obstacle, "contacts[0].obstacle"
     if not isinstance(obstacle, HalfSpace) or "tip" not in contact.bodies:
         raise check.InvalidValue(path, obstacle.to_dict(), "must be a half-space for the tip, the wall of the task")
+    for axis, function in contact.displacements:
+        what = "must be left out: the wall of the task stands still; further contacts may move"
+        raise check.InvalidValue(f"contacts[0].{DISPLACEMENTS[axis]}", function, what)
     away = -np.array(obstacle.normal)
     distance = float(obstacle.distance(np.zeros((1, len(away))))[0]) - arm.payload.radius
     if not 0.0 < distance < REACH * arm.total_length:

@@ -117,7 +117,9 @@ def linear_model(plan: Plan, batch: Batch, i: int, guide: Guide | None, discrete
     assert plan.settings.dt is not None
     settings, method = plan.settings.dividing(discrete), "solver" if plan.arm.base is None else "zoh"
     simulation = Simulation(standing_scene(plan.arm, plan.settings.dt, plan.gravity), settings, False)
-    simulation.work.q[:], simulation.work.v[:], u, simulation.par[:] = (rows[i] for rows in batch.motions())
+    q, v, u, simulation.par[:] = (rows[i] for rows in batch.motions())
+    # the last rows of the batch are displacements of obstacles, which the scene lacks
+    simulation.work.q[:], simulation.work.v[:] = q[: len(simulation.work.q)], v[: len(simulation.work.v)]
     simulation.set_torques(u)
     return linearize(simulation, discrete=discrete, method=method)
 
@@ -129,7 +131,8 @@ def linear_models(
     from ..linear.many import Linearizer, compiled, stacked
 
     _check_linear(batch, range(batch.n))
-    if guides or not compiled(batch.system):
+    moves = any(contact.displacements for contact in batch.contacts)
+    if guides or moves or not compiled(batch.system):
         return stacked([linear_model(plan, batch, i, guides.get(i), discrete) for i in range(batch.n)])
     if discrete not in kept:
         kept.clear()

@@ -13,7 +13,9 @@ from __future__ import annotations
 
 from ..compiler import Lanes, absolute, kernel, max_over_lanes, noinline, select_lt, size
 from ..physics.arithmetic import store_where
+from ..physics.contact.moving import obstacle_work
 from ..physics.integrator.work import Work, copy_rows
+from ..physics.layout import WORK_DONE
 from ..physics.model import DIVERGED
 from ..physics.protocol import energy, input_displacements
 from ..tasks.program import ACCOUNTED, CHANGE, EXCHANGED, PERIODS
@@ -177,6 +179,7 @@ def close_account(lane, p, par, record: Lanes, saved: Lanes, w: Work):
         for i in range(first, size(model.n_inputs)):
             work = work + w.u[i] * (w.y[i] - w.y0[i])
         add_work(lane, record, live, work, absolute(work))
+    _add_obstacle_work(lane, p, record, live, w)
     # allowed energy without V_g: E itself is evaluated only where it may be larger, because that costs a sweep
     floor = 0.0
     for k in range(size(p.task.links)):
@@ -188,6 +191,24 @@ def close_account(lane, p, par, record: Lanes, saved: Lanes, w: Work):
         lost = is_unbalanced(lane, held, gravity, record[ACCOUNTED], exchanged, floor)
         lost = select_lt(0.5, live, lost, 0.0)
         w.flag[0] = select_lt(0.5, lost, float(DIVERGED), w.flag[0])
+
+
+@kernel
+def _add_obstacle_work(lane, p, record, live, w):
+    """Add the work (J) of moving obstacles in the period to the record and to the energy account w.books."""
+    contact = p.model.newton.contact
+    if contact is not None:
+        if contact.paths is not None:
+            work = obstacle_work(lane, p.model, w.S)
+            add_work(lane, record, live, work, absolute(work))
+            if p.books is not None:
+                _add_to_books(lane, live, work, w)
+
+
+@kernel
+def _add_to_books(lane, live, work, w: Work):
+    """Add work (J) to the energy account w.books of running arms (live > 1/2)."""
+    w.books[WORK_DONE] = w.books[WORK_DONE] + select_lt(0.5, live, work, 0.0)
 
 
 @kernel

@@ -108,7 +108,7 @@ def advance_group(lane, p, g, block, w):
     read_actions(lane, p, g, action, record, w.flag)
     open_account(lane, p, par, record, w)
     draw_pushes(lane, p, g, record, w)
-    open_contacts(lane, p.model, w)
+    open_contacts(lane, p.model, par, w)
     save_lanes(w, record, saved)
     # q, v, a a period later; then E - E_0 - W against its bound
     move(lane, p, p.models, p.model, 1, par, poses, record, action, saved, scratch, block, w)

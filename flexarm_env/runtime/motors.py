@@ -6,6 +6,7 @@ import math
 
 from ..compiler import Lanes, kernel, max_over_lanes, select_lt, size, stack
 from ..physics.arithmetic import clip, decay, store_where
+from ..physics.contact.moving import open_obstacles
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.switching import jump_accelerations
@@ -154,8 +155,9 @@ def command_motors(lane, p, model, par, poses, record, action, w):
     command there.
     # in        action (joints, lanes) in [-1, 1];  w.q, w.v;  record: goal, torque factor, push
     # scratch   poses, w.y
-    # out       w.u, w.u0 (inputs, lanes);  record.commands, newest first
+    # out       w.u, w.u0 (inputs, lanes);  record.commands, newest first;  rows of moving obstacles, and their time
     """
+    open_obstacles(lane, model, w, record, PERIODS, p.period)
     copy_rows(lane, size(model.n_inputs), w.u, w.u0)
     set_pushes(lane, p, record, w)
     command(lane, p.task, p.controller, p.amplifier, model, par, action, poses, record, w)

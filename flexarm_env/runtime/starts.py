@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ..compiler import dereference, kernel, load, noinline, size, splat, stack, store, store_lane
+from ..physics.contact.moving import start_obstacles
 from ..physics.integrator.work import copy_rows, solve_unknown_rows, unpack
 from ..physics.layout import SPACE_POSE
 from ..physics.model import EI_Y_FACTOR, GJ_FACTOR
@@ -97,6 +98,7 @@ def _start(lane, p, arm, mode, block, w):
         draw_more(p, lanes, i, arm, own[at.factors : at.parameters], par)
     if p.ranges.pose is None and p.ranges.shake is not None:
         _swing(lane, p, i, _only(lane, i), own, par, action, w)
+    start_obstacles(lane, p.model, w, i)
     # goal <- initial joint angles: `aim` finds the posture nearest to them that reaches the target
     for k in range(n_joints):
         action[k * lanes + i] = 0.0

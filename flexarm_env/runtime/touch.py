@@ -6,6 +6,7 @@ from ..compiler import Lanes, kernel, maximum, select_lt, size, store
 from ..physics import contributions
 from ..physics.contact.integration import reading_at, record_contacts, reset_impulses
 from ..physics.contact.layout import READ
+from ..physics.contact.moving import start_obstacles
 from ..physics.integrator.work import Work
 from ..tasks.contact_info import CONTACT
 from ..tasks.program import channel_at
@@ -14,18 +15,25 @@ from .laws import LAW_SIZE, channel_of
 
 
 @kernel
-def open_contacts(lane, model, w: Work):
-    """Set the impulses of all contact points to 0 at the start of a period; no-op without possible contacts."""
+def open_contacts(lane, model, par, w: Work):
+    """Set the impulses of all contact points to 0 at the start of a period; no-op without possible contacts.
+
+    Of moving obstacles the forces at the start of the period are stored, from which their work is computed.
+    """
+    if model.newton.contact is not None:
+        if model.newton.contact.paths is not None:
+            record_contacts(lane, model, par, w.q, w.v, w.S, 0.0)
     reset_impulses(lane, model, w.S)
 
 
 @kernel
 def is_free(lane, p, par, w, i):
-    """Return whether no contact point of the arm in lane i is inside an obstacle at w.q (m, rad).
+    """Return whether no contact point of the arm in lane i is inside an obstacle at w.q (m, rad), at t = 0.
 
-    # in        par, the arms' own parameters.   # scratch   w.r
+    # in        par, the arms' own parameters.   # out   w.q, rows of moving obstacles.   # scratch   w.r
     """
     far = 1e300
+    start_obstacles(lane, p.model, w, i)
     for part in p.model.contributions:
         far = contributions.nearest(lane, part, p.model, par, w.q, far)
     store(w.r, 0, far)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm
+from flexarm_env.scene.functions import function_from_table, function_table
 from flexarm_env.shapes import Shape, shape_of
 from flexarm_env.time_functions import TimeFunction, constant
 
@@ -135,7 +137,8 @@ class Contact:
     def to_table(self) -> dict[str, Any]:
         """Return a table from which `contact_of` creates an equal contact; default values are omitted."""
         table: dict[str, Any] = {"obstacle": self.obstacle.to_dict(), "stiffness": self.stiffness}
-        return table | {name: value for name, value in check.changed(self).items() if name not in table}
+        table |= {name: value for name, value in check.changed(self).items() if name not in table}
+        return table | {name: function_table(table[name]) for name in DISPLACEMENTS if name in table}
 
 
 def place_on_link(name: str) -> tuple[int, float] | None:
@@ -145,10 +148,13 @@ def place_on_link(name: str) -> tuple[int, float] | None:
     return place if place and 0.0 < place[1] < 1.0 else None
 
 
-def contact_of(path: str, value: object, dimension: int | None = None) -> Contact:
+def contact_of(path: str, value: object, dimension: int | None = None, directory: Path = Path()) -> Contact:
     """Return `value` if it is a `Contact`; create a contact if it is a table with the fields of `Contact`.
 
+    A displacement in a table is a `TimeFunction` or a table with `kind` and parameters, as in scene files.
+
     dimension: required number of coordinates of the obstacle, 2 in the plane, 3 in space; None: no requirement.
+    directory: folder of CSV files with displacements.
 
     Raises:
         ValueError: the message names the key path, the value and the allowed values.
@@ -158,9 +164,15 @@ def contact_of(path: str, value: object, dimension: int | None = None) -> Contac
         check.known_keys(path, table, check.names_of(Contact))
         given = check.needed(path, table, "obstacle", "must be a shape, or a table of a shape")
         table["obstacle"] = _shape(f"{path}.obstacle", given, dimension)
+        for name in DISPLACEMENTS:
+            if isinstance(table.get(name), Mapping):
+                with check.under(f"{path}.{name}"):
+                    table[name] = function_from_table(check.table_of("", table[name]), directory)
         value = check.made(path, Contact, table, stiffness="must be a positive number (N/m^n)")
     if dimension is not None:
         shape_of(f"{path}.obstacle", value.obstacle, dimension)
+        if dimension == 2 and value.displacement_z is not None:
+            raise check.InvalidValue(f"{path}.displacement_z", value.displacement_z, "must be left out in the plane")
     return value
 
 

@@ -219,12 +219,7 @@ class Scene:
 
     def _check_contacts(self) -> None:
         """Check that obstacles have two dimensions in the plane and three in space, and move along these axes."""
-        count = len(self.axes)
-        contacts_of("contacts", self.contacts, self.arm, count)
-        for i, contact in enumerate(self.contacts):
-            if any(axis >= count for axis, _ in contact.displacements):
-                what = "must be left out in the plane"
-                raise check.InvalidValue(f"contacts[{i}].displacement_z", contact.displacement_z, what)
+        contacts_of("contacts", self.contacts, self.arm, len(self.axes))
 
     def _join_instants(self) -> None:
         """Give instants of different functions that differ by round-off one value; this avoids tiny steps."""
@@ -291,9 +286,7 @@ class Scene:
 
     @property
     def undriven(self) -> bool:
-        """True if the scene has no motions, no moving obstacles and no loads except zero forces."""
-        if any(contact.displacements for contact in self.contacts):
-            return False
+        """True if the scene has no prescribed motions of the arm and no loads except zero forces."""
         return not self.motions and all(isinstance(load, PointLoad) and load.silent for load in self.loads)
 
     def motion_of(self, coordinate: str) -> TimeFunction | None:

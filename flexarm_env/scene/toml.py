@@ -1,17 +1,17 @@
 """Read and write scenes as TOML, with parameter sets (named groups of changed keys); every error names the key path."""
 
-import inspect
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from flexarm_env import arms, records, time_functions
+from flexarm_env import arms, records
 from flexarm_env import validation as check
 from flexarm_env.files import read_toml
 from flexarm_env.parameters import Arm
-from flexarm_env.scene.contacts import DISPLACEMENTS, Contact, contact_of
+from flexarm_env.scene.contacts import contact_of
 from flexarm_env.scene.drives import COORDINATES, FORCES, JointTorque, Load, Motion, PointLoad
+from flexarm_env.scene.functions import KINDS, function_from_table, function_table
 from flexarm_env.settings import FORMULATIONS, PRESETS, Settings
 from flexarm_env.time_functions import TimeFunction
 
@@ -75,7 +75,7 @@ def _scene(kind: Callable[..., T], table: Mapping[str, Any], directory: Path) ->
         tables = {f"{key}[{i}]": check.table_of(f"{key}[{i}]", entry) for i, entry in entries}
         values[key] = tuple(read_one(path, entry, directory) for path, entry in tables.items())
     rows = enumerate(check.sequence("contacts", values.get("contacts", ()), "tables, [[contacts]]"))
-    values["contacts"] = tuple(_contact(f"contacts[{i}]", row, directory) for i, row in rows)
+    values["contacts"] = tuple(contact_of(f"contacts[{i}]", row, directory=directory) for i, row in rows)
     for key in ("position", "angles", "velocity", "rates", "gravity", "rigid_joints"):
         if key in values:
             values[key] = check.sequence(key, values[key], "numbers")
@@ -116,15 +116,6 @@ def _load(path: str, entry: dict[str, Any], directory: Path) -> Load:
         return PointLoad(entry["link"], end, **forces)
 
 
-def _contact(path: str, row: Any, directory: Path) -> Contact:
-    """Return the contact of a table; its displacements are tables of functions of time."""
-    table = check.table_of(path, row)
-    for name in (name for name in DISPLACEMENTS if name in table):
-        with check.under(f"{path}.{name}"):
-            table[name] = function_from_table(check.table_of("", table[name]), directory)
-    return contact_of(path, table)
-
-
 def text_of(scene: Any) -> str:
     """Return a scene as TOML text; keys with default values are omitted."""
     import tomli_w
@@ -145,15 +136,9 @@ def text_of(scene: Any) -> str:
         {"coordinate": motion.coordinate, **function_table(motion.function)} for motion in scene.motions
     ]
     table["loads"] = [_load_table(load) for load in scene.loads]
-    table["contacts"] = [_contact_table(contact) for contact in scene.contacts]
+    table["contacts"] = [contact.to_table() for contact in scene.contacts]
     table["arm"] = arms.to_table(scene.arm)
     return tomli_w.dumps({key: value for key, value in table.items() if value != []})
-
-
-def _contact_table(contact: Contact) -> dict[str, Any]:
-    """Return the TOML table of a contact."""
-    table = contact.to_table()
-    return table | {name: function_table(table[name]) for name in DISPLACEMENTS if name in table}
 
 
 def _load_table(load: Load) -> dict[str, Any]:
@@ -163,18 +148,6 @@ def _load_table(load: Load) -> dict[str, Any]:
     forces = {key: getattr(load, key) for key in FORCES}
     given = {key: function_table(f) for key, f in forces.items() if isinstance(f, TimeFunction)}
     return {"link": load.link, "end": load.end, **given}
-
-
-KINDS: dict[str, Callable[..., TimeFunction]] = {
-    name: getattr(time_functions, name)
-    for name in (
-        "constant", "pulse", "ramp", "cycloid", "spin_up", "sine", "steps", "linear_table", "spline_table",
-        "hermite_table", "table",
-    )
-}  # fmt: skip
-KINDS["pieces"] = lambda pieces: TimeFunction(pieces)
-"""Values of ``kind`` in a TOML file; "csv" (with file and the arguments of `from_csv`) is an additional value."""
-_CSV = ("interpolation", "column", "time", "rate", "acceleration", "scale")
 
 
 def schema(kind: Any) -> dict[str, Any]:
@@ -212,33 +185,3 @@ def schema(kind: Any) -> dict[str, Any]:
         "$schema": "https://json-schema.org/draft/2020-12/schema", "title": "scene of flexarm_env",
         **scene, "required": ["arm", "duration", "dt"],
     }  # fmt: skip
-
-
-def function_from_table(entry: Mapping[str, Any], directory: Path) -> TimeFunction:
-    """Create a function of time from a TOML table with the key ``kind`` and the parameters of this kind.
-
-    Relative paths of CSV files begin in ``directory``.
-    """
-    kind = check.needed("", entry, "kind", "must be one of " + ", ".join(f'"{k}"' for k in (*KINDS, "csv")))
-    check.choice("kind", kind, (*KINDS, "csv"))
-    given = {key: value for key, value in entry.items() if key != "kind"}
-    # a file: relative to the scene's directory
-    if kind == "csv":
-        check.known_keys("", given, ("file", *_CSV), 'parameter of kind "csv"')
-        name = check.text("file", check.needed("", given, "file", "must be the name of a CSV file"))
-        path = directory / name
-        if not path.is_file():
-            raise check.InvalidValue("file", name, f"must be a CSV file; there is none at {path}")
-        return time_functions.from_csv(path, **{key: given[key] for key in _CSV if key in given})
-    # other kinds: parameters are the arguments of the function of that name
-    signature = inspect.signature(KINDS[kind]).parameters
-    check.known_keys("", given, signature, f'parameter of kind "{kind}"')
-    for name, parameter in signature.items():
-        if parameter.default is parameter.empty:
-            check.needed("", given, name, f'kind "{kind}" takes {", ".join(signature)}')
-    return KINDS[kind](**given)
-
-
-def function_table(function: TimeFunction) -> dict[str, Any]:
-    """Return a TOML table from which :func:`function_from_table` creates an equal function."""
-    return {"kind": function.kind, **dict(function.parameters)}

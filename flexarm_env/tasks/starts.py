@@ -82,6 +82,7 @@ class Starts:
         """
         # no table of vibrations: links start at rest, q' = 0
         still = None if pose is None else np.zeros(pose.size)
+        assert pose is None or self.shake is None or self.shake.shape == pose.shape
         tables = self.start, self.target, [*self.drawn.values()]
         start, target, drawn = (np.array(rows, np.float64).ravel() for rows in tables)
         # the first ALWAYS factors are drawn in every episode, so that the stream does not depend on the settings

@@ -20,6 +20,7 @@ from .kinematics import (
 )
 from .law import meet
 from .layout import READ
+from .moving import account_for_obstacles
 
 
 @kernel
@@ -87,6 +88,7 @@ def after_step(lane, part, model, par, q, v, S: Lanes, h):
             for k in range(READ.impulse):
                 S[at.reading + k] = 0.0
             S[at.reading + READ.penetration] = -S[at.gap]
+    account_for_obstacles(lane, part, model, par, q, v, S, h)
 
 
 @kernel

@@ -15,7 +15,7 @@ from flexarm_env.physics import protocol
 from flexarm_env.physics.contact.account import respond
 from flexarm_env.physics.contact.kinematics import less_obstacle, place_of
 from flexarm_env.physics.contact.law import gap_of
-from flexarm_env.physics.contact.layout import HERE, LAW, READ, REFERENCE, Touching, Watch
+from flexarm_env.physics.contact.layout import ACCOUNT, HERE, LAW, READ, REFERENCE, Paths, Touching, Watch
 from flexarm_env.physics.elastica.layout import DATA, ECCENTRIC, LOAD
 from flexarm_env.physics.layout import POSE, SPACE_POSE
 from flexarm_env.physics.model import Elastica, System
@@ -85,7 +85,31 @@ def touching(scene: Scene, inner: Any, entry: int, at: int, rows: int) -> tuple[
     watch = Watch(
         (0,) * len(links), at, READ.end, size, rows * arm.total_length, (0,) if scene.root == "free" else None
     )
-    return part, watch, size * len(links) + int(REFERENCE.offsets(0, rows).end)
+    numbers = size * len(links) + int(REFERENCE.offsets(0, rows).end)
+    return part, watch, numbers + (int(ACCOUNT.offsets(0, len(names)).end) if names else 0)
+
+
+def with_paths(scene: Scene, system: System) -> System:
+    """Return the System of an environment: kernels displace its obstacles, as functions of each arm's own time.
+
+    The rows of displacements are fixed in the equations, and the integrator sets them at the end of each step. Without
+    moving obstacles the function returns `system` itself.
+    """
+    functions = obstacle_rows(scene)
+    if not functions:
+        return system
+    model = system.model
+    watch, rows = model.newton.contact, np.array([system.coordinates[name] for name in functions], np.int64)
+    # the account follows the entries of the points and the reference
+    at = watch.at + len(watch.points) * watch.stride + int(REFERENCE.offsets(0, size(model.n)).end)
+    pieces = np.concatenate([function.pieces for function in functions.values()]).ravel()
+    first = np.cumsum([0] + [len(function.pieces) for function in functions.values()]).astype(np.int64)
+    paths = Paths(at, (0,) * len(rows), rows, pieces, first)
+    model = model._replace(
+        fixed=np.concatenate([model.fixed, rows]),
+        newton=model.newton._replace(contact=watch._replace(paths=paths)),
+    )
+    return dataclasses.replace(system, model=model)
 
 
 def _levers(inner: Any, count: int, rows: int, moving: int) -> Array | None:

@@ -19,6 +19,7 @@ from .clearance import acts, measure_near
 from .friction import column_of_slip, component, solve_friction, unit_entry
 from .kinematics import any_touches, gap_at, here_of, meeting, motion_of, nearest, obstacle_count, place_of, wrench
 from .layout import LAWS, Touching
+from .moving import add_reactions
 
 
 @kernel
@@ -69,18 +70,7 @@ def _store_reactions(lane, part, model, par, state, r: Lanes, S: Lanes):
         if part.moving[i] >= 0:
             r[part.moving[i]] = 0.0
     if any_touches(lane, part, S):
-        y, poses = stack(lane, model.points), stack(lane, part.poses)
-        protocol.input_displacements(lane, model.arm, par, state.q, y)
-        protocol.task_poses(lane, model.arm, par, state.q, state.v, poses)
-        for p in range(len(part.points)):
-            velocity, spin = motion_of(lane, part, poses, p)
-            for o in range(obstacle_count(part)):
-                if part.meets[p * obstacle_count(part) + o] > 0.5:
-                    place = place_of(lane, part, y, p)
-                    force, _ = wrench(part, p, meeting(lane, part, p, o, state.q, state.v, place, velocity, spin))
-                    for i in range(3):
-                        if part.moving[3 * o + i] >= 0:
-                            r[part.moving[3 * o + i]] += force[0] if i == 0 else (force[1] if i == 1 else force[2])
+        add_reactions(lane, part, model, par, state.q, state.v, r)
 
 
 @kernel

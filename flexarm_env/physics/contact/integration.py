@@ -10,6 +10,7 @@ from ...compiler import Lanes, absolute, kernel, maximum, select_lt
 from .. import contributions
 from ..protocol import STEPS_START
 from .layout import READ
+from .moving import account_of
 
 
 @kernel
@@ -78,6 +79,8 @@ def reset_impulses(lane, model, S: Lanes):
             S[at + READ.impulse] = 0.0
             S[at + READ.friction] = 0.0
             S[at + READ.peak] = 0.0
+        if model.newton.contact.paths is not None:
+            S[account_of(model.newton.contact.paths).work] = 0.0
 
 
 @kernel

@@ -59,11 +59,16 @@ def less_obstacle(lane, part, o, rows: Lanes, vector):
     """
     if part.moving is None:
         return vector
-    zero = vector[0] * 0.0
-    x = rows[part.moving[3 * o]] if part.moving[3 * o] >= 0 else zero
-    y = rows[part.moving[3 * o + 1]] if part.moving[3 * o + 1] >= 0 else zero
-    z = rows[part.moving[3 * o + 2]] if part.moving[3 * o + 2] >= 0 else zero
+    x = _row_or_zero(lane, rows, part.moving[3 * o])
+    y = _row_or_zero(lane, rows, part.moving[3 * o + 1])
+    z = _row_or_zero(lane, rows, part.moving[3 * o + 2])
     return vector - Vector(x, y, z)
+
+
+@kernel
+def _row_or_zero(lane, rows: Lanes, k):
+    """Return row k of `rows`, or 0 if k is negative."""
+    return select_lt(float(k), -0.5, 0.0, rows[max(k, 0)])
 
 
 @kernel

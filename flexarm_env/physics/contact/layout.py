@@ -62,6 +62,29 @@ REFERENCE = Layout(
 )  # fmt: skip
 """`REFERENCE`: entries after those of the points in S, from which `clearance` computes bounds of distances."""
 
+ACCOUNT = Layout(
+    "ObstacleAccount", "m",
+    Field("time", (), "s", "time since the start of the episode, at the end of the last step"),
+    Field("work", (), "J", "work of the moving obstacles on the arm since `reset_impulses`"),
+    Field("force", ("m",), "N", "force along each moving axis that the obstacle exerts on the arm"),
+    Field("place", ("m",), "m", "displacement of the obstacle along each moving axis, at the end of the last step"),
+)  # fmt: skip
+"""`ACCOUNT`: entries behind `REFERENCE` in S if obstacles move. m: number of axes along which obstacles move."""
+
+
+class Paths(NamedTuple):
+    """Displacements of obstacles as functions of time, for the arms of an environment, each with its own time.
+
+    at: offset of the `ACCOUNT` in S. axes: one zero for each row. rows: int64, row of q of each displacement.
+    pieces, first: the functions of time, as in `model.Drive`
+    """
+
+    at: int
+    axes: tuple[int, ...]
+    rows: np.ndarray
+    pieces: np.ndarray
+    first: np.ndarray
+
 
 class Touching(NamedTuple):
     """Points of an arm that may touch obstacles: a contribution. Sizes are tuples of zeros (compile-time constants).
@@ -113,3 +136,4 @@ class Watch(NamedTuple):
     stride: int  # number of entries from one `HERE` to the next
     reach: float  # m: largest motion of a point for a weighted increment of 1 in every row
     free: tuple[int, ...] | None = None  # a tag if no support holds the arm, otherwise None
+    paths: Paths | None = None  # moving obstacles of an environment; None in scenes, whose `Drive` moves them

@@ -37,6 +37,10 @@ def refuse_step(lane, model, drive, par, w: Work, active, h):
     """
     if model.newton.resolved is None or drive is not None:
         return False
+    # the balance lacks the work of moving obstacles
+    if model.newton.contact is not None:
+        if model.newton.contact.paths is not None:
+            return False
     # largest change of a coordinate in the step, rad
     turn = 0.0
     for k in range(size(model.n)):

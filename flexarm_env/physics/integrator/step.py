@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from ...compiler import inlined, kernel, lane_count, max_over_lanes, noinline, select_lt, size
 from ..contact.integration import record_contacts
+from ..contact.moving import move_obstacles
 from ..layout import HALVINGS, STEPS
 from ..model import NEWTON_FAILED, OK
 from ..protocol import (
@@ -96,13 +97,14 @@ def _predict_configuration(lane, model, par, w: Work, slopes):
 
 
 @kernel
-def _prescribe(lane, drive, w, t, h):
+def _prescribe(lane, model, drive, w, t, h):
     """Set inputs w.u, motions w.psi and prescribed rows of q, v, a, b to their values at the end t (s) of a step.
 
     If a time function jumps at t, the value before the jump is used: 1e-6 of the step's length h (s) earlier.
-    drive: the scene's loads and motions over time (`Drive`). If it is None (no loads or motions in time), nothing
-    changes.
+    drive: the scene's loads and motions over time (`Drive`). If it is None (no loads or motions in time), only moving
+    obstacles of an environment change.
     """
+    move_obstacles(lane, model, w, h)
     if drive is not None:
         before = t - 1e-6 * h
         set_inputs(lane, drive, w.u, t, before)
@@ -230,7 +232,7 @@ def advance_within(lane, model, drive, par, w: Work, t, h, n_steps, scheme, book
         newmark_predict(lane, model, w, part, scheme)
         if lane_count(lane) == 1 and again:
             _restart_from_step_start(lane, model, w, slopes)
-        _prescribe(lane, drive, w, start + part, part)
+        _prescribe(lane, model, drive, w, start + part, part)
         reset_shift(lane, model, w)
         _predict_configuration(lane, model, par, w, slopes)
         # Newton (6.1), projection (6.3), reactions, and the energy test that refuses wrong roots
