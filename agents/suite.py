@@ -89,7 +89,6 @@ METHODS = (
     Method("sac", 1, "sac", ("slew-measured-v2", "slew-unknown-v2", "slew-geared-v2")),
     Method("tqc", 2, "tqc", FEW),
     Method("recurrent_ppo", 2, "recurrent_ppo", FEW),
-    Method("ppo_around", 5, "ppo", ("reach-measured-v1",), "around"),
     Method("ppo_press", 1, "ppo", ("press-v1", "land-v1"), "press"),
     Method("foresight", 1, "foresight"),
 )

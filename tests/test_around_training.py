@@ -101,7 +101,7 @@ def test_a_file_of_hyper_parameters_names_it(tmp_path: Path) -> None:
     assert config.load(path, "ppo", ENV).around == table
     path = file_of(tmp_path, SHORT, ENV, around={ENV: {"control": "pd"}})
     refuses(f"around.{ENV}.control: unknown key", lambda: config.load(path, "ppo", ENV))
-    packaged = config.load(Path("around"), "ppo", "flexarm/reach-measured-v1")
+    packaged = config.load(Path("suite"), "ppo", "flexarm/reach-measured-v1")
     assert packaged.around["controller"] == "pd" and "duration" not in packaged.env_kwargs
 
 

@@ -234,3 +234,31 @@ def test_the_receding_horizon_begins_with_a_plan_round_what_it_is_kept_out_of() 
     target = tip_at(controller.setup.arm, np.array([0.9, 0.5, 0.3]))
     controller.reset(env.reset(options={"start": [0.0, 0.5, 0.3], "target": target.tolist()})[0])
     assert controller.arrival[0] < 60 and ball.distance(controller.plant.places(controller.plan.states)).min() > 0.0
+
+
+def test_goals_of_the_rigid_arm_take_no_static_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rigid tip is at the target, rigid weight is held there, and observed goal angles are used as they are."""
+
+    def no_rest(*_: Any) -> None:
+        raise AssertionError("a static rest was computed")
+
+    monkeypatch.setattr("flexarm_env.control.space.rest", no_rest)
+    gains = {"rate": 5.5, "ratio": 1.0, "lag": 0.06, "rests": 0}
+    env = gym.make_vec(ID, num_envs=8, **COARSE)
+    pd = control.make("pd", env, gains)
+    observation, _ = env.reset(seed=3)
+    pd.reset(observation)
+    signals = pd.read(observation)
+    assert np.linalg.norm(tip_at(pd.setup.arm, pd.goal) - pd.targets(signals), axis=1).max() < 1e-6
+    holding = weight_and_inertia(pd.setup.arm, pd.gravity, pd.goal)[0]
+    assert pd.forward(np.zeros((8, 3))) == pytest.approx(holding, abs=1e-12)
+    distance, angles, torques = pd.rest_at(pd.targets(signals)[0], signals.angles[0])
+    assert distance < 1e-6 and angles == pytest.approx(pd.goal[0]) and torques == pytest.approx(holding[0])
+    env.close()
+    env = gym.make_vec(ID, num_envs=4, **MEASURED, **COARSE)
+    pd = control.make("pd", env, gains)
+    observation, _ = env.reset(seed=3)
+    pd.reset(observation)
+    signals = pd.read(observation)
+    assert pd.goal == pytest.approx(signals.angles + signals.to_go)
+    env.close()

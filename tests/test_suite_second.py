@@ -112,3 +112,9 @@ def test_what_was_learnt_by_heart_is_marked_and_what_was_not_is_not(tmp_path: Pa
 def nothing(seen):
     """Of Python: any such may know the public hundred."""
     return np.zeros((len(seen), 1))
+
+
+@pytest.mark.parametrize("task", suite.tasks(), ids=[task.id for task in suite.tasks()])
+def test_later_fields_of_gains_leave_the_seeds_of_pd(task: suite.Task, published: list[results.Results]) -> None:
+    entry = next(one.tasks[task.id] for one in published if one.name == "pd" and task.id in one.tasks)
+    assert entry["second"]["first_seed"] == second.first_seed(task, second.of_controller("pd", task))

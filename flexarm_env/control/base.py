@@ -24,7 +24,7 @@ from ..shapes import Shape
 from ..tasks import RESIDUAL_SHARE as RESIDUAL_SHARE
 from ..validation import Array
 
-WHOLE = {"flexible": 1, "modes": 0, "block": 1, "horizon": 1, "iterations": 1, "first": 1}
+WHOLE = {"flexible": 1, "modes": 0, "block": 1, "horizon": 1, "iterations": 1, "first": 1, "rests": 0}
 """Names of the gains that must be integers, each with its smallest allowed value."""
 
 SHARES: dict[str, dict[str, float]] = {

@@ -1,21 +1,25 @@
 """PD control of the joints, in the plane, and in space about the arm's rest at its target under gravity."""
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from .. import validation as check
+from ..geometry.inverse import approach
 from ..parameters import Arm
-from ..rigid import weight_and_inertia
+from ..rigid import tip_at, weight_and_inertia
 from ..validation import Array
 from .arm_model import arm_model
 from .base import Controller, Gains, Setup, Signals
 from .loop import pd_law, plant, radius
-from .space import AboutRest
+from .space import NEAR, AboutRest, bent_postures
 
 POSTURES = (0.0, 0.8, 1.6, 2.4)
 """Elbow angles, rad, at which PD control must be stable, unless joint limits exclude them."""
+
+RIGID_STEPS = 15
+"""Number of iterations of the inverse kinematics for goals of the rigid arm."""
 
 
 @dataclass(frozen=True)
@@ -105,12 +109,14 @@ class SpatialPDGains(Gains):
     """Gains in space. rate: natural frequency, rad/s, of each joint with its PD spring, others fixed.
 
     ratio: damping ratio. lag: time constant, s, of the low-pass on rates. The root of a beam has so little inertia that
-    its sampled rate must not be fed back without this filter.
+    its sampled rate must not be fed back without this filter. rests: 1: goals are static rests of the flexible arm; 0:
+    goals are postures of the rigid arm, which take a hundredth of the time and leave the sag of the links as an error.
     """
 
     rate: float
     ratio: float
     lag: float
+    rests: int = field(default=1, kw_only=True)
 
 
 class SpatialPD(AboutRest):
@@ -123,6 +129,36 @@ class SpatialPD(AboutRest):
         self.gains = gains
         self.passed = float(1.0 - np.exp(-setup.control_dt / gains.lag))
         """Share of a change of the rates that passes the rate filter per period."""
+
+    def _goal(self, signals: Signals) -> Array:
+        if self.gains.rests:
+            return super()._goal(signals)
+        # rigid arm: observed goal angles, or else inverse kinematics
+        if signals.to_go is not None:
+            goals = signals.angles + signals.to_go
+        else:
+            goals = self._rigid(self.targets(signals), signals.angles)
+        self.torque = weight_and_inertia(self.setup.arm, self.gravity, goals, self.bodies)[0]
+        return goals
+
+    def _rigid(self, targets: Array, now: Array) -> Array:
+        """Return joint angles (n, N), rad, of the rigid arm with its tip at the targets (n, 3), m.
+
+        The search starts from the angles `now` (n, N) and from two bent postures; the nearest tip wins.
+        """
+        starts = np.stack([now + 0.3, *bent_postures(now)])
+        found = approach(self.setup.arm, starts, np.broadcast_to(targets, (len(starts), *targets.shape)), RIGID_STEPS)
+        off = np.linalg.norm(tip_at(self.setup.arm, found) - targets, axis=-1)
+        # equally near tips: the first start
+        best = np.argmin(off > np.maximum(off.min(axis=0), NEAR * self.setup.arm.total_length), axis=0)
+        return np.asarray(found[best, np.arange(len(now))])
+
+    def rest_at(self, target: Array, now: Array) -> tuple[float, Array, Array]:
+        if self.gains.rests:
+            return super().rest_at(target, now)
+        angles = self._rigid(target[None], now[None])
+        torques = weight_and_inertia(self.setup.arm, self.gravity, angles, self.bodies)[0]
+        return float(np.linalg.norm(tip_at(self.setup.arm, angles[0]) - target)), angles[0], torques[0]
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
         super().initialise(signals, to_go)

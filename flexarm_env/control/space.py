@@ -50,6 +50,13 @@ def held_model(
     return free, joints, free.A + free.B @ ((ends[0] - ends[1]).T / 2e-4) @ joints
 
 
+def bent_postures(now: Array) -> Array:
+    """Return two postures (2, ..., N), rad, with the first joint angle of `now` (..., N) and both bends of the elbows."""
+    elbows = np.arange(now.shape[-1] - 1)
+    bends = [np.broadcast_to(BENT * side * (-1.0) ** elbows, (*now.shape[:-1], len(elbows))) for side in (1, -1)]
+    return np.stack([np.concatenate([now[..., :1], bend], axis=-1) for bend in bends])
+
+
 class AboutRest(Controller):
     """Base class of controllers in space: holding torques at the target, corrected by the change of the rigid weight.
 
@@ -114,14 +121,12 @@ class AboutRest(Controller):
 
         Returns the distance between tip and target (m), joint angles (N,), rad, and torques (N,), N m.
         """
-        arm, N = self.setup.arm, self.setup.n_joints
+        arm = self.setup.arm
         known = self._rests.get(key := target.tobytes() + now.tobytes())
         if known is not None:
             return known
-        # start postures: the present one, and both bends of the elbows
-        sides = [[now[0], *(BENT * side * (-1.0) ** k for k in range(N - 1))] for side in (1, -1)]
         best: tuple[float, Array, Array] | None = None
-        for start in (now + 0.3, *np.array(sides)):
+        for start in (now + 0.3, *bent_postures(now)):
             found = self._settle(target, approach(arm, start, target))
             best = found if best is None or found[0] < best[0] else best
             if best[0] < NEAR * arm.total_length:

@@ -65,14 +65,14 @@ def goal_angles(arm: Arm, angles: Array, target: Array, rates: Array) -> Array:
 
 
 # ------------------------------------------------------------------------------ in space
-def approach(arm: Arm, angles: Array, points: Array) -> Array:
+def approach(arm: Arm, angles: Array, points: Array, steps: int = 60) -> Array:
     """Return joint angles (..., N), rad, that bring the rigid tip nearest to points, by damped least squares.
 
-    angles: initial guess of the joint angles, rad. points (..., 3): target positions, m, inertial axes. Joint limits
-    are enforced by clipping.
+    angles: initial guess of the joint angles, rad. points (..., 3): target positions, m, inertial axes. steps: number
+    of iterations. Joint limits are enforced by clipping.
     """
     limits = limits_of(arm)
-    for _ in range(60):
+    for _ in range(steps):
         J, off = jacobian(arm, angles), points - tip_at(arm, angles)
         # damping proportional to the remaining distance; steps of at most 0.5 rad
         damping = 1e-3 * arm.total_length * np.linalg.norm(off, axis=-1)[..., None, None] + 1e-15
