@@ -1,4 +1,4 @@
-"""Conditions on drawn targets: the arm reaches a target within its joint limits and its motors hold the arm there."""
+"""Conditions on random targets: the arm can reach the target within its joint limits, and its motors can hold it."""
 
 import dataclasses
 import itertools
@@ -32,10 +32,10 @@ _SURE = 0.98
 
 
 def needs_of(frame: Frame, task: Task, starts: Starts, extras: Any) -> Attainable | None:
-    """Return the conditions on drawn targets; None if every possible target is attainable or the arm's base floats.
+    """Return the conditions on random targets; None if every possible target is attainable or the arm's base floats.
 
     Raises:
-        ValueError: none of the `SAMPLES` drawn targets is attainable.
+        ValueError: none of `SAMPLES` random targets is attainable.
     """
     arm = frame.arm
     if arm.base is not None:
@@ -61,10 +61,10 @@ def needs_of(frame: Frame, task: Task, starts: Starts, extras: Any) -> Attainabl
 
 
 def path_needs(frame: Frame, task: Task, starts: Starts, extras: Any, periods: int) -> Any:
-    """Return the moving target (`Extras.reference`) with the conditions on drawn paths.
+    """Return the moving target (`Extras.reference`) with the conditions on random paths.
 
     Raises:
-        ValueError: the joint limits do not let the arm follow a given path, or none of the `PATHS` drawn paths is
+        ValueError: the arm cannot follow a given path within its joint limits, or none of `PATHS` random paths is
             attainable.
     """
     moving, arm = extras.reference, frame.arm
@@ -129,9 +129,9 @@ def _first_lost(arm: Arm, begin: np.ndarray, points: np.ndarray) -> int | None:
 
 
 def check_target(task: Task, angles: np.ndarray, target: Pair, arm: Arm) -> None:
-    """Raise `InvalidValue` if the joint limits of a planar arm exclude a given target.
+    """Raise `InvalidValue` if a planar arm cannot reach a given target within its joint limits.
 
-    angles (N,): joint angles at the start, rad; NaN for joints with drawn angles.
+    angles (N,): joint angles at the start, rad; NaN for joints with random initial angles.
     """
     if uncompiled(attainable)(task, _free(task), np.nan_to_num(angles), *target) < 0.5:
         given = target if len(task.targets) > 1 else target[0]

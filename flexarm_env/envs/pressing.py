@@ -52,7 +52,7 @@ can hold.
 
 
 class Wall(NamedTuple):
-    """A wall: distance (m), bearing and elevation (rad) of its point nearest to the root."""
+    """Wall: distance (m), bearing and elevation (rad) of the wall's point that is nearest to the root."""
 
     distance: float
     bearing: float
@@ -60,16 +60,16 @@ class Wall(NamedTuple):
 
     @property
     def directions(self) -> Array:
-        """Unit vectors (3, 3): from the root to the nearest point, to greater bearing, and upwards along the wall."""
+        """Unit vectors (3, 3): from the root to the nearest point, to larger bearings, and upwards along the wall."""
         return np.array(uncompiled(directions_of)(self.bearing, self.elevation))
 
     def half_chord(self, length: float) -> float:
-        """Return the largest distance (m) along the wall from its nearest point within `REACH` lengths of the root."""
+        """Return the half length, m, of the part of the wall within `REACH` times the arm's length of the root."""
         return math.sqrt(max((REACH * length) ** 2 - self.distance**2, 0.0))
 
 
 class OnWall(Point):
-    """Moving target on a wall."""
+    """Moving target that slides along a wall."""
 
     paths: ClassVar = {"line": (*Point.paths["line"], ("force", "N"))}
 
@@ -87,12 +87,12 @@ class OnWall(Point):
         return [(d, d), time, (0.4 * speed, speed), (b, b), (FORCES[0] * most, FORCES[1] * most)]
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Check that the wall is within reach and the commanded force positive."""
+        """Raise `InvalidValue` unless the wall is within reach and the commanded force is positive."""
         check_force(ranges[4])
 
 
 class OnWallInSpace(Place):
-    """Moving target on a wall in space, with a random direction along the wall."""
+    """Moving target that slides along a wall in space, in a random direction."""
 
     paths: ClassVar = {"line": (*Place.paths["line"], ("height", "m"), ("force", "N"))}
 
@@ -103,7 +103,7 @@ class OnWallInSpace(Place):
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
         """Return ranges of a path: distance (m), time (s), speed (m/s), bearing, elevation (rad), height, force (N).
 
-        The height of a path's middle is its distance from the wall's nearest point, upwards along the wall.
+        The height of a path's middle is measured from the wall's point nearest to the root, upwards along the wall.
         """
         d, b, e = self.wall
         half, most = self.wall.half_chord(arm.total_length), largest_force(arm)
@@ -113,7 +113,7 @@ class OnWallInSpace(Place):
         return [(d, d), time, (0.4 * speed, speed), (b, b), (e, e), height, force]
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Check that the commanded force is positive, and that all paths are within reach and joint limits."""
+        """Raise `InvalidValue` unless the force is positive and all paths are within reach and joint limits."""
         check_force(ranges[6])
         away, around, up = self.wall.directions
         time, speed = ranges[1], ranges[2][1]
@@ -149,7 +149,7 @@ class PlaceOnWall(OnWall):
         return [(d, d), (0.0, 0.7 * half), (0.0, 0.0), (b, b)]
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Check that the target on the wall is within the arm's reach."""
+        """Raise `InvalidValue` unless the target on the wall is within the arm's reach."""
         farthest = math.sqrt(max((0.95 * arm.total_length) ** 2 - self.wall.distance**2, 0.0))
         if ranges[1][1] > farthest:
             what = f"must be at most {farthest:g} m, so that the point of the wall is within reach"
@@ -166,10 +166,10 @@ class Pressing(NamedTuple):
 
 
 def pressing(kind: Kind, arm: Arm, task: Any, duration: Any, contacts: Any, sensors: Any, reference: Any) -> Pressing:
-    """Return the task's definition and the keywords for task="press" or "land"; for any other task, both unchanged.
+    """Return definition and keywords of an environment with task="press" or "land"; leave other tasks unchanged.
 
-    The first contact is the wall: a half-space with the root outside of it. Without contacts the wall is at a distance
-    of 0.7 arm lengths along x. The environment gets a force sensor.
+    The first contact is the wall, a half-space that does not contain the root. If the user gives no contacts, the wall
+    is at a distance of 0.7 arm lengths along x. A force sensor is added to the environment's sensors.
 
     Raises:
         ValueError: the message names the key path, the value and the allowed values.
