@@ -1,4 +1,4 @@
-"""Tasks without reward, for controllers' plants, which reuse the compiled functions of the environments."""
+"""Tasks without reward, with which controllers simulate an arm by the compiled functions of the environments."""
 
 from __future__ import annotations
 
@@ -28,6 +28,6 @@ def bare_task(arm: Arm) -> Task:
 
 
 def bare_starts(arm: Arm) -> Starts:
-    """Return ranges of starts of the straight arm at rest, with targets that are not used."""
+    """Return ranges of initial states that contain only the straight arm at rest; targets are not used."""
     none, reach = [(0.0, 0.0)] * arm.n_links, arm.total_length
     return Starts(start=none, target={"xy": [(reach, reach), (0.0, 0.0)], "xyz": none}[arm.axes])
