@@ -230,7 +230,6 @@ class Dynamics:
 
     def corrected(self, x: Array, outputs: Array) -> Array:
         """Change states x (m, S) so that they have the measured outputs (m, 4 N), see `outputs`.
-
         The correction turns links at their joints, and adds the shape of a link that a force at its tip bends.
         """
         half, out = self.half, x.copy()
