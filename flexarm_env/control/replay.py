@@ -45,7 +45,7 @@ class Replay:
 
 @lru_cache(maxsize=16)
 def finer(plant: Dynamics) -> Dynamics:
-    """Return dynamics with a quarter of the plan's step as period, in the plane with twice as many nodes (at most 12)."""
+    """Return dynamics with a quarter of the plan's step as period; in the plane with up to twice as many nodes."""
     assert plant.settings.dt is not None
     period = plant.settings.dt / FINER
     return plant.finer(period)
