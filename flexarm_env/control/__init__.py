@@ -1,4 +1,4 @@
-"""Model-based controllers, and trained policies run with NumPy alone.
+"""Model-based controllers, and trained policies that need only NumPy.
 
     from flexarm_env.control import make
     env = gymnasium.make("FlexibleArm-v0")
@@ -7,7 +7,8 @@
     controller.reset(observation)
     action = controller.act(observation)
 
-All controllers read only the environment's observation, are designed for the nominal arm, and keep its torque limits.
+All controllers read only the environment's observation. They are designed for the nominal arm, and their torques are
+within its torque limits.
 """
 
 from .base import Controller, Setup

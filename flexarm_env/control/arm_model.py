@@ -1,6 +1,6 @@
 """Linear arm models for controller design: rigid inertia and the lowest modes about rest in a given posture.
 
-Every gain is derived from `flexarm_env.linear`; nothing is fitted to a simulation.
+The models are derived from `flexarm_env.linear` and are not fitted to simulations.
 """
 
 from dataclasses import dataclass
@@ -27,8 +27,8 @@ GRID = 0.1
 def postures(goals: Array) -> list[tuple[float, ...]]:
     """Round the elbow angles of goals (n, N), rad, to the design grid; return a tuple of N - 1 angles for each goal.
 
-    A posture and its mirror image have the same model; both are represented by the posture whose first bent elbow turns
-    left, > 0.
+    A posture and its mirror image have the same model. The returned posture is the one whose first bent elbow has a
+    positive angle.
     """
     # joint 0, the hub, does not affect the model
     elbows = np.round(goals[:, 1:] / GRID) * GRID
@@ -69,10 +69,10 @@ class ArmModel:
         return held(self.A, self.B, dt)
 
     def state_of(self, outputs: Array) -> Array:
-        """Return the state (..., 2n) of least strain and kinetic energy that has the given outputs (..., 4N).
+        """Return the state (..., 2n) of least energy among all states with the given outputs (..., 4N).
 
-        The modes' amplitudes q minimize |q_rigid|^2 + sum_i (omega_i q_i)^2 (i: flexible modes); the rates q' minimize
-        |q'|^2.
+        The amplitudes q of the modes minimize |q_rigid|^2 + sum_i (omega_i q_i)^2, summed over the flexible modes i.
+        The rates q' minimize |q'|^2.
         """
         n_joints, n = self.n_joints, len(self.A) // 2
         # W = diag(1, 1/omega): q = W (H W)^+ y minimizes |W^-1 q| subject to H q = y
@@ -87,9 +87,9 @@ class ArmModel:
 
 
 def linear_model(arm: Arm, posture: tuple[float, ...], **options: Any) -> LinearModel:
-    """Linearize the elastica about rest at the elbow angles `posture`, rad (() is straight), gears without backlash.
+    """Linearize the elastica model of an arm about rest at a posture, with gears without backlash.
 
-    options: keyword arguments of `linear.linearize`. Returns a `LinearModel`.
+    posture: elbow angles, rad; () is the straight arm. options: keyword arguments of `linear.linearize`.
     """
     # absolute link angles, the hub at 0
     angles = (0.0, *np.cumsum(posture or np.zeros(arm.n_links - 1)).tolist())
@@ -99,10 +99,10 @@ def linear_model(arm: Arm, posture: tuple[float, ...], **options: Any) -> Linear
 
 @lru_cache(maxsize=256)
 def arm_model(arm: Arm, posture: tuple[float, ...] = (), flexible: int | None = None) -> ArmModel:
-    """Build the arm's linear model of its lowest modes about rest.
+    """Compute the linear model of an arm's lowest modes about rest.
 
     Args:
-        arm: arm whose model is built. posture: angles of joints 1 to N-1, rad (() is straight).
+        arm: the arm. posture: angles of joints 1 to N-1, rad; () is the straight arm.
         flexible: number of flexible modes in addition to the N rigid modes, at least 1; None means N + 1.
     """
     n_joints, full = arm.n_links, linear_model(arm, posture)

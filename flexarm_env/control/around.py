@@ -1,8 +1,7 @@
-"""Policies with a controller inside, whose torque is the controller's torque plus a share of a network's torque.
+"""Policies that add a network's torques to a classical controller's torques.
 
-The network learns the part of the action that the controller lacks: action = clip(controller + share * network). All
-terms are joint torques divided by the torque limits. Controller and network read the same observation of the
-environment. The environment's actions remain torques.
+The network learns a correction of the controller: action = clip(controller + share * network). All terms are joint
+torques divided by the torque limits. Controller and network read the same observation of the environment.
 """
 
 from __future__ import annotations
@@ -25,11 +24,11 @@ from .catalogue import NAMES, Following, controller, gains_from, tuned_gains
 
 @dataclass(frozen=True)
 class Inside:
-    """Controller that runs inside a policy, beside a network.
+    """Description of the controller in a policy that also contains a network.
 
     Args:
-        controller: name of the controller. share: share of the torque limits that the network's actions command. gains:
-            values of the controller's gains by name.
+        controller: name of the controller. share: factor on the network's actions: its largest torque divided by the
+            torque limit. gains: values of the controller's gains by name.
     """
 
     controller: str
@@ -38,10 +37,10 @@ class Inside:
 
     @classmethod
     def of(cls, word: str, env: Any, share: float | None = None) -> Inside:
-        """Build the controller that `word` names (pd, or pd@FILE with gains of `flexarm tune`) for an environment.
+        """Describe the controller that `word` names, with its gains for an environment.
 
-        share: share of the torque limits that the network commands; None means `base.RESIDUAL_SHARE`. Raises ValueError
-            for an unknown word or file, or an invalid share.
+        word: "pd", or "pd@FILE" for gains from a file of `flexarm tune`. share: as in the class; None means
+        `base.RESIDUAL_SHARE`. Raises ValueError for an unknown word or file, or an invalid share.
         """
         name, at, file = word.partition("@")
         check.choice("around", name, NAMES)
@@ -60,7 +59,7 @@ class Inside:
 
     @classmethod
     def read(cls, table: Any) -> Inside:
-        """Read the entry `around` (the controller inside the policy) of a policy's file.
+        """Create the description from the entry `around` in a policy's file.
 
         A ValueError names the field, its value and the rule.
         """
@@ -73,7 +72,7 @@ class Inside:
             return cls(name, check.number("share", share, above=0.0), dict(check.table_of("gains", gains)))
 
     def table(self) -> dict[str, Any]:
-        """Return the entry `around` of a policy's file, which describes the controller inside the policy."""
+        """Return the entry `around` for a policy's file."""
         return dataclasses.asdict(self)
 
     def made(self, env: Any) -> Controller | Following:
@@ -86,8 +85,8 @@ class Inside:
     def actions(self, own: Controller | Following, observation: NDArray[np.floating], action: Any) -> Array32:
         """Add the controller's actions to the network's actions, and clip the sum to [-1, 1].
 
-        own: the controller, which also reads the observation. action: actions of the network, (n, N) or (N,), which are
-            clipped to [-1, 1] and multiplied by `share`.
+        own: the controller, which reads the observation. action: actions of the network, (n, N) or (N,), which are
+        clipped to [-1, 1] and multiplied by `share`.
         """
         beside = self.share * np.clip(np.asarray(action, np.float64), -1.0, 1.0)
         found: Array32 = own.act(observation, beside)
@@ -95,9 +94,9 @@ class Inside:
 
 
 def restarting(inside: Inside, env: Any) -> Controller | Following:
-    """Make the controller for a vector environment whose environments begin their episodes at different times.
+    """Create the controller for a vector environment whose environments begin their episodes at different times.
 
-    Raises ValueError for a controller whose memory can only begin for all environments together.
+    Raises ValueError for a controller that can only be reset in all environments together.
     """
     found = inside.made(env)
     if not found.restarts:

@@ -1,4 +1,4 @@
-"""Tasks without reward, for controllers' plants, which reuse the compiled functions of the environments."""
+"""Tasks without reward, with which controllers simulate an arm by the compiled functions of the environments."""
 
 from __future__ import annotations
 

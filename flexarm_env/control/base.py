@@ -1,4 +1,4 @@
-"""Basis of all controllers: facts about the environment, observation reader, interface, and torque limit."""
+"""Base class of controllers, the data of an environment that controllers use, and the conversion of observations."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ MOST_GAIN = 1e6
 
 @dataclass(frozen=True)
 class Gains:
-    """Validated controller parameters; a field per joint has a tuple of N numbers, or one number for all."""
+    """Validated controller parameters; a field per joint has a tuple of N numbers, or one number for all joints."""
 
     def __post_init__(self) -> None:
         """Validate every field against its bounds and store the converted value."""
@@ -62,22 +62,22 @@ class Gains:
 
 @dataclass(frozen=True)
 class Setup:
-    """Facts about an environment that a controller may use: the nominal arm and the observation's layout, in SI units.
+    """Data of an environment that a controller can use: the nominal arm and the observation's layout, in SI units.
 
     Args:
         task: "slew" (one link, tip angle), "reach" (two links or more, tip position), "press" or "land" (at a wall).
         arm: the nominal arm. control_dt: control period, s. torque_limits (N,): joint torques at an action of 1, N m.
         names, scales: names and scales of the observation's entries, in order; entry = value / scale.
         history: number of instants in an observation, the oldest first.
-        sensors: sensors that produce the entries; None: ideal or unknown sensors. noise: standard deviation of the
+        sensors: sensors that measure the entries; None: ideal or unknown sensors. noise: standard deviation of the
             noise on each entry, in the entry's unit; (): no noise.
-        action_mode: the environment's keyword, which says what an action commands; "": unknown. residual_share: share
-            of the torque limits that actions command with action_mode="residual_pd".
-        gravity: acceleration of gravity, m/s^2; None: no gravity. keep_out: shapes that the arm has to avoid.
-        delay: total delay of torques and readings, s; a random delay counts with its maximum. lag: time constant of the
-            motors, s.
-        wall: bearing from the root, rad, of the wall's nearest point in task "press" or "land"; None: no wall.
-            wall_elevation: elevation of this point above the x-y plane, rad.
+        action_mode: the environment's keyword, which defines the meaning of an action; "": unknown. residual_share:
+            with action_mode="residual_pd", the torque at an action of 1 divided by the torque limit.
+        gravity: acceleration of gravity, m/s^2; None: no gravity. keep_out: shapes that the arm must avoid.
+        delay: sum of the delays of torques and readings, s; for random delays the largest value. lag: time constant of
+            the motors, s.
+        wall: in the tasks "press" and "land" the bearing, rad, of the wall's point that is nearest to the root; None:
+            no wall. wall_elevation: elevation of this point above the x-y plane, rad.
     """
 
     task: str
@@ -100,7 +100,7 @@ class Setup:
 
     @classmethod
     def of(cls, env: Any) -> Setup:
-        """Read the setup from an environment of this package, single or vector, wrapped or not."""
+        """Create the setup from an environment of this package, single or vector, with or without wrappers."""
         plain = getattr(env, "unwrapped", None)
         plan = getattr(plain, "plan", None)
         if plan is None:
@@ -133,7 +133,7 @@ class Setup:
 
     @property
     def size(self) -> int:
-        """Number of entries in an observation, all instants of the history included."""
+        """Number of entries in an observation, including previous instants (`history`)."""
         return len(self.names) * self.history
 
     @property
@@ -145,10 +145,10 @@ class Setup:
 
 
 def lateness(plan: Any) -> tuple[float, float]:
-    """Return (delay, lag), s, of the environment with this plan: motor plus sensor delay, and motor time constant.
+    """Return (delay, lag), s, of an environment: sum of motor and sensor delay, and time constant of the motors.
 
-    A delay that is drawn at random counts with its largest value. In a solver step dt the motor torque moves towards
-    the commanded torque by the share 1 - exp(-dt / lag) of the difference between the two.
+    For random delays the largest value counts. In a solver step dt the difference between the motor torque and the
+    commanded torque is multiplied by exp(-dt / lag).
     """
     motors, sensors, step = plan.extras.actuator, plan.extras.sensors, plan.settings.dt
     delay = 0.0 if sensors is None else sensors.age * plan.period
@@ -168,13 +168,13 @@ class Signals:
     Attributes:
         angles (n, N): joint angles, rad, wrapped to one turn.
         rates (n, N): joint rates, rad/s.
-        bends (n, N): tip deflections divided by length. Controllers in space that need deflections get (n, 3 F)
-            numbers: deflections of the F flexible links along y, then along z, then the twists of these links (rad).
+        bends (n, N): tip deflections divided by the links' lengths. For controllers in space that need deflections the
+            shape is (n, 3 F): deflections of the F flexible links along y, then along z, then their twists (rad).
         bend_rates (n, N): rates of the entries of `bends`, 1/s.
         error: target minus tip angle (n, 1), rad, in task "slew"; otherwise the vector from tip to target (n, 2), m, in
             the frame that turns with the hub. In space the vector is (n, 3).
-        to_go (n, N): the goal's joint angles minus the present joint angles, rad, if observation="measured". The arrays
-            bends, bend_rates and error are then empty.
+        to_go (n, N): the goal's joint angles minus the present joint angles, rad, only with observation="measured". The
+            arrays bends, bend_rates and error are then empty.
         gauges (n, G): readings of the strain gauges, in the gauges' units.
     """
 
@@ -195,15 +195,15 @@ class Signals:
 
 
 class Reader:
-    """Convert the newest instant of an observation to :class:`Signals`.
+    """Converter of observations to :class:`Signals`, from the newest instant of an observation.
 
     Args:
-        setup: setup of the environment. who: name of the controller, for error messages. bends: whether deflections are
+        setup: setup of the environment. who: name of the controller, for error messages. bends: True if deflections are
             required.
         goals: whether differences between goal and present joint angles are required. aims: whether goals are computed
             from deflections.
     Raises:
-        ValueError: a required entry is not observed; the message names it.
+        ValueError: the observation lacks a required entry, which the message names.
     """
 
     def __init__(
@@ -257,10 +257,11 @@ class Reader:
 
 
 class Controller(ABC):
-    """Map observations to actions for any number of environments that start their episodes together.
+    """Base class of controllers, which compute actions from observations for one or many environments.
 
-    A subclass implements :meth:`torques` and sets its memory in :meth:`initialise`. Call `reset` with the episodes'
-    first observation, then `act` with every observation in turn, the first included.
+    The environments begin their episodes together. Call `reset` with the first observation of the episodes, then `act`
+    with every observation, including the first. A subclass implements :meth:`torques`, and sets its memory in
+    :meth:`initialise`.
     """
 
     action_mode = "torque"
@@ -286,7 +287,7 @@ class Controller(ABC):
         """Joint angles (n, N) of the arm at rest at its target, unwrapped from the angles at the start."""
 
     def reset(self, observation: NDArray[np.floating]) -> None:
-        """Begin episodes with their first observation, (n, entries) or (entries,): set goal joint angles and memory."""
+        """Begin episodes: set goal joint angles and memory from the first observation, (n, entries) or (entries,)."""
         signals = self.read(observation)
         self.step = 0
         self._angles = signals.angles.copy()
@@ -294,10 +295,10 @@ class Controller(ABC):
         self.initialise(signals, self.goal - self._angles)
 
     def restart(self, observation: NDArray[np.floating], rows: NDArray[np.bool_]) -> None:
-        """Begin new episodes in some environments with their first observations; the memory of all others is kept.
+        """Begin new episodes in some environments; the memory of all other environments does not change.
 
-        observation (n, entries): observations of all environments. rows (n,): mask of the environments that begin.
-        Raises ValueError unless `restarts`.
+        observation (n, entries): observations of all environments. rows (n,): True for environments that begin an
+        episode. Raises ValueError if the attribute `restarts` is False.
         """
         if not self.restarts:
             what = "must be pd or a controller of the contact force: the memory of other controllers begins"
@@ -316,10 +317,10 @@ class Controller(ABC):
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> NDArray[np.float32]:
         """Compute actions in [-1, 1], (n, N), or (N,) for one observation: torques divided by their limits, saturated.
 
-        beside: actions of another policy, with the shape of the result. These actions are added before the saturation,
-        and the controller's state estimates are advanced under the sum. Raises RuntimeError before the first `reset`.
-        Raises ValueError if the observation is not finite, if its number of entries is not the environment's, or if its
-        number of rows differs from that in `reset`; the memory is then unchanged.
+        beside: actions of another policy, with the shape of the result, which are added before the saturation. The
+        controller's state estimate is advanced with the sum. Raises RuntimeError before the first `reset`. Raises
+        ValueError, without a change of the memory, if the observation is not finite, has another number of entries than
+        the environment's observations, or another number of rows than in `reset`.
         """
         signals = self.read(observation)
         count, begun = len(signals.angles), len(self.goal)
@@ -346,11 +347,11 @@ class Controller(ABC):
         return actions if np.ndim(observation) == 2 else actions.reshape(-1)
 
     def initialise(self, signals: Signals, to_go: Array) -> None:  # noqa: B027
-        """Set the memory at the start of episodes; to_go (n, N): goal minus joint angles, rad."""
+        """Set the memory at the start of episodes. to_go (n, N): goal minus joint angles, rad."""
 
     @abstractmethod
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Return joint torques (n, N), N m, before the limit; to_go: see :meth:`initialise`."""
+        """Return joint torques (n, N), N m, before saturation. to_go (n, N): goal minus joint angles, rad."""
 
     def predict(self, torques: Array) -> None:  # noqa: B027
         """Advance the estimate by one period under the applied torques (n, N), N m."""

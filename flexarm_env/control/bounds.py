@@ -1,4 +1,4 @@
-"""Limits on planned motions: torques, joint angles, deflections and obstacles, as constraints of `ilqr`."""
+"""Limits of planned motions (torques, joint angles, deflections, obstacles) as constraints of `ilqr`."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ rate (`rates_of`). Violations of deflections and of bands are divided by the bou
 
 @dataclass(frozen=True)
 class Bounds:
-    """Limits on a motion, in addition to the motors' torque limits.
+    """Limits of a planned motion.
 
-    torque: share of the torque limits, above 0 and at most 1. joints: pairs (low, high), the limits of each joint
-    angle, rad, infinite for no limit; () if no joint has limits. deflection: limit of each link's tip deflection
-    divided by length; in space also the limit of the twist, rad. keep_out: shapes from which `Dynamics.points` must
-    keep a distance of at least `margin`, m.
+    torque: largest torque divided by the torque limit, above 0 and at most 1. joints: pairs (low, high) of joint
+    angles, rad, infinite for no limit; () if no joint has limits. deflection: limit of each link's tip deflection
+    divided by its length; in space also the limit of the twist, rad. keep_out: shapes to which the arm's points
+    (`Dynamics.points`) must keep a distance of at least `margin`, m.
     """
 
     torque: float = 1.0
@@ -114,7 +114,7 @@ def _throughout(
 
 
 def kept_by(plant: Dynamics, bounds: Bounds | None, **states: Array) -> Bounds:
-    """Return the validated bounds; raise InvalidValue unless all of the named states (n, S) satisfy the bounds."""
+    """Return the validated bounds (None: no bounds); raise InvalidValue if one of the states (n, S) violates them."""
     own = check.instance("bounds", Bounds() if bounds is None else bounds, Bounds)
     for what, x in states.items():
         for one in within(plant, own, len(x), 0):

@@ -1,4 +1,4 @@
-"""Controllers by name, with the tuned gains that ship with the package (`data/control/*.toml`)."""
+"""Create controllers by name, with the tuned gains in the package (`data/control/*.toml`)."""
 
 import dataclasses
 import tomllib
@@ -72,9 +72,9 @@ def _table(task: str) -> dict[str, Any]:
 def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
     """Return the tuned gains of controller `name` for a task ("slew", "reach", "press", "land" or "space").
 
-    n_joints: number of joints; None means the number of joints of the task's default arm. Arms with three and more
-    joints share one set of gains, "chain". Returns an instance of the controller's gains class. Raises ValueError for
-    an unknown name, or a controller that does not exist for the task.
+    n_joints: number of joints; None means the number of joints of the task's default arm. All arms with three or more
+    joints have the same gains. Returns an instance of the controller's gains class. Raises ValueError for an unknown
+    name, or if the controller does not support the task.
     """
     check.choice("controller", name, NAMES)
     at_wall = task in (PRESS, LAND)
@@ -102,11 +102,10 @@ TUNED_ON = "strip"
 
 
 def for_arm(gains: LQRGains, setup: Setup) -> LQRGains:
-    """Scale the LQR weights of joint rates from the one-link arm `TUNED_ON` to the setup's one-link arm.
+    """Adapt the LQR weights of joint rates, which were tuned on the one-link arm `TUNED_ON`, to another one-link arm.
 
-    The weights on rates are relative to the first flexible frequency. The product of this frequency and the duration of
-    the quickest quarter turn is computed for both arms. The weights are multiplied by the ratio of the two products, so
-    that the weights keep their effect relative to the slew.
+    The weights refer to rates divided by the first flexible frequency. They are multiplied by the ratio, between the
+    two arms, of this frequency times the duration of the fastest quarter turn. Their effect in a slew is then equal.
     """
     # ratio of (first flexible frequency x quarter-turn time) to that of the tuning arm
     share = _tempo(setup.arm) / _tempo(arms.named(TUNED_ON))
@@ -126,8 +125,8 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
         name: "pd", "zv", "zvd", "lqr", "lqg", "mpc" or "time_optimal"; at a wall (task="press" or "land")
             "hybrid_force", "impedance" or "lqr_force" (not in space).
         env: a `Setup`, or an environment (single or vector) with action_mode "torque".
-        gains: an instance of the controller's gains class, or a table of gains by name, as `flexarm tune` writes. None:
-            the tuned gains of the environment's task.
+        gains: an instance of the controller's gains class, or a dict of gains by name, such as a table in a file of
+            `flexarm tune`. None: the tuned gains of the package for the environment's task.
     Raises:
         ValueError: an unknown name, or an environment that the controller does not support.
     """
@@ -170,7 +169,10 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
 
 
 class Following:
-    """Restart a memoryless controller in every period, so that it follows a moving target or floating base."""
+    """Controller that computes its goal in every period anew, and so follows a moving target or a floating base.
+
+    It wraps a controller without memory.
+    """
 
     restarts = True
 
@@ -179,23 +181,23 @@ class Following:
 
     @property
     def setup(self) -> Setup:
-        """Facts about the wrapped controller's environment."""
+        """Setup of the wrapped controller's environment."""
         return self.controller.setup
 
     def reset(self, observation: NDArray[np.floating]) -> None:
-        """Do nothing: a memoryless controller has no memory to set."""
+        """Do nothing, because the controller has no memory."""
 
     def restart(self, observation: NDArray[np.floating], rows: NDArray[np.bool_]) -> None:
-        """Do nothing: a memoryless controller has no estimate to advance."""
+        """Do nothing, because the controller has no memory."""
 
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> Any:
-        """Compute actions (n, N) in [-1, 1] as if the episode began now; for beside see `Controller.act`."""
+        """Compute actions (n, N) in [-1, 1] with the goal in the present observation; beside: see `Controller.act`."""
         self.controller.reset(observation)
         return self.controller.act(observation, beside)
 
 
 def controller(name: str, env: Any, gains: Any = None) -> Controller | Following:
-    """Create a controller as :func:`flexarm_env.control.make` does; PD also for moving targets and floating bases."""
+    """Create a controller as :func:`make` does, and also PD control for moving targets and floating bases."""
     plan = env.unwrapped.plan
     following = name == "pd" and (plan.task in ("track", PRESS, LAND) or plan.arm.base is not None)
     made = make(name, Setup.of(env) if following else env, gains)

@@ -1,7 +1,7 @@
-"""Discrete dynamics of many arms: one control period as a function of state and torques, with derivatives.
+"""Discrete dynamics of arms: the state after one control period as a function of state and torques, with derivatives.
 
-The arm is the environments' elastica with ideal joints. The torques are constant over a control period. Accelerations
-are computed again where torques jump, so that the nodes' angles and rates are the whole state.
+Links are elasticas and joints are ideal. The torques are constant over a control period. Accelerations are computed
+from the equations of motion at the start of each period, so that angles and rates of the nodes are the complete state.
 """
 
 import dataclasses
@@ -40,12 +40,12 @@ AT_ONCE = 1024
 class Dynamics:
     """Discrete dynamics x' = f(x, u) of an arm over one control period.
 
-    x (m, S): coordinates q, then their rates. A link's q are its nodes' tangent angles, rad: the first one (the joint
-    angle) relative to the tip of the preceding link, all others absolute. u (m, N): torques divided by their limits, in
-    [-1, 1].
+    x (m, S): coordinates q, then their rates. The coordinates of a link are the tangent angles at its nodes, rad: the
+    first one, the joint angle, relative to the tip of the previous link, all others absolute. u (m, N): torques divided
+    by their limits, in [-1, 1].
 
-    arm: the arm, or its name or TOML file; its joints become ideal, without limits. period: control period, s. nodes:
-    number of nodes per link. step: longest solver step, s; None: the class attribute `step`.
+    arm: the arm, or its name or TOML file; rotors, gears, friction and limits of its joints are ignored. period:
+    control period, s. nodes: number of nodes per link. step: longest solver step, s; None: the class attribute `step`.
     """
 
     gravity: Vector | None = None
@@ -96,11 +96,11 @@ class Dynamics:
 
     @classmethod
     def of(cls, arm: Arm, period: float, nodes: int, gravity: Vector | None, step: float | None) -> "Dynamics":
-        """Create the dynamics of an arm of this kind; gravity is ignored in the plane."""
+        """Create the dynamics of an arm. gravity: acceleration of gravity, m/s^2, which is ignored in the plane."""
         return cls(arm, period, nodes, step)
 
     def finer(self, period: float) -> "Dynamics":
-        """Return a plant with another period (s) and step; in the plane with twice as many nodes if possible."""
+        """Return dynamics with another period, s, and step; in the plane with twice as many nodes if possible."""
         return Dynamics(self.arm, period, max(self.nodes, min(MOST_IN_PIECE, 2 * self.nodes)), period)
 
     def in_steps(self, step: float) -> "Dynamics":
@@ -108,7 +108,7 @@ class Dynamics:
         return _one_for_all(self.arm, self.period, self.nodes, self.gravity, step)
 
     def advance(self, x: Array, u: Array) -> Array:
-        """Return the states (m, S) one period later; not finite if the solver fails."""
+        """Return the states (m, S) one period later; rows are not finite if the solver fails."""
         out = np.empty((len(x), self.size))
         for first in range(0, len(x), AT_ONCE):
             part = slice(first, first + AT_ONCE)
@@ -131,7 +131,7 @@ class Dynamics:
         return A, B
 
     def stage(self, k: int, x: Array, u: Array) -> Array:
-        """Advance by stage k of a plan (`ilqr.System`); every stage has the length of one period."""
+        """Advance by stage k of a plan (see `ilqr.System`); every stage is one period."""
         return self.advance(x, u)
 
     def linear(self, x: Array, u: Array) -> tuple[Array, Array]:
@@ -152,7 +152,7 @@ class Dynamics:
         return angles, np.zeros((len(angles), self.size))
 
     def unbent(self, angles: ArrayLike) -> Array:
-        """Return the states (m, S) of the straight, motionless arm at joint angles (m, N), rad."""
+        """Return the states (m, S) of the undeformed arm at rest at joint angles (m, N), rad."""
         angles, x = self._turned(angles)
         for k in range(self.n_inputs):
             self._turn(x, 0, k, np.repeat(angles[:, k : k + 1], self.nodes, axis=1))
@@ -164,7 +164,7 @@ class Dynamics:
         return x, np.zeros((len(x), self.n_inputs))
 
     def begun(self, start: Array, goal: Array, periods: int) -> Array:
-        """Return initial controls (T, n, N) for plans from start to goal states (n, S): zero torques."""
+        """Return an initial guess of the controls (T, n, N) from start to goal states (n, S): zero torques."""
         return np.zeros((periods, len(start), self.n_inputs))
 
     def inertia(self, angles: Array) -> Array:
@@ -231,9 +231,8 @@ class Dynamics:
         return weights.stage(self.outputs(np.zeros((1, self.size)))[1][0], self.first, self.n_inputs)
 
     def corrected(self, x: Array, outputs: Array) -> Array:
-        """Correct states x (m, S) to measured outputs (m, 4 N) (joint angles and rates, deflections and their rates).
-
-        Deflections are divided by length. Links are turned at their joints, and bent as by a force at the tip.
+        """Change states x (m, S) so that they have the measured outputs (m, 4 N), see `outputs`.
+        The correction turns links at their joints, and adds the shape of a link that a force at its tip bends.
         """
         half, out = self.half, x.copy()
         angle, rate, bend, bend_rate = np.split(outputs, 4, axis=1)
@@ -313,8 +312,9 @@ NEWTON = 8
 class SpatialDynamics(Dynamics):
     """`Dynamics` of an arm in space on a fixed base, under gravity (x, y, z), m/s^2.
 
-    A link's q are its joint angle, then its strains: `nodes` - 1 polynomials of torsion and bending about y and z.
-    Deflections are the flexible links' tip deflections along y, then along z, divided by length, then twists, rad.
+    The coordinates of a link are its joint angle, and the coefficients of its strains: `nodes` - 1 polynomials each for
+    torsion and for bending about y and z. Deflections are the flexible links' tip deflections along y, then along z,
+    divided by their lengths, then twists, rad.
     """
 
     usual_nodes, halvings, bare = 3, 3, staticmethod(bare_in_space)
@@ -339,7 +339,7 @@ class SpatialDynamics(Dynamics):
         return SpatialDynamics(self.arm, period, self.nodes, self.gravity or (0.0, 0.0, 0.0))
 
     def still(self, angles: ArrayLike) -> tuple[Array, Array]:
-        """Find the states at rest as fixed points of a control period, by Newton's method; see `Dynamics.still`."""
+        """Compute states at rest and torques, as `Dynamics.still`, by Newton's method for one control period."""
         x, n = self.unbent(angles), self.n_inputs
         u, half = np.zeros((len(x), n)), self.half
         u[:] = weight_and_inertia(self.arm, np.array(self.gravity), x[:, self.joints])[0] / self.limits
@@ -355,18 +355,18 @@ class SpatialDynamics(Dynamics):
         return x, u
 
     def unbent(self, angles: ArrayLike) -> Array:
-        """Return the states (m, S) of the arm without strain or motion at joint angles (m, N), rad."""
+        """Return the states (m, S) of the undeformed arm at rest at joint angles (m, N), rad."""
         angles, x = self._turned(angles)
         x[:, self.joints] = angles
         return x
 
     def homing(self, x: Array, u: Array) -> Array:
-        """Return gains K (m, N, S) of soft regulators u - K dx about states x (m, S) held by torques u (m, N)."""
+        """Return gains K (m, N, S) of regulators u - K dx with little effort, about rest at x (m, S) with torques u."""
         stage, R = self.stage_weight(GENTLE), np.eye(self.n_inputs)
         return np.stack([riccati(A, B, stage, R)[0] for A, B in zip(*self.jacobians(x, u), strict=True)])
 
     def begun(self, start: Array, goal: Array, periods: int) -> Array:
-        """Return initial controls (T, n, N) from soft regulators; under constant torques the arm would fall."""
+        """Return a guess of the controls (T, n, N) by regulators (`homing`); under constant torques the arm falls."""
         home, held = self.still(goal[:, self.joints])
         K, x, controls = self.homing(home, held), start, np.zeros((periods, *held.shape))
         for k in range(periods):
@@ -430,10 +430,10 @@ def dynamics(
     arm: Arm | str | os.PathLike[str], period: float, nodes: int | None = None, gravity: Vector | None = None,
     step: float | None = None,
 ) -> Dynamics:  # fmt: skip
-    """Return the `Dynamics` of an arm from a cache.
+    """Return the `Dynamics` of an arm; results are cached.
 
     nodes: number of nodes per link; None: 4, in space 3. gravity: acceleration of gravity, m/s^2, ignored in the plane.
-    step: longest solver step, s; None: 0.02/3, in space 0.005, which plans of `optimal` halve if necessary.
+    step: longest solver step, s; None: 0.02/3 s, in space 0.005 s, which the functions of `optimal` halve if necessary.
     """
     arm = arms.resolve(arm)
     period = check.number("period", period, "s", above=0.0)

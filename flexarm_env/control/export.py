@@ -1,7 +1,8 @@
-"""Export trained policies: as one C file for a controller board, or as ONNX.
+"""Export trained policies as a C file, for example for a microcontroller, or as an ONNX model.
 
-The C file and the ONNX model contain the data of a `policy.npz` and agree with :class:`NumpyPolicy` to 1e-6. The ONNX
-model sums in double precision, as `NumpyPolicy` does. The C file sums in float32 with compensation (Dekker 1971).
+C file and ONNX model contain the numbers of a `policy.npz`; their actions differ from those of :class:`NumpyPolicy` by
+at most 1e-6. The ONNX model computes sums in double precision, as `NumpyPolicy` does. The C file computes sums in
+float32 with compensation (Dekker 1971).
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ OPSET, IR_VERSION = 17, 8
 
 @dataclass(frozen=True)
 class Entries:
-    """Observation of a policy: names and scales of the entries of one instant, in order (entry = value / scale).
+    """Observation entries of a policy: names and scales at one instant, in order (entry = value / scale).
 
     torque_limits: torque of each joint at an action of 1, N m; empty if actions are not torques.
     """
@@ -50,11 +51,12 @@ class Entries:
 
 # ------------------------------------------------------------------ ONNX
 def onnx_bytes(policy: NumpyPolicy, law: tuple[float, NDArray[np.float64]] | None = None) -> bytes:
-    """Serialize the policy as an ONNX model: `observation` (n, entries) to `action` (n, joints) in [-1, 1], float32.
+    """Serialize the policy as an ONNX model from `observation` (n, entries) to `action` (n, joints), both float32.
 
-    The model's input is the environment's observation, with all instants of its history; the model normalizes this
-    input. The model's metadata is the policy's `meta`. law: (share, K) of a policy with a controller inside; the
-    controller's unsaturated actions are observation @ K. Raises ImportError if the package onnx is missing.
+    The input is the environment's observation, including previous instants; the model normalizes it. Actions are in
+    [-1, 1]. The model's metadata is the policy's `meta`. law: for a policy with a controller inside, the network's
+    share and the matrix K with which the controller's unsaturated actions are observation @ K. Raises ImportError if
+    the package onnx is missing.
     """
     with check.needs("an ONNX file", "onnx", "export"):
         from onnx import TensorProto, checker, helper, numpy_helper
@@ -143,11 +145,10 @@ def c_comment(lines: Iterable[str]) -> str:
 
 
 def harmless(line: str) -> str:
-    """Return a line, with names that users may have given, in a form that is safe inside a C comment.
+    """Return a line of user text in a form that is safe inside a C comment.
 
-    In the line, comment delimiters are broken up. Backslashes and all other characters except printable ASCII become
-    "?". Two question marks are separated, because the C99 trigraph for a backslash begins with them: at the end of a
-    line a backslash would join the line to the next.
+    Comment delimiters are separated by spaces. Backslashes and characters that are not printable ASCII become "?". Two
+    question marks are separated, too, because they begin C99's trigraph for a backslash.
     """
     # printable ASCII without backslash
     line = re.sub(r"[^ -\[\]-~]", "?", line)
@@ -162,15 +163,15 @@ def c_array(kind: str, name: str, words: Sequence[str], across: int) -> str:
 
 
 def c_source(policy: NumpyPolicy, entries: Entries, name: str) -> str:
-    """Generate the policy as one C99 file without `main`: float32, all arrays of fixed size.
+    """Generate the policy as one C99 file without `main`, in float32 and with arrays of fixed size.
 
     Args:
-        entries: entries of one instant; a policy whose observation contains several instants has a history.
+        entries: entries of one instant. If the policy's observation contains several instants, the C code stores them.
         name: prefix of the file's definitions. NAME_decide maps the environment's observation to actions. NAME_act maps
-            values in SI units, one instant after the other, to actions. Further definitions are NAME_reset,
-            NAME_memory, NAME_OBSERVATION and others.
+            the values of one instant in SI units to actions. Other definitions are NAME_reset, NAME_memory and
+            NAME_OBSERVATION.
     Raises:
-        ValueError: the size of the policy's observation is no multiple of the number of entries.
+        ValueError: the size of the policy's observation is not a multiple of the number of entries.
     """
     size, joints = policy.weights[0][0].shape[0], policy.weights[-1][0].shape[1]
     count, widths = len(entries.names), [w.shape[1] for w, _ in policy.weights]

@@ -1,4 +1,4 @@
-"""Export policies with a controller inside as C, and the controller's law for ONNX."""
+"""Export policies that contain a network and a controller (`control.around`) as C; the controller's matrix for ONNX."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ from .policy import AroundPolicy
 def around_c_source(
     policy: AroundPolicy, entries: Entries, name: str, elbows: Pairs | None = None, targets: Points | None = None
 ) -> str:
-    """Generate a policy with a controller inside as one C99 file: the network's source, the controller's, their sum.
+    """Generate a policy with network and controller as one C99 file, which adds the actions of both.
 
     Args:
         policy: policy bound to an environment.
-        entries: names of the observation's entries, without the history of earlier observations.
+        entries: entries of the observation at one instant.
         name: prefix of the file's functions NAME_reset, NAME_act (from values in SI units to actions) and NAME_decide
             (from the environment's observation to actions). Each function has an argument of the type NAME_memory.
-        elbows, targets: arguments that are passed on to `in_c.controller_source`.
+        elbows, targets: arguments of `in_c.controller_source`.
     Raises:
-        ValueError: `export.c_source` or `in_c.controller_source` raises it, or the controller restarts in every period.
+        ValueError: under the conditions of `export.c_source` and `in_c.controller_source`, or if the controller is a
+            `catalogue.Following`.
     """
     own = bound_controller(policy)
     if isinstance(own, Following):

@@ -1,7 +1,7 @@
-"""Control of a tip that slides along a wall under a commanded normal force (task "press"), or lands there ("land").
+"""Control of the tip's contact force on a wall: sliding under a normal force (task "press"), or landing ("land").
 
-`HybridForce` and `Impedance` share the reference: the arm at rest (`StaticChain`) whose tip is at the target and whose
-wall reaction is the commanded force. `lqr_force.LQRForce` uses the same reference motion.
+`HybridForce` and `Impedance` have the same reference: the arm at rest (`StaticChain`) with the tip at the target and
+with the commanded force between tip and wall. `lqr_force.LQRForce` has the same reference motion.
 """
 
 from abc import abstractmethod
@@ -34,10 +34,9 @@ class Approach(Gains):
     """Parameters of the reference motion: times, friction coefficient and force.
 
     Args:
-        approach: time in which the tip moves to the wall, s. press: time in which the force rises after the approach,
-            s.
+        approach: duration of the motion to the wall, s. press: duration of the force's rise after this motion, s.
         friction: assumed coefficient of friction.
-        touch: commanded force of task "land", divided by the largest tip force that the motors can hold.
+        touch: commanded force in the task "land", divided by the largest tip force that the motors can hold.
     """
 
     approach: float = 3.0
@@ -53,7 +52,7 @@ class ForceGains(Approach):
     Args:
         angle, rate, bend, bend_rate: weights of the state feedback about the reference; see `lqr.StateWeights`.
         path, force: integral gains, 1/s, on the distance from the path and on the error of the normal force.
-        lead: ratio of the proportional gain to the integral gain for the distance from the path, s.
+        lead: proportional gain on the distance from the path, divided by its integral gain, s.
     """
 
     angle: float = 2.919
@@ -67,7 +66,7 @@ class ForceGains(Approach):
 
 @dataclass(frozen=True, kw_only=True)
 class ImpedanceGains(Approach):
-    """Gains of `Impedance`, dimensionless, so that they apply to arms of any size.
+    """Gains of the controller `Impedance`; they are dimensionless, so that they apply to arms of any size.
 
     Args:
         along, across: stiffness of the tip along the wall and along the wall's normal, multiplied by the arm's length
@@ -80,7 +79,7 @@ class ImpedanceGains(Approach):
 
 
 class View(NamedTuple):
-    """Quantities of a control period that the controllers of a contact force use: n arms, inertial axes.
+    """Quantities of one control period for force controllers: n arms, vectors in inertial axes.
 
     Attributes:
         signals: joint angles, deflections and their rates.
@@ -107,10 +106,10 @@ class View(NamedTuple):
 
 
 class WallController(Controller):
-    """Basis of the controllers of a contact force, in the plane and in space.
+    """Base class of the controllers of a contact force, in the plane and in space.
 
-    In task "press" the tip slides along the wall. In task "land" the target rests, and the gain `Approach.touch` sets
-    the commanded force.
+    In the task "press" the tip slides along the wall under the force that the environment commands. In the task "land"
+    the target is at rest, and `Approach.touch` defines the force.
     """
 
     restarts = True
@@ -132,7 +131,7 @@ class WallController(Controller):
         self._periods = np.zeros(0)
 
     def entries(self, names: Sequence[str]) -> tuple[NDArray[np.int64], Array]:
-        """Return positions, counted from the end, and scales of observed entries.
+        """Return indices, counted from the end of the observation, and scales of the named entries.
 
         Raises:
             ValueError: the observation lacks an entry.
@@ -145,7 +144,7 @@ class WallController(Controller):
 
     @property
     def friction(self) -> float:
-        """Coefficient of the friction along the path; 0 for a tip that does not slide."""
+        """Coefficient of the friction along the path; 0 in tasks in which the tip does not slide."""
         return self.timing.friction if self.slides else 0.0
 
     def forget(self) -> None:
@@ -168,17 +167,18 @@ class WallController(Controller):
         return applied if np.ndim(observation) == 2 else applied.reshape(-1)
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Raise an error: `act` of this class needs entries that `Signals` lacks, and does not use this method."""
+        """Raise an error, because `act` of this class calls `pressed` in place of this method."""
         raise NotImplementedError
 
     @abstractmethod
     def pressed(self, signals: Signals, seen: Array) -> Array:
-        """Return joint torques (n, N), N m, from an observation (n, entries), scaled as the environment scales it."""
+        """Return joint torques (n, N), N m. seen (n, entries): observation, with the environment's scales."""
 
     def progress(self) -> tuple[Array, Array, Array]:
-        """Return the progress (n,) of the approach and of the force's rise, 0 to 1, and 1 once the force is risen.
+        """Return three arrays (n,): progress of the approach, progress of the force's rise, and the end of the rise.
 
-        The approach is a polynomial of fifth degree in time.
+        The progress is between 0 and 1; in the approach it is a polynomial of fifth degree in time. The third array is
+        1 after the force has risen, and 0 before.
         """
         time, timing = self._periods * self.setup.control_dt, self.timing
         x, y = np.clip(time / timing.approach, 0.0, 1.0), np.clip((time - timing.approach) / timing.press, 0.0, 1.0)
@@ -187,7 +187,7 @@ class WallController(Controller):
 
 
 class PressController(WallController):
-    """Basis of the controllers of a contact force in the plane: the observation, and the arm at rest on the wall."""
+    """Base class of the controllers of a contact force in the plane."""
 
     needs_bends = True
 
@@ -209,7 +209,7 @@ class PressController(WallController):
         self.forget()
 
     def pressed(self, signals: Signals, seen: Array) -> Array:
-        """Return joint torques (n, N), N m, as described in `WallController.pressed`."""
+        """Return joint torques (n, N), N m; see `WallController.pressed`."""
         return self.pressing(self._view(signals, seen[:, self._at] * self._scales))
 
     @abstractmethod
@@ -255,10 +255,10 @@ class PressController(WallController):
 class HybridForce(PressController):
     """Hybrid force/position control: state feedback with integral errors about an arm that presses on the wall.
 
-    In each period the controller computes the joint angles and torques of the arm at rest whose tip is at the reference
-    under the wall's reaction (`StaticChain`). The reference moves from the tip's initial position to the target; then
-    the force rises. The error along the wall and the error of the normal force are integrated in their own directions
-    (Raibert & Craig 1981), and both shift the reference.
+    In each period the controller computes joint angles and torques of the arm at rest with its tip at the reference
+    position and with the reference force on the tip (`StaticChain`). The reference position moves from the tip's
+    initial position to the target; then the reference force rises. The position error along the wall and the force
+    error normal to the wall are integrated separately (Raibert & Craig 1981); both integrals shift the reference.
     """
 
     def __init__(self, setup: Setup, gains: ForceGains | None = None) -> None:
@@ -283,12 +283,13 @@ class HybridForce(PressController):
 
 
 class Impedance(PressController):
-    """Impedance control: the tip acts like a spring and damper about the reference, stiff along the wall.
+    """Impedance control: the tip behaves like a spring and damper about the reference.
 
-    torques = holding torques + J' [K (x_d - x) + D (x_d' - x')] with the Jacobian J of the arm at rest at the reference
-    (Hogan 1985, eq. 9, quasi-static). K and D have the axes of the wall. x - x_d is J times the deviation of the joint
-    angles, without the deviation of the deflections, so that sensors and motors are collocated and the loop dissipates
-    energy for any gains. The controller integrates no errors: friction, wall and arm must be known.
+    torques = holding torques + J' [K (x_d - x) + D (x_d' - x')], with the Jacobian J of the arm at rest at the
+    reference (Hogan 1985, eq. 9, quasi-static). K and D are diagonal in the axes along and normal to the wall. x - x_d
+    is J times the deviation of the joint angles. Deviations of the deflections are ignored, so that sensors and motors
+    are collocated and the loop dissipates energy for any gains. The controller has no integral terms; friction, wall
+    and arm must therefore be known.
     """
 
     def __init__(self, setup: Setup, gains: ImpedanceGains | None = None) -> None:
@@ -316,10 +317,10 @@ class Impedance(PressController):
 
 
 def feedback(setup: Setup, weights: LQRGains, goals: Array, off: Array) -> Array:
-    """Return K x (n, N), N m: the LQR's gains times the deviation of the state from the goal.
+    """Return the LQR's feedback K x (n, N), N m, for a deviation x from the goal.
 
-    goals (n, N): joint angles at the goals, rad; each goal's posture has its own gains. off (n, 4 N): outputs minus
-    their values at the goal; see `Signals.outputs`.
+    goals (n, N): joint angles at the goals, rad; the gains K are those of each goal's posture. off (n, 4 N): outputs
+    (`Signals.outputs`) minus their values at the goal, from which x is computed.
     """
     # a mirrored posture has the same gains
     rows = [posture_gains(setup.arm, setup.torque_limits, setup.control_dt, weights, one) for one in postures(goals)]
@@ -330,10 +331,9 @@ def feedback(setup: Setup, weights: LQRGains, goals: Array, off: Array) -> Array
 def posture_gains(
     arm: Arm, limits: tuple[float, ...], dt: float, weights: LQRGains, posture: tuple[float, ...]
 ) -> Array:
-    """Return LQR gains (N, 4 N) that multiply outputs instead of states, in a posture (elbow angles, rad).
+    """Return LQR gains (N, 4 N) on outputs in a posture (elbow angles, rad).
 
-    The gains are the product of the state gains of `lqr.design` and the map `ArmModel.state_of` from outputs to
-    states.
+    They are the gains of `lqr.design` on states times the matrix of `ArmModel.state_of` from outputs to states.
     """
     own = design(arm, limits, dt, weights, posture)
     return np.asarray(own.K @ own.model.state_of(np.eye(len(own.C))).T)
@@ -347,7 +347,7 @@ def rotated(signals: Signals, vectors: Array) -> Array:
 
 
 class StaticChain:
-    """Arm of flexible links at rest under a force on its tip, with small deflections of each link."""
+    """Static model of an arm with flexible links and a force on its tip, for small deflections of each link."""
 
     def __init__(self, arm: Arm) -> None:
         """Store lengths (m) and bending stiffnesses at mid-length (N m^2; inf for rigid links)."""
@@ -356,7 +356,7 @@ class StaticChain:
         self.stiffness = np.array(stiff)
 
     def bend(self, angles: Array, force: Array) -> tuple[Array, Array, Array]:
-        """Return tip (n, 2), m, deflections divided by length (n, N) and joint torques (n, N), N m, of the arm at rest.
+        """Return tip (n, 2), m, deflections divided by length (n, N), and holding torques (n, N), N m, of arms at rest.
 
         angles (n, N): joint angles, rad. force (n, 2): force on the tip, N, inertial axes.
         """
@@ -382,7 +382,7 @@ class StaticChain:
         return places[-1], bends, torques
 
     def jacobian(self, angles: Array, bends: Array) -> Array:
-        """Return the derivatives (n, 2, N), m, of the tip by the joint angles at fixed deflections, inertial axes."""
+        """Return the derivatives (n, 2, N), m/rad, of the tip by the joint angles at fixed deflections."""
         slopes, found = 1.5 * bends, np.zeros((len(angles), 2, len(self.lengths)))
         angle = np.zeros(len(angles))
         for k, length in enumerate(self.lengths):
@@ -397,10 +397,11 @@ class StaticChain:
         return found
 
     def solve(self, angles: Array, force: Array, tip: Array, iterations: int = 6) -> tuple[Array, Array, Array]:
-        """Return joint angles (n, N), deflections and holding torques of the arm whose tip is at `tip` (n, 2), m.
+        """Compute the arm at rest with its tip at `tip` (n, 2), m, and `force` (n, 2), N, on the tip.
 
-        angles: initial guess of Newton's iteration. iterations: number of iterations, each of which moves the tip by at
-        most 0.05 m along x and y. With more than two joints the nearest solution is found.
+        Returns joint angles (n, N), rad, deflections divided by length (n, N), and holding torques (n, N), N m. angles:
+        initial guess of Newton's iteration. iterations: number of iterations; each moves the tip by at most 0.05 m
+        along x and y. With more than two joints the solution is near the initial guess.
         """
         step, angles = 1e-5, angles.copy()
         for _ in range(iterations):

@@ -1,16 +1,13 @@
-"""Iterative linear-quadratic regulator (iLQR) with limits of the controls, for many arms at once.
+"""Iterative linear-quadratic regulator (iLQR) with limited controls, for many arms at once.
 
-The method follows Li & Todorov (2004), the limits of the controls follow Tassa et al. (2014).
+The method is that of Li & Todorov (2004); the limits of the controls follow Tassa et al. (2014). For each arm it
+minimizes
 
-For each arm the method minimizes
+    sum_k cost_k(x_k) + 1/2 sum_k weight . (u_k - still)^2   with x_k+1 = f(x_k, u_k) and |u_k| <= bound,
 
-    sum_k cost_k(x_k) + 1/2 sum_k weight . (u_k - still)^2   with x_k+1 = f(x_k, u_k), |u| <= bound, k = 0 ... T - 1
-
-(the sum of cost_k includes k = T).
-
-Every iteration linearizes all stages of all arms together. An iteration solves the linear-quadratic problem backwards
-with the controls' limits, and then tries several step lengths at once. State limits are enforced by penalties with
-multipliers (`Limits`).
+with the first sum over k = 0 ... T and the second sum over k = 0 ... T - 1. Each iteration linearizes all stages of all
+arms together, solves the linear-quadratic problem with limited controls backward in time, and then evaluates several
+step lengths together. Limits of states are enforced by the augmented Lagrangian method (`Limits`).
 """
 
 from collections.abc import Sequence
@@ -40,7 +37,7 @@ class System(Protocol):
 
 
 class Astray(ValueError):
-    """Error: neither the initial guess nor the controls `still` lead to finite states.
+    """Raised if neither the initial guess nor the controls `still` lead to finite states.
 
     Attributes:
         arms (n,): mask of the arms without finite states.
@@ -89,9 +86,9 @@ class Limits:
 
     of: function of states x (..., S) that returns g (..., G) and its derivative (..., G, S). low, high (T + 1, n, G):
     limits of g at each stage, infinite for no limit.
-    penalty (n,): penalty factor of each arm. alone: optional cheaper function of the states that returns g (..., G)
-    alone; `of` is then called only at states at which a limit is active. above, below (T + 1, n, G): multipliers of the
-    upper and lower limits.
+    penalty (n,): penalty factor of each arm. alone: optional cheaper function of the states that returns only g
+    (..., G); `of` is then called only at states at which a limit is active. above, below (T + 1, n, G): multipliers of
+    the upper and lower limits.
     """
 
     of: Any
@@ -149,9 +146,9 @@ class Limits:
 
 @dataclass
 class Solution:
-    """Solved plan: controls (T, n, N), states (T + 1, n, S), cost (n,), gains K (T, n, N, S).
+    """Solution: controls (T, n, N), states (T + 1, n, S), cost (n,) and gains K (T, n, N, S).
 
-    Feedback along the plan: u = controls + K (x - states).
+    The feedback law along the solution is u = controls + K (x - states).
     """
 
     controls: Array
@@ -171,7 +168,7 @@ def rollout(system: System, x: Array, controls: Array) -> Array:
 
 
 def followed(system: System, x: Array, plan: Solution, bound: float = 1.0) -> tuple[Array, Array]:
-    """Follow a plan by its feedback gains from another start x (n, S).
+    """Simulate the feedback law of a plan from another initial state x (n, S).
 
     Returns controls (T, n, N), clipped to +-bound, and states (T + 1, n, S).
     """
@@ -187,7 +184,10 @@ def followed(system: System, x: Array, plan: Solution, bound: float = 1.0) -> tu
 
 
 def total(costs: Sequence[Cost], effort: Array, states: Array, controls: Array, still: Array | float = 0.0) -> Array:
-    """Return costs (n,) of trajectories, with 1/2 sum of effort (N,) times (controls - still)^2; inf if not finite."""
+    """Return the total costs (n,) of trajectories, as in the description of the module; inf if not finite.
+
+    effort (N,): weights of (controls - still)^2.
+    """
     value = 0.5 * np.einsum("tna,a->n", (controls - still) ** 2, effort)
     with np.errstate(all="ignore"):
         for cost in costs:
@@ -202,11 +202,11 @@ def solve(
     """Minimize the total cost by iLQR from an initial guess.
 
     Args:
-        x: initial states (n, S). guess: controls (T, n, N), or a plan; a plan whose initial states differ from x is
-            followed with its feedback gains. effort (N,): positive weights on the controls.
-        iterations: largest number of iterations. tolerance: the iteration stops when each arm's cost falls by at most
-            this fraction.
-        bound: largest magnitude of the controls. still (n, N): controls that cost nothing.
+        x: initial states (n, S). guess: controls (T, n, N), or a `Solution`; if its initial states differ from x, its
+            feedback law is simulated from x. effort (N,): positive weights of the controls.
+        iterations: largest number of iterations. tolerance: the iteration stops when it reduces each arm's cost by at
+            most this fraction.
+        bound: largest magnitude of the controls. still (n, N): controls without cost.
     Raises:
         Astray: neither the initial guess nor `still` leads to finite states.
     """
@@ -257,11 +257,11 @@ def backward(
     bound: float = 1.0,
     still: Array | float = 0.0,
 ) -> tuple[Array, Array]:
-    """Solve the local LQ problem backwards: feedforward k (T, n, N) and gains K (T, n, N, S) of du = k + K dx.
+    """Solve the linear-quadratic problem about a trajectory; return k (T, n, N) and K (T, n, N, S) of du = k + K dx.
 
-    states (T + 1, n, S) and controls (T, n, N): trajectory about which the problem is linearized. effort (N,): weights
-    of (u - still)^2, with the controls u. damping (n,): number added to the diagonal of Quu, the Hessian of the
-    cost-to-go with respect to the controls. The sum of controls and k stays within +-bound.
+    states (T + 1, n, S), controls (T, n, N): the trajectory. effort (N,): weights of (u - still)^2, with the controls
+    u. damping (n,): number that is added to the diagonal of the cost-to-go's Hessian by the controls. controls + k is
+    within +-bound.
     """
     periods, _, count = controls.shape
     A, B = system.linear(states[:-1], controls)

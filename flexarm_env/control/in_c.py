@@ -1,9 +1,9 @@
-"""Export controllers: one C file each, in double precision, with the numbers of the Python class.
+"""Export a controller as one C file, in double precision.
 
-Designs that need SciPy (Riccati equations, modes, a linear program) are solved here. The C file contains the numbers
-that result and computes the actions of `Controller.act` in each control period; the pieces of C from which it is
-composed are in `data/control/c`. Gains that depend on an arm's posture are tabulated for all requested postures, in
-steps of `arm_model.GRID`.
+Python designs the controller (Riccati equations, modes, a linear program). The C file contains the resulting numbers
+and computes the actions of `Controller.act` in each control period. It is composed of the C fragments in
+`data/control/c`. Gains that depend on an arm's posture are tabulated for all requested postures, in steps of
+`arm_model.GRID`.
 """
 
 import itertools
@@ -46,19 +46,20 @@ def controller_source(
     controller: Controller, name: str, slew: float | None = None, elbows: Pairs | None = None,
     targets: Points | None = None, inside: bool = False,
 ) -> str:  # fmt: skip
-    """Generate a controller as one C99 file without `main`: double, arrays of fixed size, no allocation.
+    """Generate a controller as one C99 file without `main`, in double precision, without memory allocation.
 
     Args:
         controller: result of `control.make`. name: prefix of the file's definitions. NAME_act maps values in SI units
-            to actions, once per control period. NAME_decide maps the environment's observation to actions. Further
-            definitions are NAME_reset and others.
-        slew: angle, rad, of the slew whose plan the file contains, to either side; for TimeOptimal only.
-        elbows: (low, high), rad, for each elbow: range of its angle at the goal (for LQG also during the motion) for
-            which gains are tabulated; other postures use the nearest entry. None: the full range of a two-link arm.
-        targets: (x, y, z), m, for an arm in space. The file contains the static equilibria at these points, which are
-            searched from joint angles 0. The controller replaces any other target by the nearest of these points.
-        inside: whether NAME_act and NAME_decide have the argument `const double *beside` before the actions. `beside`
-            points to actions (JOINTS) that are added before the saturation, as in a policy around the controller.
+            to actions, once per control period. NAME_decide maps the environment's observation to actions. NAME_reset
+            begins an episode.
+        slew: for TimeOptimal only: angle, rad, of the slews to either side for which the file contains the plan.
+        elbows: range (low, high), rad, of each elbow's angle at the goal (for LQG also during the motion) for which
+            gains are tabulated. For other postures the controller uses the nearest entry. None: the full range of a
+            two-link arm.
+        targets: for an arm in space: targets (x, y, z), m. The file contains the static equilibria at these points,
+            which are searched from joint angles 0. Any other target is replaced by the nearest of these points.
+        inside: True if NAME_act and NAME_decide shall have the argument `const double *beside` before the actions:
+            actions of another policy, one per joint, that are added before the saturation.
     Raises:
         ValueError: the controller is MPC, which optimizes in each period, or a controller of a contact force; slew is
             missing; elbows are missing for three links or more; targets are missing for an arm in space, or the arm has

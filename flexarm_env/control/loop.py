@@ -1,4 +1,4 @@
-"""Closed-loop stability about rest: linear arm sampled at the control period, with delayed torques and motor lag."""
+"""Closed-loop stability of a linear arm about rest, sampled at the control period, with delays and motor lag."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -16,11 +16,12 @@ MOST_GAIN, MOST_DELAY = 100.0, 100
 def plant(model: ArmModel, dt: float, delay: float = 0.0, lag: float = 0.0) -> tuple[Array, Array, Array]:
     """Discretize the arm over a control period: x+ = A x + B u, y = C x, with the commanded torques u.
 
-    Returns the matrices (A, B, C). The states are the model's states, then the motors' torques if the motors lag, then
-    the delayed commands.
+    Returns the matrices (A, B, C). The states are the model's states, then the motors' torques if lag > 0, then the
+    delayed commands.
 
     Args:
-        dt: control period, s. delay: delay of commands and readings together, s. lag: time constant of the motors, s.
+        dt: control period, s. delay: sum of the delays of commands and readings, s. lag: time constant of the motors,
+            s.
     """
     A, B, C = model.A, model.B, model.C
     n, joints = B.shape
@@ -60,7 +61,7 @@ Law = tuple[Array, Array, Array, Array]
 
 
 def radius(system: tuple[Array, Array, Array], law: Law, gain: float = 1.0) -> float:
-    """Return the closed loop's spectral radius with the controller's torques times `gain`; below 1 the loop is stable.
+    """Return the closed loop's spectral radius with the controller's torques times `gain`; stable if below 1.
 
     system: matrices (A, B, C) that `plant` returns. law: matrices (P, Q, K, D) of the controller z+ = P z + Q y, u =
     -(K z + D y), with its states z and the measured outputs y.
@@ -73,17 +74,17 @@ def radius(system: tuple[Array, Array, Array], law: Law, gain: float = 1.0) -> f
 
 
 def gain_margin(system: tuple[Array, Array, Array], law: Law) -> float:
-    """Return the gain margin: the smallest factor on the torques that destabilizes the loop.
+    """Return the gain margin: the smallest factor, above 1, on the torques with which the loop is unstable.
 
-    The margin of an unstable loop is 1. The search for the margin ends at the factor `MOST_GAIN`.
+    For an unstable loop the result is 1. The search ends at the factor `MOST_GAIN`.
     """
     return _edge(lambda factor: radius(system, law, factor) < 1.0, np.geomspace(1.0, MOST_GAIN, 60))
 
 
 def delay_margin(model: ArmModel, dt: float, law: Law, lag: float = 0.0) -> float:
-    """Return the delay margin, s: the smallest loop delay that destabilizes the loop.
+    """Return the delay margin, s: the smallest delay with which the loop is unstable.
 
-    The margin of an unstable loop is 0. The search ends at `MOST_DELAY` periods. dt: control period, s. lag: time
+    For an unstable loop the result is 0. The search ends at `MOST_DELAY` periods. dt: control period, s. lag: time
     constant of the motors, s.
     """
     return _edge(lambda delay: radius(plant(model, dt, delay, lag), law) < 1.0, dt * np.arange(MOST_DELAY + 1.0))
@@ -107,10 +108,10 @@ def _edge(stable: Callable[[float], bool], grid: Sequence[float] | Array) -> flo
 
 
 def pd_law(kp: Array, kd: Array) -> Law:
-    """Return the law of a joint-space PD controller u = -(kp angle + kd rate) by outputs of an `ArmModel`.
+    """Return the matrices of PD control u = -(kp angle + kd rate) for the outputs of an `ArmModel`.
 
-    kp (N,): stiffness of each joint, N m/rad. kd (N,): damping of each joint, N m s/rad. Returns (P, Q, K, D) without
-    controller states.
+    kp (N,): stiffness of each joint, N m/rad. kd (N,): damping of each joint, N m s/rad. Returns (P, Q, K, D), as in
+    `radius`, without controller states.
     """
     n = len(kp)
     D = np.hstack([np.diag(kp), np.diag(kd), np.zeros((n, 2 * n))])
@@ -118,9 +119,10 @@ def pd_law(kp: Array, kd: Array) -> Law:
 
 
 def observer_law(A: Array, B: Array, C: Array, K: Array, L: Array) -> Law:
-    """Return the law u = -K x^ with an estimate x^: corrected by L (y - C x^), used, and predicted one period.
+    """Return the matrices of u = -K x^ with an observer's estimate x^.
 
-    A, B, C: discrete model. Returns (P, Q, K, D) with the predicted x^ as the controller's states.
+    In each period the estimate is corrected by L (y - C x^), then used, and then predicted by A x^ + B u. A, B, C:
+    discrete model. Returns (P, Q, K, D), as in `radius`, with the predicted estimate as the controller's states.
     """
     # corrected estimate: (I - L C) x^ + L y
     keep = np.eye(len(A)) - L @ C

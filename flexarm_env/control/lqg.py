@@ -6,10 +6,10 @@ and the bias b of each gauge:
 
     x+ = A x + B (u - f + d) + w,   angles = C x + v,   gauges = C x + b + v
 
-The vector f contains the joints' Coulomb friction torques. A gauge's bias can be distinguished from bending because
-bending decays; an encoder's bias cannot be distinguished from a rotation of the arm. Filtered rates derive from the
-angles that the filter also reads, and add no information. The model omits sensor delays, sensor low-passes, and motor
-lag.
+Here w and v are process and measurement noise, and f are the joints' Coulomb friction torques. The filter estimates
+gauge biases, because bending decays and biases do not. It does not estimate encoder biases, because they cannot be
+distinguished from a rotation of the arm. Measured joint rates are not used: they are computed from the angles, which
+the filter uses. The model omits sensor delays, sensor low-passes, and motor lag.
 """
 
 import re
@@ -58,10 +58,9 @@ class LQGGains(StateWeights):
     """`StateWeights` of the regulator and noise parameters of the filter.
 
     Args:
-        noise, push: process noise, divided by the torque limit, of the torques and of further forces on the links. The
-            further forces represent the nonlinear part of large motions; without them the filter would trust its modes
-            too much.
-        drift: change of the disturbance torque per control period that the filter assumes, divided by the limit.
+        noise, push: standard deviations of the process noise, divided by the torque limit: of the joint torques, and of
+            forces on the links, which represent the nonlinear effects of large motions.
+        drift: standard deviation of the disturbance torque's change in one control period, divided by the limit.
     """
 
     noise: float = 0.02
@@ -70,11 +69,11 @@ class LQGGains(StateWeights):
 
 
 class Plant(NamedTuple):
-    """Linear model of an arm about rest over a control period: x+ = A x + B u; outputs are rows . x.
+    """Linear model of an arm about rest over a control period: x+ = A x + B u; outputs are rows @ x.
 
-    rigid (2n, N): derivative of x by the joint angles of a stiff arm. inertia (N, N): rigid inertia of the arm, kg m^2.
-    first: lowest flexible frequency with free joints, rad/s. states: names of the model's states x. shown: output rows
-    of joint angles, of their rates, of the outputs of `bent_of`, and of the rates of these outputs.
+    rigid (2n, N): derivative of x by the joint angles of the undeformed arm. inertia (N, N): rigid inertia of the arm,
+    kg m^2. first: lowest flexible frequency with free joints, rad/s. states: names of the model's states x. shown:
+    output rows of joint angles, of their rates, of the outputs of `bent_of`, and of the rates of these outputs.
     """
 
     A: Array
@@ -88,11 +87,12 @@ class Plant(NamedTuple):
 
 
 class Design(NamedTuple):
-    """Regulator and filter of z = (x, d, b), s numbers: z+ = A z + B u; y = C z; u = -K z; z += L[k] (y - C z).
+    """Regulator and filter for the state z = (x, d, b), which has s entries.
 
-    k: index of the control period in the episode. x: state of the arm; d (N,): disturbance torques, N m; b: biases of
-    the gauges. stopping (N, s): rows of the motors' rates, rad/s. rigid (s, N): derivative of z by the joint angles of
-    a stiff arm. states: names of x, as in `LinearModel.states`.
+    The model is z+ = A z + B u, y = C z. The regulator is u = -K z. In control period k of an episode the filter adds
+    L[k] (y - C z) to its estimate. x: state of the arm. d (N,): disturbance torques, N m. b: biases of the gauges.
+    stopping (N, s): matrix from z to the motors' rates, rad/s. rigid (s, N): derivative of z by the joint angles of the
+    undeformed arm. states: names of x, as in `LinearModel.states`.
     """
 
     A: Array
@@ -107,7 +107,7 @@ class Design(NamedTuple):
 
 @lru_cache(maxsize=256)
 def plant(setup: Setup, posture: tuple[float, ...]) -> Plant:
-    """Linearize the arm about rest at a posture (elbow angles, rad), with the observed gauges as outputs."""
+    """Linearize the arm about rest at a posture (elbow angles, rad), with the observed strain gauges as outputs."""
     n, places = setup.n_joints, [(gauge.link, gauge.place) for gauge in gauges_of(setup).values()]
     free = linear_model(setup.arm, posture, gauges=places)
     period = linear_model(setup.arm, posture, gauges=places, discrete=setup.control_dt, method="zoh")
@@ -125,10 +125,10 @@ def plant(setup: Setup, posture: tuple[float, ...]) -> Plant:
 
 
 def bent_of(arm: Arm) -> list[tuple[str, float]]:
-    """Return the names of the linear model's outputs that correspond to `Signals.bends`, and the divisor of each.
+    """Return the names of the linear model's outputs that correspond to `Signals.bends`, each with a divisor.
 
-    The divisor of a deflection is the link's length. In space the outputs are deflections along y and z, and twists
-    (rad, divisor 1), of the flexible links.
+    The divisor of a deflection is the link's length. In space the outputs are the flexible links' deflections along y
+    and z, and twists (rad, with divisor 1).
     """
     found = []
     for name in reading_of(arm).bent:
@@ -217,7 +217,7 @@ def _regulator(setup: Setup, gains: LQGGains, own: Plant) -> Array:
 
 
 def curvatures(setup: Setup) -> list[tuple[float, str]]:
-    """Return each observed gauge's factor from curvature to reading, and the name of its linear-model output."""
+    """Return for each observed gauge reading / curvature, and the name of the linear model's output."""
     return [
         (g.per_curvature_of(setup.arm.links[g.link]) * float(np.mean(g.gains)), gauge_name(g.link, g.place, g.measures))
         for g in gauges_of(setup).values()
@@ -225,7 +225,7 @@ def curvatures(setup: Setup) -> list[tuple[float, str]]:
 
 
 def gauges_of(setup: Setup) -> dict[int, StrainGauge]:
-    """Return the observed gauges by their entries' positions in the observation."""
+    """Return the observed gauges by the indices of their entries in the observation."""
     all_of = setup.sensors.strain_gauges if setup.sensors else ()
     found = {f"strain_gauge_{k}": gauge for k, gauge in enumerate(all_of, 1)}
     return {k: found[name] for k, name in enumerate(setup.names) if name in found}
@@ -253,7 +253,9 @@ def _variances(setup: Setup, encoders: list[Encoder]) -> list[float]:
 
 
 class LQG(Controller):
-    """LQG controller u = -K x - d + f. The filter estimates x and d; f compensates the predicted Coulomb friction.
+    """LQG controller u = -K x - d + f with estimates of the state x and of the disturbance torques d.
+
+    f is the Coulomb friction that the estimated motion causes.
 
     Attributes:
         z (n, s): estimates relative to each arm's goal (see `Design`).
@@ -268,7 +270,7 @@ class LQG(Controller):
         self.centres = np.array([np.mean(gauge.biases) for gauge in gauges_of(setup).values()])
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        """Start the estimates from a stiff arm at rest at joint angles -to_go (n, N), rad, relative to its goal."""
+        """Set the estimates to the undeformed arm at rest. to_go (n, N): goal minus joint angles, rad."""
         self.parts = self._parts(self.goal)
         self.z = np.zeros((len(to_go), self.parts[0][0].A.shape[0]))
         for d, rows in self.parts:
@@ -283,7 +285,7 @@ class LQG(Controller):
         ]
 
     def seen(self, signals: Signals, to_go: Array) -> Array:
-        """Return the filter's measurements (n, p): joint angles minus the goal's, rad, and gauges minus mean bias."""
+        """Return the measurements (n, p): joint angles minus the goal's, rad, and gauge readings minus mean biases."""
         return np.hstack([-to_go, signals.gauges - self.centres])
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
@@ -322,9 +324,9 @@ FARTHEST = 1.0
 
 
 def plant_in_space(setup: Setup, gravity: Array, angles: Array) -> tuple[Plant, dict[str, float]]:
-    """Linearize an arm in space about its rest at joint angles (N,), rad, with its rigid weight compensated.
+    """Linearize an arm in space about rest at joint angles (N,), rad, with the rigid arm's gravity torques compensated.
 
-    Returns the `Plant`, and the outputs' values at rest by name.
+    Returns the `Plant`, and the values of the outputs at rest by name.
     """
     arm, n = setup.arm, setup.n_joints
     free, joints, A = held_model(arm, gravity, angles, [gauge.spot for gauge in gauges_of(setup).values()])
@@ -371,7 +373,7 @@ class SpatialLQG(LQG, AboutRest):
         return self.designs
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Return holding torques plus feedback (n, N), N m, with joint errors limited to `FARTHEST`."""
+        """Return holding torques plus feedback (n, N), N m; joint errors are limited to `FARTHEST`, rad."""
         # feedforward: holding torques at the present angles
         self.held = self.forward(to_go)
         torques, beyond = super().torques(signals, to_go), to_go - np.clip(to_go, -FARTHEST, FARTHEST)
@@ -395,8 +397,10 @@ class SpatialLQR(SpatialLQG):
         return designed(self.setup, self.gains, own, np.vstack(own.shown), noise**2, np.zeros(0))
 
     def resting(self, y: dict[str, float]) -> list[float]:
-        """Return the outputs at the goal: deflections, and zeros for all other outputs. y: the model's outputs at the
-        goal, by name."""
+        """Return the measurements at the goal: deflections and twists from `y`, zeros for angles and rates.
+
+        y: outputs of the linear model at the goal, by name.
+        """
         still = [y[name] / over for name, over in bent_of(self.setup.arm)]
         return [0.0] * (2 * self.setup.n_joints) + still + [0.0] * len(still)
 

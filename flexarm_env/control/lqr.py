@@ -1,4 +1,4 @@
-"""Discrete-time LQR with an observer, for joints and bending modes together."""
+"""Discrete-time linear-quadratic regulator (LQR) with an observer, for joint angles and bending modes."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,7 +14,7 @@ from .base import Controller, Gains, Setup, Signals
 
 @dataclass(frozen=True)
 class StateWeights(Gains):
-    """Dimensionless state weights; each torque, divided by its limit, has the weight 1.
+    """Dimensionless weights of squared state variables in the cost; each torque divided by its limit has the weight 1.
 
     Args:
         angle: weight of joint angles (1/rad). rate: weight of joint rates divided by the first flexible frequency.
@@ -28,10 +28,10 @@ class StateWeights(Gains):
     bend_rate: float
 
     def stage(self, C: Array, first: float, joints: int) -> Array:
-        """Build the stage cost matrix Q (S, S), x' Q x, from output rows C (O, S).
+        """Compute the matrix Q (S, S) of the stage cost x' Q x.
 
-        C: rows of `joints` joint angles, their rates, deflections, and deflection rates. first: the model's first
-        flexible frequency, rad/s.
+        C (O, S): output matrix, with rows of `joints` joint angles, their rates, deflections, and deflection rates.
+        first: the model's first flexible frequency, rad/s.
         """
         many = len(C) // 2 - joints
         weights = [self.angle, self.rate / first, self.bend, self.bend_rate / first]
@@ -45,7 +45,7 @@ class LQRGains(StateWeights):
     """`StateWeights` of the regulator and parameters of the observer.
 
     Args:
-        noise: standard deviation of the torque disturbance that the observer assumes, divided by the limit.
+        noise: standard deviation of the torque disturbance that the observer assumes, divided by the torque limit.
         flexible: number of flexible modes in the model; None: number of joints plus one.
     """
 
@@ -85,9 +85,9 @@ def riccati(A: Array, B: Array, Q: Array, R: Array) -> tuple[Array, Array]:
 
 
 def spread_of(setup: Setup) -> tuple[float, ...]:
-    """Return the standard deviations (4 N,), SI units, of the noise on the outputs; () without noise.
+    """Return the standard deviations (4 N,), in SI units, of the measurement noise of the outputs; () without noise.
 
-    The order of the outputs is: joint angles, their rates, deflections, their rates.
+    The outputs are joint angles, their rates, deflections, and their rates.
     """
     if not any(setup.noise):
         return ()
@@ -105,8 +105,8 @@ def design(
 ) -> Design:  # fmt: skip
     """Compute regulator and observer gains from the discrete Riccati equations at a posture (elbow angles, rad).
 
-    limits (N,): torque limits, N m. dt: control period, s. spread: noise of the outputs, see `spread_of`; it is added
-    to the measurement noise `SENSOR` that the observer always assumes.
+    limits (N,): torque limits, N m. dt: control period, s. spread: result of `spread_of`, which is added to the
+    measurement noise `SENSOR` that the observer always assumes.
     """
     from scipy.linalg import solve_discrete_are
 
@@ -129,7 +129,7 @@ def design(
 
 
 class Observer:
-    """State estimates of many arms, each relative to its own goal, from their outputs; one design per arm."""
+    """Observer that estimates the states of many arms, relative to each arm's goal, from their outputs."""
 
     def __init__(self, designs: list[Design], outputs: Array) -> None:
         """Stack the designs' matrices and start from the minimum-norm states with outputs (n, 4 N)."""
@@ -147,13 +147,13 @@ class Observer:
 
 
 def times(matrices: Array, vectors: Array) -> Array:
-    """Multiply matrices (n, i, j) by vectors (n, j), one pair per row; return (n, i)."""
+    """Return the n products (n, i) of matrices (n, i, j) and vectors (n, j)."""
     product: Array = (matrices @ vectors[:, :, None])[:, :, 0]
     return product
 
 
 class LQR(Controller):
-    """State feedback u = -K x with x from the observer; the gains are designed at the goal's posture."""
+    """State feedback u = -K x with the observer's estimate x; gains are designed at the posture of the goal."""
 
     needs_bends = True
 
@@ -162,7 +162,7 @@ class LQR(Controller):
         self.gains = gains
 
     def designs(self) -> list[Design]:
-        """Return each arm's design, chosen by the elbow angles at its goal (a mirrored posture has the same design)."""
+        """Return each arm's design for the elbow angles at its goal; mirrored postures have the same design."""
         setup = self.setup
         return [
             design(setup.arm, setup.torque_limits, setup.control_dt, self.gains, posture, spread_of(setup))

@@ -1,9 +1,9 @@
-"""LQR with integral errors of contact force and path (task "press").
+"""LQR with the integrals of the force error and of the position error along the wall (task "press").
 
 The linear model contains the arm about rest, a spring between tip and wall with sliding friction, and two integrators.
-Sliding friction couples the directions: without sliding friction in the model the loop is unstable for one direction of
-the path. One Riccati equation yields all gains of the controller. The integral action in linear quadratic control
-follows Young & Willems (1972).
+Sliding friction couples the forces along and normal to the wall: if the model did not contain it, the loop would be
+unstable for one direction of the path. One Riccati equation gives all gains. Integral action in linear-quadratic
+control follows Young & Willems (1972).
 """
 
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ class LQRForceGains(Approach):
 
 
 class LQRForce(PressController):
-    """State feedback and integral errors about an arm that presses on the wall, from one Riccati equation."""
+    """Feedback of state and integrated errors about an arm that presses on the wall, from one Riccati equation."""
 
     def __init__(self, setup: Setup, gains: LQRForceGains | None = None) -> None:
         """Store the gains; see `PressController`."""
@@ -100,14 +100,14 @@ def wall_gains(
     arm: Arm, limits: tuple[float, ...], dt: float, gains: LQRForceGains, posture: tuple[float, ...], bearing: float,
     most: float, friction: float,
 ) -> Array:  # fmt: skip
-    """Compute gains (N, 4 N + 2) for an arm that touches a wall: for its outputs and for two integrated errors.
+    """Compute gains (N, 4 N + 2) on the 4 N outputs and two integrated errors of an arm that touches a wall.
 
-    The integrated errors are the error along the wall and the force error. The arm's state is computed from the outputs
-    by `ArmModel.state_of`.
+    The integrated errors are the position error along the wall and the force error. The arm's state is computed from
+    the outputs by `ArmModel.state_of`.
 
-    limits (N,): torque limits, N m. dt: control period, s. posture: elbow angles, rad. bearing: direction of the wall's
-    normal away from the root, rad, in the hub's frame. most: largest tip force, N. friction: coefficient of
-    friction, negative if the tip slides in the direction of the normal turned by -90 degrees.
+    limits (N,): torque limits, N m. dt: control period, s. posture: elbow angles, rad. bearing: direction, rad, in the
+    hub's frame, of the wall's normal that points away from the root. most: largest tip force, N. friction: coefficient
+    of friction, negative if the tip slides in the direction of this normal turned by -90 degrees.
     """
     model = arm_model(arm, posture)
     n, N, size = len(model.A) // 2, model.n_joints, len(model.A)

@@ -1,4 +1,4 @@
-"""Gain and delay margins of the controllers' loops, and a warning if an environment's delay exceeds a margin."""
+"""Gain and delay margins of controllers, and warnings if an environment's delay exceeds the delay margin."""
 
 import math
 import warnings
@@ -24,7 +24,7 @@ MARGINS_OF = ("pd", "zvd", "lqr", "time_optimal")
 
 @dataclass(frozen=True)
 class Margins:
-    """Smallest margins of a controller's loop in all postures.
+    """Smallest margins of a controller over all postures.
 
     gain: gain margin, a factor on the torques. delay: delay margin, s.
     """
@@ -34,7 +34,7 @@ class Margins:
 
 
 def margins(setup: Setup, gains: Any) -> Margins | None:
-    """Compute the margins of a PD or LQR loop on the setup's arm, with its motor lag and without its delay.
+    """Compute the margins of PD control or an LQR on the setup's arm, with motor lag but without delay.
 
     Returns the minima over all postures; None for other gains, which include the gains of arms in space.
     """
@@ -79,10 +79,10 @@ def warn_of_delay(name: str, setup: Setup, gains: Any) -> None:
 
 
 def warn_of_growth(name: str, setup: Setup, gains: Any) -> None:
-    """Warn if a controller makes a vibration grow that its own model omits, in an arm without damping.
+    """Warn if a controller excites higher modes of an arm without damping.
 
-    Without damping the arm's higher modes, which are sampled too slowly, can gain energy in each control period. The
-    arm of the check has all modes of the linear model. name: name of the controller.
+    The controller's model does not contain these modes, whose frequencies are high compared with the control rate. The
+    check uses all modes of the linear model. name: name of the controller.
     """
     arm, dt = setup.arm, setup.control_dt
     if any((arm.tau_d if link.tau_d is None else link.tau_d) for link in arm.links):
@@ -108,9 +108,8 @@ def warn_of_growth(name: str, setup: Setup, gains: Any) -> None:
 
 
 def stand_in(setup: Setup) -> LQRGains:
-    """Return the gains of an LQR that is about as fast as the controllers that follow plans.
+    """Return the gains of the LQR with which the margins of time_optimal and MPC are estimated.
 
-    The returned gains are the tuned gains of time-optimal control, which follows its plan by an LQR. The
-    receding-horizon controller (MPC) is about as fast as this LQR.
+    They are the tuned gains of time_optimal, which follows its plan by an LQR. MPC is about as fast as this LQR.
     """
     return LQRGains(angle=10.0, rate=10.0, bend=10.0, bend_rate=10.0)

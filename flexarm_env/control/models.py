@@ -1,9 +1,9 @@
 """Read Stable-Baselines3 models with NumPy alone, without executing their pickles.
 
-A model.zip stores the network's arrays in `policy.pth`, a PyTorch archive. The archive consists of a pickle of names,
-shapes and offsets, and of raw numbers in separate files. `_Arrays` rebuilds the arrays and substitutes a dummy for
-every other class that the pickle names, so that no other class is called. A `vecnormalize.pkl` beside the model is read
-by the same method.
+A model.zip stores the network's arrays in `policy.pth`, a PyTorch archive. The archive consists of a pickle with names,
+shapes and offsets, and of files with the numbers. The class `_Arrays` creates the arrays, and replaces every other
+class in the pickle by a dummy, so that no code in the file is executed. A `vecnormalize.pkl` beside the model is read
+in the same way.
 """
 
 from __future__ import annotations
@@ -127,8 +127,9 @@ def load_model(path: Path, meta: Mapping[str, Any]) -> NumpyPolicy:
     """Load the deterministic policy in a model.zip of PPO, A2C, SAC, TD3, TQC or RecurrentPPO.
 
     Args:
-        path: path of the model.zip. A `vecnormalize.pkl` in the same folder normalizes the observations.
-        meta: training record (env_id, env_kwargs and layout), possibly empty.
+        path: path of the model.zip. If the same folder contains a `vecnormalize.pkl`, the policy normalizes
+            observations with its statistics.
+        meta: training record (env_id, env_kwargs and layout), or {}.
     Raises:
         ValueError: the file is damaged, or it is not a model of these algorithms with a supported network.
     """
@@ -208,7 +209,7 @@ def _normaliser(path: Path) -> dict[str, Any] | None:
 
 
 class RecurrentPolicy(NumpyPolicy):
-    """Policy with LSTM layers before its network (RecurrentPPO); its memory begins at `reset`."""
+    """Policy with LSTM layers before its network (RecurrentPPO)."""
 
     def __init__(
         self, plain: NumpyPolicy, memory: list[list[NDArray[Any]]], normaliser: Mapping[str, Any] | None
@@ -228,7 +229,7 @@ class RecurrentPolicy(NumpyPolicy):
         self.state = None
 
     def act(self, observation: NDArray[np.floating]) -> Array32:
-        """Compute actions (n, N) in [-1, 1] from the observation and the memory since `reset`."""
+        """Compute actions (n, N) in [-1, 1] from the observation and the LSTM memory, which `reset` clears."""
         x = self._seen(observation)
         width = self.memory[0][1].shape[1]
         if self.state is None or self.state[0][0].shape[:-1] != x.shape[:-1]:

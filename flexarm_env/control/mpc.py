@@ -1,16 +1,16 @@
-"""Receding-horizon control: in every period plan the torques of the next periods, and apply the first of them.
+"""Receding-horizon control (MPC): in every period plan torques for the next periods, and apply the first torque.
 
-`ilqr` plans on the elastica, within the torque limits, from the estimated state. The cost consists of the effort and,
-from the planned arrival on, of the distance from rest at the goal. The terminal cost is the cost-to-go of the linear
-regulator at the goal. (If the distance counted from the start, saturated torques would overshoot.) In each period the
-previous plan is followed by its gains from the present state and improved by one iteration. A plan that misses its
-arrival gets a later arrival. At the start of an episode the arrival is postponed until a plan succeeds, later only as
-far as an arm that differs from the nominal one may need. Once the regulator alone respects the limits, it replaces the
-plan.
+`ilqr` plans on the elastica model, within the torque limits, from the estimated state. The cost contains the effort
+and, from a planned arrival time on, the distance from rest at the goal. Before this time the distance has no cost,
+since the saturated torques would otherwise cause overshoot. The terminal cost is the cost-to-go of a linear regulator
+(LQR) at the goal. In each period the previous plan is simulated with its feedback gains from the present state, and is
+improved by one iteration. If a plan does not reach the goal at its arrival time, this time is postponed: at the start
+of an episode until a plan succeeds, later at most by the time that an arm with other parameters could need. When the
+regulator alone keeps within the limits, it replaces the plan.
 
-Measurements are joint angles, tip deflections and their rates. The rest of the state is predicted by the model. The
-prediction contains the higher modes of the nominal arm, which are wrong for another arm. The predicted shape is
-therefore moved towards the shape of a link bent by a force at its tip.
+Joint angles, tip deflections and their rates are measured. The model predicts all other state variables. Since the
+predicted higher modes are those of the nominal arm, which are wrong for another arm, the predicted shape of a link is
+blended with the shape of a link that a force at its tip bends (`MPCGains.memory`).
 
 Violations of joint limits and of shapes to be avoided are penalized.
 """
@@ -47,7 +47,7 @@ MOST = 60
 
 
 class Grid:
-    """Stages of a plan, equal but for a shorter first one; both `Dynamics` have the same arm and nodes."""
+    """Stages of a plan, which have equal length except for a shorter first stage."""
 
     def __init__(self, first: Dynamics, later: Dynamics) -> None:
         self.first, self.later = first, later
@@ -67,15 +67,15 @@ class Grid:
 
 @dataclass(frozen=True)
 class MPCGains(StateWeights):
-    """`StateWeights` of the stage cost, and parameters of the planner.
+    """`StateWeights` of the stage cost, and parameters of planning and estimation.
 
     Args:
-        memory: weight, 0 to 1, of the model's prediction in the part of the state that is not measured. The shape of a
-            link bent by a force at its tip has the weight 1 - memory.
-        allowed: a plan has arrived if the cost of its distance from the goal is below this value.
+        memory: weight, 0 to 1, of the model's prediction for the part of the state that is not measured. The shape of a
+            link that a force at its tip bends has the weight 1 - memory.
+        allowed: cost of the distance from the goal below which a plan has reached the goal.
         block: number of control periods with the same planned torque. horizon: number of blocks in a plan.
-        iterations: iLQR iterations per period. first: iterations of an episode's first plan.
-        margin: distance of plans from shapes, divided by the arm's length, and from joint limits, rad.
+        iterations: number of iLQR iterations per period. first: number of iterations for an episode's first plan.
+        margin: distance that plans keep from shapes, divided by the arm's length, and from joint limits, rad.
     """
 
     memory: float = 1.0
@@ -88,7 +88,10 @@ class MPCGains(StateWeights):
 
 
 class Regulator(NamedTuple):
-    """LQR about rest, u = -K dx, with cost 1/2 dx' P dx; it stays within the torque limits if dx' P dx <= reach."""
+    """LQR about rest, u = -K dx, with the cost-to-go 1/2 dx' P dx.
+
+    The torques are within their limits if dx' P dx <= reach.
+    """
 
     K: Array
     P: Array
@@ -97,7 +100,7 @@ class Regulator(NamedTuple):
 
 @lru_cache(maxsize=512)
 def regulator(arm: Arm, period: float, gains: MPCGains, posture: tuple[float, ...]) -> Regulator:
-    """Compute the regulator of an arm at rest at a posture (elbow angles, rad); period: length of a stage, s."""
+    """Compute the regulator about rest at a posture (elbow angles, rad). period: length of a stage, s."""
     plant = dynamics(arm, period)
     rest = plant.still(np.array([(0.0, *posture)]))
     return regulators(plant, *rest, plant.stage_weight(gains))[0]
@@ -122,10 +125,9 @@ class MPC(Controller):
 
     Attributes:
         x (n, S): estimated states (see `dynamics.Dynamics`).
-        plan: torques (H, n, N), divided by their limits, and feedback gains; the first block of the plan is held for
-            `left` more periods.
-        arrival (n,): planned arrival at the goal, in control periods from the episode's start; it may be postponed up
-            to `latest` (n,).
+        plan: torques (H, n, N), divided by their limits, and feedback gains. left: number of periods in which the
+            first block still applies.
+        arrival, latest (n,): planned and latest arrival at the goal, in control periods from the start of the episode.
     """
 
     needs_bends = True
@@ -179,7 +181,7 @@ class MPC(Controller):
             iterations = 3
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Improve plans from the estimated states, near the goal apply the regulator; return torques (n, N), N m."""
+        """Improve the plans, or use the regulator near the goal; return torques (n, N), N m."""
         self.plan.states[0] = self.x
         self.x = self._estimate(signals, to_go)
         off = self.x - self.home
@@ -286,16 +288,16 @@ RATES, UNKNOWN = 10.0, 9.0
 
 
 class SpatialMPC(MPC, AboutRest):
-    """`MPC` in space, about the arm's rest at its target under gravity, with an extended Kalman filter.
+    """MPC in space about the arm's rest at its target under gravity, with an extended Kalman filter.
 
     Attributes:
-        spread (n, S, S): covariance of the estimated states' errors.
+        spread (n, S, S): covariance of the error of the estimated states.
     """
 
     wild, ahead, put_off = 1e3, 2.0, 0.1
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        """Set the filter's noise and initial covariances, then find rests, regulators and first plans."""
+        """Set the filter's covariances, and compute rest states, regulators and first plans."""
         plant, n = self.plant, self.setup.n_joints
         many = signals.bends.shape[1]
         # measurement variances of angles, rates, deflections and their rates; process noise of the state

@@ -1,14 +1,14 @@
-"""Optimal motions of many arms at once: least effort, least time, earliest settling, and along a path of the tip.
+"""Optimal motions of many arms at once: least effort, least time, earliest settling, and motion along a tip path.
 
     plant = dynamics(arm, 0.02)
     motion = least_time(plant, plant.rest(start), plant.rest(goal), Bounds(deflection=0.1))
     motion.controls       # (T, n, N) torques divided by their limits, one row per period; zero after each arm's end
 
-`ilqr` computes these optimal motions on the nonlinear elastica with torque limits. Multipliers enforce bounds on joint
-angles and deflections, and terminal conditions. Times are whole control periods, found by bisection for all arms
-together. The computed motions are local optima. Plans of `least_effort`, `least_time` and `follow` are replayed on a
-finer mesh with shorter steps (`Motion.replay`). In space, a plan whose replay violates a limit is computed again with
-half the step, at most `Dynamics.halvings` times, unless a step was passed to `dynamics`.
+`ilqr` computes the motions with the nonlinear elastica model and torque limits. The augmented Lagrangian method
+enforces bounds on joint angles and deflections, and terminal conditions. Durations are whole control periods, found by
+bisection for all arms together. The motions are local optima. To verify them, `least_effort`, `least_time` and `follow`
+simulate their torques on a finer mesh with shorter steps (`Motion.replay`). In space, a plan whose replay violates a
+limit is computed again with half the step, at most `Dynamics.halvings` times, unless a step was passed to `dynamics`.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,12 +32,12 @@ STATES = "a state an arm; of joint angles, those of `Dynamics.rest`"
 
 @dataclass
 class Motion:
-    """Planned motion of n arms, with its controls, states and violations of limits.
+    """Planned motion of n arms.
 
-    controls (T, n, N): torques divided by their limits; states (T + 1, n, S); periods (n,): control periods until each
-    arm arrives; missed (n,): largest violation of the limits (see `TOLERANCE`). ends (n,): periods after which each
-    arm's controls are zero. replay: replay of the controls on a finer mesh with shorter steps; None if there is no
-    replay. step: solver step of the plan, s; nan: the step of the plan's plant.
+    controls (T, n, N): torques divided by their limits. states (T + 1, n, S): states. periods (n,): number of control
+    periods until each arm arrives. missed (n,): largest violation of the limits (see `TOLERANCE`). ends (n,): number of
+    periods after which each arm's controls are zero. replay: simulation of the controls on a finer mesh with shorter
+    steps, or None. step: solver step of the plan, s; nan: the step of the `Dynamics`.
     """
 
     controls: Array
@@ -50,12 +50,12 @@ class Motion:
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """Whether each arm (n,) meets all limits, both in the plan and in its replay (`Replay.kept`)."""
+        """For each arm (n,), True if plan and replay (`Replay.kept`) meet all limits."""
         planned = self.missed <= TOLERANCE
         return planned if self.replay is None else planned & self.replay.kept
 
     def energy(self, dt: float) -> Array:
-        """Return the effort (n,), s: the time integral of (torque / limit)^2, summed over joints.
+        """Return the effort (n,), s: the time integral of the sum of (torque / limit)^2 over the joints.
 
         dt: control period, s.
         """
@@ -70,15 +70,18 @@ FALL = 0.9
 
 
 def rates_of(plant: Dynamics) -> float:
-    """Return the characteristic joint rate, rad/s: sqrt(max_i tau_i / I_ii), straight rigid arm at full torque."""
+    """Return a characteristic joint rate, rad/s: sqrt(max_i tau_i / I_ii) of the straight, rigid arm.
+
+    tau_i: torque limits, N m. I_ii: diagonal entries of the joint inertia, kg m^2.
+    """
     inertia = plant.inertia(np.zeros((1, plant.n_inputs)))[0]
     return float(np.sqrt(np.max(plant.limits / np.diag(inertia))))
 
 
 def rigid_periods(plant: Dynamics, start: Array, goal: Array) -> Counts:
-    """Return the minimum control periods (n,) of the rigid arm from rest to rest with synchronized joints.
+    """Return the least number of control periods (n,) in which the rigid arm moves from rest to rest.
 
-    The inertia is computed at the goal's posture. start, goal (n, N): joint angles, rad.
+    All joints start and stop together, and the inertia is that at the goal. start, goal (n, N): joint angles, rad.
     """
     times = rigid_times(plant.inertia(goal), goal - start, plant.limits)
     return np.asarray(np.maximum(1, np.ceil(times / plant.period)), np.int64)
@@ -88,10 +91,10 @@ def optimise(
     plant: ilqr.System, x: Array, controls: Array, costs: Sequence[ilqr.Cost], limits: Sequence[ilqr.Limits],
     effort: float, *, rounds: int = 10, iterations: int = 10, torque: float = 1.0,
 ) -> tuple[ilqr.Solution, Array]:  # fmt: skip
-    """Minimize costs subject to limits: `ilqr.solve` in an augmented Lagrangian loop.
+    """Minimize costs subject to limits, by `ilqr.solve` and the augmented Lagrangian method.
 
-    Returns the solution and each arm's largest violation (n,). A limit whose violation is not halved in a round gets a
-    larger penalty. The loop ends when every arm meets its limits, or has not improved for two rounds.
+    Returns the solution and each arm's largest violation (n,). The penalty of a limit is increased if a round does not
+    halve its violation. The iteration ends if all arms meet their limits, or have not improved in two rounds.
 
     x: initial states (n, S). controls (T, n, N): initial guess. effort: weight of the squared controls. torque: largest
     magnitude of the controls.
@@ -119,7 +122,7 @@ def optimise(
 def arrive(plant: Dynamics, goal: Array, periods: Counts, total: int) -> ilqr.Limits:
     """Return the terminal constraint: at rest at the goal states (n, S) after `periods` (n,) of `total` periods.
 
-    Rates in the constraint are divided by `rates_of`.
+    The constraint divides rates by `rates_of`.
     """
     scale = np.ones(plant.size)
     scale[plant.half :] = 1.0 / rates_of(plant)
@@ -187,13 +190,14 @@ def least_effort(
     plant: Dynamics, start: ArrayLike, goal: ArrayLike, periods: int, bounds: Bounds | None = None,
     guess: ArrayLike | None = None,
 ) -> Motion:  # fmt: skip
-    """Plan from a state to rest in a given time with the least integral of the squared torques.
+    """Plan a motion from a state to rest in a given time with the least integral of the squared torques.
 
     Args:
         plant: dynamics of the arm. start, goal: states (n, S) at the start and at the end, see `Dynamics.rest`.
             periods: duration of the motion in control periods.
         bounds: limits of the motion, see `Bounds`. guess: initial guess (T, n, N) of the controls.
-    Returns a motion whose `found` says for which arms the plan meets all limits.
+    Returns:
+        A `Motion`. Its attribute `found` is True for arms whose plan meets all limits.
     """
     start, goal, own = _posed(plant, start, goal, bounds)
     n, total = len(start), check.integer("periods", periods, minimum=1)
@@ -215,7 +219,7 @@ def least_effort(
 def least_time(
     plant: Dynamics, start: ArrayLike, goal: ArrayLike, bounds: Bounds | None = None, most: int = 400
 ) -> Motion:
-    """Plan from a state to rest in the fewest control periods.
+    """Plan a motion from a state to rest in the fewest control periods.
 
     plant, start, goal, bounds: the arguments of `least_effort`. most: largest number of control periods. Raises
     ValueError if an arm cannot arrive within `most` periods.
@@ -253,16 +257,17 @@ def least_settling(
     plant: Dynamics, start: Array, goal: Array, off: Callable[[Array, NDArray[np.int64]], tuple[Array, Array]],
     after: tuple[Array, Array], *, guess: Array, periods: Counts, tail: int, most: int = 400,
 ) -> Motion:  # fmt: skip
-    """Plan the quickest motion that brings the tip within a tolerance of its target and keeps the tip there.
+    """Plan the fastest motion that moves the tip to within a tolerance of its target and keeps it there.
 
     Args:
         plant: dynamics of the arm. start, goal: states (n, S) at the start and at the goal; the arm rests at the goal.
         off: function of states (..., n, S) and arm indices (n,). It returns the distances (..., n, 1) of the tips from
             their targets divided by the allowed distance, and the derivative (..., n, 1, S) of these distances.
-        after: cost matrices after the arrival: for a stage (S, S) and for the last stage (n, S, S).
-        guess: controls (T, n, N) with which the arms arrive after about `periods` (n,) control periods. tail: periods
-            of the plan after the arrival. most: largest number of periods.
-    The returned motion's `missed` is in multiples of the allowed distance.
+        after: cost matrices after the arrival: (S, S) for a stage, (n, S, S) for the last stage.
+        guess: controls (T, n, N) with which the arms arrive after about `periods` (n,) control periods. tail: number of
+            periods of the plan after the arrival. most: largest number of periods.
+    Returns:
+        A `Motion`, whose `missed` is in multiples of the allowed distance.
     """
     stage, last = after
 
@@ -288,14 +293,15 @@ def soonest(
     plant: Dynamics, start: Array, high: Counts, tried: Callable[[Counts, Counts, Array], Motion], most: int,
     guess: Array | None = None, tail: int = 0, low: Counts | None = None,
 ) -> Motion:  # fmt: skip
-    """Find each arm's fewest periods for which `tried` finds a motion, by bisection over all arms together.
+    """Find the least number of periods of each arm for which a motion exists, by bisection for all arms together.
 
     Args:
-        start: states (n, S). high: numbers of periods (n,) to be tried first. tried: function of arm indices, numbers
-            of periods and initial guess that returns a `Motion`.
-        most: largest number of periods. guess: initial guess (T, n, N). tail: periods of a motion after the counted
-            periods. low: periods (n,) known to be too few; None means 0.
-    An arm without a motion of at most `most` periods has `periods` 0 and an infinite `missed`.
+        start: states (n, S). high: numbers of periods (n,) that are tried first. tried: function of arm indices,
+            numbers of periods and initial guess that computes a `Motion`.
+        most: largest number of periods. guess: initial guess (T, n, N). tail: number of periods of a motion after the
+            arrival. low: numbers of periods (n,) that are known to be too small; None means 0.
+    Returns:
+        The motions. An arm without a motion of at most `most` periods has `periods` 0 and an infinite `missed`.
     """
     n = len(start)
     controls = np.zeros((most + tail, n, plant.n_inputs))
@@ -333,7 +339,7 @@ def _padded(controls: Array, total: int) -> Array:
 
 @dataclass
 class TipPath:
-    """Tracking cost 1/2 weight |tip - path|^2 of each stage: path (T + 1, n, 2 or 3), m; weight, 1/m^2."""
+    """Cost 1/2 weight |tip - path|^2 of each stage. path (T + 1, n, 2 or 3): tip positions, m. weight: 1/m^2."""
 
     plant: Dynamics
     path: Array
@@ -355,14 +361,15 @@ def follow(
     plant: Dynamics, start: ArrayLike, path: ArrayLike, bounds: Bounds | None = None, *, weight: float = 1e6,
     iterations: int = 100,
 ) -> Motion:  # fmt: skip
-    """Plan torques that move the tip along a path: feedforward that accounts for bending.
+    """Plan torques that move the tip of the flexible arm along a path.
 
     Args:
         plant: dynamics of the arm. start: states (n, S) with the tips at the start of the path. path (T + 1, n, 2 or
-            3): tip positions at the control instants, m from the root. bounds: limits of the motion, a `Bounds`.
-            weight: weight of squared distances, 1/m^2, relative to squared torques divided by their limits; a larger
-            weight gives better tracking.
-    Returns a motion whose `missed` covers the bounds alone.
+            3): tip positions at the control instants, m, relative to the root. bounds: limits of the motion (`Bounds`).
+            weight: weight of squared distances from the path, 1/m^2; squared torques, divided by their limits, have
+            the weight 1. iterations: number of iLQR iterations.
+    Returns:
+        A `Motion`, whose `missed` is the violation of the bounds and does not include distances from the path.
     """
     start = check.array("start", start, ("n", plant.size), STATES)
     own, n = kept_by(plant, bounds, start=start), len(start)

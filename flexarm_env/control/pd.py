@@ -1,4 +1,4 @@
-"""PD control of the joints, in the plane, and in space about the arm's rest at its target under gravity."""
+"""PD control of the joints, in the plane and in space; in space about the arm's rest at the target under gravity."""
 
 import warnings
 from dataclasses import dataclass, field
@@ -24,18 +24,19 @@ RIGID_STEPS = 15
 
 @dataclass(frozen=True)
 class PDGains(Gains):
-    """Dimensionless joint gains, which therefore apply to arms of any size.
+    """Gains of PD control; they are dimensionless, so that they apply to arms of any size.
 
     Args:
-        bandwidth (N,): rigid natural frequency of joint i with its own spring, divided by the first flexible frequency.
-        ratio (N,): rigid damping ratio of joint i. A single number applies to all joints.
+        bandwidth (N,): natural frequency of each joint of the rigid arm under its proportional gain, divided by the
+            arm's first flexible frequency. A single number applies to all joints.
+        ratio (N,): damping ratio of each joint of the rigid arm. A single number applies to all joints.
     """
 
     bandwidth: tuple[float, ...]
     ratio: tuple[float, ...]
 
     def of(self, arm: Arm) -> tuple[Array, Array]:
-        """Return kp (N,), N m/rad, and kd (N,), N m s/rad, for an arm, from its inertia with right-angled elbows."""
+        """Return kp (N,), N m/rad, and kd (N,), N m s/rad, for an arm, from its inertia with elbows at 90 degrees."""
         for name, given in (("bandwidth", self.bandwidth), ("ratio", self.ratio)):
             if np.size(given) not in (1, arm.n_links):
                 raise check.InvalidValue(f"pd.{name}", given, f"must be one number, or {arm.n_links}, one a joint")
@@ -55,9 +56,9 @@ class PDGains(Gains):
         return self.of(setup.arm)
 
     def stable(self, setup: Setup, factor: float = 1.0) -> bool:
-        """Return whether the sampled linear loop is stable in all `POSTURES`, with the setup's delay and lag.
+        """Return whether the sampled linear loop is stable in all `POSTURES`, with the setup's delay and motor lag.
 
-        factor: factor on the gains.
+        factor: factor by which the gains are multiplied.
         """
         law = pd_law(*self.of(setup.arm))
         models = [arm_model(setup.arm, posture) for posture in postures_of(setup.arm)]
@@ -66,7 +67,10 @@ class PDGains(Gains):
 
 
 def postures_of(arm: Arm) -> list[tuple[float, ...]]:
-    """Return elbow angles, rad, at which loops must be stable: all elbows at one of `POSTURES`, within joint limits."""
+    """Return the postures (elbow angles, rad) in which loops must be stable.
+
+    All elbows have the same angle, one of `POSTURES`, limited by the joint limits.
+    """
     limits = [pair for pair in (arm.joint_limits or ())[1:] if pair is not None]
     angles = [angle for angle in POSTURES if all(low <= angle <= high for low, high in limits)]
     return [(angle,) * (arm.n_links - 1) for angle in angles] if arm.n_links > 1 else [()]
@@ -82,7 +86,10 @@ class PD(Controller):
         self.kp, self.kd = gains.on(setup)
 
     def linear(self) -> Array | None:
-        """Return K (entries, N): unsaturated actions are observation @ K; None if the goal is stored, not observed."""
+        """Return the matrix K (entries, N) with which unsaturated actions are observation @ K.
+
+        The result is None if the observation does not contain the goal's joint angles.
+        """
         if not self.read.aimed:
             return None
         setup, first = self.setup, self.setup.size - len(self.setup.names)
@@ -99,14 +106,14 @@ class PD(Controller):
         return self.kp * to_go - self.kd * signals.rates
 
     def towards(self, wanted: Array, angles: Array, rates: Array) -> Array:
-        """Return torques (N,), N m, towards joint angles `wanted`, rad, from angles, rad, and filtered rates, rad/s."""
+        """Return PD torques (N,), N m, for set points `wanted`, rad, joint angles, rad, and filtered rates, rad/s."""
         found: Array = self.kp * (wanted - angles) - self.kd * rates
         return found
 
 
 @dataclass(frozen=True)
 class SpatialPDGains(Gains):
-    """Gains in space. rate: natural frequency, rad/s, of each joint with its PD spring, others fixed.
+    """Gains of PD control in space.
 
     ratio: damping ratio. lag: time constant, s, of the low-pass on rates. The root of a beam has so little inertia that
     its sampled rate must not be fed back without this filter. rests: 1: goals are static rests of the flexible arm; 0:
@@ -168,7 +175,7 @@ class SpatialPD(AboutRest):
         return self.forward(to_go) + self.pulled(signals, to_go)
 
     def pulled(self, signals: Signals, to_go: Array, rates: Array | float = 0.0) -> Array:
-        """Update the rate filter; return PD torques (n, N), N m, scaled by inertia.
+        """Update the rate filter; return PD torques (n, N), N m: the inertia at the goal times PD accelerations.
 
         to_go (n, N): goal minus joint angles, rad. rates: desired joint rates (n, N), rad/s.
         """
@@ -184,7 +191,7 @@ class SpatialPD(AboutRest):
         return found
 
     def towards(self, wanted: Array, angles: Array, rates: Array) -> Array:
-        """Return torques (N,), N m, towards joint angles `wanted`, including the rigid arm's weight.
+        """Return PD torques plus the rigid arm's gravity torques (N,), N m, for set points `wanted`, rad.
 
         angles, rates (N,): joint angles, rad, and filtered rates, rad/s.
         """

@@ -1,11 +1,11 @@
-"""Trained policies run with NumPy alone: a small network from a `policy.npz` file.
+"""Trained policies that need only NumPy: a small network from a `policy.npz` file.
 
 A policy.npz file contains three groups of entries. `meta` is JSON: format, env_id, env_kwargs, layout, activation,
-squash, versions, and further records of the run. A policy whose `meta` has `torque_limits` and the `scales` of the
-observation's entries can also act on other arms. The weights and biases of the layers are `w0`, `b0`, `w1`, ...
-(float32; layer k maps x to x w + b). For normalized observations there are `mean`, `variance` (float64), `clip` and
-`epsilon`. The file contains only numbers and text. Reading a policy.npz executes nothing, whereas reading a pickle (a
-model.zip, a checkpoint) may execute code.
+squash, versions, and data of the training run. If `meta` contains `torque_limits` and the `scales` of the observation's
+entries, the policy can also control other arms. `w0`, `b0`, `w1`, ... are the weights and biases of the layers
+(float32; layer k maps x to x w + b). `mean`, `variance` (float64), `clip` and `epsilon` exist if observations are
+normalized. The file contains only numbers and text, so that loading it executes no code. Loading a pickle (a model.zip,
+a checkpoint) can execute code.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class NumpyPolicy:
     """Deterministic policy network that maps observations to actions.
 
     Args:
-        meta: the file's entry `meta`, see the module's docstring. weights: list of (w, b) of the layers, float32.
-            normaliser: mean, variance, clip, epsilon, or None.
+        meta: entry `meta` of the file, as described for the module. weights: list of pairs (w, b), one per layer,
+            float32. normaliser: dict with mean, variance, clip and epsilon, or None.
     """
 
     def __init__(
@@ -96,19 +96,19 @@ class NumpyPolicy:
         return self.check(Setup.of(env))
 
     def check(self, setup: Setup) -> NumpyPolicy:
-        """Return the policy; raise ValueError unless observation and action are the same as in the policy's training.
+        """Return the policy; raise ValueError if observations or actions have another meaning than in training.
 
         If the entries have the same names as in training but other scales, as for another arm, the policy converts
-        later observations to its own scales.
+        observations to the scales of training.
         """
         self.ratio = fitted(self.meta, setup, self.size, self.weights[-1][0].shape[1])
         return self
 
 
 class AroundPolicy(NumpyPolicy):
-    """Network with a controller inside: action = clip(controller's action + share * network's action).
+    """Policy with a network and a controller: action = clip(controller's action + share * network's action).
 
-    The controller is made for the environment by `bound`. The controller's memory begins at `reset`, with the episode.
+    `bound` creates the controller for an environment.
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class AroundPolicy(NumpyPolicy):
         self.controller: Controller | Following | None = None
 
     def bound(self, env: Any) -> NumpyPolicy:
-        """Return a policy with a controller made for the environment; raise ValueError if either does not fit."""
+        """Return the policy with a controller for the environment; raise ValueError if one of them does not fit."""
         found = AroundPolicy(self.meta, self.weights, self.normaliser)
         found.check(Setup.of(env))
         found.controller = self.inside.made(env)
@@ -137,11 +137,11 @@ class AroundPolicy(NumpyPolicy):
         return super().act(observation)
 
     def reset(self, observation: NDArray[np.floating]) -> None:
-        """Begin the controller's episodes with their first observations."""
+        """Reset the controller with the first observations of episodes."""
         self._own().reset(observation)
 
     def act(self, observation: NDArray[np.floating]) -> Array32:
-        """Compute actions in [-1, 1], (n, N), or (N,) for a single observation, once per period."""
+        """Compute actions in [-1, 1], (n, N), or (N,) for a single observation; call once per control period."""
         return self.inside.actions(self._own(), observation, self.network(observation))
 
     def _own(self) -> Controller | Following:
@@ -155,22 +155,21 @@ class AroundPolicy(NumpyPolicy):
 def of_network(
     meta: Mapping[str, Any], weights: list[tuple[Array32, Array32]], normaliser: Mapping[str, Any] | None = None
 ) -> NumpyPolicy:
-    """Build the policy of a network: with a controller inside if `meta` has the entry `around`."""
+    """Create a `NumpyPolicy`, or an `AroundPolicy` if `meta` has the entry `around`."""
     kind = AroundPolicy if "around" in meta else NumpyPolicy
     return kind(meta, weights, normaliser)
 
 
 def format_of(meta: Mapping[str, Any]) -> int:
-    """Return the format number of the file for a policy with this `meta`."""
+    """Return the format number of the file of a policy with this `meta`."""
     return FORMAT_AROUND if "around" in meta else FORMAT
 
 
 def fitted(meta: Mapping[str, Any], setup: Setup, size: int, joints: int) -> NDArray[np.float64] | None:
-    """Check by a file's `meta` that a policy with `size` entries and `joints` actions fits an environment.
+    """Verify by a file's `meta` that a policy with `size` entries and `joints` actions fits an environment.
 
     Returns:
-        the environment's scales divided by the policy's own, if they differ for entries of the same names; otherwise
-        None.
+        The environment's scales divided by the scales in `meta` if they differ, otherwise None.
     Raises:
         ValueError: actions or entries have another meaning than in training.
     """
@@ -229,9 +228,9 @@ def load_npz(path: Path) -> NumpyPolicy:
 
 
 def policy_from(meta: dict[str, Any], arrays: Mapping[str, NDArray[Any]], bound: bool = True) -> NumpyPolicy:
-    """Build the policy from a file's content; bound: whether the file names its training environment.
+    """Create the policy from a file's content. bound: True if the file must name its training environment.
 
-    Raises ValueError with the entry, its value and the rule.
+    Raises ValueError for invalid content; the message names the entry, its value and the rule.
     """
     of_training = ("env_id", "env_kwargs", "layout") if bound else ()
     for key in ("format", *of_training, "layers", "activation", "squash"):
@@ -277,6 +276,6 @@ def policy_from(meta: dict[str, Any], arrays: Mapping[str, NDArray[Any]], bound:
 
 
 def names() -> tuple[str, ...]:
-    """Return the names of the policies that ship with the package."""
+    """Return the names of the trained policies in the package."""
     entries = HOME.iterdir() if HOME.is_dir() else ()
     return tuple(sorted(entry.name for entry in entries if (entry / "policy.npz").is_file()))

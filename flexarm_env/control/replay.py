@@ -1,4 +1,4 @@
-"""Replay of plans on a finer mesh with shorter steps, sampled also between control instants."""
+"""Simulate the torques of a plan on a finer mesh with shorter steps ("replay"), also between control instants."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,15 +25,15 @@ Missed = Callable[[Dynamics, Array], Array]
 
 @dataclass(frozen=True)
 class Replay:
-    """Replay of a plan's controls with a quarter of the step and, in the plane, twice as many nodes; SI units.
+    """Result of simulating a plan's controls with a quarter of the step and, in the plane, twice as many nodes.
 
     Attributes:
-        deflection (n, D): largest magnitude of `Dynamics.bends`, at the plan's control instants and between them.
-        off (n, N): joint angles at the plan's arrival minus the goal's joint angles, rad; nan without a goal.
-        rates (n, N): joint rates at the arrival, rad/s; nan without a goal.
+        deflection (n, D): largest magnitude of `Dynamics.bends`, at control instants and between them.
+        off (n, N): joint angles at the planned arrival minus the goal's joint angles, rad; nan without a goal.
+        rates (n, N): joint rates at the planned arrival, rad/s; nan without a goal.
         missed (n,): largest violation of the bounds and the goal, in the units of `Motion.missed`.
-        kept (n,): whether the replay meets its tolerances (`BENT`, `LEAST`, `OTHERS`): the deflection bound is exceeded
-            by at most 5 % or 5e-4, and all other limits and the goal are missed by at most 0.01.
+        kept (n,): True if the tolerances `BENT`, `LEAST` and `OTHERS` are met: the deflection exceeds its bound by at
+            most 5 % or 5e-4, and the violation of all other limits and of the goal is at most 0.01.
     """
 
     deflection: Array
@@ -45,7 +45,7 @@ class Replay:
 
 @lru_cache(maxsize=16)
 def finer(plant: Dynamics) -> Dynamics:
-    """Return a plant whose period is a quarter of the plan's step; planar plants have twice as many nodes, up to 12."""
+    """Return dynamics with a quarter of the plan's step as period; in the plane with up to twice as many nodes."""
     assert plant.settings.dt is not None
     period = plant.settings.dt / FINER
     return plant.finer(period)
@@ -61,7 +61,7 @@ def _places(line: Line, tip: bool) -> Array:
 
 
 def refined(plant: Dynamics, fine: Dynamics, x: Array) -> Array:
-    """Interpolate states (n, S) of a plant to the nodes of the finer plant, by the polynomials of the node angles."""
+    """Interpolate states (n, S) to the nodes of the finer dynamics, by the polynomials of the node angles."""
     if plant.nodes == fine.nodes:
         return x
     known, wanted = chain(plant.arm, plant.nodes), chain(fine.arm, fine.nodes)
@@ -86,10 +86,10 @@ def replay(
     plant: Dynamics, start: Array, controls: Array, ends: NDArray[np.int64], goal: Array | None, bound: float,
     missed: Missed, rate: float,
 ) -> Replay:  # fmt: skip
-    """Replay controls (T, n, N) from states start (n, S) on the finer plant.
+    """Simulate controls (T, n, N) from the states `start` (n, S) with finer dynamics.
 
     Args:
-        plant: plant of the plan. ends (n,): control periods after which each arm has to be at rest at its goal.
+        plant: dynamics of the plan. ends (n,): control periods after which each arm must be at rest at its goal.
         goal (n, S): states at the goal; None: no goal. bound: largest permitted deflection divided by length; inf: no
             bound. missed: function that returns the violation of all other limits.
         rate: characteristic joint rate (`optimal.rates_of`), rad/s, by which joint rates are divided.

@@ -1,7 +1,6 @@
-"""Input shaping: a reference convolved with a few impulses leaves no residual vibration (ZV: Singer & Seering 1990).
+"""Input shaping: convolve a reference with a few impulses so that it leaves no residual vibration.
 
-The impulses are designed for the modes of the arm under its PD control, so that the shaped reference causes almost no
-vibration of these modes.
+The impulses are designed for the modes of the arm under its PD control (Singer & Seering 1990).
 """
 
 from __future__ import annotations
@@ -28,22 +27,22 @@ LIGHT = 0.5
 
 @dataclass(frozen=True)
 class Shaper:
-    """Impulse sequence: amplitudes (their sum is 1) and delays, s, both (n_impulses,)."""
+    """Impulse sequence: amplitudes (n_impulses,) with the sum 1, and delays (n_impulses,), s."""
 
     amplitudes: tuple[float, ...]
     delays: tuple[float, ...]
 
     def then(self, other: Shaper) -> Shaper:
-        """Convolve with another shaper; the result suppresses the modes of both shapers."""
+        """Return the convolution with another shaper, which suppresses the modes of both."""
         amplitudes = np.outer(self.amplitudes, other.amplitudes).ravel()
         delays = np.add.outer(np.asarray(self.delays), np.asarray(other.delays)).ravel()
         return Shaper(tuple(amplitudes.tolist()), tuple(delays.tolist()))
 
     def residual(self, frequency: float, ratio: float = 0.0) -> float:
-        """Return the residual vibration of a mode, divided by the vibration after one impulse at t = 0.
+        """Return the residual vibration V of a mode, divided by the vibration after one impulse at t = 0.
 
-        frequency: undamped frequency of the mode, rad/s. ratio: damping ratio of the mode. V = exp(-zeta w t_n) |sum_i
-        A_i exp(zeta w t_i - j w_d t_i)|.
+        V = exp(-zeta w t_n) |sum_i A_i exp(zeta w t_i - j w_d t_i)| for amplitudes A_i and delays t_i. frequency:
+        undamped frequency w of the mode, rad/s. ratio: damping ratio zeta of the mode; w_d = w sqrt(1 - zeta^2).
         """
         pole = frequency * (ratio - 1j * np.sqrt(1.0 - ratio**2))
         t = np.asarray(self.delays)
@@ -53,8 +52,8 @@ class Shaper:
 def zv(frequency: float, ratio: float = 0.0) -> Shaper:
     """Return the zero-vibration shaper: two impulses half a damped period apart.
 
-    frequency: undamped frequency of the mode, rad/s. ratio: damping ratio, 0 to 0.99. Amplitudes 1/(1 + K), K/(1 + K),
-    K = exp(-zeta pi / sqrt(1 - zeta^2)).
+    The amplitudes are 1/(1 + K) and K/(1 + K) with K = exp(-zeta pi / sqrt(1 - zeta^2)). frequency: undamped frequency
+    of the mode, rad/s. ratio: damping ratio zeta, 0 to 0.99.
     """
     frequency = check.number("frequency", frequency, "rad/s", above=0.0)
     damped = np.sqrt(1.0 - check.number("ratio", ratio, minimum=0.0, maximum=0.99) ** 2)
@@ -65,8 +64,8 @@ def zv(frequency: float, ratio: float = 0.0) -> Shaper:
 def zvd(frequency: float, ratio: float = 0.0) -> Shaper:
     """Return the zero-vibration-derivative shaper (ZVD), which has three impulses.
 
-    The residual vibration grows with the square of a frequency error. frequency: undamped frequency of the mode, rad/s.
-    ratio: damping ratio, 0 to 0.99.
+    Its residual vibration is proportional to the square of an error in the frequency; that of the zero-vibration shaper
+    is proportional to the error. frequency: undamped frequency of the mode, rad/s. ratio: damping ratio, 0 to 0.99.
     """
     # the convolution of two ZV shapers
     one = zv(frequency, ratio)
@@ -79,7 +78,7 @@ SHAPERS = {"zv": zv, "zvd": zvd}
 
 @dataclass(frozen=True)
 class ShapedGains(PDGains):
-    """Dimensionless PD gains. effort: share of the torque limit that the reference motion uses."""
+    """Dimensionless PD gains. effort: largest torque of the reference motion divided by the torque limit."""
 
     effort: float
 
@@ -98,7 +97,7 @@ def closed_loop_shaper(arm: Arm, gains: PDGains, kind: str, posture: tuple[float
 
 
 def cascade(closed: Array, kind: str, most: int) -> Shaper:
-    """Convolve the shapers of the slowest lightly damped modes of x' = closed x; at most `most` modes."""
+    """Convolve the shapers of the slowest lightly damped modes of x' = closed @ x, at most `most` modes."""
     # one of each conjugate pair: frequency |s|, damping ratio -Re(s)/|s|
     poles = np.linalg.eigvals(closed)
     poles = poles[poles.imag > 1e-6]
@@ -111,18 +110,18 @@ def cascade(closed: Array, kind: str, most: int) -> Shaper:
 
 
 class Shaped(Controller):
-    """Controller that follows a shaped reference: constant acceleration, then deceleration, convolved with impulses.
+    """Controller that follows a shaped reference, in which all joints start and stop together.
 
-    In the shaped reference all joints start and stop at the same time.
+    The reference before shaping has a constant acceleration, then a constant deceleration.
     """
 
     kind: str
     """Kind of the shaper, "zv" or "zvd"."""
 
     def shape(self, shapers: Sequence[Shaper], quickest: Array, to_go: Array) -> None:
-        """Begin episodes, each with the shaper of its arm.
+        """Compute the references of new episodes, each with the shaper of its arm.
 
-        quickest (n,): durations of the unshaped references, s. to_go (n, N): joint displacements, rad.
+        quickest (n,): durations of the references before shaping, s. to_go (n, N): joint displacements, rad.
         """
         self.move = to_go
         most = max(len(s.delays) for s in shapers)
@@ -142,7 +141,7 @@ class Shaped(Controller):
         return np.sum(self.amplitudes * done, axis=1), np.sum(self.amplitudes * rate, axis=1)
 
     def reference(self) -> tuple[Array, Array, Array]:
-        """Return the reference of this period: remaining angles, rad, rates, rad/s, mean accelerations, rad/s^2."""
+        """Return the reference in this period: angles to the goal, rad, rates, rad/s, mean accelerations, rad/s^2."""
         dt = self.setup.control_dt
         done, rate = self._reference(self.step * dt)
         _, later = self._reference((self.step + 1) * dt)
@@ -150,9 +149,10 @@ class Shaped(Controller):
         return left, self.move * rate[:, None], self.move * ((later - rate) / dt)[:, None]
 
     def inverse_dynamics(self, left: Array, rates: Array, accelerations: Array) -> Array:
-        """Return the rigid arm's torques I qdd + Coriolis (n, N), N m, along the reference, without weight.
+        """Return the rigid arm's torques (n, N), N m, along the reference, without gravity torques.
 
-        left, rates, accelerations (n, N): results of `reference`.
+        They are inertia times acceleration plus Coriolis torques. left, rates, accelerations (n, N): results of
+        `reference`.
         """
         arm, angles = self.setup.arm, self.goal - left
         found: Array = np.einsum("nij,nj->ni", rigid_inertia(arm, angles), accelerations)
@@ -162,7 +162,7 @@ class Shaped(Controller):
 class ShapedPD(Shaped):
     """PD control along a shaped reference with the rigid arm's inverse dynamics as feedforward.
 
-    The reference is the quickest motion that the rigid arm can follow with the share `effort` of its torque limits.
+    The reference before shaping is the fastest motion of the rigid arm with `effort` times its torque limits.
     """
 
     def __init__(self, setup: Setup, gains: ShapedGains, kind: str) -> None:
@@ -171,14 +171,14 @@ class ShapedPD(Shaped):
         self.kp, self.kd = gains.on(setup)
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        """Design each arm's shaper at its goal's posture and begin the arm's reference."""
+        """Design each arm's shaper in the posture at its goal, and compute the arm's reference."""
         arm = self.setup.arm
         shapers = [closed_loop_shaper(arm, self.gains, self.kind, posture) for posture in postures(self.goal)]
         inertia = rigid_inertia(arm, self.goal)
         self.shape(shapers, rigid_times(inertia, to_go, self.gains.effort * self.limits), to_go)
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Return feedforward plus PD torques (n, N), N m: I qdd + Coriolis + kp error + kd rate error."""
+        """Return feedforward torques plus PD torques (n, N), N m."""
         left, rates, accelerations = self.reference()
         forward = self.inverse_dynamics(left, rates, accelerations)
         torques: Array = forward + self.kp * (to_go - left) + self.kd * (rates - signals.rates)
@@ -187,9 +187,10 @@ class ShapedPD(Shaped):
 
 @dataclass(frozen=True)
 class SpatialShapedGains(SpatialPDGains):
-    """Gains of the spatial PD and of its shaped reference.
+    """Gains of PD control in space and of its shaped reference.
 
-    effort: share of the torque limit that the reference uses. modes: largest number of shaped modes.
+    effort: largest torque of the reference motion divided by the torque limit. modes: largest number of modes that the
+    shaper suppresses.
     """
 
     effort: float
@@ -215,7 +216,7 @@ def shaper_in_space(arm: Arm, gravity: Array, gains: SpatialShapedGains, kind: s
 
 
 class SpatialShapedPD(Shaped, SpatialPD):
-    """Holding torque, PD about a shaped reference, and rigid feedforward, in space (see `ShapedPD`)."""
+    """PD control along a shaped reference in space, with holding torques and rigid feedforward (see `ShapedPD`)."""
 
     restarts = False
 
@@ -224,13 +225,13 @@ class SpatialShapedPD(Shaped, SpatialPD):
         self.shaped, self.kind = gains, kind
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        """Find rests, design each arm's shaper at its goal, and begin the arm's reference."""
+        """Compute the arms at rest at their goals, their shapers and their references."""
         SpatialPD.initialise(self, signals, to_go)
         shapers = [shaper_in_space(self.setup.arm, self.gravity, self.shaped, self.kind, goal) for goal in self.goal]
         self.shape(shapers, rigid_times(self.inertia, to_go, self.shaped.effort * self.limits), to_go)
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Return holding torque, rigid feedforward I qdd + Coriolis and PD torques, (n, N), N m."""
+        """Return the sum of holding torques, feedforward torques and PD torques, (n, N), N m."""
         left, rates, accelerations = self.reference()
         moved = self.inverse_dynamics(left, rates, accelerations)
         found: Array = self.forward(to_go) + moved + self.pulled(signals, to_go - left, rates)

@@ -1,13 +1,13 @@
-"""Policies by name: a controller, a file, a run folder, a policy of the package, or your own function.
+"""Find policies by name: a controller, a file, a run folder, a policy of the package, or your own function.
 
-Every command and :func:`load_policy` accept the same words:
+Every command and :func:`load_policy` accept the same names:
 
 | word | policy |
 |---|---|
-| `pd`, `zv`, `zvd`, `lqr`, `lqg`, `mpc`, `time_optimal` | a controller, made for the environment |
-| `lqr@gains.toml` | the same with gains written by `flexarm tune` |
-| `flexible_arm`, `two_link`, ... | a trained policy that ships with the package |
-| `runs/my-run` | a run folder: its `policy.npz`, or else its `model.zip` |
+| `pd`, `zv`, `zvd`, `lqr`, `lqg`, `mpc`, `time_optimal` | a controller, designed for the environment |
+| `lqr@gains.toml` | a controller with gains from a file of `flexarm tune` |
+| `flexible_arm`, `two_link`, ... | a trained policy in the package |
+| `runs/my-run` | a run folder: its `policy.npz`, or its `model.zip` if there is no `policy.npz` |
 | `policy.npz`, `model.zip`, `policy.onnx` | a file of this package, of Stable-Baselines3, or an ONNX model |
 | `module:name` | a function of observations, an object with `reset` and `act`, or its class |
 """
@@ -38,17 +38,17 @@ KINDS = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 
 @dataclass(frozen=True)
 class NamedPolicy:
-    """A policy that has been named and is not yet bound to an environment.
+    """Policy that a name denotes, before it is created for an environment.
 
     Attributes:
         name: name of the policy for display.
-        env_id, env_kwargs: training environment and its keywords ("" and {}: any).
+        env_id, env_kwargs: training environment and its keywords; "" and {} if the policy fits any environment.
         make: function of an environment that returns a policy with `reset` and `act`, and raises ValueError if the
             policy does not fit.
         kind: "controller", "policy" (a network run by NumPy), "onnx" or "function".
-        policy: the policy, if it is not a controller; its fit to an environment is not yet checked.
+        policy: the policy, not yet verified for an environment; None for a controller.
         path: path of the policy's file; None without a file.
-        asked: environment keywords that the user gave for training; evaluation uses these keywords too.
+        asked: environment keywords that the user gave for training and that evaluation uses, too.
     """
 
     name: str
@@ -62,14 +62,14 @@ class NamedPolicy:
 
 
 def load_policy(source: str | os.PathLike[str], env: Any = None) -> Any:
-    """Load the policy named by a word or a path (the table of :mod:`flexarm_env.control.sources`).
+    """Load a policy by its name or path; :mod:`flexarm_env.control.sources` lists all forms.
 
     Args:
-        source: controller name, packaged policy, file, run folder, or module:name.
-        env: the environment, or vector environment, in which the policy acts. A controller requires the environment;
-            every other policy is checked against the environment.
+        source: name of a controller, name of a policy of the package, file, run folder, or module:name.
+        env: environment or vector environment in which the policy acts, or None. A controller requires the environment.
+            For any other policy the function verifies that the policy fits the environment.
     Returns:
-        an object with `reset(observation)` and `act(observation)`; observations (entries,) or (n, entries).
+        An object with `reset(observation)` and `act(observation)` for observations (entries,) or (n, entries).
     Raises:
         ValueError: an unknown name, a damaged file, or a policy that does not fit the environment.
     """
@@ -87,9 +87,9 @@ def load_policy(source: str | os.PathLike[str], env: Any = None) -> Any:
 
 
 def find_policy(word: str, flag: str = "--policy") -> NamedPolicy:
-    """Find the policy that a word names, without binding it to an environment.
+    """Find the policy that a name denotes, without an environment.
 
-    flag: the option's name in messages. Raises ValueError for an unknown word or a damaged file.
+    flag: name of the option in messages. Raises ValueError for an unknown name or a damaged file.
     """
     word = word.strip()
     if word in NAMES:
@@ -174,7 +174,7 @@ def _gains_in_space(name: str, table: Mapping[str, Any]) -> bool:
 
 # ------------------------------------------------------------------ ONNX
 class OnnxPolicy:
-    """Policy run by ONNX Runtime: first input observations (n, entries), first output actions (n, joints).
+    """Policy that ONNX Runtime evaluates, from observations (first input) to actions (first output).
 
     `meta`: training record written by `flexarm export`; {} for models from other programs.
     """
@@ -226,7 +226,7 @@ class OnnxPolicy:
         """Do nothing, because an ONNX policy has no memory."""
 
     def act(self, observation: NDArray[np.floating]) -> Any:
-        """Run the model on observations (n, entries) or (entries,); a model of batch size 1 is run row by row."""
+        """Return actions for observations (n, entries) or (entries,); a model with batch size 1 is run row by row."""
         rows = np.atleast_2d(observation)
         rows = (rows if self.ratio is None else rows * self.ratio).astype(self.kind)
         try:
@@ -241,11 +241,10 @@ class OnnxPolicy:
 
 # ------------------------------------------------------------------ functions
 class FunctionPolicy:
-    """Policy from a function of observations, called with all rows (n, entries) if it accepts them, else row by row.
+    """Policy that calls a Python function of observations, or the methods `reset` and `act` of an object.
 
-    For an object with `reset` and `act` the function is `act`. The object's `reset` is called with the first
-    observations. If the function then rejects all rows together, `reset` is called again, since the failed call may
-    have changed its memory.
+    The function is called with all rows (n, entries) if it accepts them, and otherwise row by row. If the first call
+    with all rows fails, the object's `reset` is called again, because the failed call may have changed its memory.
     """
 
     def __init__(self, word: str, function: Any, flag: str = "--policy") -> None:
@@ -257,7 +256,7 @@ class FunctionPolicy:
         self.tried = ""
 
     def fitted(self, env: Any) -> FunctionPolicy:
-        """Return the policy bound to an environment; its actions must have one number per joint."""
+        """Return the policy for an environment, in which actions must have one number per joint."""
         bound = FunctionPolicy(self.word, self.function, self.flag)
         bound.begin, bound.joints = self.begin, int(env.action_space.shape[-1])
         return bound
@@ -322,9 +321,9 @@ def _is_policy(found: Any) -> bool:
 
 
 def function_named(word: str, flag: str = "--policy") -> Any:
-    """Import module:name, also from the current folder: a function, a policy, or an instance of a policy class.
+    """Import the function or policy that `word` names as module:name; a class is instantiated.
 
-    flag: the option's name in the message of a ValueError.
+    The module may be in the current folder. flag: name of the option in the message of a ValueError.
     """
     found = imported(flag, word)
     if inspect.isclass(found):

@@ -1,4 +1,4 @@
-"""Controllers of arms in space: rests of the flexible arm, its linear model about a rest, and their common base."""
+"""Base class of controllers of arms in space, static equilibria of the arm, and linear models about equilibria."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -36,10 +36,10 @@ def rest(arm: Arm, gravity: Array, angles: Array) -> Equilibrium:
 def held_model(
     arm: Arm, gravity: Array, angles: Array, gauges: Sequence[Spot] = ()
 ) -> tuple[LinearModel, Array, Array]:
-    """Linearize the flexible arm about its rest at joint angles (N,), rad, with free joints and without backlash.
+    """Linearize the flexible arm about rest at joint angles (N,), rad, with free joints and without backlash.
 
-    Returns the model, the rows (N, S) of its joint angles, and A. In the matrix A the rigid arm's weight is compensated
-    at every angle.
+    Returns the model, the matrix (N, S) from its states to joint angles, and the matrix A of the arm whose joint
+    torques compensate the rigid arm's gravity torques at the present angles.
     """
     # x' = A x + B u about the rest, and rows of the joint angles
     free = linearize(rest(arm.taut, gravity, angles), gauges=list(gauges))
@@ -58,9 +58,10 @@ def bent_postures(now: Array) -> Array:
 
 
 class AboutRest(Controller):
-    """Base class of controllers in space: holding torques at the target, corrected by the change of the rigid weight.
+    """Base class of controllers in space, which computes the flexible arm at rest at its target.
 
-    Goals are static rests of the flexible arm (`linear.static_equilibrium`); each takes a few tenths of a second.
+    The torques that hold the arm are those at the target, corrected by the change of the rigid arm's gravity torques.
+    Computing a static equilibrium (`linear.static_equilibrium`) takes a few tenths of a second.
     """
 
     aims = follows_goal = omits_modes = False
@@ -102,7 +103,7 @@ class AboutRest(Controller):
         return best
 
     def targets(self, signals: Signals) -> Array:
-        """Return the tip targets (n, 3), m, inertial axes, from the first observation; arms start nearly straight."""
+        """Return the tip targets (n, 3), m, inertial axes, from the first observation, for nearly straight arms."""
         arm, now = self.setup.arm, signals.angles
         if signals.to_go is not None:
             return tip_at(arm, now + signals.to_go)
@@ -117,9 +118,10 @@ class AboutRest(Controller):
         return goals
 
     def rest_at(self, target: Array, now: Array) -> tuple[float, Array, Array]:
-        """Find the resting arm with its tip nearest to a target (3,), m, from angles `now` (N,) and two bent postures.
+        """Compute the arm at rest with its tip nearest to a target (3,), m.
 
-        Returns the distance between tip and target (m), joint angles (N,), rad, and torques (N,), N m.
+        The search begins at the joint angles `now` (N,), rad, and in two bent postures. Returns the distance between
+        tip and target, m, joint angles (N,), rad, and torques (N,), N m.
         """
         arm = self.setup.arm
         known = self._rests.get(key := target.tobytes() + now.tobytes())
@@ -137,7 +139,7 @@ class AboutRest(Controller):
         return best
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        """Store the rigid inertia at the goal, and the holding torques of the flexible minus the rigid arm."""
+        """Store the rigid inertia at the goal, and the holding torques minus those of the rigid arm."""
         weight, self.inertia = weight_and_inertia(self.setup.arm, self.gravity, self.goal, self.bodies)
         self.torque = self.torque - weight
 

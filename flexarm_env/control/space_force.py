@@ -1,7 +1,8 @@
 """Control of a tip in space that slides along a wall under a commanded normal force (task "press").
 
-The controllers read a force sensor and the tip's way to the target, or, without them, encoders and strain gauges: the
-gauges of an arm at rest reveal the force on its tip, and the force reveals the arm's shape.
+The controllers use a force sensor and the vector from tip to target if the observation contains them. Otherwise they
+use encoders and strain gauges: for an arm at rest, the gauge readings determine the force on the tip, and the force
+determines the arm's shape.
 """
 
 from dataclasses import dataclass, replace
@@ -28,11 +29,10 @@ class SpatialForceGains(Approach):
     """Gains of the controller `SpatialHybridForce`.
 
     Args:
-        rate, ratio, lag: natural frequency, rad/s, damping ratio and time constant of the filtered rates, s, of the
-            joints; see `pd.SpatialPDGains`.
-        path, force: integral gains, 1/s, on the distance from the path, whose integral shifts the reference, and on
-            the error of the normal force.
-        filter: time constant, s, of the low-pass on the estimated force.
+        rate, ratio, lag: natural frequency of the joints, rad/s, their damping ratio, and time constant of the rate
+            filter, s; see `pd.SpatialPDGains`.
+        path, force: integral gains, 1/s, on the distance from the path and on the error of the normal force.
+        filter: time constant, s, of the low-pass filter on the estimated force.
     """
 
     approach: float = 1.6
@@ -48,10 +48,10 @@ class SpatialForceGains(Approach):
 class SpatialHybridForce(WallController):
     """Hybrid force/position control in space: PD about the arm at rest on the wall, with integral errors.
 
-    In each period the controller computes the joint angles and torques of the arm at rest whose tip is at the reference
-    under gravity and the wall's reaction (`SpatialChain`). The reference moves from the tip's initial position to the
-    target; then the force rises. The error along the wall shifts the reference, the error of the normal force changes
-    the wall's reaction (Raibert & Craig 1981).
+    In each period the controller computes joint angles and torques of the arm at rest with its tip at the reference
+    position, under gravity and the reference force (`SpatialChain`). The reference position moves from the tip's
+    initial position to the target; then the reference force rises. The integrated position error along the wall shifts
+    the reference position; the integrated force error changes the reference force (Raibert & Craig 1981).
     """
 
     aims = follows_goal = omits_modes = False
@@ -151,9 +151,9 @@ class SpatialHybridForce(WallController):
         return np.asarray(held + inertia * pull)
 
     def estimated(self, signals: Signals, along: Array, force: Array | None) -> tuple[Rest, Array]:
-        """Return the present arm, as if at rest, and the normal force (n,), N; update estimated shape and force.
+        """Estimate shape and normal force (n,), N, of the arms in a static approximation.
 
-        along (n, 3): direction of the path. force (n,): measured normal force, N; None: the gauges reveal it.
+        along (n, 3): direction of the path. force (n,): measured normal force, N; None to estimate it from gauges.
         """
         if force is not None:
             self._force = -(self._normal + self.friction * along) * force[:, None]
@@ -185,9 +185,9 @@ class SpatialHybridForce(WallController):
 
 
 class SpatialImpedance(SpatialHybridForce):
-    """Impedance control in space: `SpatialHybridForce` without integral errors, so that no force is measured.
+    """Impedance control in space: `SpatialHybridForce` without integral terms, so that no force needs to be measured.
 
-    The joints act like springs and dampers about the arm at rest on the wall; friction, wall and arm must be known.
+    The joints behave like springs and dampers about the arm at rest on the wall. Friction, wall and arm must be known.
     """
 
     def __init__(self, setup: Setup, gains: SpatialForceGains | None = None) -> None:
@@ -197,13 +197,13 @@ class SpatialImpedance(SpatialHybridForce):
 
 
 class SpatialPathPD(SpatialImpedance):
-    """PD control about the arm at rest at the target, which follows the path on the wall and does not press."""
+    """PD control along the path on the wall without a contact force, about the arm at rest at the target."""
 
     def __init__(self, setup: Setup, gains: SpatialPDGains) -> None:
         """Use the gains of PD control in space; see `SpatialHybridForce`."""
         super().__init__(setup, SpatialForceGains(rate=gains.rate, ratio=gains.ratio, lag=gains.lag))
 
     def progress(self) -> tuple[Array, Array, Array]:
-        """Return the progress of the approach; the force does not rise."""
+        """Return the progress of the approach, and zeros for the force; see `WallController.progress`."""
         near, share, touching = super().progress()
         return near, 0.0 * share, 0.0 * touching

@@ -1,8 +1,8 @@
-"""Arms in space at rest under gravity and a force on the tip, for many arms at once: shape, torques, gauge readings.
+"""Static model of arms in space under gravity and a force on the tip: shape, torques and gauge readings of many arms.
 
-Links are inextensible, unshearable rods (Kirchhoff) with large rotations, divided into cells of constant curvature. The
-fixed-point iteration continues from the curvatures of the last call, so that a controller needs one or two passes per
-control period.
+Links are Kirchhoff rods (without stretch and shear) with large rotations, divided into cells of constant curvature. The
+curvatures are found by fixed-point iteration. A controller continues the iteration from the curvatures of the previous
+period, so that one or two iterations per period suffice.
 """
 
 from collections.abc import Sequence
@@ -25,15 +25,15 @@ CELLS = 8
 
 @dataclass(frozen=True)
 class Rest:
-    """n arms at rest; vectors in inertial axes.
+    """n arms at rest; vectors are in inertial axes.
 
     Attributes:
         force (n, 3): force on the tip, N.
         tip (n, 3): position of the tip, m.
         torques (n, N): holding torques of the joints, N m.
-        jacobian (n, 3, N): derivatives of the tip position by the joint angles at fixed curvatures, m.
+        jacobian (n, 3, N): derivatives of the tip position by the joint angles at fixed curvatures, m/rad.
         curvatures (n, cells, 3): twist and curvatures of the cells, 1/m.
-        rows (n, G, 3), offsets (n, G): curvatures at the gauges are rows @ force + offsets, 1/m.
+        rows (n, G, 3), offsets (n, G): the curvatures at the gauges are rows @ force + offsets, 1/m.
     """
 
     force: Array
@@ -46,7 +46,7 @@ class Rest:
 
 
 class SpatialChain:
-    """Arm of flexible links in space at rest.
+    """Static model of an arm with flexible links in space.
 
     Args:
         arm: an arm in space. gravity (3,): acceleration of gravity, m/s^2. gauges: strain gauges whose readings are
@@ -81,10 +81,10 @@ class SpatialChain:
         return len(self.masses)
 
     def at(self, angles: Array, force: Array, curvatures: Array) -> Rest:
-        """Compute the arms with joints at angles (n, N), rad, under forces (n, 3), N, on their tips.
+        """Compute one fixed-point iteration for arms at joint angles (n, N), rad, with forces (n, 3), N, on their tips.
 
         curvatures (n, cells, 3): curvatures of the cells, 1/m, from which the shape is computed. The result contains
-        the curvatures that follow from the moments in this shape.
+        the curvatures that the moments in this shape cause.
         """
         arm, n = self.arm, len(angles)
         A, r = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))

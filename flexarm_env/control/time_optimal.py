@@ -1,7 +1,7 @@
-"""Time-optimal slews to rest, bending modes included: a bang-bang plan, followed by an LQR.
+"""Time-optimal slews of one flexible link to rest: a bang-bang plan, which an LQR follows.
 
-The arm has one link, the linear model of `arm_model`, and constant torques over a control period. Linear programs
-(HiGHS, through SciPy) and bisection find the smallest number of periods in which limited torques bring rigid motion and
+The plan uses the linear model of `arm_model` with torques that are constant over a control period. Bisection and linear
+programs (HiGHS, through SciPy) find the smallest number of periods in which limited torques bring rigid motion and
 bending modes to rest at the goal.
 """
 
@@ -18,9 +18,9 @@ from .lqr import LQR, LQRGains, times
 
 @dataclass(frozen=True)
 class Plan:
-    """Torque plan of n periods to rest at the goal.
+    """Torques of n control periods that bring the arm to rest at the goal.
 
-    torques (n, N): torques, N m, one row per control period; states (n + 1, m): states relative to the goal; the last
+    torques (n, N): torques, N m, one row per control period. states (n + 1, m): states relative to the goal; the last
     state is zero.
     """
 
@@ -29,25 +29,24 @@ class Plan:
 
     @property
     def periods(self) -> int:
-        """Length of the plan in control periods."""
+        """Number of control periods in the plan."""
         return len(self.torques)
 
 
 def rigid_time(inertia: float, angle: float, limit: float) -> float:
-    """Return the time, s, of the rigid arm's time-optimal slew, 2 sqrt(I angle / torque).
+    """Return the duration, s, of the rigid arm's time-optimal slew, 2 sqrt(inertia angle / limit).
 
-    The returned time is the minimum for a rigid arm. inertia: inertia about the hub, kg m^2. angle: angle of the slew,
-    rad. limit: torque limit of the motor, N m.
+    inertia: inertia about the hub, kg m^2. angle: angle of the slew, rad. limit: torque limit of the motor, N m.
     """
     return 2.0 * float(np.sqrt(inertia * abs(angle) / limit))
 
 
 def plan(A: Array, B: Array, start: Array, limits: Array, least: int = 1, most: int | None = None) -> Plan:
-    """Find the shortest plan from a state to zero.
+    """Find the plan with the fewest periods from a state to the zero state.
 
     Args:
         A (m, m), B (m, N): matrices of the discrete model. start (m,): initial state. limits (N,): torque limits, N m.
-        least, most: bounds on the number of periods; most=None: 1000, or four times `least` if that is larger.
+        least, most: bounds of the number of periods; most=None means 1000, or four times `least` if this is larger.
     Raises:
         ValueError: there is no plan of at most `most` periods.
     """
@@ -97,10 +96,11 @@ def _feasible(A: Array, B: Array, start: Array, limits: Array, periods: int) -> 
 
 
 def slew_plan(setup: Setup, angle: float, effort: float = 1.0, flexible: int | None = None) -> Plan:
-    """Find the shortest plan of one link from rest to rest.
+    """Find the plan with the fewest periods for one link from rest to rest.
 
-    setup: arm, period and torque limit. angle: hub angle of the slew, rad. effort: share of the torque limit that the
-    plan uses. flexible: number of flexible modes, see `LQRGains`. Raises ValueError if `plan` finds no plan.
+    setup: arm, control period and torque limit. angle: angle of the slew, rad. effort: largest torque of the plan
+    divided by the torque limit. flexible: number of flexible modes, see `LQRGains`. Raises ValueError if `plan` finds
+    no plan.
     """
     model, limits = arm_model(setup.arm, (), flexible), np.asarray(setup.torque_limits)
     least = int(rigid_time(float(model.inertia[0, 0]), angle, float(limits[0])) / setup.control_dt)
@@ -111,13 +111,16 @@ def slew_plan(setup: Setup, angle: float, effort: float = 1.0, flexible: int | N
 
 @dataclass(frozen=True)
 class TimeOptimalGains(LQRGains):
-    """Gains of the LQR that keeps the arm on its plan. effort: share of the torque limit that plans use."""
+    """Gains of the LQR that follows the plan. effort: largest torque of plans divided by the torque limit."""
 
     effort: float = field(kw_only=True)
 
 
 class TimeOptimal(LQR):
-    """Time-optimal controller of one link: the plan's torques plus LQR about the plan's states, then about the goal."""
+    """Time-optimal controller of one link: the plan's torques plus LQR feedback.
+
+    The feedback acts on the deviation from the plan's states and, after the end of the plan, from the goal.
+    """
 
     def __init__(self, setup: Setup, gains: TimeOptimalGains) -> None:
         """Check that the arm has one link, and store the effort."""
@@ -127,7 +130,7 @@ class TimeOptimal(LQR):
         self.effort = gains.effort
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        """Make each arm's plan from the arm's estimated state, and pad all plans with zeros to the same length."""
+        """Compute each arm's plan from its estimated state, and extend all plans with zeros to the same length."""
         super().initialise(signals, to_go)
         # a plan cannot be shorter than the rigid arm's minimum time at full torque
         limits, observer = self.effort * self.limits, self.observer

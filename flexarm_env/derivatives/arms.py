@@ -14,11 +14,11 @@ from .rollouts import Rollout, rollout
 
 
 class Part(NamedTuple):
-    """A group of arms of an environment that are advanced together.
+    """Group of arms of an environment that are advanced together.
 
-    read, write: indices of the arms' rows in the input arrays and in the output arrays
-    periods: the `Periods` object that advances the arms
-    places: indices, within a full state, of the numbers of these arms' states
+    read, write: indices of the arms' rows in input arrays and in output arrays.
+    periods: the `Periods` object that advances the arms.
+    places: indices of the entries of these arms' states in a complete state.
     """
 
     read: Any
@@ -35,29 +35,29 @@ are copied."""
 class Arms(Periods):
     """n arms of an environment, advanced by one control period at a time, with exact derivatives.
 
-    A state is a row of numbers that determines the arm's future. From a state, a period computes the same numbers as
-    the environment, to the last bit, except that actions are float64. Episodes do not end, and nothing is drawn at
-    random. Sensors have no noise and commands have no jitter. A state contains only the present push or, without a
-    present push, the next one. The caller handles time limits, joint limits and resets. If the solver fails, the
-    results are NaN.
+    A state is an array of numbers that determine the arm's future. A period gives bitwise the same results as the
+    environment, except that actions are float64. Episodes do not end, and nothing is random: sensors have no noise, and
+    delays have no jitter. If the environment has pushes, a state contains only the present or else the next push. The
+    caller handles time limits, joint limits and resets. If the solver fails, the results are NaN.
 
     Args:
         id: id of an environment of this package.
         n: number of arms.
-        threads: largest number of threads. With None, the vector environment chooses the number.
-        parameters: whether to differentiate also with respect to parameters. The parameters are payload mass and
-            inertia, factors on EI (in space also on EI_y and GJ), tau_d, and the factor on the torque constant. Joints
-            that are not ideal add stiffness, damping, rotor, friction and backlash (`stiffness[0]`, ...). In a state
-            the parameters follow the numbers that change with time and precede stored observations.
-        keywords: keywords of the environment and of its solver.
+        threads: largest number of threads; None: the default of the vector environment.
+        parameters: True to add parameters of the arm to the state, so that derivatives by parameters are available.
+            They are payload mass and inertia, factors on EI (in space also on EI_y and GJ), tau_d, and the factor on
+            the torque constant. Joints that are not ideal add stiffness, damping, rotor, friction and backlash
+            (`stiffness[0]`, ...). In a state, parameters follow the entries that change with time, and precede stored
+            observations.
+        keywords: keyword arguments of the environment and of its solver.
     Attributes:
         n: number of arms.
         state_size: number S of entries of a state.
         action_size: number A of entries of an action.
         observation_size: number O of entries of an observation.
         observation_space, action_space: Gymnasium spaces of one arm.
-        moving: number of a state's leading entries that change with time or are differentiated. The remaining entries
-            are constants, such as targets and the number of periods.
+        moving: number X of entries at the beginning of a state that change with time or have derivatives. The other
+            entries are treated as constants, such as targets and the number of periods.
         names: names of a state's entries.
         failed: array (n,), True for arms whose solver failed in the last call.
         past: array (n,), True for arms with a joint beyond its limits at the end of the last call.
@@ -97,10 +97,10 @@ class Arms(Periods):
             self._arrange()
 
     def reset(self, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> Array:
-        """Start episodes as the vector environment does with the same seed and options; return the states (n, S).
+        """Start episodes as the vector environment does with this seed and these options; return the states (n, S).
 
-        With prescribed motions, states contain accelerations and torques in every formulation. A reset may therefore
-        change the attributes `names`, `moving` and `state_size`.
+        With prescribed motions, states also contain accelerations and torques. A reset can therefore change the
+        attributes `names`, `moving` and `state_size`.
         """
         if (options or {}).get("motion") is not None:
             self._not_fitted()
@@ -201,10 +201,10 @@ class Arms(Periods):
     def vjp(
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
     ) -> tuple[Array, Array]:
-        """Return the cotangents (n, S) of the state and (n, A) of the action before a control period.
+        """Return the derivatives of a scalar by the state (n, S) and the action (n, A) before a control period.
 
-        state_bar (n, S), observation_bar (n, O), reward_bar (n,): cotangents of state, observation and reward after the
-        control period.
+        state_bar (n, S), observation_bar (n, O), reward_bar (n,): derivatives of the scalar by state, observation and
+        reward after the control period ("cotangents").
         """
         if not self._parts:
             return super().vjp(state, action, state_bar, observation_bar, reward_bar)

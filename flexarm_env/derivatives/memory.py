@@ -1,9 +1,8 @@
 """Observations that depend on the past: delayed or stacked observations, and readings of sensors with memory.
 
-To compute delayed or stacked observations, a state contains the latest `frames` observations of E entries each, the
-oldest first. If observations are delayed, the current observation consists of the oldest stored entries. A control
-period drops the oldest observation and appends the new one. The derivatives of all other stored observations are
-therefore only shifted.
+For such observations a state contains the latest `frames` observations of E entries each, the oldest first. A delayed
+observation is the oldest stored one. A control period removes the oldest stored observation and appends a new one; the
+derivatives of all others only move to other rows.
 """
 
 from typing import Any
@@ -17,17 +16,16 @@ from ..validation import Array
 
 
 class Memory:
-    """Stored past observations of the arms of a batch; they are part of the arms' states.
+    """Stored previous observations of the arms of a batch, which are part of the arms' states.
 
     Args:
         batch: the `Batch` of arms.
-        moving: number X of a state's moving entries, without stored observations.
+        moving: number X of a state's entries that change with time, without stored observations.
     Attributes:
         chosen: array (E,), indices of the observed entries.
         size: length O of an observation.
         moving: X plus the number of stored entries.
-        frames: number of observations stored in a state. It is 0 if the other numbers of the state determine the
-            observation.
+        frames: number of observations stored in a state; 0 if no observation needs to be stored.
     """
 
     def __init__(self, batch: Any, moving: int) -> None:
@@ -49,20 +47,20 @@ class Memory:
 
     # --- states ----------------------------------------------------------------------------------
     def parts(self, state: Array) -> tuple[Array, Array]:
-        """Split states (n, S) into the numbers that are no stored observations, and the stored observations."""
+        """Split states (n, S) into all other entries and the stored observations."""
         x, y = self._first, self.moving
         if self.frames == 0:
             return state, state[:, x:y]
         return np.concatenate([state[:, :x], state[:, y:]], axis=1), state[:, x:y]
 
     def joined(self, own: Array, past: Array) -> Array:
-        """Return states (n, S) made of the numbers `own` and the stored observations `past`; the inverse of `parts`."""
+        """Combine entries `own` and stored observations `past` to states (n, S); the inverse of `parts`."""
         if self.frames == 0:
             return own
         return np.concatenate([own[:, : self._first], past, own[:, self._first :]], axis=1)
 
     def with_past(self, own: Array, first: int = 0) -> Array:
-        """Return states made of `own` and the present stored observations of the batch's arms. first: the first arm."""
+        """Combine entries `own` and the batch's stored observations to states. first: index of the first arm."""
         if self.frames == 0:
             return own
         batch, late = self._batch, np.zeros((len(own), self._age, self.entries))
@@ -74,7 +72,7 @@ class Memory:
         return self.joined(own, np.concatenate([told, late.reshape(len(own), -1)], axis=1))
 
     def shown(self, past: Array) -> Array:
-        """Return the observation (n, O) that follows from the stored observations `past`."""
+        """Return the observation (n, O) that the stored observations `past` determine."""
         return past[:, : self.size].copy()
 
     def after(self, past: Array, seen: Array) -> tuple[Array, Array]:
@@ -86,7 +84,10 @@ class Memory:
 
     # --- derivatives -----------------------------------------------------------------------------
     def whole(self, moved: Array) -> Array:
-        """Extend the Jacobian of a control period by the stored observations, to the shape (n, X + O + 1, X + A)."""
+        """Extend the Jacobian of a control period by rows and columns of the stored observations.
+
+        X includes the stored entries; the result has the shape (n, X + O + 1, X + A).
+        """
         if self.frames == 0:
             return moved
         x, y, entries = self._first, self.moving, self.entries
@@ -105,10 +106,10 @@ class Memory:
         return full
 
     def vjp(self, state: Array, seen: Array) -> tuple[Array, Array, Array]:
-        """Split the cotangents of states (n, S) and observations (n, O) after a control period into three arrays.
+        """Split the derivatives of a scalar by states (n, S) and observations (n, O) after a control period.
 
-        The arrays are the cotangents of the states without stored observations, of the observations stored before the
-        period, and of the new entries.
+        Returns the derivatives by the entries of states without stored observations, by the observations stored before
+        the period, and by the new observation's entries.
         """
         own, past = self.parts(state)
         if self.frames == 0:

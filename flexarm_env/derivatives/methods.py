@@ -1,4 +1,7 @@
-"""Choice of the method that differentiates the control periods of a batch.
+"""Choose the method that differentiates the control periods of a batch.
+
+Derivatives of the following transitions either come from their equations (implicit differentiation), or from dual
+numbers in SIMD lanes, with which the program is executed.
 
 | transition | by its equation, forward and backward | as executed, in dual lanes |
 |---|---|---|
@@ -25,13 +28,13 @@ space, whose iteration runs to convergence.
 
 
 class Method(NamedTuple):
-    """Choices that determine how control periods are differentiated.
+    """Method by which control periods are differentiated.
 
-    by_equations: True if Jacobians follow from the equations of steps and jumps (`runtime.implicit`). False if every
-    operation is differentiated when it is executed (`runtime.derivative`).
-    backwards: True if `runtime.adjoint` computes cotangents, False if cotangents are computed from Jacobians.
-    passes: number of linear solutions for the derivative of a step. One solution suffices if the step's matrix is the
-    exact derivative of the residual.
+    by_equations: True if Jacobians are computed from the equations of steps and jumps (`runtime.implicit`), False if
+    dual numbers are used (`runtime.derivative`).
+    backwards: True if `runtime.adjoint` computes vector-Jacobian products, False if they are computed from Jacobians.
+    passes: number of linear solutions for the derivative of a step; 1 if the Newton matrix is the exact derivative of
+    the residual.
     """
 
     by_equations: bool
@@ -44,7 +47,7 @@ def method_of(model: Any, program: Any, extras: Any, kept: bool, alone: str) -> 
 
     program: the batch's program.
     extras: sensors, motors and payload changes of the batch.
-    kept: whether motions are prescribed.
+    kept: True if motions are prescribed.
     alone: "all" if each arm is computed alone.
     """
     # parts of a period that the equations of its steps and jumps do not contain

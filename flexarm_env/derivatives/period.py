@@ -1,4 +1,4 @@
-"""Exact Jacobians and cotangents of control periods, for states as rows of numbers without episodes."""
+"""Exact Jacobians and vector-Jacobian products of control periods."""
 
 import math
 import warnings
@@ -39,10 +39,10 @@ def _renamed(name: str, now: str) -> None:
 class Jacobians(NamedTuple):
     """Results of a control period of n arms, and their derivatives.
 
-    A state has S entries, of which the first X move (`Arms.moving`). An action has A entries, an observation O entries.
-    `moved` contains the derivatives without the rows and columns of entries that do not move. A, B, C, D, r_x and r_u
-    are the derivatives for complete states. Entries that do not move stay constant, and derivatives with respect to
-    these entries are zero."""
+    A state has S entries, of which the first X = `Arms.moving` are variable. An action has A entries, an observation O
+    entries. `moved` contains only derivatives of and by variable entries. A, B, C, D, r_x and r_u are the derivatives
+    for complete states: constant entries do not change, and derivatives by them are zero.
+    """
 
     state: Array  # (n, S): state one control period later
     observation: Array  # (n, O): observation one control period later
@@ -97,7 +97,10 @@ class Jacobians(NamedTuple):
         return self.moved[:, -1, self._sizes[0] :]
 
     def jvp(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
-        """Map tangents of state (n, S) and action (n, A) to tangents of next state, observation and reward."""
+        """Multiply the Jacobians by tangents of state (n, S) and action (n, A).
+
+        Returns the tangents of next state (n, S), observation (n, O) and reward (n,).
+        """
         x, entries, _, _ = self._sizes
         both = np.concatenate([state[:, :x], action], axis=1)
         out = (self.moved @ both[:, :, None])[:, :, 0]
@@ -105,7 +108,10 @@ class Jacobians(NamedTuple):
         return after, out[:, x : x + entries], out[:, -1]
 
     def vjp(self, state: Array, observation: Array, reward: Array) -> tuple[Array, Array]:
-        """Map cotangents of next state (n, S), observation (n, O), reward (n,) to cotangents of state and action."""
+        """Return derivatives of a scalar by state and action, from those by the results ("cotangents").
+
+        state (n, S), observation (n, O), reward (n,): derivatives by next state, observation and reward.
+        """
         x = self._sizes[0]
         given = np.concatenate([state[:, :x], observation, reward[:, None]], axis=1)
         out = (given[:, None, :] @ self.moved)[:, 0]
@@ -124,14 +130,15 @@ class Jacobians(NamedTuple):
 
 
 class Differentiable(Protocol):
-    """n arms whose control periods have derivatives: `Arms`, `Periods`, or a class with the same methods.
+    """Interface of n arms whose control periods have derivatives; `Arms` and `Periods` implement it.
 
     Attributes:
         n: number of arms. state_size, action_size, observation_size: lengths S, A, O of a state, an action and an
             observation.
-        moving: number of a state's leading entries that are not constant.
+        moving: number of variable entries at the beginning of a state; all other entries are constant.
         failed: array (n,), True for arms whose solver failed in the last call.
-        past: array (n,), True for arms with a joint beyond its limits at the end of the last call."""
+        past: array (n,), True for arms with a joint beyond its limits at the end of the last call.
+    """
 
     n: int
     state_size: int
@@ -150,7 +157,7 @@ class Differentiable(Protocol):
     def vjp(
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
     ) -> tuple[Array, Array]:
-        """Return the cotangents of state and action, given the cotangents of the results of `step`."""
+        """Return the cotangents of state and action for cotangents of the results of `step`; see `Jacobians.vjp`."""
 
     def observe(self, state: Array) -> Array:
         """Return the observations (n, O) of states."""
@@ -163,14 +170,16 @@ class Periods:
     """Control periods of the arms of a batch, with exact derivatives; see `Arms` for states, steps and failures.
 
     Args:
-        batch: the `Batch` of arms. parameters: whether to differentiate with respect to parameters as well.
-        kept: whether states contain accelerations and torques even if periods begin by solving for accelerations.
-        guided: (index, `envs.motion.Guide`) of a single arm with prescribed motion, or None for all arms of the batch.
-        alone: which arms are computed one at a time, with halved steps if Newton's iteration fails: "failed" (arms that
-            failed in their lane, as in the environment), "all" or "none". whole: include the terms of all parameters.
+        batch: the `Batch` of arms. parameters: True to differentiate by parameters, too.
+        kept: True if states contain accelerations and torques even if each period computes accelerations at its start.
+        guided: pair (index, `envs.motion.Guide`) of a single arm with prescribed motion, or None for all arms.
+        alone: which arms are computed one at a time, with halved steps if Newton's iteration fails: "failed" (arms for
+            which it failed when computed together with others, as in the environment), "all" or "none". whole: True to
+            include the terms of all parameters.
     Attributes:
         n, state_size, action_size, observation_size, moving, names, failed, past: as in `Arms`.
-        backwards: whether separate kernels compute cotangents (`vjp`)."""
+        backwards: True if the model has kernels that compute `vjp`.
+    """
 
     def __init__(
         self, batch: Batch, parameters: bool = False, kept: bool = False, guided: tuple[int, Any] | None = None,
@@ -299,13 +308,12 @@ class Periods:
     def vjp(
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
     ) -> tuple[Array, Array]:
-        """Return the cotangents of states (n, S) and actions (n, A), given the cotangents of the results of `step`.
+        """Return the derivatives of a scalar by states (n, S) and actions (n, A) before a control period.
 
-        state_bar (n, S), observation_bar (n, O), reward_bar (n,): cotangents of state, observation and reward after the
-        control period.
-
-        If the model has kernels for cotangents (`backwards`), the call costs a few times as much as a period. Without
-        such kernels the cotangents are computed from the Jacobians."""
+        state_bar (n, S), observation_bar (n, O), reward_bar (n,): derivatives of the scalar by state, observation and
+        reward after the control period. If the model has kernels for this function (`backwards`), a call takes a few
+        times as long as a period. Otherwise it computes the Jacobians.
+        """
         given = checked("state_bar", state_bar, (self.n, self.state_size))
         seen = checked("observation_bar", observation_bar, (self.n, self.observation_size))
         paid = checked("reward_bar", reward_bar, (self.n,))
@@ -367,7 +375,8 @@ class Periods:
     def _carried(self, rows: Array) -> None:
         """Raise ValueError for an infinite parameter, one too stiff for double precision, or a factor <= 0.
 
-        Masses and tau_d near 0 may be negative, because differences need such values."""
+        Masses and tau_d near 0 may be negative, because differences need such values.
+        """
         least = np.fmin.reduce(rows[:, self._least], axis=0)
         for k, value in zip(self._least, least.tolist(), strict=True):
             factor = self.names[k].endswith("_factor")
@@ -410,7 +419,8 @@ class Periods:
     def _with_halved(self, name: str, found: Found, *rows: Any) -> Found:
         """Return the results `found` of a method, repeated alone for arms whose Newton iteration failed beside others.
 
-        The repetition halves steps, as the environment does."""
+        The repetition halves steps, as the environment does.
+        """
         for i in np.flatnonzero(self._stuck).tolist():
             if self._one is None:
                 self._one = Periods(self._batch.alone(), self.parameters, self._kept, alone="all")
@@ -434,7 +444,8 @@ class Periods:
 def checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:
     """Validate an array of numbers and return it as float64; raise ValueError if its shape is not `shape`.
 
-    name: name of the argument in the message."""
+    name: name of the argument in the message.
+    """
     rows = check.floats(name, value)
     if rows.shape != shape:
         raise check.InvalidValue(f"{name}.shape", rows.shape, f"must be {shape}")

@@ -1,4 +1,4 @@
-"""Offsets of a state's numbers in the memory block of an arm, and the names of these numbers."""
+"""Offsets and names of a state's entries in the memory block of an arm."""
 
 from typing import Any, NamedTuple
 
@@ -38,12 +38,12 @@ class _Place(NamedTuple):
 def places_of(
     batch: Any, model: Any, stride: int, layout: Any, parameters: bool, kept: bool
 ) -> tuple[Any, tuple[str, ...], int]:
-    """Return the offsets and names of a state's entries in a memory block, and the number of entries that move.
+    """Return offsets and names of a state's entries in a memory block, and the number of variable entries.
 
     stride: distance between two elements of the block.
     layout: offsets of the block's sections.
-    parameters: whether the state contains parameters as moving entries.
-    kept: whether to include accelerations and torques even if periods begin by solving for accelerations.
+    parameters: True if the state contains parameters as variable entries.
+    kept: True to include accelerations and torques even if each period computes accelerations at its start.
     """
     task, extras = batch.task, batch.extras
     rows, links = int(size(model.n)), len(task.links)
@@ -122,7 +122,7 @@ def _laws(model: Any) -> list[tuple[int, str, float]]:
 
 
 def laws_of(model: Any, names: tuple[str, ...]) -> tuple[list[int], list[float]]:
-    """Return the indices of the joint laws' parameters within a state, and the values of these parameters.
+    """Return the indices, in a state, of the parameters of gears, rotors and friction, and their values.
 
     names: names of the state's entries.
     """

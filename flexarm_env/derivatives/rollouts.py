@@ -12,9 +12,9 @@ from .period import Differentiable, checked
 
 
 class Outcome(NamedTuple):
-    """Results of a rollout: states (T + 1, n, S) with the initial states first, observations (T, n, O), rewards (T, n).
+    """Tangents of the results of a rollout, which `Rollout.jvp` returns.
 
-    `Rollout.jvp` returns the tangents of the results in this form.
+    states (T + 1, n, S), the initial states first; observations (T, n, O); rewards (T, n).
     """
 
     states: Array
@@ -23,7 +23,7 @@ class Outcome(NamedTuple):
 
 
 class Gradient(NamedTuple):
-    """Gradient with respect to the initial states (n, S) and the actions (T, n, A)."""
+    """Gradient of a scalar by the initial states (n, S) and the actions (T, n, A)."""
 
     state: Array
     actions: Array
@@ -33,9 +33,9 @@ class Gradient(NamedTuple):
 class Rollout:
     """T control periods of n arms under given actions.
 
-    Only states are stored. `jvp` and `vjp` compute the derivatives of each period from the stored states. Episodes do
-    not end; `failed` and `past` mark periods at which an environment would end the episode. After a solver failure an
-    arm's numbers are NaN. A rollout lies within one episode, so that no derivative crosses a reset.
+    Only states and results are stored; `jvp` and `vjp` compute the derivatives of each period from the stored states.
+    Episodes do not end; `failed` and `past` are True for periods at which the environment would end the episode. After
+    a failure of the solver an arm's results are NaN.
 
     Attributes:
         arms: the arms, an object with the methods of `Differentiable`.
@@ -55,10 +55,9 @@ class Rollout:
     past: NDArray[np.bool_]
 
     def jvp(self, state: Any = None, actions: Any = None) -> Outcome:
-        """Return the tangents of the rollout's results, given tangents of initial states and actions.
+        """Return the tangents of the rollout's results for tangents of initial states and actions.
 
-        state (n, S), actions (T, n, A): tangents of the initial states and of the actions; None stands for zero
-        tangents.
+        state (n, S), actions (T, n, A): tangents of the initial states and of the actions; None means zero.
         """
         count = len(self.actions)
         moved = np.zeros_like(self.states)
@@ -71,13 +70,13 @@ class Rollout:
         return Outcome(moved, seen, paid)
 
     def vjp(self, states: Any = None, observations: Any = None, rewards: Any = None) -> Gradient:
-        """Return the gradient of a scalar, given its gradient with respect to the results of the rollout.
+        """Return the gradient of a scalar function of the results by initial states and actions.
 
         Args:
-            states: gradient of the scalar with respect to the states, (T + 1, n, S); None stands for zero.
-            observations: gradient with respect to the observations, (T, n, O); None stands for zero.
-            rewards: gradient with respect to the rewards, (T, n); None stands for zero. For a weighted sum of rewards
-                use `vjp(rewards=weights)`.
+            states: gradient of the scalar by the states, (T + 1, n, S); None means zero.
+            observations: gradient of the scalar by the observations, (T, n, O); None means zero.
+            rewards: gradient of the scalar by the rewards, (T, n); None means zero. If the scalar is a weighted sum of
+                rewards, this is the array of weights.
         """
         by_states = _given("states", states, self.states.shape)
         by_seen = _given("observations", observations, self.observations.shape)

@@ -1,4 +1,4 @@
-"""Derivatives of the results of a scene's run with respect to parameters of the scene or the arm."""
+"""Derivatives of a scene's simulation by parameters of the scene or the arm."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class NotDifferentiable(ValueError):
 
 @dataclass(frozen=True)
 class Run:
-    """A run in equal steps, with its states stored for differentiation.
+    """Simulation in equal steps, whose states are stored for differentiation.
 
     Attributes:
         simulation: the simulation at the end of the run.
         trajectory: the samples of the run.
-        start: array (4, n), initial q, v, a, b.
+        start: array (4, n), initial coordinates q, velocities v, accelerations a, and filtered accelerations b.
         q, v, a: arrays (steps, n), coordinates, velocities and accelerations at the ends of steps.
         t: array (steps,), times of the ends of steps, s.
         every: number of steps between two samples.
@@ -55,7 +55,7 @@ class Run:
 
     @classmethod
     def of(cls, simulation: Simulation, interval: float) -> Run:
-        """Run a new Simulation of a scene, record a sample every `interval` s, and return the `Run`."""
+        """Advance a new Simulation to the end of its scene with a sample every `interval` s; return the `Run`."""
         scene = simulation.scene
         every = max(1, int(np.ceil(interval / simulation.dt * (1.0 - 1e-9))))
         if every * scene.duration / interval > MOST_ROWS:
@@ -90,11 +90,11 @@ class Run:
                 raise NotDifferentiable(what)
 
     def slopes(self, neighbours: Sequence[tuple[Simulation, float, float]]) -> Array:
-        """Return the derivatives of q and v by a parameter, at the start and at the samples: (samples, 2, n).
+        """Return the derivatives of q and v by a parameter, (samples, 2, n), at the start and at the samples.
 
-        neighbours: two triples (simulation, offset, weight in the derivative). Each contains a Simulation of the scene
-        with the parameter changed by the offset. For an offset e, a central difference has (a, e, 1 / 2e) and (b, -e,
-        -1 / 2e), a one-sided difference (a, e, 2 / e) and (b, 2 e, -1 / 2e).
+        neighbours: two triples (simulation, offset, weight). Each simulation is of the scene with the parameter changed
+        by the offset. The weights are those of a finite difference: for an offset e, a central difference has
+        (a, e, 1 / 2e) and (b, -e, -1 / 2e), a one-sided difference has (a, e, 2 / e) and (b, 2 e, -1 / 2e).
 
         Raises:
             NotDifferentiable: the steps cannot be differentiated (`check`), or the parameter changes the structure of
@@ -138,10 +138,10 @@ class Run:
         return np.concatenate([tangent[:2].reshape(1, -1), out[self.every - 1 :: self.every]]).reshape(-1, 2, n)
 
     def moved(self, other: Simulation, change: Array, places: bool = True) -> Trajectory:
-        """Return the trajectory of another arm: the run's q and v plus the changes `change` (samples, 2, n).
+        """Return the trajectory of an arm with changed parameters, to first order.
 
-        other: Simulation of the other arm.
-        places: whether to recompute tip, joints and motors as well. All other fields are those of this run.
+        change (samples, 2, n): changes of q and v. other: Simulation of the changed arm.
+        places: True to compute tip, joints and motors from the changed q and v. All other fields are those of this run.
         """
         q, v = self.trajectory.q + change[:, 0], self.trajectory.v + change[:, 1]
         found: dict[str, Any] = {}

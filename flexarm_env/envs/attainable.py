@@ -1,4 +1,4 @@
-"""Conditions on drawn targets: the arm reaches a target within its joint limits and its motors hold the arm there."""
+"""Conditions on random targets: the arm can reach the target within its joint limits, and its motors can hold it."""
 
 import dataclasses
 import itertools

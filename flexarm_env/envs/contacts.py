@@ -1,4 +1,4 @@
-"""The keyword `contacts`: it adds obstacles that an arm may touch, and selects steps that resolve the impacts."""
+"""The keyword `contacts` of environments: obstacles that the arm can touch, and time steps that resolve impacts."""
 
 import math
 from collections.abc import Mapping
@@ -39,7 +39,7 @@ def framed(
     frame: Frame, value: Any, task: str, duration: float, given: Mapping[str, Any],
     drawn: Mapping[str, tuple[float, float]], changing: PayloadChange | None,
 ) -> Frame:  # fmt: skip
-    """Return the frame with the given contacts and with a step so short that every impact lasts at least `STEPS` steps.
+    """Return the frame with contacts, and with a time step so short that every impact lasts at least `STEPS` steps.
 
     If the user gives no `dt`, a control period is divided into enough steps, at most `MOST_STEPS`. The Newton tolerance
     decreases with the square of the step. The number of steps follows from the lightest and softest arm that may be
@@ -82,10 +82,12 @@ DRAWS = 50
 
 
 def free_starts(frame: Frame, task: Task, starts: Starts, targets: bool) -> Starts:
-    """Return starts that are drawn again while the arm touches an obstacle. targets: whether targets are, too.
+    """Return ranges of initial states that are drawn again while the arm touches an obstacle.
+
+    targets: True if targets inside obstacles are drawn again, too.
 
     Raises:
-        ValueError: none of `DRAWS` drawn starts or targets is outside the obstacles.
+        ValueError: none of `DRAWS` random initial states or targets is outside the obstacles.
     """
     rng, begin, aims = np.random.default_rng(0), np.array(starts.start), np.array(starts.target)
     postures, goals = [], []

@@ -1,4 +1,4 @@
-"""Strokes, discs and text on a supersampled pygame surface, for pictures of arms."""
+"""Draw strokes, discs and text on a supersampled pygame surface, for pictures of arms."""
 
 import math
 from functools import lru_cache
@@ -37,10 +37,10 @@ class Sheet:
     """Canvas of one picture of an arm, on which the methods draw.
 
     Args:
-        size: width and height of the picture, pixels. reach: arm's reach, m. margin: length shown along half of the
-            picture's shorter side, divided by the reach.
-        center (2,): the point at the middle of the picture, m. cell: side of a grid square, m.
-    A length of one "point" is 1/640 of the picture's shorter side.
+        size: width and height of the picture, pixels. reach: arm's reach, m. margin: half of the picture's shorter
+            side, in m, divided by the reach.
+        center (2,): position at the middle of the picture, m. cell: side of a grid square, m.
+    A "point", the unit of strokes and radii, is 1/640 of the picture's shorter side.
     """
 
     def __init__(self, size: tuple[int, int], reach: float, margin: float, center: Array, cell: float) -> None:
@@ -87,7 +87,7 @@ class Sheet:
             self.pg.draw.line(self.canvas, color, line[k], line[k + 1], max(1, round(width * self.point)))
 
     def arrow(self, start: ArrayLike, end: ArrayLike, color: Color) -> None:
-        """Draw an arrow with a dot at its start. A pale edge separates the arrow from the arm."""
+        """Draw an arrow with a dot at its start and with a pale edge."""
         a, b = self.pixels(start), self.pixels(end)
         draw_arrow(self.canvas, a, b, color, self.point)
 
@@ -100,14 +100,14 @@ class Sheet:
             self.pg.draw.line(self.canvas, color, a + (b - a) * (k / count), a + (b - a) * ((k + 0.5) / count), wide)
 
     def picture(self) -> Any:
-        """Return the surface at the picture's size, averaged down from the supersampled canvas."""
+        """Return the picture: the supersampled canvas, averaged to the picture's size."""
         return self.pg.transform.smoothscale(self.canvas, self.size)
 
 
 def draw_arrow(canvas: Any, start: Array, end: Array, color: Color, point: float) -> None:
     """Draw an arrow between two canvas points, pixels, with a dot at its start.
 
-    point: number of pixels per length unit "point".
+    point: length of a "point" (see `Sheet`), pixels.
     """
     pg, way = pygame_module(), end - start
     long = float(np.hypot(*way))
@@ -128,7 +128,7 @@ def draw_arrow(canvas: Any, start: Array, end: Array, color: Color, point: float
 def write(picture: Any, text: str, at: tuple[float, float], height: float, color: Color, side: str) -> None:
     """Write text on a surface at the position `at`.
 
-    side: attribute of the text's pygame.Rect that is placed at `at`, for example "topleft".
+    side: point of the text's rectangle that is at `at`: an attribute of pygame.Rect, for example "topleft".
     """
     image = _label(text, max(7, round(height)), color)
     picture.blit(image, image.get_rect(**{side: (round(at[0]), round(at[1]))}))
@@ -190,9 +190,9 @@ def _font(pixels: int) -> Any:
 
 # -------------------------------------------------------------------- geometry
 def smooth(points: Array, root_angle: float, tip_angle: float, pieces: int = 6) -> Array:
-    """Return a smooth (C1) cubic curve through points (n, 2), with given directions (rad) at its ends.
+    """Return points of a smooth (C1) cubic curve through points (n, 2), with given directions (rad) at its ends.
 
-    pieces: number of curve pieces between two given points.
+    pieces: number of straight pieces that approximate the curve between two given points.
     """
     if len(points) < 2:
         return np.repeat(points, 2, axis=0)

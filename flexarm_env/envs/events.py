@@ -1,4 +1,4 @@
-"""Convert keyword arguments to records: costs, pushes, payload changes, starts and conditions of success."""
+"""Convert keyword arguments of environments to records: costs, pushes, payload changes, initial states, success."""
 
 import dataclasses
 import math
@@ -31,7 +31,7 @@ EVENTS = ("cost", "pushes", "payload_change", "keep_out")
 
 
 def cost(frame: Frame, value: Any) -> Cost | None:
-    """Read `cost`: limits of tip deflections (divided by the link's length) and of the links' surface strains."""
+    """Validate the keyword `cost`: limits of tip deflections (divided by the link's length) and of surface strains."""
     if value is None:
         return None
     table = table_of("cost", value, ("deflection", "strain"))
@@ -94,7 +94,7 @@ def keep_out(frame: Frame, value: Any) -> KeepOut | None:
 
 
 def pushes(frame: Frame, value: Any) -> Pushes | None:
-    """Read `pushes`: forces on the tip at random times."""
+    """Validate the keyword `pushes`: forces on the tip at random times."""
     if value is None:
         return None
     table = table_of("pushes", value, ("wait", "force", "lasting", "until"))
@@ -116,11 +116,11 @@ def _range(path: str, table: dict[str, Any], key: str, unit: str, minimum: float
 
 
 def payload_change(frame: Frame, value: Any) -> PayloadChange | None:
-    """Read `payload_change`: a payload that the arm grips or releases once in an episode; None if `value` is None.
+    """Validate the keyword `payload_change`: a payload that the arm grips or releases once in an episode.
 
-    value: table with `time` (s), `factor` (on the nominal payload's mass and inertia) and `gripped`. In the result
-    the time is in control periods. Its `resting` is (0,) if the gripped body rests before the change, so that
-    velocities jump, and None if the body moves with the tip.
+    value: table with `time` (s), `factor` (on the nominal payload's mass and inertia) and `gripped`; or None. In the
+    result the time is in control periods. Its field `resting` is (0,) if the gripped body rests before the change, so
+    that velocities jump, and None if the body already moves with the tip.
     """
     if value is None:
         return None
@@ -135,10 +135,10 @@ def payload_change(frame: Frame, value: Any) -> PayloadChange | None:
 
 
 def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool, drawn: int) -> dict[str, Any]:
-    """Return the fields of the task record for success, turns and info that differ from their defaults.
+    """Return those fields of the task record for success, turns and info that differ from their defaults.
 
-    success, turns: values of the environment's keywords of these names. absolute: whether target angles are absolute.
-    drawn: index in info of the last drawn number; -1 if no number is drawn.
+    success, turns: values of the environment's keywords with these names. absolute: True if target angles are absolute,
+    False if they are relative to the initial angle. drawn: index in info of the last random factor; -1 without factors.
     """
     kind = frame.kind
     table = table_of("success", success, (*kind.bands, "hold", "once", "paid"))
@@ -178,7 +178,7 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool,
 
 
 def starts(kind: Kind, arm: Arm, value: Any, rules: int) -> tuple[Starts, bool]:
-    """Return the ranges of fresh starts, and whether target angles are absolute or relative to the start."""
+    """Return the ranges of initial states, and whether target angles are absolute (True) or relative to the start."""
     usual = kind.starts(arm, rules)
     if value is None:
         return usual, False
@@ -207,7 +207,7 @@ def only_with(name: str, value: Any, task: str, wanted: str) -> None:
 
 
 def unguided(extras: Extras, path: str, value: Any) -> None:
-    """Raise `InvalidValue` if a prescribed motion is combined with events that require a freely moving arm."""
+    """Raise `InvalidValue` if a prescribed motion is combined with one of the keywords in `EVENTS`."""
     for name in EVENTS:
         if getattr(extras, name) is not None:
             raise check.InvalidValue(path, value, f"must not be given in an environment with {name}")

@@ -29,7 +29,10 @@ LONGEST = 1000
 
 @dataclass(frozen=True)
 class Frame:
-    """Properties of an environment on which its keywords depend. contacts: obstacles that the arm may touch."""
+    """Properties of an environment on which the validation of its keywords depends.
+
+    contacts: obstacles that the arm can touch.
+    """
 
     kind: Kind
     arm: Arm
@@ -40,14 +43,14 @@ class Frame:
 
 
 def table_of(path: str, value: Any, keys: Sequence[str]) -> dict[str, Any]:
-    """Return the table `value` of keyword `path` after checking its keys; {} if the value is None."""
+    """Validate the keys of the table `value` of the keyword `path`, and return the table; {} for None."""
     table = {} if value is None else check.table_of(path, value)
     check.known_keys(path, table, keys)
     return table
 
 
 def for_each(path: str, value: Any, n: int, unit: str = "", **bounds: float) -> Array:
-    """Return one number for each of n links or joints; `value` is one number for all, or n numbers."""
+    """Return an array with one number for each of n links or joints; `value` is one number for all, or n numbers."""
     many = check.several(value)
     values = check.sequence(path, value, f"{n} numbers{f' ({unit})' if unit else ''}", n) if many else (value,) * n
     names = [f"{path}[{k}]" if many else path for k in range(n)]
@@ -55,7 +58,7 @@ def for_each(path: str, value: Any, n: int, unit: str = "", **bounds: float) -> 
 
 
 def whole(path: str, value: Any, step: float, name: str, **bounds: float) -> int:
-    """Convert the time `value` (s) to a whole number of steps of `step` seconds."""
+    """Convert the time `value`, s, to a number of steps of `step` s; raise InvalidValue if the number is not whole."""
     time = check.number(path, value, "s", **bounds)
     if not time / step < LONGEST + 0.5:
         raise check.InvalidValue(path, value, f"must be at most {LONGEST} {name} = {LONGEST * step:g} s")
@@ -76,10 +79,10 @@ def _late(path: str, value: Any, step: float, name: str) -> tuple[int, int]:
 
 # --- controllers -------------------------------------------------------------------------------------
 def controller(frame: Frame, mode: Any, share: Any) -> Controller | None:
-    """Return the joint controllers that the action commands; None if the action is a torque, a current or a voltage.
+    """Return the joint PD controllers whose set points are the actions; None if actions are torques or motor inputs.
 
-    The stiffness is chosen so that an error of pi/4 rad gives the full torque. The damping is critical for the rigid,
-    straight part of the arm from the joint to the tip.
+    The proportional gain gives the full torque at an error of pi/4 rad. The derivative gain gives critical damping for
+    the straight, rigid arm between the joint and the tip.
     """
     if check.choice("action_mode", mode, ACTION_MODES) != "residual_pd":
         if share is not None:
@@ -92,9 +95,9 @@ def controller(frame: Frame, mode: Any, share: Any) -> Controller | None:
 
 
 def amplified(arm: Arm, mode: Any) -> tuple[Arm, Amplifier | None]:
-    """Return the arm with the viscous friction due to back-emf, and the amplifier that converts actions to torques.
+    """Return the amplifier that converts currents or voltages to torques, and the arm with the friction by back-emf.
 
-    Raises ValueError if a joint lacks a motor or the motor's limit, or, for voltages, the motor's resistance.
+    Raises ValueError if a joint has no motor, or the motor has no limit or, for voltages, no resistance.
     """
     if mode not in ("current", "voltage"):
         return arm, None
@@ -126,7 +129,7 @@ _ACTUATOR = ("lag", "delay", "jitter", "saturation", "viscous", "coulomb")
 
 
 def with_friction(arm: Arm, value: Any) -> Arm:
-    """Return the arm with the friction of `actuator` added to the friction of its joints."""
+    """Return the arm with the friction in the keyword `actuator` added to the friction of its joints."""
     table, joints = table_of("actuator", value, _ACTUATOR), [arm.joint(k) for k in range(arm.n_links)]
     for name, unit in (("viscous", "N m s/rad"), ("coulomb", "N m")):
         more = for_each(f"actuator.{name}", table.get(name, 0.0), arm.n_links, unit, minimum=0.0)
@@ -142,10 +145,10 @@ def with_friction(arm: Arm, value: Any) -> Arm:
 
 
 def with_hub(arm: Arm, drawn: Any) -> tuple[Arm, float]:
-    """Return the arm prepared for drawn hub inertias, and the nominal hub inertia about the hub's axis, kg m^2.
+    """Prepare an arm for random hub inertias; return it with the nominal hub inertia about the hub's axis, kg m^2.
 
-    The drawn deviation from the nominal hub inertia is added to the inertia of joint 0's rotor. On a base that
-    does not turn, the rotor has the same effect as the hub. If joint 0 is ideal, it gets a negligible rotor.
+    The random deviation from the nominal hub inertia is added to the rotor inertia of joint 0, which has the same
+    effect on a base that does not turn. If joint 0 is ideal, the function adds a rotor with negligible inertia.
     """
     if drawn is None:
         return arm, 0.0
@@ -162,7 +165,7 @@ def with_hub(arm: Arm, drawn: Any) -> tuple[Arm, float]:
 
 
 def actuator(frame: Frame, value: Any) -> Actuator | None:
-    """Read `actuator`; return the motors, or None if they are ideal."""
+    """Validate the keyword `actuator`; return the motor model, or None for ideal motors."""
     if value is None:
         return None
     table = table_of("actuator", value, _ACTUATOR)
@@ -207,9 +210,9 @@ _SENSORS = ("noise", "delay", *description.KEYS)
 def sensors(
     frame: Frame, value: Any, gauges: Sequence[description.StrainGauge], names: Sequence[str], scales: Sequence[float]
 ) -> Sensors | None:
-    """Convert noise, delay and strain gauges of the observation to sensors; None if all sensors are ideal.
+    """Convert the keyword for noise and delay, and the strain gauges, to sensors; None if all sensors are ideal.
 
-    names, scales: names and scales of all entries of the observation, with the gauges last.
+    names, scales: names and scales of all entries of the observation, those of the gauges last.
     """
     table = table_of("sensors", None if isinstance(value, description.Sensors) else value, _SENSORS)
     places = [gauge.spot for gauge in gauges]
@@ -228,7 +231,7 @@ _STIFFNESS = {"xz": "EI_y", "torsion": "GJ"}
 
 
 def gauge_scales(frame: Frame, gauges: Sequence[description.StrainGauge]) -> list[float]:
-    """Return each gauge's scale, 1/m: the curvature, or twist, that the full torque of the link's joint causes."""
+    """Return each gauge's scale, 1/m: the curvature or twist per length due to the full torque of the link's joint."""
     limits, links = frame.arm.torque_limits, frame.arm.links
     assert limits is not None
     sizes = []
@@ -255,7 +258,7 @@ def _noise(deviations: Any, names: Sequence[str], scales: Sequence[float]) -> Ar
 
 # --- moving targets ----------------------------------------------------------------------------------
 def reference(frame: Frame, value: Any, periods: int) -> Reference:
-    """Read `reference`: a given path, sampled at the control instants, or the ranges of paths drawn in each episode."""
+    """Validate the keyword `reference`: a path, which is sampled at control instants, or ranges of random paths."""
     target, arm = frame.kind.target, frame.arm
     drawn = value if isinstance(value, Mapping) and "t" not in value else {}
     value = None if drawn else value
@@ -278,7 +281,7 @@ def reference(frame: Frame, value: Any, periods: int) -> Reference:
 
 
 def gravity_of(kind: Kind, given: Any) -> tuple[float, ...] | None:
-    """Return gravity (2,), in space (3,), m/s^2; the default of the environment's task if none is given."""
+    """Return gravity (2,), in space (3,), m/s^2; if `given` is None, the default of the environment's task."""
     if given is None:
         return kind.gravity
     count = len(kind.axes)

@@ -16,21 +16,21 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     """
     ## Description
 
-    A flexible link turns about its hub in the horizontal plane. A motor turns the hub. The goal is to move the tip,
-    which carries a payload, to a target angle and hold it there without residual vibration. The link is a beam with
-    exact geometry, which may bend far and vibrates as a continuous body, not as a mass on a spring.
+    A motor at the hub turns a flexible link in the horizontal plane. The goal is to move the tip, which carries a
+    payload, to a target angle and hold it there without residual vibration. The link is a geometrically exact beam: a
+    continuous body whose bending may be large.
 
-    The default arm, `strip`, is an aluminum strip of 1 m x 30 mm x 3.42 mm (EI about 7 N m^2) with 0.05 kg m^2 at the
-    hub and 0.2 kg at the tip. The strip's first frequency, with the hub clamped and the payload attached, is 8.89
-    rad/s, with a damping ratio of one percent.
+    The default arm, `strip`, is an aluminum strip of 1 m x 30 mm x 3.42 mm (EI about 7 N m^2) with a moment of inertia
+    of 0.05 kg m^2 at the hub and a mass of 0.2 kg at the tip. With the hub clamped and the payload attached, the
+    strip's first natural frequency is 8.89 rad/s, and its damping ratio is one percent.
 
-    `gymnasium.make("FlexibleArm-v0")` makes one arm, `gymnasium.make_vec("FlexibleArm-v0", num_envs=n)` makes n arms
-    that one compiled call advances. A single arm and an arm among n arms give the same numbers, bit for bit. Without an
-    import of the package use the id `flexarm_env:FlexibleArm-v0`.
+    `gymnasium.make("FlexibleArm-v0")` creates one arm. `gymnasium.make_vec("FlexibleArm-v0", num_envs=n)` creates n
+    arms that one compiled call advances. Each of them gives bitwise the same results as a single arm. The id
+    `flexarm_env:FlexibleArm-v0` also works if the package has not been imported.
 
     ## Action space
 
-    `Box(-1, 1, (1,), float32)`: the hub torque as a share of the arm's torque limit (`strip`: 2 N m). The torque is
+    `Box(-1, 1, (1,), float32)`: the hub torque divided by the arm's torque limit (`strip`: 2 N m). The torque is
     constant over one control period. Actions beyond +-1 are clipped. NaN or infinity ends the episode
     (`action_not_finite`).
 
@@ -48,20 +48,21 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | 4 | `tip_deflection_rate` | rate of the tip deflection | 0.3 w | L/s |
     | 5 | `target_error` | target angle minus tip angle, unwrapped | 1 | rad |
 
-    - w = sqrt(tau pi/2 / I) is the top rate of a rigid quarter turn at full torque. tau is the torque limit, I the
-      inertia of the straight arm about the hub. For `strip` w = 3.029 rad/s.
+    - w = sqrt(tau pi/2 / I) is the largest rate of the rigid arm in its fastest quarter turn from rest to rest. tau is
+      the torque limit, I the inertia of the straight arm about the hub. For `strip` w = 3.029 rad/s.
     - L is the length of the link.
     - The tip deflection is the component of (tip - root) normal to the link's tangent at its root, divided by L.
     - The tip angle is the polar angle of the tip about the hub.
 
-    `observation="measured"` shows what sensors measure. `observation=("hub_sin", ...)` selects entries by name.
-    `history=k` stacks the last k observations. [Entries of the observation](options.md#observation) lists all names.
+    `observation="measured"` replaces these entries by sensor readings. `observation=("hub_sin", ...)` selects entries
+    by name. `history=k` stacks the last k observations. [Entries of the observation](options.md#observation) lists all
+    names.
 
     ## Rewards
 
-    The reward is the sum of the terms in the table, each multiplied by its weight. `info["reward_<name>"]` has each
-    weighted term. In the table e is the target angle minus the tip angle (rad), e' the rate of e (rad/s), d' the rate
-    of the tip deflection (L/s), and a the action.
+    The reward is the sum of the terms in the table, each multiplied by its weight. `info["reward_<name>"]` is the
+    weighted term. In the table e is the target angle minus the tip angle (rad), e' the time derivative of e (rad/s), d'
+    the time derivative of the tip deflection (L/s), and a the action.
 
     | name | weight | term | bounds, weighted |
     |---|---|---|---|
@@ -72,32 +73,33 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | vibration | 0.02 | -min(d'^2, 1) | -0.02 to 0 |
     | failure | 56 | -1 in the step that ends an episode by failure | -56 to 0 |
 
-    `reward={"effort": 0.1}` changes weights, and `reward_terms` adds terms of your own ([Reward](options.md#reward)). A
-    failure never increases the return, and the return of an episode does not depend on the control period.
+    `reward={"effort": 0.1}` changes weights, and `reward_terms` adds terms of your own ([Reward](options.md#reward)).
+    The weight of failure is so large that an episode never gains by failing. Weights are proportional to the control
+    period, so that the return of an episode does not depend on it.
 
     ## Starting state
 
-    The link is straight and at rest. The hub angle is drawn from -pi to pi, and the target angle within +-pi/2 of the
-    hub angle. All draws are uniform. A target is drawn again if the joint limits exclude the target or if the motor
-    cannot hold the arm at the target against gravity; if no target is possible, `make` raises an error. [Starts and
-    resets](options.md#starts-and-resets) describes how to set starts and targets, and how to begin with a vibrating
-    link.
+    The link is straight and at rest. The hub angle is random between -pi and pi, and the target angle is random within
+    +-pi/2 of the hub angle, both with uniform distributions. A target is drawn again if it is outside the joint limits
+    or if the motor cannot hold the arm there against gravity. If there is no possible target, `make` raises an error.
+    [Starts and resets](options.md#starts-and-resets) describes how to set initial states and targets, and how to begin
+    with a vibrating link.
 
     ## Episode end
 
-    - Truncation: an episode is truncated after `duration` (4 s, in whole control periods) or `max_episode_steps`,
-      whichever is first, or at the end of a prescribed motion.
+    - Truncation: an episode is truncated after `duration` (4 s, rounded down to whole control periods), after
+      `max_episode_steps` if this is earlier, or at the end of a prescribed motion.
     - Termination: an episode is terminated only by a failure. `info["termination_reason"]` is `joint_limit` (a joint
       beyond its limits), `action_not_finite`, or the status of the solver (`newton_failed`, `out_of_range`, `diverged`,
       `not_finite`). After `action_not_finite` or a failure of the solver, `step` returns the last observation before
       the failure. The other arms of a vector environment continue.
-    - Success does not end an episode. `info["is_success"]` is true if, over the last 0.5 s, the tip angle was within 1
-      degree of the target and the rate of the deflection below 0.01 L/s. The success of an episode is the value at its
-      last step.
+    - Success does not end an episode. `info["is_success"]` is true if, during the last 0.5 s, the tip angle was within
+      1 degree of the target and the magnitude of the deflection rate was below 0.01 L/s. An episode counts as a success
+      if the value is true at its last step.
 
     ## Info
 
-    `reset` and `step` return `info` with the same keys and types, in SI units. Options add further keys
+    `info` of `reset` and `step` has the same keys and types, in SI units. Options add further keys
     ([Info](options.md#info)).
 
     | key | meaning |
@@ -134,14 +136,14 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
 
     ## Version history
 
-    * v0: first version. Since 0.2.0 rewards and drawn targets follow [rules 2](options.md#rules); `rules=1` selects the
-      former rules.
+    * v0: first version. Since 0.2.0 rewards and random targets follow [rules 2](options.md#rules); `rules=1` selects
+      the former rules.
     """
 
     kind = SLEW
 
 
 class FlexibleArmVectorEnv(VectorArmEnv, VectorEnv[Array32, Array32, NDArray[Any]]):
-    """Vector environment of many FlexibleArm-v0; see :class:`FlexibleArmEnv`."""
+    """Vector environment with the arms and tasks of FlexibleArm-v0; see :class:`FlexibleArmEnv`."""
 
     kind = SLEW

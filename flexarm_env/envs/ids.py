@@ -1,4 +1,4 @@
-"""Environments that a file may name; the check prevents a policy or recording from importing arbitrary code."""
+"""Validate environment ids in files, so that a policy or recording cannot import arbitrary code."""
 
 from collections.abc import Callable
 from typing import Any
@@ -18,7 +18,7 @@ def own_ids() -> tuple[str, ...]:
 
 
 def make_registered(make: Callable[..., Any], env_id: str, /, **keywords: Any) -> Any:
-    """Call `gymnasium.make` or `make_vec` with an id; raise ValueError if the id is invalid or not registered."""
+    """Call `make`, a function such as `gymnasium.make`, with an id; raise ValueError if the id is not registered."""
     try:
         return make(env_id, **keywords)
     except DependencyNotInstalled:
@@ -28,10 +28,10 @@ def make_registered(make: Callable[..., Any], env_id: str, /, **keywords: Any) -
 
 
 def permitted(path: str, env_id: Any, env_kwargs: Any, named: str | None = None) -> tuple[str, dict[str, Any]]:
-    """Return the environment id and keywords from a file, after checking that `gymnasium.make` may receive both.
+    """Validate the environment id and the keywords in a file, and return both.
 
     Args:
-        path: name of the id in messages. named: an id that the caller explicitly permits.
+        path: name of the id in messages. named: an id that is also permitted, because the user named it.
     Raises:
         ValueError: the id is neither this package's own nor `named`, or an id of this package has unknown keywords.
     """

@@ -1,4 +1,4 @@
-"""Estimate an arm's tip error in small motions: the quantities of the rule in the module `resolution`."""
+"""Estimate an arm's tip error from small motions: the quantities e_1, e_2 and e_3 that `resolution` defines."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ SETTLED, CHATTER = 20, 0.3
 
 
 class Judge:
-    """Estimate the tip's errors for one arm, drive and control period (s); `resolution` defines the errors.
+    """Estimates of the tip's error for one arm, drive and control period (s); `resolution` defines the errors.
 
-    stiffness: factor on EI, in space also on EI_y and GJ. theta: largest bend of a link, rad.
+    stiffness: factor on EI, in space also on EI_y and GJ. theta: largest angle between the ends of a link, rad.
     """
 
     def __init__(self, arm: Arm, drive: Drive, period: float, stiffness: float = 1.0) -> None:
@@ -79,13 +79,13 @@ class Judge:
 
     @property
     def slender(self) -> bool:
-        """Whether the links are slender, so that small motions without shear represent the arm."""
+        """True if the links are slender, so that small motions without shear represent the arm."""
         radii = [math.sqrt(link.rotary / link.mass) / link.length for link in self.arm.links if link.mass > 0.0]
         return max(radii, default=0.0) <= SLENDER
 
     @cached_property
     def chatters(self) -> tuple[bool, bool]:
-        """Return whether a PD loop keeps vibrating without action: (in at least one posture, in every posture)."""
+        """Return whether the PD loop sustains a vibration by itself, in at least one posture and in every posture."""
         if self.drive.residual is None:
             return False, False
         limits = CHATTER * np.array(self.drive.limits)
@@ -178,7 +178,7 @@ class Judge:
         return self._softened(motion)
 
     def small(self, settings: Settings, h: float) -> float:
-        """Return e_1: the tip's largest distance from the reference in small motions, divided by the arm's length."""
+        """Return e_1, the tip's largest error in small motions, divided by the arm's length."""
         name, _ = MESHES[settings.formulation]
         size = getattr(settings, name)
         key = (
@@ -190,7 +190,7 @@ class Judge:
         return self._known[key]
 
     def halved(self, settings: Settings, h: float) -> float:
-        """Return the largest tip distance, divided by L, between small motions in steps of h (s) and of h/2."""
+        """Return the largest distance between the tips of small motions in steps of h (s) and of h/2, divided by L."""
         worst = 0.0
         for pose in self.poses:
             one, two = (self._stepped(settings, pose, k) for k in (h, 0.5 * h))
@@ -229,7 +229,7 @@ class Judge:
         return self.motions.spin(settings.period_error * h * h * turned)
 
     def bound(self, settings: Settings, h: float) -> float:
-        """Return the error bound e = G e_1 + e_2, divided by L; inf if steps of h (s) miss a contact or a vibration."""
+        """Return the error bound e = G e_1 + e_2, divided by L; inf if steps of h (s) are too long for the arm."""
         steady = settings.formulation != "elastica" or self.unsteady * h <= STEADY
         if not steady or self.contact * h > CONTACT * (1.0 + 1e-9):
             return math.inf
@@ -242,7 +242,7 @@ class Judge:
 
 
 class Worst:
-    """Largest errors of the nominal arm and of the extreme drawn arms; the extreme arms have the weight SELDOM."""
+    """Largest error estimates of the nominal arm and of the extreme randomized arms, which have the weight SELDOM."""
 
     def __init__(self, rules: Sequence[Judge]) -> None:
         self.rules, self.arm, self.period = rules, rules[0].arm, rules[0].period
@@ -253,7 +253,7 @@ class Worst:
 
     @property
     def elements(self) -> int:
-        """Number of elements per link that resolves the bends at full torque (`SmallMotions.elements`)."""
+        """Number of elements per link that resolves the bending at full torque (`SmallMotions.elements`)."""
         return self.motions.elements(self.arm, min(rule.stiffness for rule in self.rules))
 
     def bound(self, settings: Settings, h: float) -> float:
@@ -265,20 +265,18 @@ class Worst:
         return max(self.rules[0].spin(settings, h), *(SELDOM * rule.spin(settings, h) for rule in self.rules))
 
     def estimate(self, settings: Settings, h: float) -> float:
-        """Return the tip's largest estimated error of all arms due to mesh and step h (s), divided by L."""
+        """Return the largest estimated tip error of all arms for a mesh and steps of h (s), divided by L."""
         return max(self.rules[0].estimate(settings, h), *(SELDOM * rule.estimate(settings, h) for rule in self.rules))
 
 
 @lru_cache(32)
 def judge(arm: Arm, drive: Drive, period: float, stiffness: float = 1.0) -> Judge:
-    """Return the error estimates (`Judge`) of an arm, from a cache."""
+    """Return the error estimates (`Judge`) of an arm; results are cached."""
     return Judge(arm, drive, period, stiffness)
 
 
 def worst(arm: Arm, drive: Drive, period: float, drawn: Mapping[str, tuple[float, float]]) -> Worst:
-    """Return error estimates of an arm and its extreme drawn arms, which are the softest and the stiffest arm.
-
-    The stiffest arm carries the smallest payload.
+    """Return error estimates of an arm, of the softest randomized arm, and of the stiffest with the smallest payload.
 
     period: control period, s. drawn: ranges (low, high) of randomized factors by name; only the factors on EI, payload
     and torque_constant are used.

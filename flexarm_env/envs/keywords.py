@@ -13,7 +13,7 @@ from ..settings import FORMULATIONS, default_options
 
 
 class SolverKeywords(TypedDict, total=False):
-    """Options of the solver (`Settings`); an option that the formulation does not have must not be given."""
+    """Options of the solver (`Settings`); each formulation accepts only its own options."""
 
     segments: int | None
     elements: int | None
@@ -35,7 +35,7 @@ class SolverKeywords(TypedDict, total=False):
 
 
 class Keywords(SolverKeywords, total=False):
-    """Keyword arguments of every environment; `options.plan` defines their defaults and checks their values."""
+    """Keyword arguments of all environments; `options.plan` defines their defaults and validates their values."""
 
     arm: Arm | str | os.PathLike[str] | None
     base: Base | Mapping[str, float] | None
@@ -76,11 +76,11 @@ SOLVER_OPTIONS = tuple(dict.fromkeys(name for formulation in FORMULATIONS for na
 
 
 def signature_of(function: Callable[..., Any], plan: Callable[..., Any]) -> inspect.Signature:
-    """Return the signature, with types and defaults, of a constructor that passes its `**arguments` to `plan`.
+    """Return the complete signature of a constructor that passes its `**arguments` to `plan`.
 
     function: a constructor whose first parameter is `self`. plan: a function of the task's definition and of keywords;
-    its last parameter collects the solver's options. The solver's options have the default None, which selects the
-    formulation's default.
+    its last parameter collects the solver's options. In the signature the solver's options have the default None,
+    which selects the formulation's default.
     """
     own = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD][1:]
     taken = [p for p in inspect.signature(plan).parameters.values() if p.kind is p.KEYWORD_ONLY]

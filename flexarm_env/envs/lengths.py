@@ -1,8 +1,8 @@
-"""Vector environments whose arms have links of several lengths.
+"""Vector environments whose arms have links of different lengths.
 
-The arms of a batch share their mesh and mass matrix, which depend on the links' lengths. The factors of `randomization`
-are drawn anew for each episode, but lengths cannot change between episodes. `LengthsVectorEnv` therefore steps one
-native vector environment for each length and presents all of them as one vector environment.
+All arms of a native vector environment share mesh and mass matrix, which depend on the links' lengths. Lengths can
+therefore not be randomized in each episode as other parameters can. `LengthsVectorEnv` instead combines several native
+vector environments, one for each length, to one vector environment.
 """
 
 import dataclasses
@@ -36,8 +36,8 @@ Factor = float | Sequence[float]
 def scaled(arm: Arm, factor: Factor) -> Arm:
     """Return the arm with its links' lengths multiplied by one factor for all links, or by a factor for each link.
 
-    The positions along the link at which sections or the curvature are given are scaled, but the sections themselves do
-    not change. The rigid ends of links do not change. Mass and inertia of rigid links do not change either.
+    Positions along the link, at which sections or the curvature are defined, are scaled too. Sections, rigid ends, and
+    mass and inertia of rigid links do not change.
     """
     given = factor if check.several(factor) else [factor] * arm.n_links
     factors = check.numbers("lengths", given, f"a number, or {arm.n_links} of them", arm.n_links, "", above=0.0)
@@ -63,16 +63,16 @@ def _scaled_link(link: Link, factor: float) -> Link:
 
 
 class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
-    """Arms with links of several lengths as one vector environment.
+    """Vector environment of arms whose links have different lengths.
 
     Args:
         env_id: id of a registered environment. num_envs: number of arms, at least one for each length.
-        lengths: factors on the lengths of all links, or for each entry a factor for each link. The arms are divided
-            evenly among the entries, and the first arms have the first entry.
-        keywords: keywords of the environment, with `autoreset_mode` and `threads`.
+        lengths: list of factors on the links' lengths; each entry is a factor for all links, or a factor for each link.
+            Each entry applies to an equal number of arms (up to one); the first arms have the first entry.
+        keywords: keywords of the environment and of the vector environment (`autoreset_mode`, `threads`).
     Attributes:
-        parts: one native vector environment for each length, in order. lengths: the given lengths. plan: plan of the
-            first part.
+        parts: the native vector environments, one for each entry of `lengths`. lengths: as in the arguments. plan: plan
+            of the first part.
     Raises:
         ValueError: there are fewer arms than lengths, a length is not positive, or the environment rejects a keyword.
     """
@@ -113,10 +113,10 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array32, dict[str, Any]]:
-        """Start episodes of all arms, or of the arms in options["reset_mask"]; arm i has seed + i, or seed[i].
+        """Start episodes of all arms, or of the arms in options["reset_mask"]; arm i has the seed seed + i or seed[i].
 
         Raises:
-            ValueError: the native vector environment rejects the arguments; no episode has then started.
+            ValueError: an argument is invalid; no episode has then started.
         """
         seeds = checked_seeds(seed, self.num_envs)
         chosen, rest = checked_mask(options, self.num_envs)
@@ -189,7 +189,7 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         return joined
 
     def call(self, name: str, *args: Any, indices: Sequence[int] | None = None, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method, or return an attribute, of the single environment for each arm or the arms in `indices`."""
+        """Return the results of a method, or the values of an attribute, for each arm or for the arms in `indices`."""
         chosen = chosen_of(indices, self.num_envs)
         if name == "get_state":
             return tuple(self.get_state(chosen))
@@ -202,13 +202,13 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
 
     @one_at_a_time
     def get_state(self, indices: Sequence[int] | None = None) -> list[dict[str, Any]]:
-        """Return a copy of everything that determines the future of each arm, or of the arms in `indices`."""
+        """Return a copy of the complete state of each arm, or of the arms in `indices`."""
         places = [self._place(i) for i in chosen_of(indices, self.num_envs)]
         return [part.get_state([i])[0] for part, i in places]
 
     @one_at_a_time
     def set_state(self, states: Sequence[dict[str, Any]], indices: Sequence[int] | None = None) -> None:
-        """Continue bit for bit from states that `get_state` of this or an equal environment returned."""
+        """Set complete states that `get_state` of this or an equal environment returned."""
         chosen = chosen_of(indices, self.num_envs)
         if not check.several(states) or len(states) != len(chosen):
             given = f"{len(states)} states" if check.several(states) else states
@@ -230,7 +230,7 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
     def set_attr(self, name: str, values: Any) -> None:
         """Set an attribute of all arms; only the attribute `starts` can be set.
 
-        values: one value, or a list of one value per arm; arms with the same length share one value.
+        values: one value, or a list with one value per arm; arms with links of equal length must have the same value.
         """
         check.choice("name", name, CHANGEABLE)
         each = list(values) if check.several(values) else [values] * self.num_envs

@@ -1,7 +1,7 @@
-"""Episodes with prescribed motion: the values of `reset(options={"motion": ...})`, and the arms that follow a motion.
+"""Episodes with prescribed joint motions, from `reset(options={"motion": ...})`.
 
-The model of an arm with a prescribed motion differs from that of its batch. The arm therefore has its own program, in
-which the motions are an optional part of the control period (`runtime.guided`).
+The equations of an arm with prescribed motions differ from those of the other arms of its batch. The arm therefore has
+its own compiled program (`runtime.guided`).
 """
 
 import math
@@ -33,9 +33,9 @@ WHAT = "must be a named motion, a table (n, 2 to 4), a .csv or .toml file, a Tim
 
 @dataclass(frozen=True)
 class Prescribed:
-    """Joint motions of an episode. functions: pairs (joint, function of time). end: end of the motion, s.
+    """Prescribed joint motions of an episode.
 
-    scene: the scene that is replayed unchanged, if one was given.
+    functions: pairs (joint, function of time). end: end of the motion, s. scene: the scene, if the user gave a scene.
     """
 
     functions: tuple[tuple[int, TimeFunction], ...]
@@ -44,7 +44,7 @@ class Prescribed:
 
 
 def prescribed(value: Any, n_links: int, interpolation: str | None = None, path: str = "options.motion") -> Prescribed:
-    """Return the joint motions of one arm from a user's value; every ValueError names the key `path`."""
+    """Convert the user's value of the reset option "motion" to `Prescribed`; a ValueError names the key `path`."""
     if isinstance(value, Prescribed):
         return value
     if isinstance(value, Scene):
@@ -97,7 +97,7 @@ def _is_scene(value: Any) -> bool:
 
 
 def is_table(value: Any) -> bool:
-    """Return whether a value is a table, that is rows of numbers, and not a list with one entry per joint."""
+    """Return whether a value is a table of numbers (True) or a list with one entry per joint (False)."""
     return all(isinstance(row, list | tuple) and all(isinstance(x, int | float) for x in row) for row in value)
 
 
@@ -128,7 +128,7 @@ def _joints(path: str, scene: Scene, n_links: int) -> tuple[tuple[int, TimeFunct
 
 
 def function_of(path: str, entry: Any, interpolation: str | None = None) -> TimeFunction:
-    """Return a function of time from a table, a file or a TimeFunction; errors name the key `path`."""
+    """Convert a table, the path of a file or a TimeFunction to a TimeFunction; errors name the key `path`."""
     with check.under(path):
         return _function(entry, interpolation)
 
@@ -162,15 +162,15 @@ ANGLE = {"minimum": -FARTHEST, "maximum": FARTHEST}
 
 
 class Guide:
-    """An arm of a batch that follows prescribed motions; it has its own program, which contains the motions.
+    """Arm of a batch that follows prescribed motions, with its own compiled program.
 
     Args:
         scene: arm, motions and loads. settings: solver settings, with dt given. period: control period, s.
         gauges: link and place of each strain gauge. gauge_scales: scale of each gauge, 1/m.
     Attributes:
-        limit: number of control periods until the motion ends. moved: whether the last period was completed. free (N,):
-            joints that neither a motion nor a load of the scene drives. simulation: the arm as a scene; its state is
-            that of the program. block: memory of the program's arm (`tasks.program.Block`).
+        limit: number of control periods until the motion ends. moved: True if the last period was completed. free (N,):
+            True for joints that neither a motion nor a load of the scene drives. simulation: the `Simulation` of the
+            arm; it has the program's state. block: memory of the arm in the program (`tasks.program.Block`).
     """
 
     _home: Any = None
@@ -196,7 +196,7 @@ class Guide:
         self.moved = True
 
     def bind(self, batch: Batch, i: int) -> Any:
-        """Return the arm's `tasks.program.Program`, whose results are those of arm i of the batch."""
+        """Return the arm's `tasks.program.Program`, which writes its results into the memory of arm i of the batch."""
         if self._home is not batch.reward:
             self._place(batch, i)
         return self._placed.value
@@ -243,13 +243,13 @@ class Guide:
         )  # fmt: skip
 
     def start(self, batch: Batch, i: int) -> None:
-        """Start the motion with the parameters of arm i, whose episode the batch has started, and observe the arm."""
+        """Start the motion with the parameters of arm i, after the batch has started its episode; observe the arm."""
         self.bind(batch, i)
         self.simulation.par[:] = batch.parameters(i)
         self._run(batch, i, True)
 
     def step(self, batch: Batch, i: int) -> None:
-        """Advance arm i of the batch by one control period, with the batch's action on the free joints."""
+        """Advance arm i of the batch by one control period; the action in the batch applies to free joints."""
         self.bind(batch, i)
         self.action[:] = batch.action[i]
         self._run(batch, i, False)
@@ -274,7 +274,7 @@ class Guide:
         return reading_of(self.scene).start_angles(self.scene, self.simulation.observe()[0])
 
     def view(self, view: View) -> View:
-        """Return the arm's present shape: the `View` of its batch with this arm's points, deflections and torques."""
+        """Return `view`, the `View` of the batch, with this arm's points, deflections and torques."""
         simulation, q = self.simulation, self.simulation.work.q
         deflection = reading_of(self.scene).bends(self.scene.arm, self.settings, view.poses, q)
         return replace(
@@ -297,7 +297,7 @@ class Guide:
 
 
 def guide(plan: Any, motion: Prescribed, starts: Array) -> Guide:
-    """Return the guide that simulates an environment's arm under a prescribed motion.
+    """Create the `Guide` that simulates an environment's arm under a prescribed motion.
 
     plan: the environment's `options.Plan`. starts (N,): initial angles of the free joints, rad; NaN means 0.
     """

@@ -18,22 +18,23 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
 
     A chain of N flexible links, N >= 2, moves in the horizontal plane, with motors at the hub and at each elbow. The
     goal is to move the tip, which carries a payload, to a target point and hold it there without residual vibration.
-    With N >= 3 many postures reach the target. With N = 2 the environment equals TwoLinkFlexArm-v0, bit for bit.
+    With N >= 3 many postures reach the target. With N = 2 the results are bitwise equal to those of TwoLinkFlexArm-v0.
 
     The default arm, `three_strips`, has links of 0.4, 0.35 and 0.25 m with the section of `de_luca_siciliano` (0.2
     kg/m, EI = 1 N m^2, tau_d = 6.63e-3 s). The hub has an inertia of 0.1 kg m^2. The elbow motors have masses of 1 and
     0.25 kg and inertias of 0.1 and 0.025 kg m^2; half of a motor's inertia belongs to each link. The payload has a mass
     of 0.1 kg and an inertia of 5e-4 kg m^2. L, the sum of the lengths, is 1 m.
 
-    `gymnasium.make("MultiLinkFlexArm-v0")` makes one arm, `gymnasium.make_vec("MultiLinkFlexArm-v0", num_envs=n)` makes
-    n arms that one compiled call advances. A single arm and an arm among n arms give the same numbers, bit for bit.
-    Without an import of the package use the id `flexarm_env:MultiLinkFlexArm-v0`.
+    `gymnasium.make("MultiLinkFlexArm-v0")` creates one arm. `gymnasium.make_vec("MultiLinkFlexArm-v0", num_envs=n)`
+    creates n arms that one compiled call advances. Each of them gives bitwise the same results as a single arm. The id
+    `flexarm_env:MultiLinkFlexArm-v0` also works if the package has not been imported.
 
     ## Action space
 
-    `Box(-1, 1, (N,), float32)`: torques of hub and elbows as shares of their limits (1, 0.3 and 0.075 N m). The torques
-    are constant over one control period. An elbow's torque acts on the link after the elbow, and with opposite sign on
-    the link before the elbow. Actions beyond +-1 are clipped. NaN or infinity ends the episode (`action_not_finite`).
+    `Box(-1, 1, (N,), float32)`: torques of hub and elbows divided by their limits (1, 0.3 and 0.075 N m for the default
+    arm). The torques are constant over one control period. An elbow's torque acts on the link after the elbow, and with
+    opposite sign on the link before the elbow. Actions beyond +-1 are clipped. NaN or infinity ends the episode
+    (`action_not_finite`).
 
     ## Observation space
 
@@ -49,19 +50,18 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
     | 5 N, 5 N + 1 | tip velocity, x and y | w_0 L | m/s |
     | 5 N + 2, 5 N + 3 | vector from tip to target, x and y | 0.5 L | m |
 
-    Definitions, names and optional entries are the same as in TwoLinkFlexArm-v0; elbows are named `elbow_1`, `elbow_2`,
-    ...
-    For the default arm w_0 = 1.506, w_1 = 1.735 and w_2 = 2.410 rad/s.
+    Definitions, names and optional entries are those of TwoLinkFlexArm-v0; elbows are named `elbow_1`, `elbow_2` and so
+    on. For the default arm w_0 = 1.506, w_1 = 1.735 and w_2 = 2.410 rad/s.
 
     ## Rewards
 
-    The reward has the terms, weights and bounds of TwoLinkFlexArm-v0, with sums over all N joints and links. Effort is
-    -sum of a_k^2 (weighted: -0.01 N to 0). Vibration is -min(sum of d_k'^2, 1), with weight 0.
+    The reward has the terms, weights and bounds of TwoLinkFlexArm-v0, with sums over all N joints and links. The term
+    effort is -sum of a_k^2 (weighted: -0.01 N to 0). The term vibration is -min(sum of d_k'^2, 1), with weight 0.
 
     ## Starting state
 
-    The arm starts as in TwoLinkFlexArm-v0. In the half of the episodes that begin with bent elbows, the joint angles
-    are -0.5 to 0.5 rad, for N > 7 elbows -3.6/N to 3.6/N rad.
+    The arm starts as in TwoLinkFlexArm-v0. In the half of the episodes that begin with random joint angles, these
+    angles are between -0.5 and 0.5 rad; for N > 7 the elbow angles are between -3.6/N and 3.6/N rad.
 
     ## Episode end and info
 
@@ -82,14 +82,15 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
 
     ## Version history
 
-    * v0: first version. Since 0.2.0 rewards, drawn starts and drawn targets follow [rules 2](options.md#rules);
-      `rules=1` selects the former rules, with hubs that start at -1 to 1 rad and elbows at -3.6/N to 3.6/N rad.
+    * v0: first version. Since 0.2.0 rewards, random initial angles and random targets follow
+      [rules 2](options.md#rules). `rules=1` selects the former rules, with initial hub angles between -1 and 1 rad and
+      initial elbow angles between -3.6/N and 3.6/N rad.
     """
 
     kind = CHAIN
 
 
 class MultiLinkFlexArmVectorEnv(VectorArmEnv, VectorEnv[Array32, Array32, NDArray[Any]]):
-    """Vector environment of many MultiLinkFlexArm-v0; see :class:`MultiLinkFlexArmEnv`."""
+    """Vector environment with the arms and tasks of MultiLinkFlexArm-v0; see :class:`MultiLinkFlexArmEnv`."""
 
     kind = CHAIN

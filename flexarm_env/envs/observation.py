@@ -1,4 +1,4 @@
-"""Entries of observations: all available entries, their sensors, the selected entries and their history."""
+"""Entries of observations: available and selected entries, their sensors, and stacking of previous observations."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -27,10 +27,10 @@ Entries = list[tuple[str, float]]
 
 @dataclass(frozen=True)
 class Sight:
-    """Entries of the observation: the names and scales of all entries, gauges and previous actions last.
+    """Entries of the observation: names and scales of all available entries, gauges and previous actions last.
 
-    chosen (C,): indices of the observed entries, in order; None for all. instruments: sensors with noise, filter or
-    delay, or None. read: number of entries that sensors produce.
+    chosen (C,): indices of the selected entries, in order; None for all. instruments: sensors with noise, filter or
+    delay, or None. read: number of entries that sensors measure.
     """
 
     names: tuple[str, ...]
@@ -40,11 +40,11 @@ class Sight:
     read: int
 
     def of(self, values: Sequence[Any]) -> tuple[Any, ...]:
-        """Return the selected entries, given one value per available entry."""
+        """Select the values of the selected entries from `values`, one value per available entry."""
         return tuple(values) if self.chosen is None else tuple(values[k] for k in self.chosen)
 
     def selection(self, history: int) -> Selection | None:
-        """Return the indices of the observed entries in `history` stacked observations; None for all in order."""
+        """Return the indices of the selected entries in `history` stacked observations; None if all are selected."""
         if self.chosen is None and history == 1:
             return None
         chosen = range(len(self.names)) if self.chosen is None else self.chosen
@@ -52,7 +52,7 @@ class Sight:
 
 
 def checked_observation(observation: Any, history: Any) -> tuple[str | tuple[str, ...], int]:
-    """Check the keywords `observation` and `history` as far as possible without the arm; return both."""
+    """Validate the keywords `observation` and `history` as far as possible without the arm; return both."""
     count = check.integer("history", history, minimum=1, maximum=LONGEST_HISTORY)
     if isinstance(observation, str):
         if observation in (FULL, MEASURED):
@@ -71,7 +71,7 @@ def checked_observation(observation: Any, history: Any) -> tuple[str | tuple[str
 def sensors_of(kind: Kind, arm: Arm, observation: str | tuple[str, ...], given: Any) -> description.Sensors:
     """Return the environment's sensors: the user's, otherwise the arm's unless the observation is "full".
 
-    With "measured", an arm without sensors gets ideal sensors, and an arm without encoders gets ideal encoders.
+    If observation="measured", ideal sensors replace missing sensors, and ideal encoders replace missing encoders.
     """
     own = arm.sensors
     if isinstance(given, description.Sensors):
@@ -94,7 +94,7 @@ def sensors_of(kind: Kind, arm: Arm, observation: str | tuple[str, ...], given: 
 
 
 def sight(frame: Frame, observation: str | tuple[str, ...], sensors: description.Sensors, further: Entries) -> Sight:
-    """Return all entries that can be observed with the given sensors. further: entries of a moving target."""
+    """Return the entries (`Sight`) that are available with the given sensors. further: entries of a moving target."""
     kind, arm = frame.kind, frame.arm
     task = kind.entries(arm)
     goals = goal_entries(kind, arm)
@@ -120,7 +120,7 @@ def sight(frame: Frame, observation: str | tuple[str, ...], sensors: description
 
 
 def goal_entries(kind: Kind, arm: Arm) -> Entries:
-    """Return names and scales of two kinds of entries: goal joint angles minus encoder angles, and the target point."""
+    """Return names and scales of the entries for the target: goal joint angles minus encoder angles, and the point."""
     axes = "xyz"[: kind.target.numbers] if kind.target.numbers > 1 else ""
     point = [(f"target_{axis}", arm.total_length) for axis in axes]
     return [*((f"{joint}_error", 1.0) for joint in arm.joint_names), *point]

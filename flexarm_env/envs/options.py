@@ -1,4 +1,4 @@
-"""Arguments of `gymnasium.make`: validation, and construction of a Batch."""
+"""Validate the arguments of `gymnasium.make`, and create the environment's `Batch` from them."""
 
 import dataclasses
 import inspect
@@ -75,7 +75,7 @@ Ctrl-C waits for one period, so the second limit bounds this wait to a fraction 
 
 
 class Given:
-    """Marker of an argument that was not given, for arguments with a separate meaning of None."""
+    """Type of the default of arguments for which None has a meaning of its own."""
 
     def __repr__(self) -> str:
         return "<the arm's>"
@@ -86,15 +86,15 @@ OF_THE_ARM = Given()
 
 @dataclass(frozen=True)
 class Plan:
-    """Checked arguments of an environment: the arguments of a Batch, and the names and scales of the observed entries.
+    """Validated arguments of an environment, from which its `Batch` is created.
 
     names, scales: names and scales of the entries of one observation. history: number of observations that are stacked,
-    oldest first. record: the task's record. gauges: link and place of each strain gauge. gauge_scales: scale of each
-    gauge, 1/m. limit: number of control periods in an episode. max_steps: value of the keyword `max_episode_steps`.
-    motion: motion of task="replay". entries: the numeric entries of info; full: whether info has energies; words:
-    whether info has texts. action_mode: the keyword, which determines the quantity that an action commands. keep_out:
-    shapes that the arm must avoid. contacts: obstacles that the arm may touch. estimate: estimated error of the tip due
-    to mesh and step, divided by the arm's length. coarse: warning about this error, or "".
+    oldest first. record: constants of the task (`tasks.task.Task`). gauges: link and position of each strain gauge.
+    gauge_scales: scale of each gauge, 1/m. limit: number of control periods in an episode. max_steps: value of the
+    keyword `max_episode_steps`. motion: motion of task="replay". entries: the numeric entries of info; full: True if
+    info has energies; words: True if info has texts. action_mode: keyword that determines the quantity that an action
+    commands. keep_out: shapes that the arm must avoid. contacts: obstacles that the arm can touch. estimate: estimated
+    error of the tip due to mesh and step, divided by the arm's length. coarse: warning about this error, or "".
     """
 
     kind: Kind
@@ -127,7 +127,7 @@ class Plan:
     coarse: str
 
     def batch(self, n: int, threads: int | None = 1) -> Batch:
-        """Return a batch of n arms of this environment."""
+        """Create a `Batch` of n arms of this environment."""
         with compiling(self.kind.id, 2):
             made = Batch(
                 self.arm, self.settings, n, self.record, self.starts,
@@ -139,7 +139,7 @@ class Plan:
 
     @cached_property
     def farthest(self) -> float:
-        """Largest magnitude of a joint angle at a start, rad (`physics.precision`)."""
+        """Largest magnitude of an initial joint angle, rad (see `physics.precision`)."""
         return precision.farthest(self.arm, self.settings, precision.largest(self.starts.drawn))
 
     @property
@@ -294,7 +294,7 @@ def plan(
 
 
 def with_starts(plan: Plan, ranges: Mapping[str, Any] | None) -> Plan:
-    """Return the plan with other ranges for fresh starts (keyword `starts`)."""
+    """Return the plan with other ranges of initial states and targets (keyword `starts`)."""
     rules = RULES[0] if plan.record.nearness is None or plan.contacts else RULES[-1]
     begun, absolute = events.starts(plan.kind, plan.arm, ranges, rules)
     if plan.kind.target.numbers == 1 and absolute != (plan.record.relative == 0.0):

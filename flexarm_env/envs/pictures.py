@@ -1,4 +1,4 @@
-"""Compute from a batch the points that `rendering.Renderer` draws."""
+"""Draw the arms of a batch by `rendering.Renderer`."""
 
 import math
 from collections.abc import Callable
@@ -29,7 +29,10 @@ MOST = 16
 
 
 def renderer(plan: Plan, mode: str, size: tuple[int, int] = (SIDE, SIDE)) -> Renderer:
-    """Return the Renderer of an environment; a full deflection bar is a clamped link's deflection at full torque."""
+    """Create the renderer of an environment.
+
+    A full bar of the deflection display is the deflection of a clamped link under the joint's full torque.
+    """
     arm, limits = plan.arm, plan.arm.torque_limits
     assert limits is not None
     softest = [min(float(link.along(x * link.length).EI) for x in (0.0, 0.5, 1.0)) for link in arm.links]
@@ -52,13 +55,13 @@ def bending(arm: Arm) -> list[str]:
 
 
 def bent(arm: Arm, deflection: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return deflections along y and z divided by length of the flexible links, from deflection (N, 2) of all links."""
+    """Return the rows of `deflection` (N, 2), the links' deflections along y and z, that belong to flexible links."""
     y, z = deflection[[not link.rigid for link in arm.links]].T
     return np.asarray(np.hypot(y, z))
 
 
 class Wall:
-    """One window with pictures of at most MOST arms in rows and columns.
+    """Window with pictures of at most MOST arms in rows and columns.
 
     Args:
         plan: plan of the environment. count: number of arms.
@@ -75,7 +78,7 @@ class Wall:
         self.window = renderer(plan, "human", (self.columns * self.tile, rows * self.tile))
 
     def draw(self, view_of: Callable[[int], View]) -> None:
-        """Draw the present arms. view_of: function that returns arm i's `View`."""
+        """Draw the arms at the present time. view_of: function that returns the `View` of arm i."""
         if not self.window.ready():
             return
         pg = pygame_module()

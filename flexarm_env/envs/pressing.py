@@ -51,10 +51,10 @@ class Pressing(NamedTuple):
 
 
 def pressing(kind: Kind, arm: Arm, task: Any, duration: Any, contacts: Any, sensors: Any, reference: Any) -> Pressing:
-    """Return the task's definition and the keywords for task="press" or "land"; for any other task, both unchanged.
+    """Return definition and keywords of an environment with task="press" or "land"; leave other tasks unchanged.
 
-    The first contact is the wall: a half-space with the root outside of it. Without contacts the wall is at a distance
-    of 0.7 arm lengths along x. The environment gets a force sensor.
+    The first contact is the wall, a half-space that does not contain the root. If the user gives no contacts, the wall
+    is at a distance of 0.7 arm lengths along x. A force sensor is added to the environment's sensors.
 
     Raises:
         ValueError: the message names the key path, the value and the allowed values.

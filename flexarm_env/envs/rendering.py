@@ -1,8 +1,8 @@
-"""Pictures of planar arms with one or more links, drawn with pygame from points.
+"""Draw pictures of planar arms with pygame.
 
-A picture shows the deformed links in true shape, the ghost of the rigid arm at the same joint angles, the target,
-the payload, hub and elbows, a trace of the tip, the tip deflections, the joint torques, the time and a metric grid.
-pygame is imported when the first `Renderer` is made; an array of pixels needs no display.
+A picture shows the deformed links to scale, the rigid arm at the same joint angles in a pale color, the target, the
+payload, hub and elbows, the recent path of the tip, the tip deflections, the joint torques, the time and a grid.
+pygame is imported when the first `Renderer` is created. Arrays of pixels require no display.
 """
 
 import logging
@@ -65,15 +65,16 @@ ARROW = 0.5
 
 
 class Renderer:
-    """Renderer that draws planar arms, one picture per call.
+    """Renderer of planar arms; each call of `frame` draws one picture.
 
     Args:
         mode: "rgb_array" returns pixels. "human" shows a window in real time; without a display it logs one warning and
             draws nothing.
-        reach: largest distance of the tip from the root, m; it determines the scale.
+        reach: largest distance of the tip from the root, m, which determines the scale.
         size: width and height, pixels. fps: pictures per second in the window.
-        hub, payload: whether a motor turns the root, and whether the tip carries a payload.
-        deflection, torque: values at the ends of the bars, as fractions of the link's length and of the torque limit.
+        hub: True if a motor turns the root. payload: True if the tip carries a payload.
+        deflection, torque: values at the ends of the bars: tip deflection divided by the link's length, and torque
+            divided by its limit.
     Raises:
         ValueError: an unknown mode, or a reach that is not positive. gymnasium.error.DependencyNotInstalled: pygame is
             not installed.
@@ -155,7 +156,7 @@ class Renderer:
                 link's length, or None.
             attitude: attitude of a floating base, rad, or None.
         Returns:
-            the picture, (height, width, 3) uint8; None if a window shows it.
+            The picture, (height, width, 3) uint8; None if a window shows it.
         """
         if not self.ready():
             return None
@@ -188,16 +189,16 @@ class Renderer:
 
     @property
     def visible(self) -> bool:
-        """Whether a window is open."""
+        """True if a window is open."""
         return self._window is not None
 
     def held(self, key: str) -> bool:
-        """Return whether a key is pressed in the window; `key` is a name of pygame: "left", "left shift", "escape"."""
+        """Return whether a key is pressed in the window. key: pygame's name, such as "left", "left shift", "escape"."""
         keys = pygame_module().key
         return self.visible and bool(keys.get_pressed()[keys.key_code(key)])
 
     def close(self) -> None:
-        """Close the window; frames drawn later have no effect."""
+        """Close the window; later calls of `frame` have no effect."""
         self.closed = True
         if self._window is not None:
             self._window = self._clock = None
@@ -255,8 +256,8 @@ class Renderer:
     def arrows(self) -> list[tuple[Array, Array]]:
         """Return start and end (m) of an arrow for each force that an obstacle exerts on the arm.
 
-        The length of an arrow is `ARROW` times the reach times F / (F + `force`) for a force F, N, so that large and
-        small forces are visible.
+        For a force F, N, the length of the arrow is `ARROW` times the reach times F / (F + `force`), so that both large
+        and small forces are visible.
         """
         found = []
         for row in self.touches[self.touches[:, 6] > 0.0]:
@@ -331,19 +332,19 @@ class Renderer:
 
 # ----------------------------------------------------------------------- parts
 def end_of_scale(largest: float) -> float:
-    """Return the smallest of FULL_SCALES that is at least `largest`, or the last entry of FULL_SCALES."""
+    """Return the smallest entry of FULL_SCALES that is at least `largest`, or the last entry if there is none."""
     return next((end for end in FULL_SCALES if end >= largest * (1.0 - 1e-9)), FULL_SCALES[-1])
 
 
 def stroke_widths(k: int, n: int) -> tuple[float, float]:
-    """Return the stroke widths, in points, of link k of n at its root and tip; the whole arm has one taper."""
+    """Return the stroke widths, in points, of link k of n at root and tip; widths decrease along the whole arm."""
     return 12.0 - 6.0 * k / n, 12.0 - 6.0 * (k + 1) / n
 
 
 def rigid_arm(chain: Sequence[Array], ends: Array) -> list[Array]:
-    """Return the arm's links as straight lines (2, 2), with the lengths and joint angles of the chain.
+    """Return the links of the rigid arm at the same joint angles, as straight lines (2, 2) of the links' lengths.
 
-    ends (N, 2): angles of the tangents at roots and tips, rad.
+    chain: points of each deformed link. ends (N, 2): angles of the tangents at the links' roots and tips, rad.
     """
     at, angle, before = chain[0][0], 0.0, 0.0
     arm = []

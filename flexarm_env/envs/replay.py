@@ -1,4 +1,4 @@
-"""Replay a scene through an environment's `step`; the numbers equal the numbers of `simulate`."""
+"""Simulate a scene through the `step` of an environment; the results equal those of `simulate`."""
 
 import dataclasses
 import time
@@ -27,9 +27,9 @@ def through_env(scene: Scene, settings: Settings, sample: float | None = None, e
         settings: formulation and options, with dt. sample: control period, s; None uses the scene's sampling interval.
         error_limit: estimated error, divided by the arm's length, above which the run is "inaccurate"; see `simulate`.
     Returns:
-        The trajectory of `simulate` with the same settings; only cpu_seconds differs.
+        The same trajectory as from `simulate` with these settings, except for cpu_seconds.
     Raises:
-        ValueError: a scene that no environment can represent.
+        ValueError: an environment cannot represent the scene.
     """
     _check(scene)
     period = scene.sample if sample is None else check.number("sample", sample, "s", above=0.0)

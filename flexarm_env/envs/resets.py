@@ -1,4 +1,4 @@
-"""Options of `reset`; all options are checked before anything changes."""
+"""Options of `reset`, which are validated before the environment changes."""
 
 import dataclasses
 import math
@@ -28,10 +28,10 @@ _FORCE = slice(8, 10)
 class Request:
     """Options of one reset; NaN means that a number is drawn at random.
 
-    angles (N,): joint angles at the start, rad. target (2,): the target as the task's record stores it; in space (N,):
-    joint angles at which the arm reaches the target. vibration (1,): amplitude of the initial vibration, a tip
-    deflection divided by the arm's length; in space (3,): amplitude of each mode. motion: prescribed motion, or None.
-    force: commanded normal force of the task "press", N.
+    angles (N,): initial joint angles, rad. target (2,): target angle (rad) and 0, or target point (m); in space (N,)
+    joint angles at which the rigid arm reaches the target. vibration (1,): amplitude of the initial vibration, a tip
+    deflection divided by the arm's length; in space (3,), one amplitude for each mode. motion: prescribed motion, or
+    None. force: commanded normal force of the task "press", N.
     """
 
     angles: NDArray[np.float64]
@@ -46,9 +46,9 @@ class Request:
 
     @contextmanager
     def commanded(self, batch: Batch) -> Iterator[None]:
-        """Context manager in which new episodes of `batch` get the requested normal force instead of a drawn one.
+        """Context manager in which new episodes of `batch` have the requested normal force, not a random one.
 
-        A request does not change the random stream: the same numbers are drawn.
+        All other random numbers are the same as without this request.
         """
         if math.isnan(self.force):
             yield
@@ -65,7 +65,7 @@ class Request:
 
 
 def request_of(plan: Plan, options: Any) -> Request:
-    """Check the options of one reset; a ValueError names the key, the value and the rule."""
+    """Validate the options of one reset; a ValueError names the key, the value and the rule."""
     n = plan.arm.n_links
     numbers, modes = plan.kind.target.request_size(plan.arm), plan.kind.amplitudes
     request = Request(np.full(n, np.nan), np.full(numbers, np.nan), np.full(modes, np.nan), plan.motion)
@@ -132,7 +132,7 @@ def _start(plan: Plan, value: Any) -> list[float]:
 
 
 def guide_of(plan: Plan, request: Request) -> Guide | None:
-    """Return the guide (own program) of an episode with prescribed motion; None for an ordinary episode."""
+    """Create the `Guide` of an episode with prescribed motion; return None for an episode without."""
     if request.motion is None:
         return None
     if plan.arm.base is not None:
@@ -164,7 +164,7 @@ def _end_of(plan: Plan, guided: Guide) -> Sequence[float]:
 def start_episode(
     batch: Batch, i: int, key: int, plan: Plan, request: Request, guided: Guide | None, mode: int
 ) -> None:
-    """Start an episode of arm i; with a prescribed motion its guide simulates the arm, otherwise the batch."""
+    """Start an episode of arm i. guided: the `Guide` that simulates the arm under a prescribed motion, or None."""
     batch.ask(request.angles, request.target, request.vibration)
     if guided is None:
         with request.commanded(batch):

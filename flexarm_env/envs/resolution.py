@@ -1,53 +1,52 @@
 """Choose an environment's default mesh, step and Newton tolerance, and estimate the tip's error with these settings.
 
-The usual settings (`options.DEFAULT_OPTIONS`) are used if the rule below accepts them for an arm. If the rule rejects
-the usual settings, the step becomes a whole fraction of the usual step, and the mesh finer, until the rule accepts
-them. Solver options that a user gives are never changed. Symbols: T control period, h step, L the arm's length, I
-inertia about a joint.
+The rule below accepts or rejects settings for an arm. If it rejects the default settings (`options.DEFAULT_OPTIONS`),
+the step is divided by integers, and the mesh is refined, until the rule accepts the settings. Solver options that a
+user gives are never changed. Symbols: T control period, h step, L the arm's length, I inertia about a joint.
 
-Small motions have the error e_1: the largest distance, divided by L, between the tip of small motions (`small_motions`)
-on the mesh in steps of h and the tip on a fine mesh with exact time integration. The motions last 100 periods with
-bang-bang torques, which are held for 1 and for 8 periods. The small motions include the first frequencies of the links,
-payload, hub, rotors on elastic gears, jumps and tapers of sections, and viscous friction. The inner PD loop, and the
-amplifier with its back-emf, act on the small motions at control instants. The motions also include the stiffness of
-linear elements and the numerical damping of Newmark's scheme. The values follow from linear theory.
+The error e_1 of small motions comes from linear theory (`small_motions`). It is the largest distance, divided by L,
+between the tip on the mesh in steps of h and the tip on a fine mesh with exact time integration. The motions last 100
+control periods with bang-bang torques, which are constant for 1 or for 8 periods. The linear model contains flexible
+links with jumps and tapers of their sections, payload, hub, rotors on elastic gears, and viscous friction. The inner PD
+loop, or the amplifier with its back-emf, acts at control instants. The model on the mesh also contains the errors of
+finite elements and of the time integration.
 
-Large bends increase the error by the factor G = 1 + (theta / 0.55 rad)^3. The angle theta is the largest angle between
-the ends of a link in the small motions; it depends on torque divided by EI/L and on resonance. Measured over random
-arms, the error is up to 4 e_1 for theta below 0.4 rad; for theta of 0.8, 1.2 and 2 rad, the median error is 2, 6 and 20
-e_1. Above theta = 1.6 and 3 rad the search begins with the second and the third of `MESHES` (measured).
+Large bending increases the error by the factor G = 1 + (theta / 0.55 rad)^3, where theta is the largest angle between
+the ends of a link in the small motions. The factor was fitted to random arms: their error is up to 4 e_1 for theta
+below 0.4 rad, and its median is 2, 6 and 20 e_1 for theta of 0.8, 1.2 and 2 rad. Above theta = 1.6 rad the search
+begins with the second of `MESHES`, above 3 rad with the third.
 
-Coulomb friction T_C adds the error e_2 = sum of T_C h t / I. If a joint reverses within a step, its rate afterwards has
-an error of up to T_C h / I (docs: theory, section 6). The estimate assumes that the error of the rate acts on the
-position for t = 1 s.
+Coulomb friction T_C adds the error e_2 = sum of T_C h t / I over the joints. If a joint reverses within a step, its
+rate afterwards has an error of up to T_C h / I (docs/theory.md, section 6). The estimate assumes that this rate error
+acts on the position for t = 1 s.
 
-A fast turn with the links' angular velocity Omega has the error e_3 = kappa h^2 times the time integral of Omega^3. The
-coordinates of the exact beam in the plane are positions: in steps of h, a turn lags by the fraction kappa (Omega h)^2
-(`Settings.period_error`). In all other formulations the coordinates are angles, and e_3 is a tenth of the given value,
-with Omega the rate of elbows without limits.
+In a fast turn with the angular velocity Omega of the links, the exact beam in the plane has the error e_3 = kappa h^2
+times the time integral of Omega^3: its coordinates are positions, and a turn lags by the fraction kappa (Omega h)^2
+(`Settings.period_error`). In all other formulations the coordinates are angles; e_3 is then a tenth of this value, with
+the rate Omega of elbows without joint limits.
 
-With backlash, omega_c h must not exceed 0.3 (measured). The steps then resolve the contact of a rotor of inertia J with
-an arm of inertia I through a gear of stiffness k, omega_c = sqrt(k (1/J + 1/I)). For a PD loop that chatters, the
-search begins with steps that satisfy this condition, and trials shorten the steps.
+With backlash, omega_c h must be at most 0.3 (measured), so that steps resolve the contact in the gear. omega_c =
+sqrt(k (1/J + 1/I)) for a rotor of inertia J, an arm of inertia I and a gear of stiffness k. If the inner PD loop
+sustains a vibration ("chatters"), the search begins with steps that satisfy this condition, and trials shorten them.
 
-For arms of several links, trials (`trials`) of nonlinear episodes measure by which factor the amplification of errors
-exceeds G. The step and then the mesh are refined until the error of a trial is small. The estimate of the tip's error
-includes the error of the trial.
+For arms of several links, nonlinear trial episodes (`trials`) measure by which factor errors are amplified more than by
+G. The step and then the mesh are refined until the error of a trial is small. The estimate of the tip's error includes
+the error of the trial.
 
-For chains of elasticas, omega_3 h must not exceed 0.45 (measured) if the third vibration, of frequency omega_3, has
-less than a tenth of critical damping. With longer steps the energy of unresolved vibrations may grow.
+For several links with the formulation elastica, omega_3 h must be at most 0.45 (measured) if the third vibration, with
+the frequency omega_3, has a damping ratio below 0.1. With longer steps the energy of unresolved vibrations may grow.
 
-In space, tau L / (E EI) must not exceed 2 rad (measured) for a torque tau and E elements per link, because an element
-that turns by pi has no rotation vector.
+In space, tau L / (E EI) must be at most 2 rad (measured) for a torque tau and E elements per link, because the rotation
+vector of an element is not unique if the element turns by pi.
 
-The Newton tolerance is the usual tolerance times (h / usual h)^2 for steps of at most half the usual step, because
-increments decrease in this proportion. In space the tolerance is also multiplied by 100 I_min / I_max if this ratio is
-below 1, as for light wrists.
+For steps of at most half the default step, the Newton tolerance is the default tolerance times (h / default h)^2,
+because Newton increments decrease in this proportion. In space the tolerance is also multiplied by 100 I_min / I_max
+if this factor is below 1, as for arms with light last links.
 
-The bound is e = G e_1 + e_2. The usual settings are kept if e <= `SmallMotions.kept` and e_3 <= `SPUN`; otherwise the
-search looks for settings with e <= `AIM`. The estimate is `MARGIN` G e_1 + `MARGIN_OF_FRICTION` e_2 + e_3, to which
-`Batch.estimate` adds the error due to neglected stretch and shear. With randomized factors, the rule also applies to
-the softest arm and to the stiffest arm with the smallest payload. The rule does not consider gravity, nor controllers
+The error bound is e = G e_1 + e_2. The default settings are kept if e <= `SmallMotions.kept` and e_3 <= `SPUN`.
+Otherwise the search looks for settings with e <= `AIM`. The error estimate is `MARGIN` G e_1 + `MARGIN_OF_FRICTION` e_2
++ e_3, to which `Batch.estimate` adds the error due to neglected stretch and shear. With random factors, the rule also
+applies to the softest arm and to the stiffest arm with the smallest payload. The rule ignores gravity, and controllers
 other than the inner PD loop.
 """
 
@@ -89,11 +88,11 @@ def resolve(
     arm: Arm, drive: Drive, period: float, formulation: str, usual: Mapping[str, Any], given: Mapping[str, Any],
     drawn: Mapping[str, tuple[float, float]] | None = None, trial: Trial | None = None, gain: float = 0.0,
 ) -> Resolution:  # fmt: skip
-    """Return the settings of an environment: the user's options, and a mesh, step and tolerance that the rule chooses.
+    """Choose an environment's mesh, step and Newton tolerance by the rule, except those that the user gives.
 
     usual: default options of the formulation. given: the user's options. drawn: ranges (low, high) of randomized
-    factors by name. period: control period, s. trial: trials of nonlinear motions (`trials`); None for no trials. gain:
-    without trials, the factor by which the arm's motions amplify the errors of small motions (`trials.amplification`).
+    factors by name. period: control period, s. trial: function that runs trial episodes (`trials`), or None. gain: if
+    trial is None, the factor by which the arm's motions amplify errors of small motions (`trials.amplification`).
     """
     given = {name: value for name, value in given.items() if value is not None}
     first = Settings.make(formulation, **merged(dict(usual), given)).dividing(period)

@@ -25,20 +25,20 @@ class ResolutionWarning(UserWarning):
 
 
 class Rule(Protocol):
-    """Interface of `judge.Worst`: the tip's errors that depend on mesh and step."""
+    """Interface of `judge.Worst`: estimates of the tip's error that depend on mesh and step."""
 
     period: float
 
     def estimate(self, settings: Settings, h: float) -> float:
-        """Return the tip's estimated error due to mesh and step h (s), divided by L."""
+        """Return the estimated tip error for a mesh and steps of h, s, divided by the arm's length."""
 
 
 def too_coarse(rule: Rule, settings: Settings, estimate: float, name: str, most: float) -> str:
-    """Return a sentence about settings whose estimate exceeds `most`, with the tip's error and advice; otherwise "".
+    """Return a warning with advice if the error estimate exceeds `most`, otherwise "".
 
-    rule: estimates of the tip's error. estimate: error of the tip divided by the arm's length. name: name of the
-    settings' field with the mesh. The sentence advises a shorter step if this reduces the rule's estimate to COARSE,
-    otherwise a finer mesh.
+    The warning recommends a shorter step if this reduces the error to COARSE, and otherwise a finer mesh. rule: source
+    of error estimates for other settings. estimate: error of the tip divided by the arm's length. name: name of the
+    solver option for the mesh.
     """
     if estimate <= most:
         return ""
@@ -53,7 +53,7 @@ def too_coarse(rule: Rule, settings: Settings, estimate: float, name: str, most:
 
 
 def amplified(estimate: float, formulation: str) -> str:
-    """Return a sentence about an arm that amplifies errors so much that no settings make them small.
+    """Return a warning about an arm that amplifies errors so much that they are large with any settings.
 
     estimate: error of the tip divided by the arm's length. formulation: formulation of the settings.
     """
@@ -63,7 +63,7 @@ def amplified(estimate: float, formulation: str) -> str:
 
 
 def unsettled(period: float, estimate: float) -> str:
-    """Return a sentence about an arm with a chattering PD loop: the tip's error, and the settings to change.
+    """Return a warning about an arm whose PD loop sustains a vibration, with the tip's error and settings to change.
 
     period: control period, s. estimate: error of the tip divided by the arm's length.
     """
@@ -81,7 +81,7 @@ def warn(sentence: str) -> None:
 
 
 def warn_of_times(arm: Arm, duration: float) -> None:
-    """Warn if the default duration (s) is shorter than `LEAST_TURNS` fastest quarter turns of the arm."""
+    """Warn if the default duration, s, is shorter than `LEAST_TURNS` times the arm's fastest quarter turn."""
     own = timescales(arm)
     if duration < LEAST_TURNS * own.slew:
         what = f"arm {arm.name!r} takes at least {own.slew:.3g} s for a quarter turn, and an episode has {duration:g} s"

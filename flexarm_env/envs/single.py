@@ -1,4 +1,4 @@
-"""The environment with one arm as a `gymnasium.Env`; its batch contains one arm."""
+"""Base class of the environments with one arm, as a `gymnasium.Env`."""
 
 from typing import Any, Unpack
 
@@ -28,8 +28,8 @@ between the check and the assignment of this value.
 class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
     """Common base class of the environments with a single arm.
 
-    The single environments also name gymnasium.Env as a direct base, and the vector environments VectorEnv. Some
-    libraries, such as skrl, recognize an environment by the direct bases of its class.
+    Each environment's class also has gymnasium.Env as a direct base class, because some libraries, such as skrl,
+    recognize environments by their direct base classes.
     """
 
     def __init__(self, **arguments: Unpack[Keywords]) -> None:
@@ -61,9 +61,9 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         """Start an episode of the environment's arm.
 
         Args:
-            seed: seed of the environment's generator; None: the generator continues.
-            options: options of the reset (start, target, motion, ...), which the environment's page describes. An
-                unknown key or a wrong value raises ValueError before anything changes.
+            seed: seed of the environment's random generator; None: the generator continues.
+            options: options of the reset (initial state, target, motion, ...), which the environment's page describes.
+                An unknown key or an invalid value raises ValueError, and the environment does not change.
         """
         asked = request_of(self.plan, options)
         own = guide_of(self.plan, asked)
@@ -91,7 +91,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         return over
 
     def step(self, action: Array32) -> tuple[Array32, float, bool, bool, dict[str, Any]]:
-        """Advance one control period; an action of wrong shape or type raises ValueError before the arm moves."""
+        """Advance one control period with an action (N,); an action of wrong shape or type raises ValueError."""
         if type(action) is not np.ndarray or action.dtype is not F32 or action.shape != self._shape:
             action = checked_action(action, self._shape)
         if self._over:
@@ -161,16 +161,19 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
 
     # --- states --------------------------------------------------------------------------------------
     def get_state(self) -> dict[str, Any]:
-        """Return a copy of everything that determines the environment's future.
+        """Return a copy of the environment's complete state.
 
-        The copy contains the arm with its integrator's history, sensors, motors and target, the generator, and the
-        prescribed motion. The copy of the state can be pickled.
+        The state contains the arm, the integrator's history, sensors, motors, target, random generator and prescribed
+        motion. It can be pickled.
         """
         self._free()
         return state_of(self.batch, 0, self.np_random, self.np_random_seed, self.guide)
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Continue bit for bit from a state that `get_state` of this or an equal environment returned."""
+        """Set a complete state that `get_state` of this or an equal environment returned.
+
+        The following steps give bitwise the same results as after `get_state`.
+        """
         self._free()
         check_state(self.batch, state)
         self.np_random, self._np_random_seed, self.guide = put_state(self.batch, 0, state)
@@ -179,7 +182,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
     def linearize(self, discrete: float | None = None) -> LinearModel:
         """Return the arm's linear model at its present state and torques (see `flexarm_env.linear.linearize`).
 
-        discrete: period, s, for which the torques are constant; None for the continuous model.
+        discrete: period, s, of a discrete model with constant torques; None for the continuous model.
         """
         return linear_model(self.plan, self.batch, 0, self.guide, discrete)
 
@@ -198,7 +201,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
 
 
 def checked_action(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return the action as float32 of the given shape, clipped far outside +-1; raise ValueError if it is invalid."""
+    """Validate an action and return it as float32 of the given shape, with extreme values limited."""
     try:
         values = np.asarray(action)
     except (TypeError, ValueError):

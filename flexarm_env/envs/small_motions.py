@@ -1,15 +1,14 @@
-"""Small motions of an arm in the plane: response to torques that change at control instants, on a given mesh and step.
+"""Linear model of small motions of an arm in the plane, for a mesh, a step and torques that change at control instants.
 
-The links are elasticas that deviate little from straight lines. The coordinates x are the tangent angles phi at the
-nodes of `physics.elastica.chain` (rad) and the angles psi of motors behind elastic gears. If the base floats, its
-position (m) and attitude (rad) are coordinates, too:
+The links are nearly straight elasticas. The coordinates x are the tangent angles at the nodes of
+`physics.elastica.chain`, rad, and the angles of motors with elastic gears, rad. If the base floats, its position, m,
+and attitude, rad, are coordinates, too. The equations are
 
     M x'' + C x' + K x = B u,    tip = c x,    motor and joint angles = B^T x
 
-`Motion.of` assembles the matrices M, C, K and B from polynomials. For the elastica a polynomial covers a whole link;
-for the other formulations a polynomial covers an element, whose angle is quadratic because the displacements of a beam
-element are cubic. `exact` advances the motions by a control period with the matrix exponential, `stepped` with the
-integrator's steps.
+`Motion.of` assembles the matrices M, C, K and B. For the elastica the tangent angle of a link is one polynomial. For
+the other formulations it is quadratic in each element, because the displacements of a beam element are cubic.
+`Motion.exact` advances x by a control period with the matrix exponential, `Motion.stepped` with the integrator's steps.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ HELD = (1, 8, 8, 25)
 
 @lru_cache(8)
 def actions(count: int) -> Array:
-    """Return bang-bang actions of +-1, (PERIODS, N, runs); run r holds each random sign for HELD[r] periods."""
+    """Return random bang-bang actions of +-1, (PERIODS, N, runs); in run r each action lasts HELD[r] periods."""
     draw, found = np.random.default_rng(5), []
     for held in HELD:
         signs = np.where(draw.random((-(-PERIODS // held), count)) < 0.5, -1.0, 1.0)
@@ -57,11 +56,11 @@ def actions(count: int) -> Array:
 
 
 class Elements(Line):
-    """A link whose tangent angle is continuous and quadratic in each of n elements, so that displacements are cubic."""
+    """Link with a tangent angle that is continuous, and quadratic in each of n elements."""
 
     @classmethod
     def cut(cls, link: Link, n: int) -> Elements:
-        """Return a link cut into at least n elements with ends at the jumps of its section."""
+        """Divide a link into at least n elements, with ends at the jumps of its section."""
         ends = link.mesh(max(n, len(link.jumps) + 1), "elements")
         pieces = tuple((a, b, 2 * i, basis(3, True)) for i, (a, b) in enumerate(pairwise(ends.tolist())))
         return cls(link, 2 * len(pieces) + 1, pieces)
@@ -76,7 +75,7 @@ class Elements(Line):
 
 @lru_cache(64)
 def fine(arm: Arm) -> Chain:
-    """Return the reference's matrices, which use polynomials of high order on each smooth piece of a link."""
+    """Return the matrices of the reference model: polynomials of high order between jumps and kinks of sections."""
     nodes = max(FINE - 2 * arm.n_links, 6)
     pieces = max(len(link.jumps) for link in arm.links) + 1
     return chain(arm, nodes if pieces == 1 else 5 * pieces + 1)
@@ -84,9 +83,9 @@ def fine(arm: Arm) -> Chain:
 
 @lru_cache(64)
 def cut(arm: Arm, elements: int) -> Chain:
-    """Return the matrices of an arm with this number of beam elements per link.
+    """Return the matrices of an arm with at least this number of beam elements per link.
 
-    All links get the element number of the link that needs the finest mesh.
+    All links have the same number of elements, the largest that a link requires.
     """
     lines = [Elements.cut(link, elements) for link in arm.links]
     most = max(line.n for line in lines)
@@ -95,7 +94,7 @@ def cut(arm: Arm, elements: int) -> Chain:
 
 @dataclass(frozen=True)
 class Motion:
-    """Small motions about a posture: M x'' + C x' + K x = B u; n coordinates x, N torques u, SI units."""
+    """Linear model of small motions about a posture, M x'' + C x' + K x = B u, with n coordinates x and N torques u."""
 
     M: Array  # (n, n) inertia matrix
     C: Array  # (n, n) damping matrix
@@ -109,8 +108,8 @@ class Motion:
     def of(cls, arm: Arm, parts: Chain, pose: Array, settings: Settings | None = None, h: float = 0.0) -> Motion:
         """Return the small motions of a planar arm about absolute link angles `pose` (N,), rad.
 
-        parts: matrices of the links. settings: the integrator's settings; None: the continuous equations. h: step of
-            the integrator, s.
+        parts: matrices of the links. settings: the integrator's settings; None for the continuous equations. h: step of
+        the integrator, s.
         """
         n, count, m = parts.n, arm.n_links, parts.w.size
         # M_ij = P_ij cos(alpha_i - alpha_j), payload and rotary inertia (theory, eq. 5.2), about straight links
@@ -146,13 +145,13 @@ class Motion:
         return made.jointed(arm)
 
     def grown(self, more: int) -> Motion:
-        """Return the motions with `more` additional coordinates, whose matrix rows and columns are 0."""
+        """Return the model with `more` additional coordinates, whose rows and columns in the matrices are 0."""
         M, C, K, S = (np.pad(x, ((0, more), (0, more))) for x in (self.M, self.C, self.K, self.S))
         tip, bend = (np.pad(x, ((0, 0), (0, more))) for x in (self.tip, self.bend))
         return Motion(M, C, K, S, np.pad(self.B, ((0, more), (0, 0))), tip, bend)
 
     def floating(self, arm: Arm, first: Array, mass: float) -> Motion:
-        """Return the motions with the position (m) and attitude (rad) of a floating base as three more coordinates.
+        """Return the model with the position (m) and attitude (rad) of a floating base as three more coordinates.
 
         first (n,): momentum of the arm per rate of each coordinate, complex x + i y, kg m. mass: mass of the arm, kg.
         The hub's torque acts on the base with the opposite sign.
@@ -170,9 +169,9 @@ class Motion:
         return made
 
     def jointed(self, arm: Arm) -> Motion:
-        """Return the motions with rotors, elastic gears and viscous friction of the joints.
+        """Return the model with rotors, elastic gears and viscous friction of the joints added.
 
-        Backlash and Coulomb friction of the joints are not included.
+        Backlash and Coulomb friction are not included.
         """
         made = self
         for k in range(arm.n_links):
@@ -197,10 +196,11 @@ class Motion:
         return made
 
     def softened(self, most: float) -> Motion:
-        """Return the motions with all vibration frequencies limited to `most` rad/s.
+        """Return the model with all vibration frequencies limited to `most` rad/s.
 
-        Stiffer vibrations lose double precision and hardly move the arm. With M-normalized shapes V, K = M V diag(w^2)
-        V^T M. Rows and columns of the shapes with w > most are multiplied by most / w, in K, in C and in M - S.
+        Higher frequencies cause round-off errors and hardly move the arm. With M-normalized mode shapes V the stiffness
+        matrix is K = M V diag(w^2) V^T M. Rows and columns of modes with w > most are multiplied by most / w, in K, in
+        C and in M - S (S: the integrator's mass matrix).
         """
         squares, V = vibrations(self.M, self.K)
         if not squares[-1] < CARRIED:
@@ -223,11 +223,14 @@ class Motion:
         return np.vstack([np.hstack([np.zeros((n, n)), np.eye(n), np.zeros_like(self.B)]), solved])
 
     def exact(self, period: float) -> Array:
-        """Return the exact transition matrix (2 n, 2 n + N): state (x, x') and torques to state a period (s) later."""
+        """Return the exact transition matrix (2 n, 2 n + N) from the state (x, x') and the torques to the next state.
+
+        period: time from one state to the next, s.
+        """
         return self._whole(exponential, self._rates(self.M) * period)
 
     def stepped(self, h: float, steps: int) -> Array:
-        """Return the transition matrix (2 n, 2 n + N) of `steps` trapezoidal steps of h seconds, with inertia S."""
+        """Return the transition matrix (2 n, 2 n + N) of `steps` trapezoidal steps of h seconds, with mass matrix S."""
         # (1 - h/2 A) z+ = (1 + h/2 A) z + h B u
         A = self._rates(self.S) * (0.5 * h)
         rows = len(A)
@@ -252,10 +255,9 @@ class Motion:
     def respond(self, advance: Array, torques: Callable[[int, Array, Array], Array], periods: int, runs: int) -> Array:
         """Return the response to torques over control periods, (periods, 2 + 2 N, runs).
 
-        Rows: tip displacement (m; three rows in space), motor or joint angles (rad), bends of the links (rad). advance:
-            transition matrix from `exact` or `stepped`. torques: function of (period, angles (N, runs), rates (N,
-            runs)) that
-        returns torques (N, runs), N m.
+        Rows: tip displacement (m; three rows in space), motor or joint angles (rad), angles between the ends of the
+        links (rad). advance: transition matrix from `exact` or `stepped`. torques: function of (period, angles (N,
+        runs), rates (N, runs)) that returns torques (N, runs), N m.
         """
         n = len(self.M)
         seen = np.vstack([self.tip, self.B.T, self.bend])
@@ -269,7 +271,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Drive:
-    """Actuation of the joints for small motions: direct torques, a PD loop, or an amplifier with back-emf; N joints."""
+    """Actuation of the N joints in the linear model: torques, a PD loop, or an amplifier with back-emf."""
 
     torques: tuple[float, ...]  # (N,) joint torques at full action, N m
     residual: float | None = None  # share of the torque limits that the action adds to the PD loop; None: no PD loop
@@ -278,7 +280,7 @@ class Drive:
 
     @classmethod
     def of(cls, arm: Arm, mode: str, share: float | None, amplifier: Amplifier | None) -> Drive:
-        """Return the drive for an environment's action mode, share of the residual action, and amplifier or None."""
+        """Return the drive for an environment's action mode, share of the residual torque, and amplifier (or None)."""
         limits = arm.torque_limits
         assert limits is not None
         if amplifier is not None:
@@ -302,7 +304,7 @@ def exponential(A: Array) -> Array:
 
 
 def vibrations(M: Array, K: Array) -> tuple[Array, Array]:
-    """Return squared frequencies (rad^2/s^2, ascending, at least 0) and M-normalized shapes of M x'' + K x = 0."""
+    """Return squared angular frequencies (ascending, at least 0) and M-normalized mode shapes of M x'' + K x = 0."""
     # symmetric standard form L^-1 K L^-T with M = L L^T
     factor = np.linalg.cholesky(M)
     half = np.linalg.solve(factor, K)
@@ -311,7 +313,7 @@ def vibrations(M: Array, K: Array) -> tuple[Array, Array]:
 
 
 def frequency_unless_damped(motion: Motion, number: int, most: float) -> float:
-    """Return the frequency (rad/s) of the vibration with index `number`; 0.0 if its damping ratio exceeds `most`."""
+    """Return the angular frequency, rad/s, of mode `number` (from 0); 0.0 if its damping ratio exceeds `most`."""
     squares, shapes = vibrations(motion.M, motion.K)
     rates = np.sqrt(squares)
     # rigid turns, with frequency 0, do not count
@@ -321,6 +323,6 @@ def frequency_unless_damped(motion: Motion, number: int, most: float) -> float:
 
 
 def poses(n_links: int) -> Sequence[Array]:
-    """Return the postures of the small motions, straight and with square elbows, as absolute link angles (N,), rad."""
+    """Return two postures of small motions, straight and with elbows at 90 degrees, as link angles (N,), rad."""
     square: Array = 0.5 * np.pi * (np.arange(n_links, dtype=np.float64) % 2.0)
     return [np.zeros(1)] if n_links == 1 else [np.zeros(n_links), square]

@@ -1,6 +1,6 @@
-"""Small motions of an arm in the plane and in space, by one interface, with the constants of the rule for each.
+"""One interface to the linear models of small motions in the plane and in space, with constants for each.
 
-The constants belong to the rules in `judge`, `resolution` and `trials`, and were fitted to runs of drawn arms.
+The modules `judge`, `resolution` and `trials` use the constants, which were fitted to simulations of random arms.
 """
 
 from __future__ import annotations
@@ -25,42 +25,42 @@ UNEQUAL = 100.0
 
 
 class SmallMotions:
-    """Small motions of an arm in the plane, by the common interface.
+    """Linear models of small motions of an arm in the plane.
 
     Attributes:
-        bend: reference angle, rad, in the factor G = 1 + (theta / bend)^3 (`Judge.gain`). kept: error that usual
-            settings may have, a fraction of the arm's length. ladder: bends, rad, above which meshes begin one and two
-            sizes finer. trials, lanes: largest number of settings tried in trial episodes, and number of nominal
-            episodes.
+        bend: reference angle, rad, in the factor G = 1 + (theta / bend)^3 (`Judge.gain`). kept: largest error of the
+            default settings, divided by the arm's length, at which they are kept. ladder: angles theta, rad, above
+            which the search begins with the second and the third mesh. trials: largest number of settings in trial
+            episodes. lanes: number of trial episodes of the nominal arm.
     """
 
     bend, kept, ladder, trials, lanes = 0.55, 5e-3, (1.6, 3.0), 6, 16
 
     def postures(self, n: int) -> Sequence[Array]:
-        """Return the postures (N,), rad, about which motions are small: absolute link angles; in space joint angles."""
+        """Return postures (N,), rad, for small motions: absolute link angles in the plane, joint angles in space."""
         return poses(n)
 
     def reference(self, arm: Arm, pose: Array, stiffness: float) -> Motion:
-        """Return the small motions of the reference mesh. stiffness: factor on the bending stiffness."""
+        """Return the linear model on the reference mesh. stiffness: factor on the bending stiffness."""
         return Motion.of(arm, _scaled(fine(arm), stiffness), pose)
 
     def on_mesh(self, arm: Arm, settings: Settings, pose: Array, h: float, stiffness: float) -> Motion:
-        """Return the small motions on the settings' mesh in steps of h (s); stiffness: factor on EI."""
+        """Return the linear model on the mesh in `settings` in steps of h, s. stiffness: factor on EI."""
         parts = fine(arm) if settings.modes else cut(arm, (settings.segments or 1) * (settings.elements or 1))
         if settings.nodes is not None:
             parts = chain(arm, settings.nodes)
         return Motion.of(arm, _scaled(parts, stiffness), pose, settings, h)
 
     def unsteady(self, motion: Motion, n: int, index: int, damped: float) -> float:
-        """Return the frequency, rad/s, of a chain's vibration that steps must resolve; 0 if there is none."""
+        """Return the angular frequency, rad/s, that steps must resolve for stability; 0 if there is none."""
         return 0.0 if n == 1 else frequency_unless_damped(motion, index, damped)
 
     def link_angles(self, joints: Array) -> Array:
-        """Return the links' absolute angles, whose rates count as spin, from joint angles (periods, N, runs)."""
+        """Return the absolute link angles, with whose rates e_3 is computed, from joint angles (periods, N, runs)."""
         return np.cumsum(joints, axis=1)
 
     def spin(self, error: float) -> float:
-        """Return the error of a fast turn, given the error by the links' absolute angles; 0 in space."""
+        """Return the error e_3 of a fast turn: `error` in the plane, 0 in space."""
         return error
 
     def tolerance(self, inertia: Array) -> float:
@@ -68,14 +68,12 @@ class SmallMotions:
         return 1.0
 
     def elements(self, arm: Arm, stiffness: float) -> int:
-        """Return the number of elements per link that resolves the bends at full torque."""
+        """Return the number of elements per link that resolves the bending at full torque."""
         return 1
 
 
 class SmallMotionsInSpace(SmallMotions):
-    """Small motions of an arm in space, by the common interface.
-
-    Links turn out of each other's planes, and gravity limits the swing of the whole arm.
+    """Linear models of small motions of an arm in space.
     """
 
     bend, kept, ladder, trials, lanes = 1.1, 6e-3, (3.2, 6.0), 4, 8
@@ -103,7 +101,7 @@ class SmallMotionsInSpace(SmallMotions):
         return min(1.0, UNEQUAL * float(inertia.min() / inertia.max()))
 
     def elements(self, arm: Arm, stiffness: float) -> int:
-        """Return the number of elements, each of which a joint's full torque bends by at most `TURNED` at rest.
+        """Return the number of elements per link for which the full torque bends each element by at most `TURNED`.
 
         stiffness: smallest factor on the arm's stiffness.
         """
@@ -126,5 +124,5 @@ SMALL_MOTIONS = {"xy": SmallMotions(), "xyz": SmallMotionsInSpace()}
 
 
 def small_motions(arm: Arm) -> SmallMotions:
-    """Return the small motions of an arm, in the plane or in space."""
+    """Return the linear models of an arm's small motions, in the plane or in space."""
     return SMALL_MOTIONS[arm.axes]

@@ -1,9 +1,9 @@
-"""Small motions of an arm in space about a posture: matrices for `small_motions.Motion`.
+"""Linear model of small motions of an arm in space about a posture: matrices for `small_motions.Motion`.
 
-Links are beam elements with cubic displacements in both planes, linear stretch and linear twist. The coordinates are
-joint angles (rad), then displacement (m) and rotation (rad) of each element's far section in inertial axes. Each
-section has a map (6, n) from the coordinates to its displacement and rotation. A joint adds its angle to the rotation;
-a rigid part adds the displacement of its lever. Of the arm's modes only the lowest KEPT modes are used.
+Links consist of beam elements with cubic displacements in both planes, linear stretch and linear twist. The coordinates
+are the joint angles (rad), and displacement (m) and rotation (rad) of each element's far end in inertial axes. For each
+section, a matrix (6, n) maps the coordinates to its displacement and rotation. Only the KEPT lowest modes of the arm
+are used.
 """
 
 from __future__ import annotations
@@ -109,10 +109,10 @@ class _Assembly:
 
 
 def moved(at: Array, way: Array) -> Array:
-    """Return the map (6, n) of a point that is rigidly attached to a section.
+    """Return the matrix (6, n) from the coordinates to displacement and rotation of a point fixed to a section.
 
-    at (6, n): map from the coordinates to displacement and rotation of the section. way (3,): vector from the section
-    to the point, m, inertial axes.
+    at (6, n): matrix from the coordinates to displacement and rotation of the section. way (3,): vector from the
+    section to the point, m, inertial axes.
     """
     found = at.copy()
     # displacement u + theta x way
@@ -123,8 +123,8 @@ def moved(at: Array, way: Array) -> Array:
 def element(link: Link, start: float, end: float) -> tuple[Array, Array]:
     """Return mass and stiffness (12, 12) of a straight beam element from `start` to `end` (m), in the link's axes.
 
-    Rows: displacement (m) and rotation (rad) of the left section, then of the right section; x is along the link. Cubic
-    Hermite functions describe bending in both planes, linear functions stretch and twist. Four Gauss points are used.
+    Rows: displacement (m) and rotation (rad) of the section at `start`, then of the section at `end`. Bending is cubic
+    in both planes; stretch and twist are linear. The integrals have four Gauss points.
     """
     length, (x, weights) = end - start, POINTS
     z, share = 0.5 * (x + 1.0), 0.5 * length * weights
@@ -154,10 +154,10 @@ def element(link: Link, start: float, end: float) -> tuple[Array, Array]:
 def of_space(
     arm: Arm, elements: int, pose: Array, settings: Settings | None = None, h: float = 0.0, stiffness: float = 1.0
 ) -> Motion:
-    """Return the small motions of an arm in space about joint angles `pose` (N,), rad, in the arm's lowest modes.
+    """Return the linear model of an arm in space about joint angles `pose` (N,), rad, in the arm's lowest modes.
 
-    elements: number of elements per link. settings: the integrator's settings; None: the continuous equations. h: step
-    of the integrator, s. stiffness: factor on EI, EI_y and GJ of all links.
+    elements: number of elements per link. settings: the integrator's settings; None for the continuous equations. h:
+    step of the integrator, s. stiffness: factor on EI, EI_y and GJ of all links.
     """
     made = _Assembly(arm, elements, pose)
     made.K *= stiffness
@@ -175,5 +175,5 @@ def of_space(
 
 
 def poses_in_space(n_links: int) -> list[Array]:
-    """Return the postures of the small motions, straight and with elbows at 1.2 rad, as joint angles (N,), rad."""
+    """Return two postures of small motions, straight and with elbows at 1.2 rad, as joint angles (N,), rad."""
     return [np.zeros(n_links)] if n_links == 1 else [np.zeros(n_links), np.array([0.0, *[1.2] * (n_links - 1)])]

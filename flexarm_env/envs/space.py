@@ -1,4 +1,4 @@
-"""Checks, targets and task data of environments in space."""
+"""Validation, targets and task data of environments in space."""
 
 import dataclasses
 import itertools
@@ -31,13 +31,19 @@ HEIGHTS = (0.2, 0.5)
 
 
 class Place(Target):
-    """Target position of the tip in space, (x, y, z) in m; records store the rigid arm's joint angles there."""
+    """Type of targets that are positions of the tip in space, (x, y, z), m.
+
+    Records store a target as the joint angles at which the rigid arm reaches it.
+    """
 
     numbers = 3
     paths: ClassVar = {name: (*entries, ("elevation", "rad")) for name, entries in POINT.paths.items()}
 
     def read(self, arm: Arm, value: Any, gravity: Sequence[float] | None = None) -> Any:
-        """Return joint angles (N,), rad, with the rigid tip at a point, if possible held against gravity."""
+        """Return joint angles (N,), rad, at which the rigid arm's tip is at a point.
+
+        If gravity is given, joint angles at which the motors can hold the arm are preferred.
+        """
         point = check.numbers("options.target", value, "three numbers (m), (x, y, z)", 3, "m")
         angles = angles_at(arm, np.array(point), gravity)
         if angles is None:
@@ -74,7 +80,7 @@ class Place(Target):
         return POINT.entries(arm, "xyz")
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges for a path: distances proportional to the arm's length, times to 1 / its joint rates."""
+        """Return default ranges of random paths, scaled to the arm's length and to its fastest joint rates."""
         _, *others, bearing = POINT.ranges(arm, path)
         far = arm.total_length
         if path == "circle":
@@ -82,10 +88,10 @@ class Place(Target):
         return [(0.45 * far, 0.65 * far), *others, bearing, (math.pi / 6, math.pi / 3)]
 
     def narrowed(self, ranges: list[Pair], options: Mapping[str, Any], arm: Arm, path: str) -> list[Pair]:
-        """Narrow the default ranges about their middles, with a warning, if joint limits exclude some of their paths.
+        """Narrow the default ranges about their middles if joint limits exclude some of the paths; warn if so.
 
-        Ranges given by the user are not changed. Raises `InvalidValue` if no share in `SHARES` of the default ranges'
-        widths fits.
+        The widths are multiplied by the largest factor in `SHARES` with which all paths fit; if there is none,
+        `InvalidValue` is raised. Ranges that the user gives are not changed.
         """
         names = [name for name, _ in self.paths[path]]
         free = [name in ("distance", "radius", "bearing", "elevation") and name not in options for name in names]
@@ -106,9 +112,10 @@ class Place(Target):
         raise AssertionError
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Check that circles, and each straight path's point nearest to the root, are in reach and joint limits.
+        """Raise `InvalidValue` if a path of the ranges leaves the reach or the joint limits.
 
-        The check samples points around the middles and ends of the ranges.
+        The check samples points of circles, and the points of straight paths that are nearest to the root, at the
+        middles and ends of the ranges.
         """
         distance, _, (_, radius), *turns = ranges
         bearing, elevation = (np.linspace(*pair, 5) for pair in turns)
@@ -125,7 +132,7 @@ class Place(Target):
             raise check.InvalidValue("reference.distance", distance, f"{what}: {_as_text(places[wrong])} is not")
 
     def path(self, reference: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        """Return x, y and z, m, as functions of time; a ValueError names the first instant out of reach."""
+        """Return x, y and z, m, of a path as functions of time; a ValueError names the first instant out of reach."""
         all_three = coordinates(reference, "three functions of time, x, y and z (m), or a table (n, 4): t, x, y, z", 3)
         places = np.stack([f(t) for f in all_three], axis=1)
         wrong = beyond_reach(arm, places)

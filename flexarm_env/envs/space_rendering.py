@@ -1,6 +1,7 @@
-"""Pictures of arms in space, drawn with pygame: a perspective view over a ground.
+"""Draw pictures of arms in space with pygame, in perspective.
 
-Links are lit ribbons that show bending and twist. Shadows and plumb lines show the positions of the arm's parts.
+Shaded ribbons show bending and twist of the links. Shadows and vertical lines to the ground show the positions of the
+arm's parts.
 """
 
 import math
@@ -43,7 +44,7 @@ ROUND = 10
 
 
 class Camera:
-    """Perspective view with `center` (3,), m, in the middle; for lengths in points see `drawing.Sheet`."""
+    """Perspective view with the position `center` (3,), m, in the middle of the picture."""
 
     def __init__(self, size: tuple[int, int], reach: float, center: Array) -> None:
         """Place a camera that looks at center (3,), m, from a distance of `FAR` times reach (m).
@@ -72,11 +73,11 @@ class Camera:
 
 
 class SpaceRenderer(Renderer):
-    """Renderer that draws arms in space, one picture per call; it accepts the arguments of `rendering.Renderer`, too.
+    """Renderer of arms in space; each call of `frame_of` draws one picture.
 
     Args:
         sides: (N, 2), width and thickness of each link, m (`geometry.ribbons.Ribbons`). ground: height of the ground,
-            m. links: names of the links, for the deflection bars.
+            m. links: names of the links, for the deflection bars. Other arguments: those of `rendering.Renderer`.
     """
 
     def __init__(
@@ -113,7 +114,7 @@ class SpaceRenderer(Renderer):
                 rigid: (N + 1, 3), positions of joints and tip of the rigid arm, m, or None. target (3,): target point,
                 m, or None. Other arguments: as in `Renderer.frame`.
         Returns:
-            the picture, (height, width, 3) uint8; None if a window shows it.
+            The picture, (height, width, 3) uint8; None if a window shows it.
         """
         if not self.ready():
             return None

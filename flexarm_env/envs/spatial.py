@@ -16,23 +16,25 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     """
     ## Description
 
-    A chain of N links in space, flexible or rigid, stands on a fixed base under gravity, with a motor at each joint.
-    The goal is to move the tip to a target point and hold it there without residual vibration. Links are geometrically
-    exact beams that bend in both planes, twist, stretch and shear (docs/theory.md, section 9), or floating frames.
+    A chain of N flexible or rigid links in space is mounted on a fixed base under gravity, with a motor at each joint.
+    The goal is to move the tip to a target point and hold it there without residual vibration. Flexible links are
+    geometrically exact beams, which bend in both planes, twist, stretch and shear (docs/theory.md, section 9); the
+    formulation "floating_frame" is available, too.
 
-    The default arm, `three_dof` (after shamilmamedov/flexible_arm), has a rigid pillar of 0.15 m that yaws about the
-    vertical z axis, and two steel strips of 0.5 m, 50 mm wide and 2 mm thick, that pitch at shoulder and elbow. At
-    joint angles 0 the arm is upright. `three_dof` has no payload; `three_dof_loaded` carries 0.1 kg. L, the sum of the
-    lengths, is 1.15 m.
+    The default arm, `three_dof` (after shamilmamedov/flexible_arm), has three links: a rigid column of 0.15 m, which
+    turns about the vertical z axis (yaw), and two steel strips of 0.5 m length, 50 mm width and 2 mm thickness, which
+    turn about horizontal axes at shoulder and elbow (pitch). At joint angles 0 the arm is upright. `three_dof` has no
+    payload; the arm `three_dof_loaded` carries 0.1 kg. L, the sum of the lengths, is 1.15 m.
 
-    `gymnasium.make("SpatialFlexArm-v0")` makes one arm, `gymnasium.make_vec("SpatialFlexArm-v0", num_envs=n)` makes n
-    arms that one compiled call advances. A single arm and an arm among n arms give the same numbers, bit for bit.
-    Without an import of the package use the id `flexarm_env:SpatialFlexArm-v0`.
+    `gymnasium.make("SpatialFlexArm-v0")` creates one arm. `gymnasium.make_vec("SpatialFlexArm-v0", num_envs=n)` creates
+    n arms that one compiled call advances. Each of them gives bitwise the same results as a single arm. The id
+    `flexarm_env:SpatialFlexArm-v0` also works if the package has not been imported.
 
     ## Action space
 
-    `Box(-1, 1, (N,), float32)`: joint torques as shares of their limits (20, 10 and 10 N m). The torques are constant
-    over one control period. Actions beyond +-1 are clipped. NaN or infinity ends the episode (`action_not_finite`).
+    `Box(-1, 1, (N,), float32)`: joint torques divided by their limits (20, 10 and 10 N m for the default arm). The
+    torques are constant over one control period. Actions beyond +-1 are clipped. NaN or infinity ends the episode
+    (`action_not_finite`).
 
     ## Observation space
 
@@ -51,7 +53,7 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | | vector from tip to target, x, y, z | 0.5 L | m |
 
     - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k. I_k is the inertia about joint k of the arm
-      from this joint to the tip, laid out straight at a right angle to the joint's axis. For the default arm w_0 =
+      between this joint and the tip, straight and at a right angle to the joint's axis. For the default arm w_0 =
       8.518, w_1 = 7.738 and w_2 = 21.887 rad/s.
     - The last six entries are components along the axes of the root of link 0, which turn with the first joint.
     - The deflections of a link are the components of (tip - root) along the y and z axes of the link's root. The twist
@@ -64,24 +66,25 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     ## Rewards
 
     The reward has the terms, weights and bounds of TwoLinkFlexArm-v0. e is the distance of the tip from the target
-    divided by L, v the tip's speed divided by L (1/s; with "track" relative to the target), and d' are the rates of the
-    deflections in both planes. Effort is -sum of a_k^2 over all N joints (weighted: -0.01 N to 0), and vibration is
-    -min(sum of d'^2, 1) over all links, with weight 0.
+    divided by L, and v is the tip's speed divided by L (1/s; with task="track" the speed relative to the target). The
+    term effort is -sum of a_k^2 over all N joints (weighted: -0.01 N to 0). The term vibration is -min(sum of d'^2, 1)
+    with weight 0; the sum extends over the deflection rates d' of all links in both planes.
 
     ## Starting state
 
-    The arm is at rest with straight, stress-free links. In half of the episodes all joint angles are 0; in the other
-    half the first joint is at -1 to 1 rad and each further joint at -3.6/N to 3.6/N rad. The target is the tip of the
-    rigid arm with the first joint at -2 pi/3 to 2 pi/3 rad and each further joint at -3.6/N to 3.6/N rad. All draws are
-    uniform and within the joint limits. Target angles at which the motors cannot hold the arm are drawn again.
+    The arm is at rest with straight, stress-free links. In half of the episodes all joint angles are 0. In the other
+    half they are random: the first between -1 and 1 rad, all others between -3.6/N and 3.6/N rad. The target is the
+    tip's position of the rigid arm at other random joint angles: the first between -2 pi/3 and 2 pi/3 rad, all others
+    between -3.6/N and 3.6/N rad. All distributions are uniform, within the joint limits. A target is drawn again if the
+    motors cannot hold the arm there.
 
     ## Episode end
 
-    - Truncation: an episode is truncated after `duration` (5 s, in whole control periods) or `max_episode_steps`,
-      whichever is first, or at the end of a prescribed motion.
+    - Truncation: an episode is truncated after `duration` (5 s, rounded down to whole control periods), after
+      `max_episode_steps` if this is earlier, or at the end of a prescribed motion.
     - Termination: an episode is terminated only by a failure, with `info["termination_reason"]` as in FlexibleArm-v0.
-    - Success does not end an episode. `info["is_success"]` is true if, over the last 0.5 s, the tip was within 0.01 L
-      of the target and slower than 0.05 L/s (with "track": relative to the target).
+    - Success does not end an episode. `info["is_success"]` is true if, during the last 0.5 s, the tip was within 0.01 L
+      of the target and its speed (with task="track" relative to the target) was below 0.05 L/s.
 
     ## Info
 
@@ -103,19 +106,19 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | `formulation` | "geometrically_exact" | or "floating_frame", with `segments` or `modes` (at least 2) |
     | `task` | "reach" | or "track": moving target; "replay": prescribed motion; "press": see options |
 
-    [Options in space](options.md#options-in-space) describes the differences in space. Features that are not available
-    in space raise an error that names the feature: [list](spatial_limits.md).
+    [Options in space](options.md#options-in-space) describes how arguments differ in space. [Limits in
+    space](spatial_limits.md) lists the features that are not available there; they raise an error.
 
     ## Version history
 
-    * v0: first version. Since 0.2.0 rewards and drawn targets follow [rules 2](options.md#rules); `rules=1` selects the
-      former rules.
+    * v0: first version. Since 0.2.0 rewards and random targets follow [rules 2](options.md#rules); `rules=1` selects
+      the former rules.
     """
 
     kind = SPACE
 
 
 class SpatialFlexArmVectorEnv(VectorArmEnv, VectorEnv[Array32, Array32, NDArray[Any]]):
-    """Vector environment of many SpatialFlexArm-v0; see :class:`SpatialFlexArmEnv`."""
+    """Vector environment with the arms and tasks of SpatialFlexArm-v0; see :class:`SpatialFlexArmEnv`."""
 
     kind = SPACE

@@ -1,4 +1,4 @@
-"""Specs of environments that have been made; they include the length of episodes."""
+"""Gymnasium specs of environments, with the length of episodes."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ CHANGEABLE = ("starts",)
 
 
 class ArmSpec(EnvSpec):
-    """An EnvSpec whose `max_episode_steps` is the number of control periods in the environment's `duration`.
+    """EnvSpec whose `max_episode_steps` is the number of control periods in the environment's `duration`.
 
-    Wrappers read the length of an episode from `max_episode_steps`. When `gymnasium.make` or `make_vec` makes the
-    environment again, it passes the limit that the user gave, or None. The environment ends its episodes itself: a
-    TimeLimit would end the episodes of an environment with a longer `duration` too early.
+    Wrappers read the length of an episode from `max_episode_steps`. The environment truncates its episodes itself. If
+    Gymnasium creates an environment from this spec, it passes the limit that the user gave, or None, so that no
+    TimeLimit wrapper ends episodes too early if the new environment has a longer `duration`.
     """
 
     given: int | None = None
@@ -63,7 +63,7 @@ class ArmSpec(EnvSpec):
 
 
 def changed(spec: EnvSpec) -> list[str]:
-    """Return the keywords that differ from those of the suite's frozen task from which the environment was made."""
+    """Return the names of the keywords that differ from those of the suite task with the same id."""
     if spec.namespace != FROZEN or spec.id not in registry:
         return []
     own = registry[spec.id].kwargs
@@ -71,7 +71,7 @@ def changed(spec: EnvSpec) -> list[str]:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Return whether two values are equal; values that contain arrays count as different."""
+    """Return whether two values are equal; False if they contain arrays."""
     try:
         return bool(one == other)
     except ValueError:
@@ -82,7 +82,7 @@ warned: set[tuple[str, ...]] = set()
 
 
 class Specified:
-    """Common base of single and vector environments: plan, spaces of one arm, spec."""
+    """Base class of single and vector environments, with plan, spaces of one arm and spec."""
 
     kind: ClassVar[Kind]
     plan: Plan
@@ -106,15 +106,15 @@ class Specified:
 
     @property
     def starts(self) -> Any:
-        """Ranges of fresh starts, in the form of the keyword `starts`; {} for the default ranges.
+        """Ranges of initial states and targets, in the form of the keyword `starts`; {} for the default ranges.
 
-        The attribute may be set at any time, for example by a curriculum; the next reset uses it.
+        You can set the attribute at any time, for example in a curriculum; it applies from the next reset on.
         """
         return self._starts or {}
 
     @starts.setter
     def starts(self, ranges: Any) -> None:
-        """Set the ranges of fresh starts; the next reset uses them."""
+        """Set the ranges of initial states and targets, from the next reset on."""
         self.plan = with_starts(self.plan, ranges)
         self._starts = ranges
         self.batch.set_starts(self.plan.starts)
@@ -127,7 +127,7 @@ class Specified:
 
     @property
     def spec(self) -> Any:
-        """The spec set by `gymnasium.make`, with the length of episodes; None if `make` was not used."""
+        """Spec that `gymnasium.make` has set, with the length of episodes; None without `make`."""
         return self._spec
 
     @spec.setter

@@ -1,4 +1,4 @@
-"""Save and restore states of environments; linear models of environments."""
+"""Save and restore complete states of environments; compute linear models of environments."""
 
 import copy
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ KEYS = ("arm", "generator", "seed", "guide")
 def state_of(
     batch: Batch, i: int, generator: np.random.Generator, seed: int | None, guide: Guide | None
 ) -> dict[str, Any]:
-    """Return a copy of everything that determines the future of arm i."""
+    """Return a copy of the complete state of arm i."""
     return {
         "arm": batch.get_state(i),
         "generator": copy.deepcopy(generator),
@@ -127,7 +127,7 @@ def linear_model(plan: Plan, batch: Batch, i: int, guide: Guide | None, discrete
 def linear_models(
     plan: Plan, batch: Batch, guides: dict[int, Guide], discrete: float | None, kept: dict[float | None, Linearizer]
 ) -> LinearModels:
-    """Return the linear models of all arms; `kept`: cache of compiled linearizations by `discrete` (period, s)."""
+    """Return the linear models of all arms. kept: cache of `Linearizer` objects by `discrete`, a period, s, or None."""
     from ..linear.many import Linearizer, compiled, stacked
 
     _check_linear(batch, range(batch.n))

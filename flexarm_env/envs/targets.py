@@ -1,4 +1,4 @@
-"""Targets of tasks, an angle or a point: options of `reset`, targets at rest or in motion, and their pictures."""
+"""Types of targets of planar tasks: an angle or a point, at rest or in motion."""
 
 import math
 from abc import ABC, abstractmethod
@@ -63,7 +63,7 @@ class Target(ABC):
 
     @abstractmethod
     def read(self, arm: Arm, value: Any, gravity: Sequence[float] | None = None) -> Pair:
-        """Check options["target"] of reset and return it.
+        """Validate the reset option "target" and return it.
 
         gravity: acceleration of gravity, m/s^2, against which the motors must hold the arm at the target.
         """
@@ -106,17 +106,19 @@ class Target(ABC):
 
     @abstractmethod
     def entries(self, arm: Arm) -> list[tuple[str, float]]:
-        """Return names and scales of the entries for a moving target: its rate and its future displacements."""
+        """Return names and scales of a moving target's observation entries: its velocity and future displacements."""
 
     @abstractmethod
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return the ranges of the numbers that define a drawn path of this shape (`draw_path`, `draw_line`)."""
+        """Return the default ranges of the numbers that define a random path of the shape `path`."""
 
     def drawn(self, options: Mapping[str, Any], arm: Arm) -> tuple[str, list[Pair]]:
-        """Return shape and ranges of drawn paths: the user's ranges by name (`options`), otherwise the default ranges.
+        """Return the shape of random paths and the ranges of its numbers.
+
+        options: the user's ranges by name, which replace default ranges.
 
         Raises:
-            ValueError: a name is unknown, a range is invalid, or a path may leave the reach of the arm.
+            ValueError: a name is unknown, a range is invalid, or a path could leave the reach of the arm.
         """
         shape = check.choice("reference.path", options.get("path", next(iter(self.paths))), tuple(self.paths))
         check.known_keys("reference", options, ("path", *(name for name, _ in self.paths[shape])))
@@ -130,9 +132,9 @@ class Target(ABC):
         return shape, self.narrowed(ranges, options, arm, shape)
 
     def narrowed(self, ranges: list[Pair], options: Mapping[str, Any], arm: Arm, path: str) -> list[Pair]:
-        """Check the ranges of drawn paths; return these ranges or narrower ranges that fit.
+        """Return `ranges`, or narrower ranges if some paths are outside the joint limits.
 
-        options: the ranges given by the user.
+        options: the user's ranges, which are not narrowed.
         """
         self.check_ranges(ranges, arm, path)
         return ranges
@@ -142,7 +144,7 @@ class Target(ABC):
 
     @abstractmethod
     def path(self, reference: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        """Return the path `reference` as a function of time per coordinate; t (n,): instants of reading, s."""
+        """Return the path `reference` as one function of time per coordinate. t (n,): instants of its validation, s."""
 
 
 class Angle(Target):
@@ -228,7 +230,7 @@ class Point(Target):
         return [(f"{name}_{axis}", scale) for name, scale in named for axis in axes]
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges for a path: distances proportional to the arm's length, times to 1 / its joint rates."""
+        """Return default ranges of random paths, scaled to the arm's length and to its fastest joint rates."""
         rate, far = rate_scale(arm, 0), arm.total_length
         turns = (-math.pi / 3, math.pi / 3)
         if path == "line":
@@ -245,7 +247,7 @@ class Point(Target):
             raise check.InvalidValue("reference.distance", ranges[0], what)
 
     def path(self, reference: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        """Return x and y, m, as functions of time; a ValueError names the first instant out of reach."""
+        """Return x and y, m, of a path as functions of time; a ValueError names the first instant out of reach."""
         both = coordinates(reference, "two functions of time, x and y (m), or a table (n, 3): t, x, y", 2)
         x, y = (f(t) for f in both)
         near, far = reach(arm)
@@ -258,7 +260,10 @@ class Point(Target):
 
 
 def coordinates(value: Any, what: str, numbers: int) -> list[TimeFunction]:
-    """Return a point's path `value` as one function of time per coordinate; a table's first column is t, s."""
+    """Convert a point's path to one function of time per coordinate.
+
+    value: a table with the columns t (s) and coordinates (m), the path of a file, or functions of time.
+    """
     try:
         rows = np.asarray(value)
     except ValueError:

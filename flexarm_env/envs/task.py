@@ -1,4 +1,4 @@
-"""Definitions of tasks for single and vector environments: arm, spaces, scales, rewards and starts."""
+"""Definitions of tasks for single and vector environments: arm, spaces, scales, rewards and initial states."""
 
 import inspect
 import math
@@ -52,7 +52,7 @@ def ideal_sensors(arm: Arm) -> Sensors:
 
 @dataclass(frozen=True)
 class Kind:
-    """Definition of a task for arms of `links` links (minimum, maximum; None: any number).
+    """Definition of a task for arms whose number of links is in the range `links` (maximum None: any number).
 
     id: id in Gymnasium's registry. task: name of the default task. arm: name of the default arm. duration: default
     length of an episode, s. target: type of the targets, an angle or a point. rewards: names and default weights of the
@@ -110,7 +110,7 @@ class Kind:
         """Return the constants of the task (a `tasks.task.Task`) for an arm.
 
         weights: weights of the reward's terms. period: control period, s. aims: fields of the record that differ from
-            the defaults.
+        the defaults.
         """
         assert arm.torque_limits is not None
         scales = [scale for _, scale in self.entries(arm)]
@@ -187,7 +187,7 @@ def _reach_record(arm: Arm) -> type[Task]:
 
 
 def within(arm: Arm, ranges: Sequence[Pair]) -> list[Pair]:
-    """Intersect ranges of joint angles with the joint limits; if the intersection is empty, return the limits."""
+    """Intersect ranges of joint angles with the joint limits; for a joint without intersection, return the limits."""
     found = []
     for (low, high), own in zip(ranges, arm.joint_limits or (None,) * arm.n_links, strict=True):
         least, most = own or (low, high)
@@ -197,7 +197,7 @@ def within(arm: Arm, ranges: Sequence[Pair]) -> list[Pair]:
 
 
 def at_zero(arm: Arm) -> float:
-    """Return the share of starts with all joints at 0: 0.5, or 0 if the limits exclude the angle 0."""
+    """Return the probability of episodes that start with all joint angles 0: 0.5, or 0 if the limits exclude 0."""
     return 0.5 * all(own is None or own[0] <= 0.0 <= own[1] for own in arm.joint_limits or ())
 
 
@@ -257,7 +257,7 @@ CHAIN = replace(REACH, id="MultiLinkFlexArm-v0", links=(2, None), arm="three_str
 
 @dataclass(frozen=True)
 class Entry:
-    """An entry of info: name, first row in the info section, and number of values (None: a single float)."""
+    """Entry of info: name, first row in the batch's table, and number of values (None: a float, not an array)."""
 
     name: str
     first: int
@@ -276,10 +276,9 @@ def info_entries(
 ) -> tuple[Entry, ...]:
     """Return the numeric entries of info, in order.
 
-    The texts in info (success, range, status, reason) are translated from codes. full: whether info has energies.
-    motors: whether info has motor angles and rates, for joints that are not ideal. extras: options that add entries.
-    fitted: whether the steps follow a tolerance. drawn: index of each drawn factor, by name. touches: whether the arm
-    may touch obstacles.
+    Flags and texts in info (success, range, status, reason) are not included. full: True if info has energies. motors:
+    True if info has motor angles and rates, for joints that are not ideal. extras: options that add entries. fitted:
+    True with a step_tolerance. drawn: index of each random factor, by name. touches: True if there are contacts.
     """
     n, targets, at = len(task.links), len(task.targets), info_places(task)
     entries = [
@@ -320,7 +319,7 @@ def info_entries(
 
 
 def afloat(kind: Kind, arm: Arm) -> Kind:
-    """Return the task for an arm on a floating base; its attitude has a reward term, and success may bound it."""
+    """Return the task for an arm on a floating base, with a reward term and a success bound for the base's attitude."""
     if arm.base is None:
         return kind
     terms = list(kind.rewards.items())
@@ -331,7 +330,7 @@ def afloat(kind: Kind, arm: Arm) -> Kind:
 
 
 def priced(kind: Kind, reward: Any) -> Kind:
-    """Return the task's definition with the terms `cost` and `change` if `reward` gives weights to these terms."""
+    """Return the task's definition with the terms `cost` and `change` if `reward` contains weights of these terms."""
     more = [(name, 0.0) for name in (COST, CHANGE) if isinstance(reward, Mapping) and name in reward]
     terms = list(kind.rewards.items())
     return replace(kind, rewards=dict([*terms[:-1], *more, terms[-1]])) if more else kind
@@ -340,7 +339,7 @@ def priced(kind: Kind, reward: Any) -> Kind:
 def with_own_terms(kind: Kind, value: Any) -> Kind:
     """Return the task's definition with the user's reward terms (keyword `reward_terms`), each of weight 1.
 
-    value: for each term's name, a kernel or the kernel's name "module:name".
+    value: dict from the term's name to a kernel, or to the kernel's name "module:name".
     """
     if value is None:
         return kind
@@ -374,17 +373,17 @@ RULES = (1, 2)
 def reward_weights(
     kind: Kind, chosen: Mapping[str, float] | None, joints: int, period: float, limit: int, rules: int
 ) -> Array:
-    """Return the reward weights for one control period: the user's weights, otherwise the task's defaults.
+    """Return the reward weights for one control period: those in `chosen`, and defaults for the other terms.
 
-    Under rules 2 the terms for distance and attitude are their bound minus the loss (`tasks.task.left_of`). The default
-    weight of failure is the sum of two parts. The first part of the weight is the largest loss that the other terms can
-    cause in an episode, so that ending an episode early never pays. The second part of the weight is the largest reward
-    of the other terms in `HOLD_TIME`, so that policies learn to avoid the joint limits. Default weights refer to the
-    default control period of the task. For another period all weights except the weight of failure scale in proportion,
-    so that an episode's return does not depend on the period. Under rules 1 distance and attitude cost up to 1, weights
-    do not depend on the period, and the weight of failure is the task's default.
+    With rules 2 the terms distance and attitude are rewards: a bound minus the loss (`tasks.task.left_of`). Default
+    weights refer to the task's default control period. For another period all weights except that of failure are
+    proportional to the period, so that an episode's return does not depend on it. The default weight of failure is a
+    sum of two parts. The first part is the largest loss by all other terms in an episode, so that an early end is never
+    an advantage. The second part is the largest reward in the time `HOLD_TIME`, so that policies learn to avoid the
+    joint limits. With rules 1 the terms distance and attitude are losses of at most 1, weights do not depend on the
+    period, and the weight of failure is the task's default.
 
-    joints: number of joints. period: control period, s. limit: control periods of an episode.
+    joints: number of joints. period: control period, s. limit: number of control periods in an episode.
     """
     weights: dict[str, float | None] = dict(kind.rewards) | {FAILURE: None}
     table = {} if chosen is None else check.table_of("reward", chosen)
@@ -400,9 +399,10 @@ def reward_weights(
 
 
 def most_lost(weights: Mapping[str, float], joints: int) -> float:
-    """Return the largest sum that all reward terms except failure can subtract in a control period.
+    """Return the largest loss in a control period by all reward terms except failure.
 
-    The bounds of the terms are: effort 1 per joint, change 4 per joint, terms that are never negative 0, all others 1.
+    The largest losses by single terms, before weighting, are 1 per joint for effort, 4 per joint for change, 0 for
+    terms that are never negative, and 1 for all others.
     """
     largest = {**dict.fromkeys(PAYING, 0.0), "effort": joints, CHANGE: 4.0 * joints}
     return float(sum(largest.get(name, 1.0) * weight for name, weight in weights.items()))

@@ -1,19 +1,19 @@
-"""Trial episodes with a user's arm, which measure how much its motions amplify the errors of small motions.
+"""Nonlinear trial episodes of a user's arm, which measure how much large motions amplify the errors of small motions.
 
-Links can buckle under the forces of other links, and chains can move like a whip; linear theory includes neither
-effect. Trials therefore run episodes in steps of h and of h/2. The episodes have bang-bang torques, which are held for
-1 and for 8 of 100 control periods. With
+Linear theory does not contain the buckling of links, or whip-like motions of chains. Trials therefore simulate episodes
+of 100 control periods in steps of h and of h/2, with bang-bang torques that are constant for 1 or for 8 periods. Let
 
-    d    the largest distance between the tips of the two runs, divided by L; infinite if a run fails,
-    d_1  the same distance in small motions, plus the tolerance,
-    e_1  the error of small motions due to step and mesh (`resolution`),
+    d    be the largest distance between the tips in the two simulations, divided by the arm's length L, or infinite if
+         a simulation fails,
+    d_1  the same distance in small motions, plus the Newton tolerance,
+    e_1  the error of small motions due to step and mesh (`resolution`).
 
-The factor d / d_1 measures how much errors are amplified, and the trial's error is max(d, e_1 d / d_1). If the factor
-exceeds `GROWN`, a second condition applies to a small error: the distance to episodes on the next mesh in steps of h/2
-must be small, too. If a PD loop chatters, small motions give no information, and this distance is the error.
+The factor d / d_1 measures the amplification of errors, and the error of the trial is max(d, e_1 d / d_1). If the
+factor exceeds `GROWN`, settings must also satisfy a second condition: the tip's distance from episodes on the next
+finer mesh in steps of h/2 must be small. If a PD loop sustains a vibration ("chatters"), this distance is the error.
 
-With drawn factors (`randomization`), two more arms run the same episodes as the nominal arm: the softest arm with the
-heaviest payload under the strongest torques, and the stiffest arm with the lightest payload.
+With random factors (keyword `randomization`), two more arms run the same episodes as the nominal arm: the softest arm
+with the heaviest payload and the strongest torques, and the stiffest arm with the lightest payload.
 """
 
 from __future__ import annotations
@@ -63,10 +63,10 @@ failure."""
 
 
 class Rule(Protocol):
-    """Interface of `judge.Judge`: errors of small motions."""
+    """Interface of `judge.Judge`: error estimates from small motions."""
 
     def small(self, settings: Settings, h: float) -> float:
-        """Return e_1, the error of small motions with given settings in steps of h (s), divided by L."""
+        """Return e_1, the error of small motions with these settings in steps of h, s, divided by L."""
 
     def halved(self, settings: Settings, h: float) -> float:
         """Return the largest distance between the tips of small motions in steps of h (s) and of h/2, divided by L."""
@@ -80,7 +80,7 @@ _kept: dict[Any, Trial] = {}
 
 @lru_cache(1)
 def shipped() -> frozenset[Arm]:
-    """Return the arms of the package, which keep the usual settings and whose trials have been run beforehand."""
+    """Return the arms of the package, which have the default settings and whose trials were run in advance."""
     return frozenset(arms.named(name) for name in arms.names())
 
 
@@ -104,13 +104,13 @@ MILD = {"EI": (0.5, math.inf), "payload": (0.0, 2.0), "torque_constant": (0.0, 1
 
 
 def is_known(arm: Arm, drawn: Mapping[str, tuple[float, float]]) -> bool:
-    """Return whether the package has the arm, and drawn factors stay within `MILD`, so that no trial is needed."""
+    """Return whether no trial is needed: the package contains the arm, and random factors are within `MILD`."""
     mild = all(low <= drawn[name][0] and drawn[name][1] <= high for name, (low, high) in MILD.items() if name in drawn)
     return mild and arm in shipped()
 
 
 def amplification(arm: Arm, formulation: str) -> float:
-    """Return the entry of `AMPLIFICATIONS` for a packaged arm; 0 if small motions give the arm's error."""
+    """Return the entry of `AMPLIFICATIONS` for an arm of the package; 0 if there is none."""
     return next((x for (name, own), x in AMPLIFICATIONS.items() if own == formulation and arms.named(name) == arm), 0.0)
 
 
@@ -118,16 +118,15 @@ def trials_of(
     kind: Kind, arm: Arm, period: float, gravity: tuple[float, ...] | None, mode: str, share: float | None,
     amplifier: Amplifier | None, drawn: Mapping[str, tuple[float, float]] | None = None,
 ) -> Trial:  # fmt: skip
-    """Return a function of settings that runs the trial episodes of an environment's arm and drive.
+    """Return a function of settings that runs the trial episodes of an arm and returns the tip positions (`Trial`).
 
-    The function returns the tip positions (a `Trial`). The function is cached for the latest arms, keyed by everything
-    that affects their motion.
+    Functions for the latest arms are cached.
 
     Args:
-        kind: definition of the environment's task without the user's reward terms, because the episodes ignore rewards.
-            period: control period, s. mode, share: action mode and share of the residual action under a PD loop.
-            amplifier: the amplifier, or None. drawn: ranges (low, high) of factors by name (`starts.FACTORS`); the
-            softest and the stiffest arm run, too.
+        kind: definition of the environment's task, without the user's reward terms. arm: the arm. period: control
+            period, s. gravity: m/s^2, or None. mode, share: action mode, and share of the residual torque added to a PD
+            loop. amplifier: the amplifier, or None. drawn: ranges (low, high) of random factors by name
+            (`starts.FACTORS`).
     """
     drive = None if amplifier is None else tuple(None if x is None else tuple(x.tolist()) for x in amplifier)
     ends = corners(drawn or {})
@@ -181,9 +180,9 @@ def trials_of(
 
 
 def corners(drawn: Mapping[str, tuple[float, float]]) -> list[dict[str, float]]:
-    """Return the factors of the extreme drawn arms, the softest and the stiffest, if these differ from the nominal arm.
+    """Return the factors of the softest and the stiffest randomized arm; [] if they are the nominal arm.
 
-    drawn: ranges (low, high) of the drawn factors, by their names in `starts.FACTORS`.
+    drawn: ranges (low, high) of random factors by name (`starts.FACTORS`).
     """
     soft = {"EI": 0, "payload": 1, "torque_constant": 1, "damping": 0}  # ends of the ranges
     found = []
@@ -225,10 +224,10 @@ def _apart(one: Array, two: Array, length: float) -> float:
 
 
 def error(trial: Trial, rule: Rule, settings: Settings, finer: Settings, length: float) -> tuple[float, float]:
-    """Return a trial's error divided by the arm's length, and the factor d / d_1 that amplifies small motions' errors.
+    """Return the error max(d, e_1 d / d_1) of a trial, divided by the arm's length, and the factor d / d_1.
 
-    The error is max(d, e_1 d / d_1); the module's docstring defines d, d_1 and e_1. finer: the settings with half the
-    step, whose tips are compared. length: length of the arm, m.
+    The description of the module defines d, d_1 and e_1. finer: the settings with half the step. length: length of the
+    arm, m.
     """
     assert settings.dt is not None
     apart = _apart(trial(settings), trial(finer), length)
@@ -240,12 +239,12 @@ def refined(
     trial: Trial, rule: Rule, first: Settings, meshes: Sequence[Settings], at: Callable[[Settings, float], Settings],
     least: float, length: float, most: int,
 ) -> tuple[Settings, float]:  # fmt: skip
-    """Return the settings whose trial is good enough, or the best settings tried, and the trial's error divided by L.
+    """Search for settings with a trial error of at most `TRIED`; return them, or the best ones, and their error.
 
-    The search for good settings starts from `first`. A trial is good enough if its error is at most `TRIED`. meshes:
-    settings with finer meshes, from the coarsest. at: function of (settings, step, s) that returns the settings with
-    this step and a suitable Newton tolerance. least: shortest step that is tried, s. length: L of the arm, m. most:
-    largest number of settings tried.
+    The search begins with `first`. The error is divided by the arm's length. meshes: settings with finer meshes, from
+    the coarsest. at: function of (settings, step, s) that returns the settings with this step and a suitable Newton
+    tolerance. least: shortest step that is tried, s. length: length of the arm, m. most: largest number of settings
+    that are tried.
     """
     # meshes that small motions find worse, as many nodes on short pieces of a link are, do not help
     worst = NOISE * rule.small(first, least)
@@ -287,12 +286,11 @@ def settled(
     trial: Trial, settings: Settings, finer: Settings, at: Callable[[Settings, float], Settings], least: float,
     length: float,
 ) -> tuple[Settings, float]:  # fmt: skip
-    """Return the settings with the longest step whose episodes agree with episodes on a finer mesh in half the step.
+    """Halve the step until episodes agree with episodes on a finer mesh in half the step; return settings and distance.
 
-    The second result is the largest distance, divided by L, between the tips of the compared episodes. The search
-    begins with the step of `settings` and halves the step until the distance is at most `TRIED` or the step reaches
-    `least` (s). finer: settings with the finer mesh. at: function of (settings, step, s), see `refined`. length: L of
-    the arm, m.
+    The distance is the largest one between the tips of the two episodes, divided by the arm's length. The search ends
+    if it is at most `TRIED`, or if the step would be shorter than `least`, s. finer: settings with the finer mesh. at:
+    function of (settings, step, s), see `refined`. length: length of the arm, m.
     """
     best, chosen = settings, math.inf
     while True:

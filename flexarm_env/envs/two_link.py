@@ -17,8 +17,8 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     ## Description
 
     Two flexible links move in the horizontal plane, with motors at hub and elbow. The goal is to move the tip, which
-    carries a payload, to a target point and hold it there without residual vibration. Both links are beams with exact
-    geometry.
+    carries a payload, to a target point and hold it there without residual vibration. Both links are geometrically
+    exact beams.
 
     The default arm, `de_luca_siciliano` (De Luca & Siciliano 1991), has two links of 0.5 m with 0.2 kg/m and EI = 1 N
     m^2. The hub has an inertia of 0.1 kg m^2. The elbow motor has a mass of 1 kg and an inertia of 0.1 kg m^2; half of
@@ -26,15 +26,15 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     constant tau_d = 6.63e-3 s gives a damping ratio of one percent at 0.48 Hz, the first frequency of link 1. L, the
     sum of the lengths, is 1 m.
 
-    `gymnasium.make("TwoLinkFlexArm-v0")` makes one arm, `gymnasium.make_vec("TwoLinkFlexArm-v0", num_envs=n)` makes n
-    arms that one compiled call advances. A single arm and an arm among n arms give the same numbers, bit for bit.
-    Without an import of the package use the id `flexarm_env:TwoLinkFlexArm-v0`.
+    `gymnasium.make("TwoLinkFlexArm-v0")` creates one arm. `gymnasium.make_vec("TwoLinkFlexArm-v0", num_envs=n)` creates
+    n arms that one compiled call advances. Each of them gives bitwise the same results as a single arm. The id
+    `flexarm_env:TwoLinkFlexArm-v0` also works if the package has not been imported.
 
     ## Action space
 
-    `Box(-1, 1, (2,), float32)`: torques of hub and elbow as shares of their limits (1 and 0.3 N m). The torques are
-    constant over one control period. The elbow's torque acts on link 2, and with opposite sign on link 1. Actions
-    beyond +-1 are clipped. NaN or infinity ends the episode (`action_not_finite`).
+    `Box(-1, 1, (2,), float32)`: torques of hub and elbow divided by their limits (1 and 0.3 N m for the default arm).
+    The torques are constant over one control period. The elbow's torque acts on link 2, and with opposite sign on link
+    1. Actions beyond +-1 are clipped. NaN or infinity ends the episode (`action_not_finite`).
 
     ## Observation space
 
@@ -53,7 +53,7 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k, I_k is the inertia about joint k of the
       straight arm from joint k to the tip. For the default arm w_0 = 1.595 and w_1 = 2.371 rad/s.
-    - The vectors in entries 10 to 13 have their components in the frame that turns with the hub.
+    - The vectors in entries 10 to 13 have components in the frame that turns with the hub.
     - The elbow angle is the angle of link 2's root relative to link 1's tip.
     - The tip deflection of a link is the component of (tip - root) normal to the link's tangent at the root, divided by
     the link's length.
@@ -62,17 +62,18 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     `target_velocity_y` (scale w_0 L), and the displacements of the target in the next 0.1 s, `target_ahead_1_x`,
     `target_ahead_1_y`, and 0.3 s, `target_ahead_2_x`, `target_ahead_2_y` (scale 0.5 L).
 
-    An observation has the following entries only if you select them by name: `hub_error` and `elbow_error`, the joint
-    angles at which the rigid arm reaches the target minus the present joint angles (scale 1 rad); `target_x` and
-    `target_y`, the target in fixed axes (scale L); `previous_action`, `previous_action_1`; entries of sensors
-    (`strain_gauge_1`, `tip_acceleration_x`, `tip_acceleration_y`, `camera_x`, `camera_y`). See [Entries of the
-    observation](options.md#observation).
+    The following entries exist, too, but must be selected by name. `hub_error` and `elbow_error` are the joint angles
+    at which the rigid arm reaches the target minus the present joint angles (scale 1 rad). `target_x` and `target_y`
+    are the target in inertial axes (scale L). `previous_action` and `previous_action_1` are the previous actions of hub
+    and elbow. Sensors have the entries `strain_gauge_1`, `tip_acceleration_x`, `tip_acceleration_y`, `camera_x` and
+    `camera_y`. See [Entries of the observation](options.md#observation).
 
     ## Rewards
 
-    The reward is the sum of the terms in the table, each multiplied by its weight; `info["reward_<name>"]` has each
-    weighted term. In the table e is the distance of the tip from the target divided by L, v the speed of the tip
-    divided by L (1/s; with "track" relative to the target), d' the rates of the deflections, and a the action.
+    The reward is the sum of the terms in the table, each multiplied by its weight; `info["reward_<name>"]` is the
+    weighted term. In the table e is the distance of the tip from the target divided by L, and v is the speed of the tip
+    divided by L (1/s; with task="track" the speed relative to the target). d_k' is the time derivative of the tip
+    deflection of link k, and a_k is the action of joint k.
 
     | name | weight | term | bounds, weighted |
     |---|---|---|---|
@@ -88,19 +89,21 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     ## Starting state
 
     The arm is at rest with straight links. In half of the episodes both joint angles are 0; in the other half they are
-    -0.5 to 0.5 rad. The target is 0.3 L to 0.95 L from the root, within +-120 degrees of the x axis. All draws are
-    uniform and within the joint limits. A target is drawn again if the arm cannot reach it within the joint limits or
-    if the motors cannot hold the arm at the target against gravity; if no target is possible, `make` raises an error.
-    [Starts and resets](options.md#starts-and-resets) describes how to set other starts.
+    random between -0.5 and 0.5 rad. The target is at a random distance of 0.3 L to 0.95 L from the root, in a random
+    direction within +-120 degrees of the x axis. All distributions are uniform, within the joint limits. A target is
+    drawn again if the arm cannot reach it within the joint limits or if the motors cannot hold the arm there against
+    gravity. If there is no possible target, `make` raises an error. [Starts and resets](options.md#starts-and-resets)
+    describes how to set other initial states.
 
     ## Episode end
 
-    - Truncation: an episode is truncated after `duration` (8 s, in whole control periods) or `max_episode_steps`,
-      whichever is first, or at the end of a prescribed motion.
+    - Truncation: an episode is truncated after `duration` (8 s, rounded down to whole control periods), after
+      `max_episode_steps` if this is earlier, or at the end of a prescribed motion.
     - Termination: an episode is terminated only by a failure, with a reason as in FlexibleArm-v0. The reason
       `joint_limit` means that the elbow angle is beyond +-2.8 rad.
-    - Success does not end an episode. `info["is_success"]` is true if, over the last 0.5 s, the tip was within 0.01 L
-      of the target and slower than 0.05 L/s. The success of an episode is the value at its last step.
+    - Success does not end an episode. `info["is_success"]` is true if, during the last 0.5 s, the tip was within 0.01 L
+      of the target and its speed was below 0.05 L/s. An episode counts as a success if the value is true at its last
+      step.
 
     ## Info
 
@@ -121,14 +124,15 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Version history
 
-    * v0: first version. Since 0.2.0 rewards, drawn starts and drawn targets follow [rules 2](options.md#rules);
-      `rules=1` selects the former rules, with hubs that start at -1 to 1 rad and elbows at -1.8 to 1.8 rad.
+    * v0: first version. Since 0.2.0 rewards, random initial angles and random targets follow
+      [rules 2](options.md#rules). `rules=1` selects the former rules, with initial hub angles between -1 and 1 rad and
+      initial elbow angles between -1.8 and 1.8 rad.
     """
 
     kind = REACH
 
 
 class TwoLinkFlexArmVectorEnv(VectorArmEnv, VectorEnv[Array32, Array32, NDArray[Any]]):
-    """Vector environment of many TwoLinkFlexArm-v0; see :class:`TwoLinkFlexArmEnv`."""
+    """Vector environment with the arms and tasks of TwoLinkFlexArm-v0; see :class:`TwoLinkFlexArmEnv`."""
 
     kind = REACH

@@ -1,4 +1,4 @@
-"""Many arms as a `gymnasium.vector.VectorEnv`; each arm is equal to the single environment bit for bit."""
+"""Base class of the environments with many arms, as a `gymnasium.vector.VectorEnv`."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
@@ -34,8 +34,8 @@ SINGLE_NAMES = {"observation_space": "single_observation_space", "action_space":
 class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     """Common base class of the vector environments.
 
-    Only one thread at a time may reset or step the environment, or read or set its states. A second thread gets a
-    RuntimeError.
+    Each arm gives bitwise the same results as the single environment. Only one thread at a time may reset or step the
+    environment, or get or set its states; otherwise a RuntimeError is raised.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
 
     @property
     def guides(self) -> Mapping[int, Guide]:
-        """Guides (separate programs) of the arms with prescribed motion, by the arms' indices."""
+        """For each arm with a prescribed motion, by its index, the `Guide` that simulates it."""
         return self._guides
 
     # --- gymnasium ---------------------------------------------------------------------------------
@@ -95,8 +95,8 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         """Start episodes of all arms, or of the arms in options["reset_mask"], an array of num_envs bools.
 
         Args:
-            seed: arm i is seeded with seed + i, or with seed[i]; None: its generator continues.
-            options: the options of the single environment, for every arm.
+            seed: arm i has the seed seed + i or seed[i]; None: its random generator continues.
+            options: options of the single environment, which apply to every arm.
         """
         seeds = checked_seeds(seed, self.num_envs)
         chosen, rest = checked_mask(options, self.num_envs)
@@ -278,21 +278,21 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
 
     @property
     def ended(self) -> Sequence[int]:
-        """Indices of the arms whose episodes have ended and have not started again."""
+        """Indices of the arms whose episodes have ended and have not been reset."""
         return tuple(self._ended)
 
     # --- states --------------------------------------------------------------------------------------
     @one_at_a_time
     def get_state(self, indices: Sequence[int] | None = None) -> list[dict[str, Any]]:
-        """Return a copy of everything that determines the future of each arm, or of the arms in `indices`."""
+        """Return copies of the complete states of all arms, or of the arms in `indices`."""
         chosen, guides = chosen_of(indices, self.num_envs), self._guides
         return [state_of(self.batch, i, self._generator(i), self._seeds[i], guides.get(i)) for i in chosen]
 
     @one_at_a_time
     def set_state(self, states: Sequence[dict[str, Any]], indices: Sequence[int] | None = None) -> None:
-        """Continue bit for bit from states that `get_state` of this or a single environment returned.
+        """Set complete states that `get_state` of this or a single environment returned.
 
-        Arms whose episodes have ended restart with the next step, unless autoreset is disabled.
+        Arms whose episodes have ended are reset in the next step, unless autoreset is disabled.
         """
         chosen = chosen_of(indices, self.num_envs)
         if len(states) != len(chosen):
@@ -313,9 +313,9 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     @overload
     def linearize(self, index: None = None, discrete: float | None = None) -> LinearModels: ...
     def linearize(self, index: int | None = None, discrete: float | None = None) -> LinearModel | LinearModels:
-        """Return the linear model of arm `index` at its present state; for None, the models of all arms.
+        """Return the linear model of arm `index` at its present state, or the models of all arms if `index` is None.
 
-        For None, one compiled call linearizes all arms if the links are elasticas with ideal joints.
+        If the links are elasticas and the joints are ideal, one compiled call computes the models of all arms.
         """
         if index is None:
             return linear_models(self.plan, self.batch, self._guides, discrete, self._linear)
@@ -323,10 +323,10 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         return linear_model(self.plan, self.batch, index, self._guides.get(index), discrete)
 
     def call(self, name: str, *args: Any, indices: Sequence[int] | None = None, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method, or return an attribute, of the single environment for each arm or the arms in `indices`.
+        """Return the results of a method, or the values of an attribute, for all arms or for the arms in `indices`.
 
         Supported methods are "get_state", "linearize", "render" and "set_state" (with one state for all arms or a list
-        of states). All arms of the environment have the same attributes.
+        of states). An attribute has the same value for all arms.
         """
         chosen = chosen_of(indices, self.num_envs)
         if name == "get_state":
@@ -409,7 +409,7 @@ def _constant(value: Any, dtype: Any, n: int) -> NDArray[Any]:
 
 
 def checked_seeds(seed: Any, n: int) -> Sequence[int | None]:
-    """Return a seed for each of n arms, or None; if seed is a number, arm i gets seed + i."""
+    """Return a seed or None for each of n arms; if `seed` is a number, arm i has the seed seed + i."""
     if seed is None:
         return [None] * n
     if not check.several(seed):

@@ -1,8 +1,7 @@
-"""Initial vibration of an episode: initial rates in the vibration modes of the arm.
+"""Initial vibration of an episode: rates of the coordinates in vibration modes of the arm.
 
-In the plane the arm vibrates in its first mode with free joints. In space it vibrates in the first mode of bending
-along y, of bending along z and of torsion. For joints with backlash, the modes are computed with engaged gears, because
-within the gap a link turns freely.
+In the plane the arm vibrates in its first mode with free joints. In space it vibrates in the first modes of bending
+along y, of bending along z and of torsion. Modes of arms with backlash are computed without the backlash.
 """
 
 import math
@@ -28,9 +27,9 @@ from ..validation import Array
 def shake(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Array:
     """Return the matrix S (n, 1 + 3 N) of initial rates v = S (1, alpha_k, cos alpha_k, sin alpha_k) in the first mode.
 
-    The links are straight at absolute angles alpha_k. The first link's tip then deflects by the link's length, without
-    damping and to first order. All rates are rates of the straight arm's mode, along axes that turn with the link:
-    rates of angles, of tips, and of points within a link relative to the link's root.
+    The links are straight at absolute angles alpha_k. The amplitude is such that, without damping and to first order,
+    the first link's tip would deflect by the link's length. All rates are those of the straight arm's mode, in axes
+    that turn with the link: rates of angles, of tips, and of points within a link relative to its root.
     """
     assert settings.dt is not None
     arm, count = arm.taut, arm.n_links
@@ -90,10 +89,10 @@ def swing(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None = None
 
     The first n rows are rates for `protocol.set_joint_configuration`. The next row is the energy, J, for an amplitude
     of 1. The last row is (c, 0, 0); c, in s^2, is large compared with the squared reciprocal of every frequency. The
-    modes are computed about straight links at joint angles 0, without gravity. A mode counts as y bending, z bending or
-    torsion if this deformation has most of the mode's strain energy. If no mode counts as one of the three kinds, the
-    initial rates of this kind are 0. All three modes have the same energy: to first order, the energy at which a tip
-    deflects by its link's length in the softer bending direction.
+    modes are computed about straight links at joint angles 0, without gravity. A mode is of y bending, z bending or
+    torsion if most of its strain energy is of this kind. If there is no mode of a kind, its rates are 0. All three
+    columns have the same energy: that with which, to first order, a tip would deflect by its link's length in the
+    softer bending direction.
     """
     assert settings.dt is not None
     arm = arm.taut

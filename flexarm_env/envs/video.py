@@ -1,4 +1,4 @@
-"""Films of a recorded run: its pictures, and the film's file."""
+"""Compute the pictures of a recorded run, and write them to a film."""
 
 import errno
 import importlib
@@ -41,7 +41,7 @@ def pictures(
     """Yield the pictures of a run at intervals of speed / fps seconds, each from the nearest recorded instant.
 
     Args:
-        trajectory: a run; record it with sample = speed / fps to see every instant once.
+        trajectory: a run. If it was recorded with sample = speed / fps, the film shows each instant once.
         fps: pictures per second. speed: seconds of the run per second of the film. size: width and height, pixels.
         mode: "rgb_array" yields (height, width, 3) uint8; "human" shows them in a window and yields nothing.
     Raises:
@@ -75,7 +75,7 @@ def pictures(
 
 
 def film_path(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a film; raise ValueError if no encoder writes files with this ending."""
+    """Return the path of a film; raise ValueError if films cannot have this extension."""
     target = Path(path)
     if target.suffix.lower() not in (*FILMS, ".gif"):
         raise ValueError(f"video = {os.fspath(path)!r}: must end with one of {', '.join((*FILMS, '.gif'))}")
@@ -83,14 +83,14 @@ def film_path(path: str | os.PathLike[str]) -> Path:
 
 
 def write_film(path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]], fps: float = 25.0) -> Path:
-    """Write pictures to a film file, completely or not at all.
+    """Write pictures to a film atomically.
 
     Args:
-        path: ends with .mp4, .webm, .mkv, .mov or .gif. frames: (height, width, 3) uint8 each. fps: pictures per
-            second.
+        path: path with the extension .mp4, .webm, .mkv, .mov or .gif. frames: pictures, (height, width, 3) uint8 each.
+            fps: pictures per second.
     Raises:
-        ValueError: the ending of the file's name is not supported, fps is below FEWEST, a .gif is longer than LONGEST
-            s, or there is no picture. DependencyNotInstalled: no installed package writes this format. OSError: writing
+        ValueError: the extension is not supported, fps is below FEWEST, a .gif is longer than LONGEST s, or there is no
+            picture. DependencyNotInstalled: no installed package writes this format. OSError: writing
             failed, for example on a full disk.
     """
     target, fps = film_path(path), check.number("fps", fps, "1/s", minimum=FEWEST)

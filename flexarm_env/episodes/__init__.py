@@ -1,12 +1,11 @@
-"""Play policies in environments, record the episodes, and measure them.
+"""Run policies in environments, record the episodes, and compute measures of the episodes.
 
     from flexarm_env.episodes import History, measures, play
     history = History()
     play(env, policy, range(10_000, 10_000 + env.num_envs), [history])
     measures.returns(history), measures.settling_time(history, control.Setup.of(env))
 
-`play` and its generator `periods` are the only loops that play episodes of policies. The suite, evaluation and tuning,
-films, `flexarm play` and replays use these loops.
+Suite, evaluation, tuning, films, `flexarm play` and replays all run policies by `play` or its generator `periods`.
 """
 
 from .history import History

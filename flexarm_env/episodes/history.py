@@ -1,4 +1,4 @@
-"""Arrays of played episodes, for measures."""
+"""Record episodes as arrays, from which measures are computed."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .loop import Instant
 class History:
     """Recorder of n episodes: rewards, ends, actions and entries of `info` as arrays.
 
-    T is the number of periods of the longest episode, or `limit` if `limit` is larger. After an episode's end rewards
-    are 0, floating-point entries and actions nan, and flags False.
+    T is the number of periods of the longest episode, or `limit` if this is larger. After the end of an episode,
+    rewards are 0, flags are False, and actions and other floating-point entries are nan.
 
     Args:
-        names: entries of `info` to record. Entries that the environment does not have are left out. limit: smallest
+        names: entries of `info` to record; entries that the environment does not have are omitted. limit: smallest
             number T of rows. actions: True to record the actions, too.
     """
 
@@ -54,7 +54,7 @@ class History:
 
     @classmethod
     def of(cls, *episodes: Any, limit: int = 0) -> History:
-        """Return the history of recorded episodes (`flexarm_env.recording.Episode`) of one environment."""
+        """Create the history of recorded episodes (`flexarm_env.recording.Episode`) of one environment."""
         found = cls(*episodes[0].infos, limit=limit, actions=True)
         for episode in episodes:
             infos = [{k: v[at] for k, v in episode.infos.items()} for at in range(len(episode) + 1)]
@@ -95,21 +95,21 @@ class History:
 
     @property
     def running(self) -> NDArray[np.bool_]:
-        """Array (T, n) bool: True for the control periods that belong to an episode, False after its end."""
+        """Array (T, n) bool: True for control periods of an episode, False for periods after its end."""
         return np.asarray(self._array("running"), np.bool_)
 
     @property
     def lengths(self) -> NDArray[np.int64]:
-        """Numbers of control periods of the episodes, (n,)."""
+        """Number of control periods of each episode, (n,)."""
         return np.asarray(self.running.sum(axis=0), np.int64)
 
     @property
     def terminated(self) -> NDArray[np.bool_]:
-        """Array (n,) bool: True for the episodes that ended early, by a failure or beyond a limit."""
+        """Array (n,) bool: True for episodes that were terminated by a failure, such as a joint beyond its limit."""
         return np.asarray(self._array("terminated").any(axis=0), np.bool_)
 
     def info(self, name: str) -> NDArray[Any]:
-        """Return an entry of `info`, (T + 1, n, ...), the start included; ValueError if the entry was not recorded."""
+        """Return an entry of `info`, (T + 1, n, ...), with the start as row 0; ValueError if it was not recorded."""
         return self._array(f"info.{name}")
 
     def has(self, name: str) -> bool:

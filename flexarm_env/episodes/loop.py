@@ -1,4 +1,4 @@
-"""Play the episodes of a policy in a single or a vector environment."""
+"""Run a policy in episodes of a single or a vector environment."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from .. import validation as check
 
 
 class Policy(Protocol):
-    """Policy for one episode, or for n episodes that begin together.
+    """Interface of a policy for one episode, or for n episodes that begin together.
 
-    `reset` receives the first observations; `act` then receives each period's observation, the first observations
-    included.
+    `reset` is called with the first observations. `act` is then called with the observations of each period, including
+    the first observations.
     """
 
     def reset(self, observation: NDArray[np.float32]) -> Any:
-        """Begin episodes with these first observations; by default the policy has no memory to reset."""
+        """Begin episodes with these first observations; a policy without memory does nothing."""
         return
 
     def act(self, observation: NDArray[np.float32]) -> Any:
@@ -27,15 +27,15 @@ class Policy(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Instant:
-    """Data of the start of episodes, or of the end of a control period.
+    """Data at the start of episodes, or at the end of a control period.
 
-    The entries of a vector environment are arrays with one row per episode.
+    In a vector environment the attributes are arrays with one row per episode.
 
     Attributes:
         seeds: seeds of the episodes. period: number of the control period, from 1; 0 at the start. action: action of
             the period; None at the start. observation, reward, terminated, truncated, info: results of the
-            environment's `reset` or `step`; no reward and no end at the start. running: True if the period belongs to
-            the episode, False after the episode's end.
+            environment's `reset` or `step`; at the start the reward is 0 and the flags are False. running: True if the
+            period belongs to the episode, False after the episode's end.
     """
 
     seeds: Sequence[int | None]
@@ -56,18 +56,18 @@ Recorder = Callable[[Instant], Any]
 def periods(
     env: Any, policy: Policy, seeds: Sequence[int | None], options: Mapping[str, Any] | None = None
 ) -> Iterator[Instant]:
-    """Play one episode for each seed, and yield the start of each episode and the end of each control period.
+    """Run one episode for each seed; yield an `Instant` at the start of each episode and after each control period.
 
-    A single environment plays the episodes in turn. A vector environment of n arms plays n episodes at a time and
-    continues until all n have ended; `Instant.running` masks episodes that have ended before.
+    A single environment runs one episode after the other. A vector environment of n arms runs n episodes together until
+    all of them have ended; `Instant.running` is False for episodes that have ended before.
 
     Args:
-        env: the environment, with or without wrappers. A vector environment has autoreset mode "NextStep", its default.
-            policy: the policy, which is reset at the start of each episode, or of each n episodes. seeds: one seed per
-            episode, None to continue with the environment's generator; the number of seeds is a multiple of n. options:
-            options that are passed to every `reset`.
+        env: the environment, with or without wrappers. A vector environment must have the autoreset mode "NextStep",
+            its default. policy: the policy, which is reset at the start of each episode, or of each group of n
+            episodes. seeds: one seed per episode, a multiple of n; None to continue with the environment's random
+            generator. options: options of every `reset`.
     Raises:
-        ValueError: the number of seeds is no multiple of n, or the autoreset mode is another one.
+        ValueError: the number of seeds is not a multiple of n, or the autoreset mode is not "NextStep".
     """
     n = getattr(env, "num_envs", None)
     if n is not None:
@@ -109,34 +109,34 @@ def play(
     recorders: Sequence[Recorder] = (),
     options: Mapping[str, Any] | None = None,
 ) -> None:
-    """Play an episode of each seed and call every recorder with every instant; for the arguments see `periods`."""
+    """Run one episode for each seed, and call every recorder with every `Instant`; for the arguments see `periods`."""
     for instant in periods(env, policy, seeds, options):
         for recorder in recorders:
             recorder(instant)
 
 
 class Actions(Policy):
-    """Open-loop policy that plays given actions: (T, N) for one episode or (T, n, N) for n episodes."""
+    """Open-loop policy that returns given actions: (T, N) for one episode or (T, n, N) for n episodes."""
 
     def __init__(self, actions: NDArray[Any]) -> None:
         self.actions = actions
 
     def reset(self, observation: NDArray[np.float32]) -> None:
-        """Begin with the first of the given actions."""
+        """Return to the first of the given actions."""
         self.k = 0
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the next actions; after the end, repeat the last actions."""
+        """Return the next actions; after the last actions, return these again."""
         self.k += 1
         now: NDArray[np.float32] = self.actions[min(self.k, len(self.actions)) - 1].astype(np.float32)
         return now
 
 
 class Timed(Policy):
-    """Policy whose decisions are timed.
+    """Wrapper of a policy that measures the duration of each call of `act`.
 
     Attributes:
-        seconds: duration of each decision, s, measured by `clock`.
+        seconds: list of the durations, s, measured by `clock`.
     """
 
     def __init__(self, policy: Policy, clock: Callable[[], float]) -> None:
@@ -144,11 +144,11 @@ class Timed(Policy):
         self.seconds: list[float] = []
 
     def reset(self, observation: NDArray[np.float32]) -> None:
-        """Reset the policy, which is not timed."""
+        """Reset the policy; the duration is not measured."""
         self.policy.reset(observation)
 
     def act(self, observation: NDArray[np.float32]) -> Any:
-        """Return the policy's actions."""
+        """Return the policy's actions, and append the duration of the call to `seconds`."""
         began = self.clock()
         action = self.policy.act(observation)
         self.seconds.append(self.clock() - began)

@@ -1,7 +1,7 @@
 """Measures of recorded episodes: one value per episode, from a `History`.
 
-The page docs/measures.md lists these measures. Functions with an argument `setup` need data of the environment:
-`control.Setup.of(env)`. Each function names the entries of `info` that the history must have recorded.
+The page docs/measures.md lists these measures. The argument `setup` contains data of the environment and is created by
+`control.Setup.of(env)`. Each docstring names the entries of `info` that the history must contain.
 """
 
 from __future__ import annotations
@@ -33,27 +33,27 @@ EVERY = ("is_success", "cost", *TIP, "tip_deflection", "joint_torque")
 
 # ------------------------------------------------------------------ reward, cost, success
 def returns(history: History) -> Array:
-    """Return the sums of rewards (n,)."""
+    """Return the sum of the rewards of each episode, (n,)."""
     return _sum(history.rewards)
 
 
 def cost(history: History) -> Array:
-    """Return the sums of info["cost"] (n,); 0 for environments without costs."""
+    """Return the sum of info["cost"] over each episode, (n,); 0 for environments without costs."""
     if not history.has("cost"):
         return np.zeros(len(history.seeds))
     return _sum(np.where(history.running, history.info("cost")[1:], 0.0))
 
 
 def success(history: History) -> NDArray[np.bool_]:
-    """Return whether info["is_success"] is true at the end of each episode (n,) that was not terminated early."""
+    """Return (n,) bool: True if info["is_success"] is true at the end of an episode that was not terminated early."""
     good, last = history.info("is_success"), history.lengths
     return np.asarray(good[last, np.arange(len(last))], np.bool_) & ~history.terminated
 
 
 def success_period(history: History) -> NDArray[np.int64]:
-    """Return the control period (n,), from 1, from which info["is_success"] is true until the end; 0: no success.
+    """Return the first control period (n,), from 1, after which info["is_success"] stays true; 0 without success.
 
-    A task reports success after the tip has stayed within the task's bounds for `hold` periods.
+    info["is_success"] is true if the task's success bounds have been met for a time that the task defines.
     """
     failed = ~history.info("is_success")[1:].astype(bool) & history.running
     # the success at the end began one period after the last period without success
@@ -62,7 +62,7 @@ def success_period(history: History) -> NDArray[np.int64]:
 
 
 def effort(history: History, setup: Setup) -> Array:
-    """Return the time integrals (n,), s, of the sum over joints of (torque / limit)^2, from info["joint_torque"]."""
+    """Return the time integral (n,), s, of the sum of (torque / limit)^2 over the joints, from info["joint_torque"]."""
     torque, (periods, n) = history.info("joint_torque")[1:], history.rewards.shape
     share = torque.reshape(periods, n, -1) / np.array(setup.torque_limits)
     return _sum(np.where(history.running, np.sum(share**2, axis=2) * setup.control_dt, 0.0))
@@ -70,7 +70,8 @@ def effort(history: History, setup: Setup) -> Array:
 
 def _sum(rows: Array) -> Array:
     """Return the sums (n,) of rows (T, n) over time, added in order of time: the same bits for any number of
-    episodes."""
+    episodes.
+    """
     # + 0.0: no negative zeros
     total: Array = np.cumsum(rows, axis=0)[-1] + 0.0
     return total
@@ -80,8 +81,8 @@ def _sum(rows: Array) -> Array:
 def tip_errors(history: History, setup: Setup) -> Array:
     """Return target minus tip position at each instant: (T + 1, n, 1), rad, for slews, else (T + 1, n, 2 or 3), m.
 
-    Positions are in inertial axes; angles continue over full turns. The history must contain the tip's position
-    (`TIP`). After the end of an episode the errors are nan.
+    Positions are in inertial axes; angles are not wrapped at +-pi. The history must contain the tip's position (`TIP`).
+    After the end of an episode the errors are nan.
     """
     tip, target = history.info("tip_position"), history.info("target")
     if setup.task != "slew":
@@ -96,18 +97,18 @@ def tip_errors(history: History, setup: Setup) -> Array:
 
 
 def settling_band(setup: Setup, way: Array | float) -> Array:
-    """Return the largest tip error that counts as settled, m; for slews in rad, from the slew angles `way` (rad)."""
+    """Return the largest tip error that counts as settled, m; for slews rad. way: slew angle of each episode, rad."""
     if setup.task == "slew":
         return np.maximum(SLEW_BAND * np.asarray(way), SLEW_BAND_LEAST)
     return np.full(np.shape(way), REACH_BAND * setup.arm.total_length)
 
 
 def settling_time(history: History, setup: Setup) -> tuple[Array, NDArray[np.bool_]]:
-    """Return settling times (n,), s, and whether each episode settled (n,).
+    """Return settling times (n,), s, and flags (n,) that are True for episodes that settled.
 
-    The tip has settled when its error stays in `settling_band` to the end of an episode that is not terminated early.
-    If the tip never settles, the time is the full duration of T periods. The history must contain the tip's position
-    (`TIP`).
+    The settling time is the time after which the tip error stays at most `settling_band` to the end of the episode. For
+    an episode that does not settle, or is terminated early, the time is the full duration of T periods. The history
+    must contain the tip's position (`TIP`).
     """
     errors = np.linalg.norm(tip_errors(history, setup), axis=2)
     steps = len(errors) - 1
@@ -120,9 +121,9 @@ def settling_time(history: History, setup: Setup) -> tuple[Array, NDArray[np.boo
 
 
 def overshoot(history: History, setup: Setup) -> Array:
-    """Return the largest excursion (n,) of the tip beyond the target, divided by the initial error.
+    """Return the overshoot (n,): the tip's largest distance beyond the target, divided by the initial error.
 
-    The excursion is measured along the initial error. The history must contain the tip's position (`TIP`).
+    The distance is measured in the direction of the initial error. The history must contain the tip's position (`TIP`).
     """
     misses = tip_errors(history, setup)
     way = np.linalg.norm(misses[0], axis=1)
@@ -135,8 +136,8 @@ def overshoot(history: History, setup: Setup) -> Array:
 def residual_vibration(history: History, setup: Setup) -> Array:
     """Return half the peak-to-peak tip deflection (n,), m, in the last second of each episode.
 
-    For several links the largest of the links' values is returned. In space the deflection is the magnitude of a
-    vector. The history must contain info["tip_deflection"], the deflection divided by the link's length.
+    For several links the result is the largest value of all links. In space both components of the deflection are
+    combined to a magnitude. The history must contain info["tip_deflection"].
     """
     relative, joints = history.info("tip_deflection"), setup.n_joints
     bend: Any = relative.reshape(*relative.shape[:2], -1, joints)

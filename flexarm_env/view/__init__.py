@@ -1,7 +1,7 @@
-"""A player for the browser: runs and episodes in one self-contained HTML file.
+"""A player of simulations and episodes for web browsers, in one HTML file that needs no network.
 
-simulate(named("robot_arm_motion")).view().save("arm.html")
-Player([quick.clip("8 segments"), exact.clip("exact beam")]).save("both.html")
+    simulate(named("robot_arm_motion")).view().save("arm.html")
+    Player([quick.clip("8 segments"), exact.clip("exact beam")]).save("both.html")
 """
 
 from .clip import Chart, Clip, Pull, magnified

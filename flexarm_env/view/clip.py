@@ -17,11 +17,11 @@ from ..validation import Array
 
 @dataclass(frozen=True)
 class Pull:
-    """A force or torque on a point of the arm over time.
+    """Force or torque on a point of the arm over time.
 
     name: name in the legend. point: index of the point of the arm on which the force or torque acts. values: torques
-        (n,), N m, or forces (n, 2), in space (n, 3), N. limit: torque limit, N m. If it is None or exceeded, the
-        largest torque is used instead. axis (n, 3): axis of a torque in space.
+    (n,), N m, or forces (n, 2), in space (n, 3), N. limit: torque that is drawn at full size, N m; None for the largest
+    torque, which is also used if it exceeds the limit. axis (n, 3): axis of a torque in space.
     """
 
     name: str
@@ -33,8 +33,10 @@ class Pull:
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart: curves over time on common axes. title: title of the chart, with unit. series: values (n,) of each curve
-    by its name."""
+    """Chart with one or more curves over time.
+
+    title: title of the chart, with unit. series: values (n,) of each curve by its name.
+    """
 
     title: str
     series: Mapping[str, Array]
@@ -45,22 +47,20 @@ class Clip:
     """Data of a simulated run for the player, at n instants, for N links and P points of the arm, in SI units.
 
     Attributes:
-        label: name of the run in the player. note: one line of text with the formulation and the outcome of the run.
+        label: name of the run in the player. note: one line of text with the formulation and the status of the run.
         t (n,): instants, s. points (n, P, 2): points of the arm from root to tip, m. cuts (N + 1,): indices of the
             points at root, joints and tip.
         angles (n, N, 2): angles of the tangents at each link's root and tip, rad.
         rigid (n, N): angles of the links' roots in the rigid arm at the same joint angles, rad (`rigid_angles`).
-        rest (P, 2): points of the stress-free links, m, each relative to the link's root and tangent there; a joint
-            belongs to the link that ends there. curvature (n, P): curvature at the points, 1/m; a joint belongs to the
-            link that ends there.
-        surface: distance from the neutral axis to the surface, m, or None if it is unknown or varies; strain is
-            curvature times this distance.
+        rest (P, 2): points of the stress-free links, m, in axes at each link's root with x along the tangent.
+            curvature (n, P): curvature at the points, 1/m. In both arrays a joint belongs to the link that ends there.
+        surface: distance from the neutral axis to the surface, m, from which surface strains are computed; None if it
+            is unknown or varies.
         target (n, 2): position of the target, m, or None. polar: True if the target is an angle, so that a distance
             from it has no meaning.
-        pulls: forces and torques on the arm. charts: charts in the order in which they are shown.
-        pinned: True if a motor holds the root. payload: True if the tip carries a payload. walls: outlines of the
-            shapes to avoid.
-        base (n,): attitude, rad, of the floating base that carries the hub's motor, or None.
+        pulls: forces and torques on the arm. charts: charts in the order of display.
+        pinned: True if the root is pinned. payload: True if the tip carries a payload. walls: outlines of obstacles.
+        base (n,): attitude of the floating base, rad, or None.
     """
 
     label: str
@@ -133,10 +133,10 @@ def thinner(clip: Any, names: Sequence[str], step: int) -> Any:
 
 
 def rigid_angles(joints: ArrayLike, turns: ArrayLike) -> Array:
-    """Return the angles (..., N), rad, from the x axis to the roots of the links of the rigid arm.
+    """Return the absolute angles (..., N), rad, of the tangents at the links' roots in the rigid arm.
 
     joints (..., N): joint angles, rad; joint 0 is measured from the x axis, joint k from the tip of link k - 1. turns
-        (N,): angle, rad, between the tangents at root and tip of each stress-free link; 0 for straight links.
+    (N,): angle, rad, between the tangents at root and tip of each stress-free link; 0 for straight links.
     """
     before = np.concatenate([[0.0], np.cumsum(turns)[:-1]])
     return np.asarray(np.cumsum(joints, axis=-1) + before)
@@ -147,9 +147,8 @@ def magnified(
 ) -> Array:
     """Return the points of the arm with its deflection multiplied by a factor.
 
-    The deflection is the difference from the rigid arm at the same joint angles. The factor multiplies each link's
-    deflection from its root's tangent, and the angle by which its bending turns the following links. Lengths along the
-    tangents, the root and the joint angles do not change. With a factor of 1 the points are unchanged.
+    The factor multiplies each link's deflection from the tangent at its root, and the angle by which its bending turns
+    the following links. The root, the joint angles, and coordinates along the tangents do not change.
 
     Args:
         points (P, 2): points of the arm from root to tip, m. cuts (N + 1,): indices of the points at root, joints and

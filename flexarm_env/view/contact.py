@@ -1,4 +1,4 @@
-"""Obstacles, contact forces and their charts in clips of episodes and runs."""
+"""Obstacles, contact forces and their charts in clips of episodes and simulations."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,15 +11,15 @@ from .clip import Chart, Pull
 
 
 def obstacles_of(plan: Any) -> list[Shape]:
-    """Return all shapes of an environment's plan: shapes to avoid, and shapes that the arm may touch."""
+    """Return the shapes of an environment: those that the arm must avoid, and those that it can touch."""
     return [*plan.keep_out, *(contact.obstacle for contact in plan.contacts)]
 
 
 def contact_pulls(plan: Any, views: Sequence[Any], tips: Sequence[int], axes: int) -> list[Pull]:
-    """Return the contact force on each point that may touch an obstacle, as a `Pull` on the tip of its link.
+    """Return the contact force on each point that can touch an obstacle, as a `Pull` on the tip of its link.
 
     views: `batch.View` of each instant. tips: for each link, the index of the clip's point at the link's tip. axes:
-        number of coordinates, 2 in the plane or 3 in space.
+    number of coordinates, 2 in the plane or 3 in space.
     """
     links = sorted({k for contact in plan.contacts for k in contact.links(plan.arm)})
     found = []

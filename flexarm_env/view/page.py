@@ -1,4 +1,4 @@
-"""The player's page: clips as numbers in base64 with HTML, style and script, in one file that needs no network."""
+"""HTML page of the player: data, style and script in one file that needs no network."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ MOST_BYTES = 2_900_000
 
 
 class Player:
-    """A page that plays clips over each other or side by side.
+    """Page that plays clips in one picture or side by side.
 
     Args:
         clips: the clips to play, at least one, with different labels. title: title of the page; by default the labels
             of the clips.
-        most_bytes: largest size of the page in bytes; of longer runs, instants are omitted evenly until the page fits.
+        most_bytes: largest size of the page in bytes. If the clips are larger, instants are omitted at equal intervals.
     Raises:
         ValueError: there is no clip, or the clips are too large even with two instants each.
     """
@@ -60,9 +60,9 @@ class Player:
 
     @classmethod
     def of(cls, runs: Sequence[Any], labels: Sequence[str] | None, *how: Any) -> Player:
-        """Return a player of runs, each with a method `clip(label, *how)`.
+        """Create a player of trajectories or episodes, which have a method `clip(label, *how)`.
 
-        Raises ValueError unless there is one label per run.
+        Raises ValueError if the number of labels is not the number of runs.
         """
         names = [None] * len(runs) if labels is None else list(labels)
         if len(names) != len(runs):
@@ -86,14 +86,14 @@ class Player:
 
 
 def frame(source: str, title: str) -> str:
-    """Return an iframe that shows a player. source: the iframe's attribute src or srcdoc."""
+    """Return the HTML of an iframe that shows a player. source: the iframe's attribute src or srcdoc."""
     style = 'style="width: 100%; height: 44rem; border: 1px solid #8884; border-radius: 8px"'
     name = f'title="{html.escape(f"Player: {title}")}"'
     return f'<iframe {source} {name} sandbox="allow-scripts" allow="fullscreen" loading="lazy" {style}></iframe>'
 
 
 def page(data: str, title: str) -> str:
-    """Return the HTML page for the data of a `Player`."""
+    """Return the HTML page of a `Player` with the given data."""
     style, script = _part("player.css"), _script(data)
     own = f"script-src {_hash(script)}; style-src {_hash(style)}"
     policy = f"default-src 'none'; {own}; base-uri 'none'; form-action 'none'"

@@ -1,4 +1,4 @@
-"""Clips of trajectories and of replayed episodes."""
+"""Create clips of trajectories and of replayed episodes."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -29,8 +29,8 @@ MOST_POINTS = 21
 def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip:
     """Return the clip of a `Trajectory` in the plane.
 
-    curvature: function that returns the curvatures (n, G), 1/m, at G places: (link, position along the link from 0 to
-    1).
+    curvature: function that returns the curvatures (n, G), 1/m, at G places, which are pairs of link index and position
+    along the link, 0 to 1.
     """
     scene: Scene = run.scene
     arm = scene.arm
@@ -70,7 +70,7 @@ def _energies(run: Any) -> dict[str, Array]:
 
 
 def mesh_of(settings: Settings) -> list[str]:
-    """Return the mesh in words, such as "8 segments"."""
+    """Return texts that describe the mesh, such as "8 segments"."""
     keys = ("segments", "elements", "coupling", "modes", "order", "nodes")
     return [f"{key} {getattr(settings, key)}" for key in keys if getattr(settings, key) is not None]
 
@@ -97,7 +97,10 @@ def _joints(arm: Arm) -> list[str]:
 
 
 def shapes_of(run: Any, frames: Any, factor: float) -> Array:
-    """Return points (n, points, 2), m, of a trajectory at given samples, with deflections multiplied by a factor."""
+    """Return the arm's points (n, points, 2), m, at the samples `frames` of a trajectory, with enlarged deflections.
+
+    factor: factor on the deflections.
+    """
     shapes: Array = run.shapes[frames]
     if factor == 1.0:
         return shapes
@@ -113,7 +116,7 @@ def turns_of(arm: Arm) -> Array:
 
 
 def rest_of(arm: Arm, points: Array, cuts: Sequence[int]) -> Array:
-    """Return the points (P, 2), m, of a chain in its stress-free links; see `Clip.rest`."""
+    """Return the points (P, 2), m, of the stress-free links that correspond to points of the arm; see `Clip.rest`."""
     places = [arm.links[k].place(s) for k, s in _along(arm, points, cuts)]
     return np.column_stack([np.real(places), np.imag(places)])
 
@@ -226,8 +229,8 @@ def of_episode(
     Args:
         plan: the environment's plan (`envs`), which defines its observation and arm. views: `batch.View` of each
             instant. rows: arrays of observations and infos by name.
-        rewards: rewards of the episode's steps. label: name of the clip. rate: function that returns, for G places, the
-            matrix (G, rows) that maps the state to curvatures, 1/m.
+        rewards: rewards of the episode's steps. label: name of the clip. rate: function that returns the matrix (G,
+            rows) from the coordinates to the curvatures, 1/m, at G places.
     """
     arm: Arm = plan.arm
     energies = {k.removeprefix("energy_"): x for k, x in rows.items() if k.startswith("energy_") or k == "work"}

@@ -1,4 +1,4 @@
-"""Contents of a player in space: links as ribbons, forces and torques, charts, and shapes to avoid."""
+"""Contents of a player in space: links as ribbons, forces and torques, charts, and obstacles."""
 
 from __future__ import annotations
 
@@ -31,8 +31,7 @@ class SpaceClip:
         points, across (n, P, 3), cuts (N + 1,): as in `geometry.ribbons.Ribbons`. sides (N, 2): width and thickness of
             each link, m. length: length of the arm, m. ground: height of the ground, m. rigid (n, N + 1, 3): joints and
             tip of the rigid arm, m, or None.
-        target (n, 3): target point, m, or None. walls: faces of the shapes to avoid, each with its corners (corners,
-            3), m.
+        target (n, 3): target point, m, or None. walls: faces of the obstacles, each with its corners (corners, 3), m.
     """
 
     label: str
@@ -106,8 +105,8 @@ def _bending(arm: Arm, deflection: Array, twist: Array) -> list[Chart]:
 def of_run(run: Any, label: str | None, note: str, charts: Sequence[Chart]) -> SpaceClip:
     """Return the clip of a `SpatialTrajectory`.
 
-    charts: charts of torques and energies, shown after the charts of deflection and twist. label: name of the clip;
-        None for the scene's name.
+    charts: charts of torques and energies, which follow the charts of deflection and twist. label: name of the clip;
+    None for the scene's name.
     """
     scene: Scene = run.scene
     far = 0.7 * scene.arm.total_length
@@ -144,7 +143,7 @@ def _loads(loads: Sequence[PointLoad], cuts: Sequence[int], t: Array) -> list[Pu
 def of_episode(plan: Any, views: Sequence[Any], label: str, note: str, charts: Sequence[Chart]) -> SpaceClip:
     """Return the clip of an episode.
 
-    views: `batch.View` of each instant. charts: charts shown after the charts of deflection and twist.
+    views: `batch.View` of each instant. charts: charts that follow the charts of deflection and twist.
     """
     arm, q = plan.arm, np.array([view.q for view in views])
     target = np.array([view.target for view in views])
