@@ -186,6 +186,7 @@ class ErrorsInSpace(Errors):
     """Parts of the estimate that differ: in space."""
 
     def factor(self, n: int) -> float:
+        """Return the ratio of `mesh_factor`."""
         return mesh_factor(n)
 
     def other_modes(self, settings: Settings, full: int) -> tuple[Settings, float]:
@@ -194,21 +195,27 @@ class ErrorsInSpace(Errors):
         return settings.replace(segments=2 if n == 1 else -(-n // 2), modes=settings.modes), mesh_factor(n)
 
     def has_stubby_link(self, arm: Arm) -> bool:
+        """Return False: `witness` finds links with shear deformation."""
         return False
 
     def gear_rate(self, arm: Arm) -> float:
+        """Return 0: no gear is considered."""
         return 0.0
 
     def slowest_square(self, arm: Arm) -> float:
+        """Return omega^2, 1/s^2, of the beam with the arm's smallest stiffness in bending or torsion."""
         return _cantilever(arm, min(softest(link) for link in arm.links if not link.rigid))
 
     def share_of_step(self, share: float, growth: Callable[[], float]) -> float:
+        """Return the larger of `share` and the ratio of `step_factor`."""
         return max(share, step_factor(growth()))
 
     def witness(self, scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Settings | None, bool]:
+        """Return settings of exact beams for a comparison run, see the function `witness`."""
         return witness(scene, settings, t, tip)
 
     def neglected(self, apart: float, known: float) -> float:
+        """Return the distance `apart` from the run of exact beams."""
         return apart
 
 

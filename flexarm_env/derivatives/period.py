@@ -25,8 +25,7 @@ from .methods import method_of
 from .places import laws_of, places_of
 
 MOST_AT_ONCE = 3
-"""Largest number of Jacobian columns that one pass computes. More columns would lengthen compilation without reducing
-the cost per column."""
+"""Largest number of Jacobian columns per pass. More columns compile longer and are not cheaper per column."""
 
 
 Found = TypeVar("Found", bound=tuple[Array, ...])
@@ -417,10 +416,8 @@ class Periods:
             self._stuck[:] = False
 
     def _with_halved(self, name: str, found: Found, *rows: Any) -> Found:
-        """Return the results `found` of a method, repeated alone for arms whose Newton iteration failed beside others.
-
-        The repetition halves steps, as the environment does.
-        """
+        """Return the results `found` of a method. Arms whose Newton iteration failed are repeated alone, with half the
+        step, as the environment does."""
         for i in np.flatnonzero(self._stuck).tolist():
             if self._one is None:
                 self._one = Periods(self._batch.alone(), self.parameters, self._kept, alone="all")
@@ -442,7 +439,7 @@ class Periods:
 
 
 def checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Validate an array of numbers and return it as float64; raise ValueError if its shape is not `shape`.
+    """Return an array of numbers as float64; raise ValueError if its shape is not `shape`.
 
     name: name of the argument in the message.
     """

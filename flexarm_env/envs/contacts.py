@@ -70,10 +70,12 @@ def framed(
     return replace(frame, contacts=contacts, settings=_resolved(frame, contacts, duration, given, drawn, changed))
 
 
-def with_rows(modes: Array, contacts: tuple[Contact, ...], space: bool) -> Array:
-    """Return a table of initial rates with rows of zeros for moving obstacles, which follow the arm's coordinates."""
+def with_rows(modes: Array, contacts: tuple[Contact, ...], behind: int) -> Array:
+    """Return a table of initial rates with rows of zeros for moving obstacles, which follow the arm's coordinates.
+
+    behind: number of rows that remain behind the rows of zeros.
+    """
     rows = sum(len(contact.displacements) for contact in contacts)
-    behind = 2 if space else 0
     return np.insert(modes, [len(modes) - behind] * rows, 0.0, axis=0)
 
 

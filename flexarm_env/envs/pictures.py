@@ -134,9 +134,11 @@ class PicturesInSpace(Pictures):
     """Pictures of arms in space."""
 
     def pen(self, arm: Arm, mode: str, ground: float = 0.0, **usual: Any) -> Any:
+        """Return a renderer in space above a floor at the height `ground`, m."""
         return SpaceRenderer(mode, arm.total_length, sides=sides(arm), links=bending(arm), ground=ground, **usual)
 
     def of_view(self, pen: Any, plan: Plan, view: View) -> Any:
+        """Draw an environment's arm as it is in `view`, as ribbons, and return the picture."""
         target, ribbon = plan.kind.target.place(plan.arm, view.target), ribbons(plan.arm, plan.settings, view.q[None])
         off = bent(plan.arm, view.deflection.reshape(2, -1).T)
         rigid = straight(plan.arm, view.poses[:, SPACE_POSE.angle])
@@ -144,6 +146,7 @@ class PicturesInSpace(Pictures):
         return pen.frame_of(ribbon.chain(0), target, view.time, torques, off, rigid)
 
     def of_run(self, pen: Any, run: Trajectory) -> Callable[[int, Any], Any]:
+        """Return a function that draws instant i of a run, with ribbons."""
         arm, found, held = run.scene.arm, ribbons_of(run), run.scene.root == "pinned"
 
         def draw(i: int, torques: Any) -> Any:

@@ -51,15 +51,19 @@ class Place(Target):
         return angles
 
     def reached(self, arm: Arm, angles: Sequence[float]) -> Any:
+        """Return the point (x, y, z), m, of the rigid arm's tip at joint angles."""
         return tuple(tip_at(arm, np.array(angles)).tolist())
 
     def requested(self, arm: Arm, angles: Sequence[float]) -> Sequence[float]:
+        """Return the joint angles at the target."""
         return angles
 
     def request_size(self, arm: Arm) -> int:
+        """Return the number of joint angles."""
         return arm.n_links
 
     def goal(self, task: Task, angles: Array, drawn: Array) -> Array:
+        """Return the drawn joint angles."""
         return drawn
 
     def start_ranges(self, arm: Arm, value: Any) -> list[Pair]:
@@ -68,9 +72,11 @@ class Place(Target):
         return [joint_range(arm, k, row, "target") for k, row in enumerate(rows)]
 
     def chain(self, arm: Arm) -> dict[str, Array]:
+        """Return the rigid chain, from which kernels compute the tip."""
         return {"chain": chain_of(arm)}
 
     def axis(self, arm: Arm) -> Array:
+        """Return the axis of the hub, (3,)."""
         return np.array(arm.hub_axis, np.float64)
 
     def place(self, arm: Arm, target: Array) -> Array:

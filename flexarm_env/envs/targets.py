@@ -347,6 +347,7 @@ class PlaceOnWall(OnWall):
             raise check.InvalidValue("reference.offset", ranges[1], what)
 
     def record(self, arm: Arm) -> type[Task]:
+        """Return the task's record for landing on a wall."""
         return Land if arm.n_links == 2 else LandChain
 
 
