@@ -54,7 +54,7 @@ def kept_bytes(env_id: str, n: int, periods: int = 20) -> float:
 
     arms = Arms(env_id, n, threads=1)
     run = arms.rollout(arms.reset(seed=0), np.zeros((periods, n, arms.action_size)))
-    parts = run.states[1:], run.actions, run.observations, run.rewards, run.failed, run.past
+    parts = run.states[1:], run.actions, run.observations, run.rewards, run.failed, run.past, *run.step_ends
     arms.close()
     return sum(part.nbytes for part in parts) / periods / n
 

@@ -94,7 +94,7 @@ class _Step(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, arms: Differentiable, state: Tensor, action: Tensor) -> tuple[Tensor, ...]:
         outcome = arms.step(_numbers("state", state), _numbers("action", action))
-        ctx.arms = arms
+        ctx.arms, ctx.step_ends = arms, getattr(arms, "step_ends", None)
         ctx.save_for_backward(state, action)
         return tuple(torch.from_numpy(x) for x in outcome)
 
@@ -103,7 +103,8 @@ class _Step(torch.autograd.Function):
     def backward(ctx: Any, by_state: Tensor, by_seen: Tensor, by_paid: Tensor) -> tuple[None, Tensor, Tensor]:
         state, action = ctx.saved_tensors
         began = _numbers("state", state), _numbers("action", action)
-        back, by_action = ctx.arms.vjp(*began, by_state.numpy(), by_seen.numpy(), by_paid.numpy())
+        more = {} if ctx.step_ends is None else {"step_ends": ctx.step_ends}
+        back, by_action = ctx.arms.vjp(*began, by_state.numpy(), by_seen.numpy(), by_paid.numpy(), **more)
         return None, torch.from_numpy(back).to(state.dtype), torch.from_numpy(by_action).to(action.dtype)
 
 

@@ -219,8 +219,11 @@ def as_the_jacobians(
     for state in states:
         found = arms.jacobians(state, action)
         bars = [rng.normal(size=values.shape) for values in found[:3]]
-        for one, other in zip(arms.vjp(state, action, *bars), found.vjp(*bars), strict=True):
-            assert abs(one - other).max() < most * abs(other).max()
+        arms.step(state, action)
+        for step_ends in (None, arms.step_ends):
+            back = arms.vjp(state, action, *bars, step_ends=step_ends)
+            for one, other in zip(back, found.vjp(*bars), strict=True):
+                assert abs(one - other).max() < most * abs(other).max()
     return found
 
 
@@ -331,7 +334,15 @@ def test_dry_friction_in_space() -> None:
     arms = Arms("SpatialFlexArm-v0", 9, tolerance=1e-14, elements=1, dt=0.0025, arm=arm)
     assert arms.backwards
     state, action = moving(arms)
-    as_the_jacobians(arms, (state, arms.reset(seed=1)), action, 1e-10)
+    found = as_the_jacobians(arms, (state, arms.reset(seed=1)), action, 1e-10)
+    # an arm whose step failed has no step_ends; its neighbors in the lanes have theirs
+    bars = np.ones_like(found.state), np.ones_like(found.observation), np.ones(9)
+    arms.step(state, action)
+    steps, whole = arms.step_ends, arms.vjp(state, action, *bars, step_ends=arms.step_ends)[0]
+    arms._repeats, steps[2] = False, np.nan
+    part = arms.vjp(state, action, *bars, step_ends=steps)[0]
+    assert arms.failed.tolist() == [k == 2 for k in range(9)] and np.isnan(part[2]).all()
+    assert np.array_equal(np.delete(part, 2, 0), np.delete(whole, 2, 0))
     arms.close()
 
 

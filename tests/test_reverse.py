@@ -289,6 +289,24 @@ def test_what_has_no_derivative_backwards_is_refused_with_its_line(function: Any
     assert "test_reverse.py" in str(caught.value)
 
 
+def _scaled(lane, x, y, c):
+    store(y, 0, load(lane, x, 0) * load(lane, c, 0))
+
+
+def test_an_argument_without_cotangents_is_constant() -> None:
+    """y = c x: x_bar = c y_bar and, unless None is given for it, c_bar = x y_bar."""
+    pulled = vjp_of(kernel(_scaled), ("x", "y", "c"))
+
+    @kernel
+    def back(lane, x, y, c, x_bar, y_bar, c_bar):
+        pulled(lane, x, y, c, x_bar, y_bar, c_bar)
+
+    for c_bar in (None, np.zeros(1)):
+        x_bar = np.zeros(1)
+        back(SINGLE, np.array([3.0]), np.zeros(1), np.array([5.0]), x_bar, np.array([2.0]), c_bar)
+        assert x_bar[0] == 10.0 and (c_bar is None or c_bar[0] == 6.0)
+
+
 def test_names_that_widen_take_no_stack_memory_of_discarded_attempts(tmp_path: Path) -> None:
     # each name begins as a number and becomes lanes, so that the kernel is written once more for each; 20 attempts of
     # 32,768 numbers each would exceed the 524,288 that a kernel may have on its stack

@@ -390,7 +390,8 @@ class Pulled(Straight):
     def written(self, writer: Any, items: list[Any]) -> None:
         """Emit the forward pass and reverse sweep in the calling kernel; nothing is returned.
 
-        items: the function's arguments, then one cotangent argument for each differentiated argument.
+        items: the function's arguments, then one cotangent argument for each differentiated argument, or None for an
+            argument that is constant in this call.
         """
         count = len(self.names)
         if len(items) != count + len(self._bars):
@@ -415,7 +416,7 @@ class Pulled(Straight):
         given = []
         for name, item in zip(self.names, items, strict=True):
             item = rebuilt(item, iter(leaves(item)), tape)
-            if name in bars or name in self._scratch:
+            if bars.get(name) is not None or name in self._scratch:
                 item = _paired(tape, item, bars.get(name))
             given.append(item)
         tape.begin()
@@ -444,7 +445,8 @@ def vjp_of(function: Any, names: tuple[str, ...], scratch: tuple[str, ...] = ())
     names: differentiated arguments: arrays, or named tuples of arrays. The call overwrites the cotangents of elements
     that the function writes. After the call the cotangents are 0 or, if the old content was read too, the cotangent of
     the old content. For elements that are only read, contributions are added to their cotangents. The arrays of `names`
-    stay unchanged. scratch: names of arguments that are working memory, whose content matters neither before nor after.
-    If compilation is disabled, the function itself is returned.
+    stay unchanged. An argument with None in place of its cotangents counts as constant in the call. scratch: names of
+    arguments that are working memory, whose content matters neither before nor after. If compilation is disabled, the
+    function itself is returned.
     """
     return function if UNCOMPILED else Pulled(function, names, scratch)

@@ -144,6 +144,7 @@ class Arms(Periods):
         self.state_size, self.action_size = first.state_size, first.action_size
         self.observation_size = first.observation_size
         self.failed, self.past = np.zeros(self.n, np.bool_), np.zeros(self.n, np.bool_)
+        self.step_ends = None
 
     def _each(self, name: str, **rows: Any) -> Any:
         """Call a method of each part and combine the results; rows: arguments of the method, arrays (n, ...)."""
@@ -199,15 +200,16 @@ class Arms(Periods):
         return self._each("jacobians", state=state, action=action) if self._parts else super().jacobians(state, action)
 
     def vjp(
-        self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
-    ) -> tuple[Array, Array]:
+        self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array,
+        step_ends: Array | None = None,
+    ) -> tuple[Array, Array]:  # fmt: skip
         """Return the derivatives of a scalar by the state (n, S) and the action (n, A) before a control period.
 
         state_bar (n, S), observation_bar (n, O), reward_bar (n,): derivatives of the scalar by state, observation and
-        reward after the control period ("cotangents").
+        reward after the control period ("cotangents"). step_ends: attribute `step_ends` after this step, or None.
         """
         if not self._parts:
-            return super().vjp(state, action, state_bar, observation_bar, reward_bar)
+            return super().vjp(state, action, state_bar, observation_bar, reward_bar, step_ends)
         bars = {"state_bar": state_bar, "observation_bar": observation_bar, "reward_bar": reward_bar}
         back: tuple[Array, Array] = self._each("vjp", state=state, action=action, **bars)
         return back

@@ -13,7 +13,7 @@ from ..compiler import SINGLE, WIDEST, Crew, Placed, dual, entry, native, uncomp
 from ..physics import precision
 from ..physics.model import NEWTON_FAILED, OK, OWN_IN_SPACE, STIFFNESSES, Jointed
 from ..runtime import derivative
-from ..runtime.adjoint import adjoint, room_of
+from ..runtime.adjoint import adjoint, recorded_step, room_of
 from ..runtime.guided import unaccounted
 from ..runtime.implicit import implicit
 from ..runtime.layout import aligned, layout_of
@@ -178,7 +178,7 @@ class Periods:
     Attributes:
         n, state_size, action_size, observation_size, moving, names, failed, past: as in `Arms`.
         backwards: True if the model has kernels that compute `vjp`.
-    """
+        step_ends: array (n, K), coordinates and rates at the ends of the last call's time steps; None in the plane."""
 
     def __init__(
         self, batch: Batch, parameters: bool = False, kept: bool = False, guided: tuple[int, Any] | None = None,
@@ -238,9 +238,11 @@ class Periods:
         self._blocks, room = blocks, 0
         if guided is None:
             room = lanes * int(uncompiled(room_of)(model, task, program.actuator, program.n_steps)) * self.backwards
+        records = self.backwards and model.newton.rotations is not None
+        recorded = 2 * self.n * program.n_steps * len(model.weight) if records else 0
         self._program = derivative.Derivative(
             lane=lane, dual=both, program=program, plain=layouts[0], both=layouts[1], columns=columns,
-            moving=core, passes=method.passes,
+            moving=core, parameters=(0,) if parameters else None, passes=method.passes,
             places=places_of(batch, model, lanes, layouts[0], parameters, kept)[0],
             twice=places_of(batch, model, len(both), layouts[1], parameters, kept)[0],
             chosen=np.asarray(self._memory.chosen, np.int64), n=self.n,
@@ -251,13 +253,14 @@ class Periods:
             state_bar=np.zeros(self.n * size), observation_bar=np.zeros(self.n * seen),
             reward_bar=np.zeros(self.n), action_bar=np.zeros(self.n * self.action_size),
             bars=aligned(self._groups, layouts[0].row).reshape(-1),
-            tape=aligned(self._groups, room).reshape(-1), room=room,
+            step_ends=np.zeros(recorded), known=np.zeros(1), tape=aligned(self._groups, room).reshape(-1), room=room,
             block=blocks[0].reshape(-1), scratch=blocks[1].reshape(-1),
         )  # fmt: skip
         self._shape = (self.n, rows, columns)
         self._placed = Placed(self._program)
         self._kept, self._repeats, self._stuck = kept, alone == "failed" and len(lane) > 1, np.zeros(self.n, np.bool_)
         self._one: Periods | None = None
+        self.step_ends: Array | None = None
         self._threads = 1 if guided else batch.threads
         self._crew = Crew(self._threads - 1)
         self._entries: dict[Any, Any] = {}
@@ -290,7 +293,10 @@ class Periods:
     def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
         """Return state (n, S), observation (n, O) and reward (n,) after a period with actions (n, A) clipped to +-1."""
         self._put(state, action)
-        self._run(derivative.step)
+        records = self._program.step_ends.size > 0
+        self._program.known[0] = 0.0
+        self._run(recorded_step if records else derivative.step)
+        self.step_ends = self._rows("step_ends", -1) if records else None
         return self._with_halved("step", self._outcome(), state, action)
 
     # --- derivatives -----------------------------------------------------------------------------
@@ -305,14 +311,15 @@ class Periods:
         return self._with_halved("jacobians", Jacobians(*outcome, moved), state, action)
 
     def vjp(
-        self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
-    ) -> tuple[Array, Array]:
+        self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array,
+        step_ends: Array | None = None,
+    ) -> tuple[Array, Array]:  # fmt: skip
         """Return the derivatives of a scalar by states (n, S) and actions (n, A) before a control period.
 
         state_bar (n, S), observation_bar (n, O), reward_bar (n,): derivatives of the scalar by state, observation and
-        reward after the control period. If the model has kernels for this function (`backwards`), a call takes a few
-        times as long as a period. Otherwise it computes the Jacobians.
-        """
+        reward after the control period. step_ends: attribute `step_ends` after this step; with it no step is solved
+        again. If the model has kernels for this function (`backwards`), a call takes a few times as long as a period.
+        Otherwise it computes the Jacobians."""
         given = checked("state_bar", state_bar, (self.n, self.state_size))
         seen = checked("observation_bar", observation_bar, (self.n, self.observation_size))
         paid = checked("reward_bar", reward_bar, (self.n,))
@@ -321,6 +328,9 @@ class Periods:
         d, asked = self._program, self._put(state, action)
         own, past, last = self._memory.vjp(given, seen)
         d.state_bar[:], d.observation_bar[:], d.reward_bar[:] = own.ravel(), last.ravel(), paid
+        d.known[0] = float(step_ends is not None and d.step_ends.size > 0)
+        if d.known[0]:
+            d.step_ends[:] = checked("step_ends", step_ends, (self.n, d.step_ends.size // self.n)).ravel()
         self._run(adjoint)
         self._note_failures()
         by_state = self._memory.joined(self._rows("state_bar", own.shape[1]), past)

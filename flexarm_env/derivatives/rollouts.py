@@ -44,6 +44,7 @@ class Rollout:
         observations, rewards: arrays (T, n, O) and (T, n), results of each period.
         failed: array (T, n), True if the solver failed in this period.
         past: array (T, n), True if a joint was beyond its limits at the end of this period.
+        step_ends: attribute `step_ends` of the arms after each period, or () if the arms have none.
     """
 
     arms: Differentiable
@@ -53,6 +54,7 @@ class Rollout:
     rewards: Array
     failed: NDArray[np.bool_]
     past: NDArray[np.bool_]
+    step_ends: tuple[Any, ...] = ()
 
     def jvp(self, state: Any = None, actions: Any = None) -> Outcome:
         """Return the tangents of the rollout's results for tangents of initial states and actions.
@@ -83,7 +85,10 @@ class Rollout:
         by_paid = _given("rewards", rewards, self.rewards.shape)
         by_actions, by_state = np.zeros_like(self.actions), by_states[-1]
         for k in reversed(range(len(self.actions))):
-            back, by_actions[k] = self.arms.vjp(self.states[k], self.actions[k], by_state, by_seen[k], by_paid[k])
+            more = {"step_ends": self.step_ends[k]} if self.step_ends else {}
+            back, by_actions[k] = self.arms.vjp(
+                self.states[k], self.actions[k], by_state, by_seen[k], by_paid[k], **more
+            )
             by_state = back + by_states[k]
         return Gradient(by_state, by_actions)
 
@@ -103,10 +108,13 @@ def rollout(arms: Differentiable, state: Any, actions: Any) -> Rollout:
     seen, paid = np.zeros((count, arms.n, arms.observation_size)), np.zeros((count, arms.n))
     failed, past = np.zeros((count, arms.n), np.bool_), np.zeros((count, arms.n), np.bool_)
     states[0] = start
+    step_ends = []
     for k in range(count):
         states[k + 1], seen[k], paid[k] = arms.step(states[k], given[k])
         failed[k], past[k] = arms.failed, arms.past
-    return Rollout(arms, states, given.copy(), seen, paid, failed, past)
+        if getattr(arms, "step_ends", None) is not None:
+            step_ends.append(arms.step_ends)
+    return Rollout(arms, states, given.copy(), seen, paid, failed, past, tuple(step_ends))
 
 
 def _given(name: str, value: Any, shape: tuple[int, ...]) -> Array:

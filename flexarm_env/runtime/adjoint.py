@@ -16,11 +16,14 @@ import numpy as np
 
 from ..compiler import (
     Lanes,
+    absolute,
     dereference,
     entry_point,
+    inlined,
     kernel,
     lane_count,
     load,
+    select_lt,
     size,
     splat,
     stack,
@@ -28,16 +31,17 @@ from ..compiler import (
     vjp_of,
 )
 from ..physics.integrator.newton import newmark_slopes
-from ..physics.integrator.step import advance
+from ..physics.integrator.step import advance, newmark_predict
 from ..physics.integrator.step_derivatives import factor_step_end, vjp_step
 from ..physics.integrator.transitions import vjp_jump
-from ..physics.integrator.work import accumulated_increment, copy_rows, shift_size, unpack
+from ..physics.integrator.work import accumulated_increment, copy_rows, reset_shift, shift_size, unpack
+from ..physics.model import NEWTON_FAILED
 from ..physics.protocol import local_difference, tangent_map, task_poses, vjp_poses
 from ..tasks.own_terms import judge_with_terms
 from ..tasks.program import GOAL, PERIODS, sections
 from ..tasks.task import info_of, observe
 from ..tasks.track import list_ahead, move_targets, turn_ahead
-from .derivative import fill
+from .derivative import arm_in, close, fill, write_outcome
 from .keeping import read_parts, save_lanes, write_parts
 from .motors import (
     command,
@@ -123,27 +127,12 @@ def _period(lane, d, g, block, bars, tape):
     """
     p, layout, model = d.program, d.plain, d.program.model
     w, bar = unpack(lane, model, block, 0), unpack(lane, model, bars, 0)
-    par, poses, record, action, seen, info, saved, _ = sections(layout, block)
-    par_bar, poses_bar, record_bar, action_bar, seen_bar, reward_bar, _, _ = sections(layout, bars)
-    # forward: q, v, a at each step's end go onto the tape, since its matrix and residual are needed backwards
-    fill(lane, d, d.places, layout, g, block)
-    save_lanes(w, record, saved)
-    command_motors(lane, p, model, par, poses, record, action, w)
+    par, poses, record, action, seen, info, _, _ = sections(layout, block)
+    _, poses_bar, record_bar, action_bar, seen_bar, reward_bar, _, _ = sections(layout, bars)
+    par_bar = _parameters(d, bars)
+    _run(lane, d, g, block, tape, w)
     length, more = _length(model, p.task) * len(lane), _more(model) * len(lane)
     start = tape[p.n_steps * length :]
-    for s in range(p.n_steps):
-        _turn(lane, model, p.task, p.actuator, s, record, w, tape[s * length :])
-        # a jump of a by u - u_0: its state, S, a and u_0 before it go behind the ends of all steps
-        if may_jump_before_step(p.actuator, s):
-            jump_with_torques(lane, p, model, par, s, record, saved, block, w, (0,))
-            write_parts(_of_step(lane, model, w), start[s * (length + more) :])
-            write_parts(_of_jump(w), start[s * (length + more) + length :])
-        advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
-        if model.newton.rotations is not None:
-            # stored: the increment by which the prediction moves q, in place of the prediction
-            foreseen = accumulated_increment(lane, w)[1]
-            local_difference(lane, model, w.q0, foreseen, foreseen)
-        write_parts(_of_step(lane, model, w), tape[s * length :])
     # cotangents of observation and reward, through poses (inertial axes), to q, v, a at the period's end
     for i in range(lane_count(lane)):
         if g * lane_count(lane) + i < d.n:
@@ -180,6 +169,109 @@ def _period(lane, d, g, block, bars, tape):
     )  # fmt: skip
     copy_rows(lane, size(model.n_inputs), bar.u0, bar.u)
     _read_off(lane, d, g, bars)
+
+
+@kernel
+def _run(lane, d, g, block, tape, w):
+    """Run group g's period with the ends of its steps and jumps on the tape; w: views of `block`.
+
+    # in        d.state, d.action;  d.step_ends if d.known[0] > 0
+    # out       block, w;  tape: `_length` numbers a step, then `_length` + `_more` for each jump of torques
+    """
+    p, layout, model = d.program, d.plain, d.program.model
+    par, poses, record, action, _, _, saved, _ = sections(layout, block)
+    # q, v, a at each step's end are needed backwards
+    fill(lane, d, d.places, layout, g, block)
+    save_lanes(w, record, saved)
+    command_motors(lane, p, model, par, poses, record, action, w)
+    length, more = _length(model, p.task) * len(lane), _more(model) * len(lane)
+    start = tape[p.n_steps * length :]
+    for s in range(p.n_steps):
+        _turn(lane, model, p.task, p.actuator, s, record, w, tape[s * length :])
+        # a jump of a by u - u_0: its state, S, a and u_0 before it go behind the ends of all steps
+        if may_jump_before_step(p.actuator, s):
+            jump_with_torques(lane, p, model, par, s, record, saved, block, w, (0,))
+            write_parts(_of_step(lane, model, w), start[s * (length + more) :])
+            write_parts(_of_jump(w), start[s * (length + more) + length :])
+        if model.newton.rotations is None:
+            advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
+        else:
+            if d.known[0] > 0.0:
+                _repeat_step(lane, d, g, s, w)
+            else:
+                advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
+            # stored: the increment by which the prediction moves q, in place of the prediction
+            foreseen = accumulated_increment(lane, w)[1]
+            local_difference(lane, model, w.q0, foreseen, foreseen)
+        write_parts(_of_step(lane, model, w), tape[s * length :])
+
+
+@kernel
+def _repeat_step(lane, d, g, s, w):
+    """Advance group g by step s without a solution: q and v at its end are d.step_ends, a and b follow by (6.1).
+
+    Lanes whose step_ends are NaN get the status of a failed iteration.
+    """
+    model, n = d.program.model, size(d.program.model.n)
+    slopes, total = newmark_slopes(d.program.scheme, d.program.h), accumulated_increment(lane, w)[0]
+    newmark_predict(lane, model, w, d.program.h, d.program.scheme)
+    reset_shift(lane, model, w)
+    for i in range(lane_count(lane)):
+        at = (arm_in(lane, d.n, g, i) * d.program.n_steps + s) * 2 * n
+        for k in range(n):
+            w.shift[k * len(lane) + i] = d.step_ends[at + k]
+            w.v[k * len(lane) + i] = d.step_ends[at + n + k]
+    # D = q+ (-) p
+    local_difference(lane, model, w.q, total, w.r)
+    copy_rows(lane, n, total, w.q)
+    copy_rows(lane, n, w.r, total)
+    for k in range(n):
+        change = load(lane, w.r, k)
+        store(w.a, k, load(lane, w.a, k) + change * slopes.a)
+        store(w.b, k, load(lane, w.b, k) + change * slopes.b)
+    flag = load(lane, w.flag, 0)
+    store(w.flag, 0, select_lt(absolute(load(lane, w.q, 0)), np.inf, flag, float(NEWTON_FAILED)))
+
+
+@entry_point
+def recorded_step(address, first, last):
+    """Advance groups first ... last - 1 by one period like `derivative.step`; write d.step_ends as well. Returns 0.
+
+    address: address of a `Derivative` d of a model with rotations. Step_ends of an arm whose solver fails are NaN.
+    """
+    d = dereference(address)
+    block = d.block[first * d.plain.row : (first + 1) * d.plain.row]
+    tape = d.tape[first * d.room : (first + 1) * d.room]
+    w = unpack(d.lane, d.program.model, block, 0)
+    for g in range(first, last):
+        _record(d.lane, d, g, block, tape, w)
+    return 0
+
+
+@kernel
+def _record(lane, d, g, block, tape, w):
+    """Advance group g by one period; write the period's results and d.step_ends. w: views of `block`."""
+    p, n = d.program, size(d.program.model.n)
+    _run(lane, d, g, block, tape, w)
+    close(lane, p, d.plain, block, w)
+    write_outcome(lane, d, d.places, d.plain, g, block)
+    for i in range(lane_count(lane)):
+        arm = g * lane_count(lane) + i
+        if arm < d.n:
+            for s in range(p.n_steps):
+                # q and v are the first numbers of a step (`_of_step`)
+                end = tape[s * _length(p.model, p.task) * len(lane) :]
+                for k in range(2 * n):
+                    found = end[k * len(lane) + i]
+                    d.step_ends[(arm * p.n_steps + s) * 2 * n + k] = np.nan if w.flag[i] != 0.0 else found
+
+
+@inlined
+def _parameters(d, bars):
+    """Return the cotangents of the arms' own parameters in a block of cotangents, or None if they are not computed."""
+    if d.parameters is None:
+        return None
+    return bars[d.plain.par : d.plain.poses]
 
 
 @kernel

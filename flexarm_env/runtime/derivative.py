@@ -44,6 +44,7 @@ class Derivative(NamedTuple):
     both: Block  # offsets of a block's sections in lanes with tangents
     columns: int  # X + A, number of columns of the Jacobian
     moving: int  # X, number of moving numbers of a state
+    parameters: tuple[int, ...] | None  # a tag if the arms' own parameters are among the moving numbers
     passes: int  # number of linear solutions for a step's tangents; 1 if the step's matrix is exact
     places: np.ndarray  # (S,) int64: offsets of the state's numbers in a block without tangents
     twice: np.ndarray  # (S,) int64: offsets of the state's numbers in a block with tangents
@@ -63,6 +64,8 @@ class Derivative(NamedTuple):
     reward_bar: np.ndarray  # (n,): input: cotangents of the reward
     action_bar: np.ndarray  # (n A,): output: cotangents of the actions
     bars: np.ndarray  # (groups, plain.row): scratch blocks for cotangents
+    step_ends: np.ndarray  # (n n_steps 2 rows,) or empty: q and v at the end of each step
+    known: np.ndarray  # (1,): 1 if `step_ends` belong to the states and actions, so that no step is solved again
     tape: np.ndarray  # (groups, room): numbers stored on the forward pass
     room: int  # number of values on the tape of a group
     block: np.ndarray  # (groups, plain.row): scratch blocks in lanes without tangents
@@ -208,7 +211,7 @@ def at_once(d):
 
 
 @kernel
-def _arm(lane, n, g, i):
+def arm_in(lane, n, g, i):
     """Return the index of the arm in lane i of group g; for a lane without an arm, that of the group's first."""
     arm = g * lane_count(lane) + i
     return arm if arm < n else g * lane_count(lane)
@@ -225,7 +228,7 @@ def fill_rows(lane, n, g, places, rows, block):
     for k in range(count):
         store(block[places[k] :], 0, splat(lane, 0.0))
     for i in range(lane_count(lane)):
-        arm = _arm(lane, n, g, i)
+        arm = arm_in(lane, n, g, i)
         for k in range(count):
             block[places[k] + i] = rows[arm * count + k]
 
@@ -246,7 +249,7 @@ def fill(lane, d, places, layout, g, block):
     for k in range(joints):
         store(block[layout.action :], k, splat(lane, 0.0))
     for i in range(lane_count(lane)):
-        arm = _arm(lane, d.n, g, i)
+        arm = arm_in(lane, d.n, g, i)
         for k in range(joints):
             block[layout.action + k * len(lane) + i] = d.action[arm * joints + k]
     store(_views(lane, d.program, d.program.model, block).flag, 0, splat(lane, float(OK)))

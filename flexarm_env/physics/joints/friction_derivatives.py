@@ -144,7 +144,7 @@ def friction_cotangents(lane, model, par_bar: Lanes, weights, ahead, S: Lanes, x
             x[row] -= given
             v_bar[row] += given * -share
             a_bar[row] += given * (-share * ahead)
-        if model.own is not None:
+        if model.own is not None and par_bar is not None:
             for i in range(count(model)):
                 g, column = gear_at(model, i), column_at(model, i)
                 total = S[g + GEAR.gap]
@@ -168,5 +168,5 @@ def friction_residual_cotangents(lane, model, par_bar: Lanes, S: Lanes, r_bar: L
             row = model.table[PLACES * i + PLACE.friction]
             given = r_bar[row]
             r_bar[row] = given - S[gear_at(model, i) + GEAR.free] * given
-            if model.own is not None:
+            if model.own is not None and par_bar is not None:
                 par_bar[_coulomb_at(model, i)] += direction(lane, S[gear_at(model, i) + GEAR.before]) * r_bar[row]
