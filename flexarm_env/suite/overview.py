@@ -14,10 +14,13 @@ COLUMNS = 5
 """Largest number of methods that learn with a column of their own."""
 
 NAMES = {
-    "ppo": "PPO", "ppo_around": "PPO around PD", "ppo_press": "PPO around force control", "gradient": "gradient method",
+    "ppo": "PPO", "ppo_press": "PPO around force control", "gradient": "gradient method",
     "sac": "SAC", "tqc": "TQC", "recurrent_ppo": "recurrent PPO",
 }  # fmt: skip
 """Names of the methods of the package's own results; other methods are shown by the names of their files."""
+
+AROUND = ("reach-measured-v1", "slew-handling-v2", "space-wall-v1")
+"""Tasks on which the policies of PPO in the package's own results contain PD control (`configs/ppo/suite.yml`)."""
 
 HOW = """The **score** is 0 for PD control and 1 for the best known torques, which are optimized for each episode with
 the complete episode known in advance. Brackets contain the rate of success in 100 episodes that no training uses. The
@@ -25,6 +28,10 @@ score and the rate are means over the runs of a method with different seeds. **B
 *Italic* scores come from less training than the task's budget. The column *best controller* has the best method that
 does not learn. **IQM** is the interquartile mean, the mean of the middle half of all scores of a method, with a 95 %
 interval (bootstrap over runs) and the number of tasks."""
+
+MARK = "°"
+HOW_MARKED = f"""{MARK} marks policies of PPO that contain PD control, whose torques the network corrects. Without PD
+control PPO stays near or below PD on these tasks."""
 
 
 def overview(
@@ -38,7 +45,9 @@ def overview(
     text = ["# Results on the suite", "", finding(known, rows), ""]
     if figure:
         text += [f"![Scores of PPO, SAC, the gradient method and the best controller on each task]({figure})", ""]
-    text += [*scores(known, rows), "", HOW, "", "## Details", ""]
+    lines = scores(known, rows)
+    marked = ["", HOW_MARKED] if any(MARK in line for line in lines) else []
+    text += [*lines, "", HOW, *marked, "", "## Details", ""]
     what = {
         "tasks": "all methods on each task: returns, settling times, differences and their intervals, computing times",
         "earlier": "results on superseded versions of tasks",
@@ -98,6 +107,7 @@ def _cell(task: Task, line: Line, best: float, named: bool) -> str:
     """Format a method's score and success; named: with the method's name."""
     score = two(_score(line))
     score = f"*{score}*" if line.short(task) else f"**{score}**" if _score(line) == best else score
+    score += MARK * (line.method == "ppo" and task.id in AROUND)
     return f"{line.method} {score}" * named + score * (not named) + f" ({line.mean('success_rate'):.0%})"
 
 
