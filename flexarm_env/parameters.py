@@ -45,7 +45,7 @@ class Elbow:
     inertia_right: Inertia = bodies.inertia_field("inertia at the root of the link after the joint, in its axes")
     axis: Vector = bodies.axis_field("joint axis, a unit vector in the axes of the link after the joint")
     mount: Any = bodies.mount_field("rotation at a joint angle of 0")
-    radius: float = number("radius of the sphere that touches obstacles; 0: a point", "m", 0.0, minimum=0.0)
+    radius: float = number("radius of a sphere at the joint that touches obstacles; 0: a point", "m", 0.0, minimum=0.0)
 
     def __post_init__(self) -> None:
         """Validate the fields and convert them to plain numbers; an `InvalidValue` names the invalid field."""
@@ -111,13 +111,13 @@ class Motor:
     Torque (N m) and rate (rad/s) are those of the motor's shaft, on the input side of the gear.
     """
 
-    torque_constant: float = number("torque over current", "N m/A", above=0.0)
+    torque_constant: float = number("torque divided by current", "N m/A", above=0.0)
     resistance: float | None = number(
         "resistance of the winding; None: unknown, without voltage commands", "ohm", None, above=0.0, optional=True
     )
     back_emf: float | None = number(
-        "voltage over rate; None: equal to the torque constant, as in SI units", "V s/rad", None, minimum=0.0,
-        optional=True,
+        "voltage divided by rate; None: the torque constant, which has the same value in SI units", "V s/rad", None,
+        minimum=0.0, optional=True,
     )  # fmt: skip
     current_limit: float | None = number("largest current", "A", None, above=0.0, optional=True)
     voltage_limit: float | None = number("largest voltage; requires a resistance", "V", None, above=0.0, optional=True)
@@ -162,7 +162,7 @@ class Joint:
 
     stiffness: float = value(
         _stiffness, {"type": "number", "exclusiveMinimum": 0.0},
-        "stiffness of the gear; inf: rigid, without the motor's coordinate", "N m/rad", math.inf,
+        "stiffness of the gear; inf: a rigid gear", "N m/rad", math.inf,
     )  # fmt: skip
     damping: float = number(
         "damping of the gear, in parallel with the spring; 0 for a rigid gear", "N m s/rad", 0.0, minimum=0.0
@@ -171,11 +171,11 @@ class Joint:
     gear_ratio: float = number("turns of the rotor per turn of the joint", "", 1.0, above=0.0, maximum=1e9)
     friction_viscous: float = number("viscous friction", "N m s/rad", 0.0, minimum=0.0)
     friction_coulomb: float = number(
-        "torque that holds the joint at rest and brakes it in motion", "N m", 0.0, minimum=0.0
+        "Coulomb friction torque", "N m", 0.0, minimum=0.0
     )
     backlash: float = number(
-        "total play of an elastic gear at its output; the spring engages after half of the play to either side, the "
-        "damping also acts in the gap", "rad", 0.0, minimum=0.0,
+        "total backlash of an elastic gear on its output side; the spring acts only beyond half of it to either side, "
+        "the damping always", "rad", 0.0, minimum=0.0,
     )  # fmt: skip
     motor: Motor | None = None
     friction_side: str = choice(FRICTION_SIDES, "side of an elastic gear on which the friction acts", "motor")
@@ -259,8 +259,8 @@ class Arm:
     hub_inertia: Inertia = bodies.inertia_field("inertia at the root of link 0, in its axes")
     elbows: tuple[Elbow, ...] = ()
     payload: Payload = field(default_factory=Payload)
-    tau_d: float = number("Kelvin-Voigt time constant of links without their own", "s", 0.0, minimum=0.0)
-    mass_damping: float = number("drag relative to the links' floating frames", "1/s", 0.0, minimum=0.0)
+    tau_d: float = number("Kelvin-Voigt time constant of links that have none of their own", "s", 0.0, minimum=0.0)
+    mass_damping: float = number("damping force per mass and velocity in the floating frame", "1/s", 0.0, minimum=0.0)
     torque_limits: tuple[float, ...] | None = None
     joint_limits: tuple[JointRange | None, ...] | None = None
     source: str = ""

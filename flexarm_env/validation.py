@@ -97,7 +97,7 @@ def lacking(what: str, package: str, extra: str) -> str:
     """Return a sentence that names a missing package, and two commands that install it: by the package's own name and
     by an extra of flexarm_env.
     """
-    return f'{what} needs {package}: pip install {package} (the extra "{extra}" of flexarm_env brings all of its kind)'
+    return f'{what} needs {package}: pip install {package} (or install flexarm_env with the extra "{extra}")'
 
 
 @contextlib.contextmanager

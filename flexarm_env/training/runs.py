@@ -111,16 +111,15 @@ class Training:
         "seed of all random numbers; larger seeds are reserved for evaluation", 0, minimum=0, maximum=MOST_SEED
     )
     n_timesteps: int | None = integer(
-        "total environment steps, rounded to whole rollouts; default the config's; with --resume a run is extended to "
-        "this number, even a finished one", None, minimum=1, optional=True,
+        "total number of environment steps, rounded to whole rollouts; default: the number in the config; with "
+        "--resume, the new total of the run, even if it is finished", None, minimum=1, optional=True,
     )  # fmt: skip
     out: Path | None = None
     resume: bool = False
     evaluate_every: int = integer("environment steps from one evaluation to the next", 32_768, minimum=1)
     eval_episodes: int = integer("episodes per evaluation", 100, minimum=1)
     best_by: str = choice(
-        ("settling", "return"), "criterion of the best policy: settles soonest, with success, or largest return",
-        "settling",
+        ("settling", "return"), "criterion of the best policy: shortest settling time, or largest return", "settling",
     )  # fmt: skip
     solved_at: float = number("success rate at which the task counts as solved", "", 0.95, maximum=1.0)
     stop_when_solved: bool = switch("end the run when the task is solved", False)
