@@ -1,4 +1,4 @@
-"""Arguments and help texts of `flexarm`. The module imports no modules that take long to import."""
+"""Arguments and help texts of `flexarm`. This module imports only modules that are fast to import."""
 
 import argparse
 import importlib

@@ -69,7 +69,7 @@ exit code: 0 done, 1 some task could not be evaluated (see standard error), 2 wr
 
 
 def run(name: str, words: Sequence[str]) -> int:
-    """Run `flexarm bench NAME`; returns the exit code."""
+    """Run `flexarm bench suite` or `flexarm bench page`; return the exit code."""
     return _suite(words) if name == "suite" else _page(words)
 
 
