@@ -126,7 +126,7 @@ class Motor:
         """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
         validate(self, "motor")
         if self.resistance is None and (self.voltage_limit is not None or self.back_emf is not None):
-            raise check.MissingKey("motor.resistance", "a voltage says nothing about the current without it (ohm)")
+            raise check.MissingKey("motor.resistance", "a voltage does not determine the current without it (ohm)")
 
 
 FRICTION_SIDES = ("motor", "link")
@@ -139,7 +139,7 @@ def _stiffness(path: str, value: object) -> float:
     try:
         return check.number(path, value, "N m/rad", above=0.0)
     except check.InvalidValue as error:
-        what = "must be a positive number (N m/rad), or inf for a gear that does not give"
+        what = "must be a positive number (N m/rad), or inf for a rigid gear"
         raise check.InvalidValue(path, error.value, what) from None
 
 
@@ -185,10 +185,10 @@ class Joint:
         validate(self)
         # a rigid gear has neither damping nor backlash
         if self.damping > 0.0 and not self.elastic:
-            what = "must be 0 where the stiffness is infinite: the gear's two sides turn as one"
+            what = "must be 0 where the stiffness is infinite: a rigid gear has no damping"
             raise check.InvalidValue("damping", self.damping, what)
         if self.backlash > 0.0 and not self.elastic:
-            what = "must be 0 where the stiffness is infinite: flanks that do not give would meet in blows"
+            what = "must be 0 where the stiffness is infinite: backlash requires an elastic gear"
             raise check.InvalidValue("backlash", self.backlash, what)
         if self.motor is not None:
             check.instance("motor", self.motor, Motor)
@@ -390,7 +390,7 @@ def _torque_limits(value: object, n: int) -> tuple[float, ...] | None:
     """Validate N positive torque limits, N m, or None."""
     if value is None:
         return None
-    return check.numbers("torque_limits", value, f"{n} positive numbers (N m), one a joint", n, "N m", above=0.0)
+    return check.numbers("torque_limits", value, f"{n} positive numbers (N m), one per joint", n, "N m", above=0.0)
 
 
 def _joint_limits(value: object, n: int) -> tuple[JointRange | None, ...] | None:
@@ -398,7 +398,7 @@ def _joint_limits(value: object, n: int) -> tuple[JointRange | None, ...] | None
     if value is None:
         return None
     ranges: list[JointRange | None] = []
-    for i, entry in enumerate(check.sequence("joint_limits", value, f"{n} entries, one a joint", n)):
+    for i, entry in enumerate(check.sequence("joint_limits", value, f"{n} entries, one per joint", n)):
         # TOML has no null: an empty list means no limit
         if entry is None or (isinstance(entry, list | tuple) and not entry):
             ranges.append(None)

@@ -113,7 +113,7 @@ def relax(simulation: Any) -> Array:
             h = min(h * (4.0 if move < 0.1 else 1.5), LONG)
         for rate in rates:
             rate[:] = 0.0
-    raise NoEquilibrium(f"no rest was found for the scene to start from: {_reason(simulation, last)}")
+    raise NoEquilibrium(f"no equilibrium was found for the start of the scene: {_reason(simulation, last)}")
 
 
 def _reason(simulation: Any, last: float) -> str:
@@ -138,7 +138,7 @@ def out_of_range(model: Any, share: str = "") -> str:
     share: text with the smallest fraction of the loads at which the arm exceeds the range, or "".
     """
     bound = float(getattr(model, "bound", 0.0))
-    why = "beyond the range of the reduction to modes" if bound else "larger than a floating body can have"
+    why = "beyond the valid range of the reduction to modes" if bound else "larger than a floating body can have"
     instead = "take more segments (no modes), or formulation='geometrically_exact'"
     return f"the arm would deflect {why} at rest{share}; {instead}"
 

@@ -185,7 +185,7 @@ class StrainGauge(Law):
         super().__post_init__()
         # bending strains have a default distance, shear strains of torsion have none
         if self.distance is None and self.unit == "strain" and self.measures == "torsion":
-            raise check.InvalidValue("distance", None, "must be given (m) for the shear strain that torsion makes")
+            raise check.InvalidValue("distance", None, "must be given (m) for the shear strain of torsion")
 
     @property
     def spot(self) -> tuple[int, float, str]:
@@ -211,7 +211,7 @@ class StrainGauge(Law):
 def surface(m: float, J: float) -> float:
     """Return half the thickness, m, of a rectangle with mass m (kg/m) and rotary inertia J (kg m) per length."""
     if J <= 0.0:
-        raise check.InvalidValue("distance", None, "must be given (m) where the section's J = 0 tells no thickness")
+        raise check.InvalidValue("distance", None, "must be given (m): the section's J = 0 defines no thickness")
     # J = m h^2 / 12, hence h / 2 = sqrt(3 J / m)
     return math.sqrt(3.0 * J / m)
 
@@ -345,13 +345,13 @@ class Sensors:
             if getattr(self, name) is not None:
                 raise check.InvalidValue(name, getattr(self, name), "must be left out: no contact forces are recorded")
         if (own := self.gyroscope) is not None and not axes.turns:
-            raise check.InvalidValue("gyroscope", own, "must be left out: there are gyroscopes in space alone")
+            raise check.InvalidValue("gyroscope", own, "must be left out: only arms in space have a gyroscope")
         if len(self.encoders) not in (0, 1, len(links)):
             raise check.InvalidValue("encoders", f"{len(self.encoders)} encoders", f"must be one, or {len(links)}")
         for i, gauge in enumerate(self.strain_gauges):
             check.integer(f"strain_gauges[{i}].link", gauge.link, minimum=0, maximum=len(links) - 1)
             if links[gauge.link].rigid:
-                what = "must be a link that bends: this one is rigid"
+                what = "must be a flexible link: this one is rigid"
                 raise check.InvalidValue(f"strain_gauges[{i}].link", gauge.link, what)
             if gauge.measures not in axes.measures:
                 raise check.InvalidValue(f"strain_gauges[{i}].measures", gauge.measures, 'must be "xy" in the plane')

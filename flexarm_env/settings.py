@@ -214,7 +214,7 @@ class Settings:
         # Newton's tolerance must not exceed the permitted error
         allowed = own["step_tolerance"]("step_tolerance", self.step_tolerance)
         if allowed is not None and allowed < self.tolerance:
-            what = f"must be at least tolerance = {self.tolerance:g}, to which Newton solves each step"
+            what = f"must be at least tolerance = {self.tolerance:g}, the tolerance of the Newton iteration"
             raise check.InvalidValue("step_tolerance", allowed, what)
         check.store(self, step_tolerance=allowed)
         self._check_integrator()
@@ -223,7 +223,7 @@ class Settings:
         """Check the combinations of the floating frame: chord with multipliers, elements per segment."""
         # the multiplier form has frames at the roots only
         if self.frame == "chord" and self.multipliers:
-            raise check.InvalidValue("frame", self.frame, "must be 'root' with multipliers, as the paper has it")
+            raise check.InvalidValue("frame", self.frame, "must be 'root' with multipliers")
         if (self.elements or 1) > MOST_IN_SEGMENT:
             what = f"must be at most {MOST_IN_SEGMENT} a segment: take more segments, whose cost grows in proportion"
             raise check.InvalidValue("elements", self.elements, what)

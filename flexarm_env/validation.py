@@ -162,7 +162,7 @@ def solvable(arm: str) -> Iterator[None]:
     try:
         yield
     except np.linalg.LinAlgError:
-        what = "masses, inertias, lengths and stiffnesses must lie nearer together for double precision"
+        what = "masses, inertias, lengths and stiffnesses must differ by fewer orders of magnitude in double precision"
         raise InvalidValue("arm", arm, what) from None
 
 

@@ -137,7 +137,7 @@ class Training:
         """
         own = self._resumed(kept, algorithm) if self.resume else self
         if not isinstance(own.seed, int) or not 0 <= own.seed <= MOST_SEED:
-            what = f"must be from 0 to {MOST_SEED}; those from {FIRST} on are for judging"
+            what = f"must be from 0 to {MOST_SEED}; seeds from {FIRST} on are reserved for evaluation"
             raise ValueError(f"--seed {own.seed}: {what}")
         for name, rule in rules(type(own)).items():
             rule(f"--{name.replace('_', '-')}", getattr(own, name))
@@ -163,7 +163,7 @@ class Training:
             if self.n_timesteps <= done:
                 raise ValueError(f"--n-timesteps {self.n_timesteps}: must be more than the {done} steps of {folder}")
             if not checkpoints(folder):
-                raise ValueError(f"{begun} and kept no checkpoint, so that it cannot be extended")
+                raise ValueError(f"{begun} and has no checkpoint, so that it cannot be extended")
         for name, given in check.changed(self).items():
             own = name in values and name not in ("out", "resume", "n_timesteps", "config", "set", *kept)
             if own and given != {} and str(given) != str(values[name]):
@@ -216,7 +216,7 @@ def read_run(run: Path) -> dict[str, Any]:
     record = read_json(run / "run.json")
     for key in ("algorithm", "env_id", "env_kwargs", "layout"):
         if not isinstance(record, dict) or key not in record:
-            raise ValueError(f"{run / 'run.json'}: damaged, it does not say {key}")
+            raise ValueError(f"{run / 'run.json'}: damaged: it lacks {key}")
     check.table_of(f"{run / 'run.json'}: env_kwargs", record["env_kwargs"])
     return dict(record)
 
