@@ -1,5 +1,6 @@
 """Parts of the error estimate of `accuracy` that differ in the plane and in space, and errors of a run in space that
-coarser meshes and longer steps do not show, with the runs that show them."""
+coarser meshes and longer steps do not show, with the runs that show them.
+"""
 
 import math
 from collections.abc import Callable
@@ -66,7 +67,8 @@ def witness(scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Set
 
     The distance from this run is an error that a comparison with a coarser mesh does not show.
 
-    Frames along chords have an error of the order of the squared shear angle, on any mesh. The elastica formulation
+    Floating frames whose x axis is the chord of a segment cause an error of the order of the squared shear angle, which
+    no mesh reduces. The elastica formulation
     neglects shear deformation. A link under an axial force N bends within a distance of about sqrt(EI/N) from its ends.
     If the elements are several times longer than this distance, meshes with one and with two elements have the same
     error.

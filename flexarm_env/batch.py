@@ -1,8 +1,9 @@
-"""Many arms of one kind; one compiled call advances all arms by a control period. A single arm is a batch of one.
+"""Batches of arms that one compiled call advances by a control period. A single environment has a batch of one arm.
 
-The arms have one Model and one task in common. Each arm has its own payload, stiffness, damping and torque constant.
-Arms are stored in groups of lanes, and the groups are distributed among threads. An arm's results depend neither on its
-group nor on the number of threads."""
+All arms of a batch have the same model and task. Each arm has its own payload, stiffness, damping and torque constant.
+Arms are stored in groups, one arm per SIMD lane, and the groups are distributed among threads. The results of an arm
+depend neither on its group nor on the number of threads.
+"""
 
 from __future__ import annotations
 
@@ -101,16 +102,16 @@ def gauge_table(
 
 
 class Batch:
-    """n arms with a task, stored in groups of lanes.
+    """n arms with a task.
 
     Args:
         arm: the arm. settings: solver settings with dt. gravity: acceleration of gravity, m/s^2. n: number of arms.
         task: constants of the task, a `tasks.task.Task`. starts: ranges from which starts of episodes are drawn.
-        period: control period, s, a multiple of settings.dt. account: whether to record energies, work and dissipation.
+        period: control period, s, a multiple of settings.dt. account: True to record energies, work and dissipation.
         threads: largest number of threads; None selects the fastest number by timing (`compiler.pace`).
         extras: controllers, motors, sensors, moving targets. contacts: the arms' contacts.
-        left: tip error due to mesh and step, divided by the arm's length; inf if unknown. starting: whether to compile
-            the starts of episodes.
+        left: tip error due to mesh and step, divided by the arm's length; inf if unknown. starting: True to compile the
+            starts of episodes.
     Attributes:
         action (n, A) float32: input of `step`. observation (n, O) float32, reward (n,), terminated, truncated (n,):
             results of the last step or start. table: entries of info, one row each, one column per arm (and spare
@@ -221,9 +222,10 @@ class Batch:
     @property
     def estimate(self) -> float:
         """Estimated error of the tip, divided by the arm's length, due to mesh, step, and the elastica's neglect of
-        stretch and shear. The error due to neglected stretch and shear is a linear estimate, which is too small for
-        links that whip round (theory, section 5). An unknown error is inf, since nan would differ from itself in checks
-        of determinism."""
+        stretch and shear; inf if unknown. The error due to neglected stretch and shear is a linear estimate, which is
+        too small in fast whip-like motions (docs/theory.md, section 5). (inf, because nan would differ from itself in
+        checks of determinism.)
+        """
         return self.left + self.system.notes.get("stretch_and_shear", 0.0)
 
     @property
@@ -251,7 +253,7 @@ class Batch:
         return self._mine(self.layout.poses, end, i).reshape(self.arm.n_links, -1).copy()
 
     def joints(self, i: int) -> tuple[Array, Array]:
-        """Return arm i's joint angles (N,), rad, and rates (N,), rad/s; a floating hub's angle is from the x axis."""
+        """Return arm i's joint angles (N,), rad, and rates (N,), rad/s; on a floating base the hub's are absolute."""
         return self.reading.joints(self.poses(i))
 
     # --- motion ----------------------------------------------------------------------------------
@@ -280,8 +282,9 @@ class Batch:
         return mine(work.q[0], rows), mine(work.v[0], rows), mine(torques, self.arm.n_links), par
 
     def set_starts(self, starts: Starts) -> None:
-        """Set the ranges from which the starts of later episodes are drawn; running episodes continue. The call
-        compiles another program if the new ranges require it."""
+        """Set the ranges of initial states of later episodes; running episodes continue. The call compiles another
+        program if the new ranges require it.
+        """
         anew = (starts.attainable is None) != (self.starts.attainable is None)
         self.starts, self._alone = starts, self._beside()
         if anew:
@@ -293,16 +296,15 @@ class Batch:
             getattr(self.program.ranges, name)[...] = getattr(ranges, name)
 
     def ask(self, angles: Array, target: Array, vibration: Array) -> None:
-        """Set the next episode's start: joint angles (N,), rad, target (2,), vibration (1,) or (3,). A NaN means that
-        the number is drawn at random. In space the target is given as joint angles (N,) with which the arm reaches the
-        target.
+        """Request a start of the next episode: joint angles (N,), rad, target (2,), vibration (1,) or (3,). NaN stands
+        for a random number. In space the target is given by joint angles (N,) at which the arm reaches it.
         """
         asked = {"angles": angles, "target": np.full(2, np.nan), "goals": np.zeros(0)}
         asked |= {"vibration": np.resize(vibration, 3), self.task.given: target}
         self.request[:] = REQUEST.pack({"joints": self.arm.n_links, "goals": len(asked["goals"])}, **asked)
 
     def start(self, arms: Sequence[int], keys: Sequence[int], *, limit: int, mode: int = RUNNING) -> None:
-        """Start episodes of `arms` with at most `limit` periods. keys: 64 random bits per arm for draws and noise."""
+        """Start episodes of `arms` with at most `limit` periods. keys: 64 random bits per arm, the generator's seed."""
         lanes, at = len(self.lane), self.layout.record + PERIODS_ALLOWED * len(self.lane)
         self.queue[: len(arms)] = chosen = np.asarray(arms, np.int64)
         self.stream[chosen] = np.asarray(keys, np.uint64)
@@ -311,12 +313,13 @@ class Batch:
         self._start(self.address, mode, len(arms))
 
     def sections(self, i: int) -> Array:
-        """Return views of poses, record, action, observation and info of arm i. An arm that follows motions has views
-        of its own (`envs.motion.Guide`)."""
+        """Return views of poses, record, action, observation and info of arm i; for an arm with prescribed motions,
+        views of its own memory (`envs.motion.Guide`).
+        """
         return self._mine(self.layout.poses, self.layout.saved, i)
 
     def step(self) -> int:
-        """Advance all arms by a control period; return the number of arms that ended or that follow motions."""
+        """Advance all arms by a control period; return the number of arms that ended or have prescribed motions."""
         # several threads share the groups; lanes whose Newton iteration failed are repeated
         if self._native:
             count = self._team.run(self.compiled_step, self._native, self.address, self.groups)
@@ -328,8 +331,8 @@ class Batch:
         return int(count)
 
     def renew(self, keep: bool = True) -> None:
-        """Give later steps a new table for info; arrays that the caller has from the present table stay unchanged.
-        keep: whether the present entries are copied; if False, the next step must write all entries.
+        """Create a new table of info for later steps, so that the caller's views of the present table do not change.
+        keep: True to copy the present entries; if False, the next step must write all entries.
         """
         sheets = self._sheets
         if not sheets[1].is_free():
@@ -391,7 +394,7 @@ class Batch:
 
     @property
     def started(self) -> bool:
-        """Whether every arm has started an episode."""
+        """True if every arm has started an episode."""
         at = self.layout.record + PERIODS_ALLOWED * len(self.lane)
         return bool((self.block[:, at : at + len(self.lane)].ravel()[: self.n] > 0.0).all())
 

@@ -42,9 +42,8 @@ def checked(value: object, length: float) -> Curvature:
 def check_places(key: str, places: list[float], length: float) -> float:
     """Check places along a link (m) and return its length.
 
-    Places must ascend from 0 to the length; two equal places mark a jump.
-
-    The last place is set to the exact length. key: key path for error messages, with {} in place of the index.
+    Places must increase from 0 to the length; two equal places define a jump. The last place is set to the exact
+    length. key: key path for error messages, with {} in place of the index.
     """
     if places[0] != 0.0:
         raise check.InvalidValue(key.format(0), places[0], "must be 0, the link's root")
@@ -62,9 +61,10 @@ def check_places(key: str, places: list[float], length: float) -> float:
 
 
 def between(places: Array, s: Array, before: bool) -> tuple[NDArray[np.int64], Array]:
-    """Return the index of the last point at or before each place s, and the fraction of the way to the next point.
+    """Return the interval between points in which each place s lies, and the relative position of s in it, 0 to 1.
 
-    At a jump the function uses the interval after the jump, or the interval before the jump if `before` is True.
+    The interval is given by the index of its first point. At a jump it is the interval after the jump, or before the
+    jump if `before` is True.
     """
     i = np.clip(np.searchsorted(places, s, side="left" if before else "right") - 1, 0, len(places) - 2)
     return i, np.clip((s - places[i]) / (places[i + 1] - places[i]), 0.0, 1.0)

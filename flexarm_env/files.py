@@ -230,7 +230,7 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
     # reject code points above Unicode's range, and surrogates, which cannot be encoded
     if dtype.kind == "U":
         if (np.frombuffer(data, f"{dtype.byteorder}u4") > MOST_CODE).any():
-            raise ValueError(f"{info.filename} holds what is no character")  # Python would make a broken text of it
+            raise ValueError(f"{info.filename} contains an invalid character")  # Python would make a broken text of it
         # raises for surrogates
         "".join(values.ravel().tolist()).encode()
     return values.astype(dtype.newbyteorder("="))

@@ -1,4 +1,4 @@
-"""Layouts of flat arrays: one declaration defines the packing in NumPy and the offsets in kernels.
+"""Layouts of flat arrays: a declaration defines how NumPy packs fields, and at which offsets kernels find them.
 
     ELEMENT = Layout("Element", "", Field("EA", (), "N/m", "EA / l"), Field("G", (4, 4), "1/m", "of eq. [45]"))
     BODY = Layout(

@@ -1,15 +1,15 @@
-"""Division of a link into cells (elements, segments, node intervals) that follow jumps and kinks of its section.
+"""Division of a link into cells (elements, segments, node intervals) that end at jumps and kinks of its section.
 
-A smooth piece of a link lies between two neighboring places at which its section jumps or kinks, or its curvature
-jumps. If a link is one smooth piece, its cells are equal. If a link has jumps or kinks, cells end there, and their size
-follows the density
+A "piece" of a link is the part between two neighboring positions at which its section jumps or kinks, or its curvature
+jumps. The cells of a link with one piece have equal length. Otherwise cells end at the ends of pieces, and the number
+of cells per length is proportional to the density
 
     d(s) = EI(s)^(-1/2) / int EI^(-1/2) ds + KINKED |d ln EI / ds|                  (1/m)
 
-The integral of the first term of d(s) along the link is 1. The length l of a cell should follow both the angle M l / EI
-by which the cell bends (l ~ EI) and the length of bending waves (l ~ EI^(1/4)); the power 1/2 is a compromise. The
-second term of d(s) adds cells to a piece whose stiffness changes by a large factor, because a cell's polynomial does
-not represent its curvature M / EI.
+The first term, whose integral along the link is 1, makes cells shorter where the link is softer. Equal bending angles
+M l / EI of the cells would require lengths l ~ EI; equal resolution of bending waves would require l ~ EI^(1/4). The
+power 1/2 is a compromise. The second term adds cells where the stiffness changes by a large factor, because the
+polynomial of a cell does not represent the curvature M / EI there.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Divisible(Protocol):
 
 
 class Piece(NamedTuple):
-    """A smooth piece of a link, with the integral of the cell density over it."""
+    """Piece of a link, with the integral of the cell density over it ("weight")."""
 
     first: float  # start of the piece, m from the link's root
     last: float  # end of the piece, m from the link's root
@@ -111,7 +111,7 @@ def _pieces(link: Divisible, kinks: bool) -> tuple[Piece, ...]:
 
 
 def pieces(link: Divisible, n: int, option: str) -> tuple[Piece, ...]:
-    """Return the pieces of a link between jumps and kinks; if n cells are too few for them, between jumps alone.
+    """Return the pieces of a link; if there are more pieces than n cells, only jumps divide the link.
 
     option: name of the user's option for n. Raises ValueError, which names the option, if n is too small for the jumps.
     """
@@ -127,7 +127,7 @@ def pieces(link: Divisible, n: int, option: str) -> tuple[Piece, ...]:
 def counts(found: Sequence[Piece], n: int, most: int | None = None) -> list[int]:
     """Return the number of cells in each piece, n in total.
 
-    Each piece gets one cell; each further cell goes to the piece with the largest weight per cell.
+    Each piece has at least one cell. Each further cell is added to the piece with the largest weight per cell.
 
     most: largest number of cells in a piece; None: no limit. n must not exceed `most` times the number of pieces.
     """
@@ -149,7 +149,7 @@ def ends(link: Divisible, n: int, option: str) -> Array:
 
 
 def cells_like(link: Divisible, n: int) -> int:
-    """Return the number of cells that resolve a link with jumps and kinks as n cells resolve a uniform link."""
+    """Return the number of cells that resolve a link with jumps and kinks as well as n cells a uniform link."""
     if len(link.breaks) == 2:
         return n
     return sum(max(1, int(np.ceil(n * piece.weight - 1e-9))) for piece in _pieces(link, True))
@@ -158,16 +158,16 @@ def cells_like(link: Divisible, n: int) -> int:
 def middles(link: Divisible, n: int) -> list[float]:
     """Return the positions, m from the root, that divide each piece into halves of equal weight.
 
-    n: number of cells; it must exceed the number of jumps."""
+    n: number of cells; it must exceed the number of jumps.
+    """
     return [float(piece.ends(2)[1]) for piece in _pieces(link, n >= len(link.breaks) - 1)]
 
 
 def divides(fine: Divisible, m: int, link: Divisible, n: int) -> bool:
     """Return whether m cells divide `fine` at least as finely as n cells divide `link`.
 
-    The condition is that each piece of `fine` has at least as many cells as the piece of `link` that contains it.
-
-    fine: the same link, divided more finely: its pieces are the halves of the pieces of `link`.
+    fine: the same link with additional points, so that its pieces are the halves of the pieces of `link`. Each of its
+    pieces must have at least as many cells as the piece of `link` that contains it.
     """
     found, halves = (_pieces(one, k >= len(one.breaks) - 1) for one, k in ((link, n), (fine, m)))
     whole, own = counts(found, n), counts(halves, m)

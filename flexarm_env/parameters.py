@@ -45,7 +45,7 @@ class Elbow:
     inertia_right: Inertia = bodies.inertia_field("inertia at the root of the link after the joint, in its axes")
     axis: Vector = bodies.axis_field("joint axis, a unit vector in the axes of the link after the joint")
     mount: Any = bodies.mount_field("rotation at a joint angle of 0")
-    radius: float = number("radius of the sphere that touches obstacles; 0: a point", "m", 0.0, minimum=0.0)
+    radius: float = number("radius of a sphere at the joint that touches obstacles; 0: a point", "m", 0.0, minimum=0.0)
 
     def __post_init__(self) -> None:
         """Validate the fields and convert them to plain numbers; an `InvalidValue` names the invalid field."""
@@ -111,13 +111,13 @@ class Motor:
     Torque (N m) and rate (rad/s) are those of the motor's shaft, on the input side of the gear.
     """
 
-    torque_constant: float = number("torque over current", "N m/A", above=0.0)
+    torque_constant: float = number("torque divided by current", "N m/A", above=0.0)
     resistance: float | None = number(
         "resistance of the winding; None: unknown, without voltage commands", "ohm", None, above=0.0, optional=True
     )
     back_emf: float | None = number(
-        "voltage over rate; None: equal to the torque constant, as in SI units", "V s/rad", None, minimum=0.0,
-        optional=True,
+        "voltage divided by rate; None: the torque constant, which has the same value in SI units", "V s/rad", None,
+        minimum=0.0, optional=True,
     )  # fmt: skip
     current_limit: float | None = number("largest current", "A", None, above=0.0, optional=True)
     voltage_limit: float | None = number("largest voltage; requires a resistance", "V", None, above=0.0, optional=True)
@@ -126,7 +126,7 @@ class Motor:
         """Validate the fields and convert them to plain numbers; an `InvalidValue` names the field."""
         validate(self, "motor")
         if self.resistance is None and (self.voltage_limit is not None or self.back_emf is not None):
-            raise check.MissingKey("motor.resistance", "a voltage says nothing about the current without it (ohm)")
+            raise check.MissingKey("motor.resistance", "a voltage does not determine the current without it (ohm)")
 
 
 FRICTION_SIDES = ("motor", "link")
@@ -139,7 +139,7 @@ def _stiffness(path: str, value: object) -> float:
     try:
         return check.number(path, value, "N m/rad", above=0.0)
     except check.InvalidValue as error:
-        what = "must be a positive number (N m/rad), or inf for a gear that does not give"
+        what = "must be a positive number (N m/rad), or inf for a rigid gear"
         raise check.InvalidValue(path, error.value, what) from None
 
 
@@ -162,7 +162,7 @@ class Joint:
 
     stiffness: float = value(
         _stiffness, {"type": "number", "exclusiveMinimum": 0.0},
-        "stiffness of the gear; inf: rigid, without the motor's coordinate", "N m/rad", math.inf,
+        "stiffness of the gear; inf: a rigid gear", "N m/rad", math.inf,
     )  # fmt: skip
     damping: float = number(
         "damping of the gear, in parallel with the spring; 0 for a rigid gear", "N m s/rad", 0.0, minimum=0.0
@@ -171,11 +171,11 @@ class Joint:
     gear_ratio: float = number("turns of the rotor per turn of the joint", "", 1.0, above=0.0, maximum=1e9)
     friction_viscous: float = number("viscous friction", "N m s/rad", 0.0, minimum=0.0)
     friction_coulomb: float = number(
-        "torque that holds the joint at rest and brakes it in motion", "N m", 0.0, minimum=0.0
+        "Coulomb friction torque", "N m", 0.0, minimum=0.0
     )
     backlash: float = number(
-        "total play of an elastic gear at its output; the spring engages after half of the play to either side, the "
-        "damping also acts in the gap", "rad", 0.0, minimum=0.0,
+        "total backlash of an elastic gear on its output side; the spring acts only beyond half of it to either side, "
+        "the damping always", "rad", 0.0, minimum=0.0,
     )  # fmt: skip
     motor: Motor | None = None
     friction_side: str = choice(FRICTION_SIDES, "side of an elastic gear on which the friction acts", "motor")
@@ -185,10 +185,10 @@ class Joint:
         validate(self)
         # a rigid gear has neither damping nor backlash
         if self.damping > 0.0 and not self.elastic:
-            what = "must be 0 where the stiffness is infinite: the gear's two sides turn as one"
+            what = "must be 0 where the stiffness is infinite: a rigid gear has no damping"
             raise check.InvalidValue("damping", self.damping, what)
         if self.backlash > 0.0 and not self.elastic:
-            what = "must be 0 where the stiffness is infinite: flanks that do not give would meet in blows"
+            what = "must be 0 where the stiffness is infinite: backlash requires an elastic gear"
             raise check.InvalidValue("backlash", self.backlash, what)
         if self.motor is not None:
             check.instance("motor", self.motor, Motor)
@@ -259,8 +259,8 @@ class Arm:
     hub_inertia: Inertia = bodies.inertia_field("inertia at the root of link 0, in its axes")
     elbows: tuple[Elbow, ...] = ()
     payload: Payload = field(default_factory=Payload)
-    tau_d: float = number("Kelvin-Voigt time constant of links without their own", "s", 0.0, minimum=0.0)
-    mass_damping: float = number("drag relative to the links' floating frames", "1/s", 0.0, minimum=0.0)
+    tau_d: float = number("Kelvin-Voigt time constant of links that have none of their own", "s", 0.0, minimum=0.0)
+    mass_damping: float = number("damping force per mass and velocity in the floating frame", "1/s", 0.0, minimum=0.0)
     torque_limits: tuple[float, ...] | None = None
     joint_limits: tuple[JointRange | None, ...] | None = None
     source: str = ""
@@ -390,7 +390,7 @@ def _torque_limits(value: object, n: int) -> tuple[float, ...] | None:
     """Validate N positive torque limits, N m, or None."""
     if value is None:
         return None
-    return check.numbers("torque_limits", value, f"{n} positive numbers (N m), one a joint", n, "N m", above=0.0)
+    return check.numbers("torque_limits", value, f"{n} positive numbers (N m), one per joint", n, "N m", above=0.0)
 
 
 def _joint_limits(value: object, n: int) -> tuple[JointRange | None, ...] | None:
@@ -398,7 +398,7 @@ def _joint_limits(value: object, n: int) -> tuple[JointRange | None, ...] | None
     if value is None:
         return None
     ranges: list[JointRange | None] = []
-    for i, entry in enumerate(check.sequence("joint_limits", value, f"{n} entries, one a joint", n)):
+    for i, entry in enumerate(check.sequence("joint_limits", value, f"{n} entries, one per joint", n)):
         # TOML has no null: an empty list means no limit
         if entry is None or (isinstance(entry, list | tuple) and not entry):
             ranges.append(None)

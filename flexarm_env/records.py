@@ -1,4 +1,4 @@
-"""Declarations of the fields of frozen dataclasses: type, unit, bounds and one sentence of documentation.
+"""Declare the fields of frozen dataclasses with type, unit, bounds and a description.
 
     @described
     @dataclass(frozen=True)
@@ -10,10 +10,9 @@
         def __post_init__(self) -> None:
             validate(self)
 
-The declarations of the fields define their validation (`validate`, with the messages of `validation`), reading from
-TOML (`made`), the arguments in the docstring (`described`), rows of tables in the documentation (`rows`), command-line
-flags with their help (`add_flags`) and a JSON schema (`schema`). Rules that relate several fields remain code in
-`__post_init__`.
+The declarations determine validation (`validate`), reading from TOML (`made`), the arguments in the class's docstring
+(`described`), rows of tables in the documentation (`rows`), command-line flags with help texts (`add_flags`) and a JSON
+schema (`schema`). Rules that relate several fields are code in `__post_init__`.
 """
 
 import argparse
@@ -35,12 +34,12 @@ RULE = "rule"
 
 @dataclass(frozen=True)
 class Rule:
-    """Rule that the values of a dataclass field must satisfy, with the field's documentation.
+    """Rule for the values of a dataclass field, with the field's description.
 
     Attributes:
-        text: one sentence of documentation, without unit and bounds. unit: SI unit, or "" for a number without unit.
-        check: function of key path and value that returns the value to store, or raises `InvalidValue`. json: JSON
-            schema of the value. optional: True if the value None is permitted.
+        text: description, without unit and bounds. unit: SI unit, or "" for a number without unit. check: function of
+            key path and value that returns the value to store, or raises `InvalidValue`. json: JSON schema of the
+            value. optional: True if the value None is permitted.
     """
 
     text: str
@@ -94,7 +93,7 @@ def switch(text: str, default: Any = MISSING, *, optional: bool = False) -> Any:
 
 
 def words(text: str, default: Any = MISSING, *, empty: bool = True) -> Any:
-    """Declare a field with a text. empty: whether the empty text is permitted."""
+    """Declare a field with a text. empty: True if the empty text is permitted."""
     json = {"type": "string"} if empty else {"type": "string", "minLength": 1}
     return value(partial(check.text, empty=empty), json, text, "", default)
 
@@ -144,9 +143,9 @@ def _required(kind: Any) -> list[str]:
 
 # ------------------------------------------------------------------ documentation
 def described(kind: type[T]) -> type[T]:
-    """Append the fields with sentence, unit and bounds to the docstring of a class, as its arguments.
+    """Append the declared fields, with description, unit and bounds, to the arguments in the docstring of a class.
 
-    The descriptions of arguments that the docstring already contains come first and replace the fields' sentences.
+    A description in the docstring replaces that of the field.
     """
     text = inspect.cleandoc(kind.__doc__ or "")
     lines = [] if "\nArgs:\n" in text else ["", "Args:"]
@@ -170,7 +169,7 @@ def _bounds(rule: Rule) -> list[str]:
 
 
 def rows(kind: Any) -> list[tuple[str, str, str, str]]:
-    """Return a row for each field with a rule: name, default, unit and bounds, sentence."""
+    """Return a row for each field with a rule: name, default, unit and bounds, description."""
     found, required = [], _required(kind)
     defaults = {one.name: one.default for one in dataclasses.fields(kind)}
     for name, rule in rules(kind).items():
@@ -209,7 +208,7 @@ def flags(kind: Any) -> list[Flag]:
 def add_flags(parser: Any, kind: Any) -> None:
     """Add the `flags` of a record to an argparse parser or group; a flag that is not given is None.
 
-    Values are validated when the record is made, with its messages.
+    Values are validated when the record is created.
     """
     for name, parsed, metavar, text in flags(kind):
         flag, text = f"--{name.replace('_', '-')}", text.replace("%", "%%")
@@ -247,9 +246,10 @@ def _by_type(words: str) -> Schema:
 
 
 def by_key(cases: Mapping[str, Schema], otherwise: Schema) -> Schema:
-    """Return the schema of a table whose kind follows from a key: the first of `cases` that the table has.
+    """Return the schema of a table whose form depends on its keys.
 
-    Because of the cases, a validator reports the error within a table, and not only that no kind of table matches.
+    The first key of `cases` that the table has selects a schema. A validator then reports an error within a table, and
+    not only that no schema matches.
     """
     found = otherwise
     for key, one in reversed(list(cases.items())):

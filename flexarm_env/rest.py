@@ -1,7 +1,8 @@
 """Static equilibrium of scenes that start at rest under their loads, by pseudo-transient continuation.
 
-Each integrator step begins without velocity: M c (q - q_before) + f(q) = 0, where c decreases as the step grows. The
-first steps are short and reduce the energy. The last steps are long and equal Newton's iteration for f = 0.
+Each step of the time integration begins with zero velocity and solves M c (q - q_0) + f(q) = 0 with the coordinates q_0
+before the step; c decreases as the step becomes longer. The first steps are short and reduce the energy. The last steps
+are long and equal Newton steps for f = 0.
 """
 
 from dataclasses import replace
@@ -35,10 +36,10 @@ class NoEquilibrium(RuntimeError):
 
 
 def resting(scene: Scene) -> Scene:
-    """Return the scene with all loads and motions constant, at the values that they have at t = 0.
+    """Return the scene with all loads and motions constant at their values for t = 0.
 
-    With start="held" the scene's joints are fixed, too. If a joint has an elastic gear, the motor is fixed instead of
-    the joint. Torques on the fixed joints are removed.
+    If the scene has start="held", its joints (with elastic gears, its motors) are fixed, and torques on them are
+    removed.
     """
     names = [motion.coordinate for motion in scene.motions]
     held = []
@@ -112,7 +113,7 @@ def relax(simulation: Any) -> Array:
             h = min(h * (4.0 if move < 0.1 else 1.5), LONG)
         for rate in rates:
             rate[:] = 0.0
-    raise NoEquilibrium(f"no rest was found for the scene to start from: {_reason(simulation, last)}")
+    raise NoEquilibrium(f"no equilibrium was found for the start of the scene: {_reason(simulation, last)}")
 
 
 def _reason(simulation: Any, last: float) -> str:
@@ -134,17 +135,18 @@ def _reason(simulation: Any, last: float) -> str:
 def out_of_range(model: Any, share: str = "") -> str:
     """Return the error message for an arm whose deflection at rest exceeds the range of its formulation.
 
-    share: text with the smallest fraction of the loads at which the arm exceeds the range, or ""."""
+    share: text with the smallest fraction of the loads at which the arm exceeds the range, or "".
+    """
     bound = float(getattr(model, "bound", 0.0))
-    why = "beyond the range of the reduction to modes" if bound else "larger than a floating body can have"
+    why = "beyond the valid range of the reduction to modes" if bound else "larger than a floating body can have"
     instead = "take more segments (no modes), or formulation='geometrically_exact'"
     return f"the arm would deflect {why} at rest{share}; {instead}"
 
 
 def rested(system: Any, scene: Scene, settings: Settings, kind: Any) -> Any:
-    """Return the scene's System with initial coordinates q0 at equilibrium, or unchanged for start="unloaded".
+    """Return the scene's System with initial coordinates at equilibrium, or unchanged for start="unloaded".
 
-    kind: the class Simulation. Coordinates that the resting scene lacks, such as Lagrange multipliers, start at 0.
+    kind: the class Simulation. Coordinates that the scene of `resting` lacks, such as Lagrange multipliers, start at 0.
     """
     if scene.start == "unloaded":
         return system

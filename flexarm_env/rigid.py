@@ -279,7 +279,7 @@ def _joints(path: str, arm: Arm, angles: Array) -> Array:
     """Validate the shape (n, N) of joint angles."""
     angles = np.asarray(angles, np.float64)
     if angles.ndim != 2 or angles.shape[1] != arm.n_links:
-        raise check.InvalidValue(f"shape of {path}", angles.shape, f"must be (n, {arm.n_links}): one a joint")
+        raise check.InvalidValue(f"shape of {path}", angles.shape, f"must be (n, {arm.n_links}): one per joint")
     return angles
 
 

@@ -70,11 +70,12 @@ class Law:
     """
 
     gain: float | Range = value(
-        _constant_or_range, _RANGE, "gain, or (low, high), from which it is drawn uniformly for each episode", "", 1.0
-    )
+        _constant_or_range, _RANGE,
+        "gain, or a range (low, high) from which the gain is drawn uniformly for each episode", "", 1.0,
+    )  # fmt: skip
     bias: float | Range = value(
-        _constant_or_range, _RANGE, "drawn uniformly for each episode: from -b to b for a number b, or from "
-        "(low, high), which may be equal", "", 0.0,
+        _constant_or_range, _RANGE, "range (low, high) from which the bias is drawn uniformly for each episode; a "
+        "number b means (-b, b)", "", 0.0,
     )  # fmt: skip
     noise: float = number("standard deviation of each reading", "", 0.0, minimum=0.0, maximum=LARGEST)
     low_pass: LowPass | None = None
@@ -135,8 +136,8 @@ class Encoder(Law):
         "counts per turn of the encoder's shaft; None: no rounding, or that of `quantum`", None, minimum=1,
         maximum=10**9, optional=True,
     )  # fmt: skip
-    side: str = choice(SIDES, "measured angle", "link")
-    rate_frequency: float = number("low-pass of the rate", "Hz", RATE_FREQUENCY, above=0.0)
+    side: str = choice(SIDES, "side of the gear whose angle is measured", "link")
+    rate_frequency: float = number("corner frequency of the rate's low-pass filter", "Hz", RATE_FREQUENCY, above=0.0)
 
     def __post_init__(self) -> None:
         """Validate the fields; counts and quantum exclude each other."""
@@ -172,7 +173,7 @@ class StrainGauge(Law):
 
     link: int = integer("number of the link, from 0", 0, minimum=0)
     place: float = number("position along the link, from 0 (root) to 1 (tip)", "", 0.0, minimum=0.0, maximum=1.0)
-    unit: str = choice(UNITS, "kind of reading", "curvature")
+    unit: str = choice(UNITS, "measured quantity", "curvature")
     distance: float | None = number(
         "distance of the gauge from the neutral axis; required for the shear strain of torsion", "m", None, above=0.0,
         optional=True,
@@ -184,7 +185,7 @@ class StrainGauge(Law):
         super().__post_init__()
         # bending strains have a default distance, shear strains of torsion have none
         if self.distance is None and self.unit == "strain" and self.measures == "torsion":
-            raise check.InvalidValue("distance", None, "must be given (m) for the shear strain that torsion makes")
+            raise check.InvalidValue("distance", None, "must be given (m) for the shear strain of torsion")
 
     @property
     def spot(self) -> tuple[int, float, str]:
@@ -210,7 +211,7 @@ class StrainGauge(Law):
 def surface(m: float, J: float) -> float:
     """Return half the thickness, m, of a rectangle with mass m (kg/m) and rotary inertia J (kg m) per length."""
     if J <= 0.0:
-        raise check.InvalidValue("distance", None, "must be given (m) where the section's J = 0 tells no thickness")
+        raise check.InvalidValue("distance", None, "must be given (m): the section's J = 0 defines no thickness")
     # J = m h^2 / 12, hence h / 2 = sqrt(3 J / m)
     return math.sqrt(3.0 * J / m)
 
@@ -262,7 +263,7 @@ class ForceSensor(Law):
 class ContactSwitch(Law):
     """Contact switch at the arm's tip: 1 if the normal force exceeds the threshold (N), otherwise 0."""
 
-    threshold: float = number("smallest normal force of a contact", "N", 0.0, minimum=0.0)
+    threshold: float = number("normal force above which the reading is 1", "N", 0.0, minimum=0.0)
 
 
 SINGLES: dict[str, type[Law]] = {
@@ -344,13 +345,13 @@ class Sensors:
             if getattr(self, name) is not None:
                 raise check.InvalidValue(name, getattr(self, name), "must be left out: no contact forces are recorded")
         if (own := self.gyroscope) is not None and not axes.turns:
-            raise check.InvalidValue("gyroscope", own, "must be left out: there are gyroscopes in space alone")
+            raise check.InvalidValue("gyroscope", own, "must be left out: only arms in space have a gyroscope")
         if len(self.encoders) not in (0, 1, len(links)):
             raise check.InvalidValue("encoders", f"{len(self.encoders)} encoders", f"must be one, or {len(links)}")
         for i, gauge in enumerate(self.strain_gauges):
             check.integer(f"strain_gauges[{i}].link", gauge.link, minimum=0, maximum=len(links) - 1)
             if links[gauge.link].rigid:
-                what = "must be a link that bends: this one is rigid"
+                what = "must be a flexible link: this one is rigid"
                 raise check.InvalidValue(f"strain_gauges[{i}].link", gauge.link, what)
             if gauge.measures not in axes.measures:
                 raise check.InvalidValue(f"strain_gauges[{i}].measures", gauge.measures, 'must be "xy" in the plane')

@@ -136,54 +136,55 @@ class Settings:
             be at least `tolerance`. None (default): constant dt.
     """
 
-    formulation: str = choice(FORMULATIONS, 'model of the links; "paper" is short for the solver of Meek & Liu (1995)')
+    formulation: str = choice(FORMULATIONS, 'beam formulation; "paper" selects the solver of Meek & Liu (1995)')
     segments: int | None = integer(
-        "floating frames per link (floating_frame, default 5; with modes 1)", None,
+        "number of floating frames per link (floating_frame, default 5; with modes 1)", None,
         minimum=1, maximum=MOST_ELEMENTS, optional=True,
     )  # fmt: skip
     elements: int | None = integer(
-        "beam elements per segment (floating_frame, default 1) or per link (geometrically_exact, default 5)", None,
+        "number of beam elements per segment (floating_frame, default 1) or per link (geometrically_exact, default 5)",
+        None,
         minimum=1, maximum=MOST_ELEMENTS, optional=True,
     )  # fmt: skip
     coupling: str | None = choice(
         COUPLINGS, "coupling of stretch and bending (floating_frame, default von_karman)", None, optional=True
     )
     modes: int | None = integer(
-        "bending modes per segment, which replace elements and coupling (floating_frame)", None,
+        "number of bending modes per segment, which replace elements and coupling (floating_frame)", None,
         minimum=1, maximum=8, optional=True,
     )  # fmt: skip
     frame: str | None = choice(
         FRAMES, "axes of a segment's floating frame (floating_frame, default chord)", None, optional=True
     )
     multipliers: bool | None = switch(
-        "join segments and links by Lagrange multipliers, as in the paper; slower, for comparison (floating_frame)",
+        "connect segments and links by Lagrange multipliers, as Meek & Liu do; slower, for comparison (floating_frame)",
         None, optional=True,
     )  # fmt: skip
     order: int | None = integer(
         "polynomial order of the elements (geometrically_exact, default 2)", None, minimum=1, maximum=3, optional=True
     )
     period_correction: bool | None = switch(
-        "correct the integrator's period error in each step (geometrically_exact)", None, optional=True
+        "correct the period error of the time integration in each step (geometrically_exact)", None, optional=True
     )
     nodes: int | None = integer(
-        "tangent angles per link, up to 12 per piece between jumps of the section (elastica, default 6)", None,
+        "number of nodes (tangent angles) per link, up to 12 between jumps of the section (elastica, default 6)", None,
         minimum=3, maximum=MOST_NODES, optional=True,
     )  # fmt: skip
-    dt: float | None = number("time step; left out: the scene's step", "s", None, above=0.0, optional=True)
+    dt: float | None = number("time step; default: the scene's step", "s", None, above=0.0, optional=True)
     rho_inf: float | None = number(
-        "spectral radius of generalized-alpha at infinite frequency: 1 no numerical damping, 0 most", "", None,
-        minimum=0.0, maximum=1.0, optional=True,
+        "spectral radius of generalized-alpha at infinite frequency: 1 without numerical damping, 0 with most", "",
+        None, minimum=0.0, maximum=1.0, optional=True,
     )  # fmt: skip
     tolerance: float = number("tolerance of the Newton iteration", "", 1e-10, above=0.0, maximum=1.0)
     newton: str = choice(("full", "modified"), "kind of Newton iteration", "full")
-    max_iterations: int = integer("Newton iterations per step", 20, minimum=1, maximum=10_000)
-    max_halvings: int = integer("halvings of a step whose Newton iteration fails", 8, minimum=0, maximum=30)
+    max_iterations: int = integer("largest number of Newton iterations per step", 20, minimum=1, maximum=10_000)
+    max_halvings: int = integer("largest number of halvings of a step if Newton fails", 8, minimum=0, maximum=30)
     newmark: tuple[float, float] | None = value(
         partial(check.numbers, what="two numbers, (beta, gamma)", length=2, above=0.0, maximum=1.0), _PAIR,
-        "(beta, gamma) of plain Newmark, which replaces rho_inf", "", None, optional=True,
+        "(beta, gamma) of Newmark's method, which replaces generalized-alpha and rho_inf", "", None, optional=True,
     )  # fmt: skip
     step_tolerance: float | None = number(
-        "permitted error of the tip between two samples, a fraction of the arm's length; dt is halved as required", "",
+        "permitted tip error between two samples, divided by the arm's length; dt is halved if necessary", "",
         None, above=0.0, maximum=1.0, optional=True,
     )  # fmt: skip
 
@@ -213,7 +214,7 @@ class Settings:
         # Newton's tolerance must not exceed the permitted error
         allowed = own["step_tolerance"]("step_tolerance", self.step_tolerance)
         if allowed is not None and allowed < self.tolerance:
-            what = f"must be at least tolerance = {self.tolerance:g}, to which Newton solves each step"
+            what = f"must be at least tolerance = {self.tolerance:g}, the tolerance of the Newton iteration"
             raise check.InvalidValue("step_tolerance", allowed, what)
         check.store(self, step_tolerance=allowed)
         self._check_integrator()
@@ -222,7 +223,7 @@ class Settings:
         """Check the combinations of the floating frame: chord with multipliers, elements per segment."""
         # the multiplier form has frames at the roots only
         if self.frame == "chord" and self.multipliers:
-            raise check.InvalidValue("frame", self.frame, "must be 'root' with multipliers, as the paper has it")
+            raise check.InvalidValue("frame", self.frame, "must be 'root' with multipliers")
         if (self.elements or 1) > MOST_IN_SEGMENT:
             what = f"must be at most {MOST_IN_SEGMENT} a segment: take more segments, whose cost grows in proportion"
             raise check.InvalidValue("elements", self.elements, what)

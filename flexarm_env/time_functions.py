@@ -325,7 +325,7 @@ def spline_table(
     check.choice("boundary", boundary, ("not-a-knot", "natural", "clamped"))
     steps = np.diff(time)
     if steps.max() > 1e9 * steps.min():
-        raise check.InvalidValue("t", t, "must have no distance above 1e9 times the least, for a spline")
+        raise check.InvalidValue("t", t, "must have no interval longer than 1e9 times the shortest, for a spline")
     spline = CubicSpline(time, value, bc_type=boundary)
     # SciPy's coefficients are ordered from the cubic term down
     rows = [_row(t0, *c[::-1]) for t0, c in zip(time[:-1], spline.c.T, strict=True)]

@@ -97,7 +97,7 @@ def lacking(what: str, package: str, extra: str) -> str:
     """Return a sentence that names a missing package, and two commands that install it: by the package's own name and
     by an extra of flexarm_env.
     """
-    return f'{what} needs {package}: pip install {package} (the extra "{extra}" of flexarm_env brings all of its kind)'
+    return f'{what} needs {package}: pip install {package} (or install flexarm_env with the extra "{extra}")'
 
 
 @contextlib.contextmanager
@@ -162,7 +162,7 @@ def solvable(arm: str) -> Iterator[None]:
     try:
         yield
     except np.linalg.LinAlgError:
-        what = "masses, inertias, lengths and stiffnesses must lie nearer together for double precision"
+        what = "masses, inertias, lengths and stiffnesses must differ by fewer orders of magnitude in double precision"
         raise InvalidValue("arm", arm, what) from None
 
 

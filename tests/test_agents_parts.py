@@ -54,7 +54,7 @@ def test_config_errors_name_the_key(tmp_path: Path):
             config.load(file_of(tmp_path, text), "ppo", ENV)
     with pytest.raises(ValueError, match=r"Other-v0: unknown entry; allowed: FlexibleArm-v0; .* --config FILE"):
         config.load(file_of(tmp_path, SMALL), "ppo", "Other-v0")
-    refuses("--env FlexibleArm-v0: tqc comes with settings for .* suite alone", lambda: config.load(None, "tqc", ENV))
+    refuses("--env FlexibleArm-v0: tqc has hyper-parameters only for tasks", lambda: config.load(None, "tqc", ENV))
     assert config.load(None, "tqc", "flexarm/slew-geared-v2").text["n_envs"] == 16
     for given in ([1], {ENV: 5}):
         path = file_of(tmp_path, SMALL, env_kwargs=given)

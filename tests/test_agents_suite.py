@@ -94,7 +94,7 @@ def test_seeds_that_policies_are_judged_on_are_refused(monkeypatch: pytest.Monke
     from flexarm_env.training import train as train_ppo
 
     sentence = told(train_ppo.main, ["--seed", str(FIRST - 500)], monkeypatch, capsys)
-    assert "--seed 9500: must be from 0 to 8999; those from 10000 on are for judging" in sentence
+    assert "--seed 9500: must be from 0 to 8999; seeds from 10000 on are reserved for evaluation" in sentence
     assert 'must be one of "settling", "return"' in told(train_ppo.main, ["--best-by", "luck"], monkeypatch, capsys)
     assert Training(seed=8999).begun().seed == 8999
     assert "must be among" in told(reference.main, ["--only", "dqn", "--plan"], monkeypatch, capsys)

@@ -199,8 +199,10 @@ def test_a_missing_extra_is_named(
     from flexarm_env.cli import replay
 
     monkeypatch.setattr(replay, "find_spec", lambda name: None)
-    assert 'pip install matplotlib (the extra "plot"' in refused(capsys, *SHORT, "--plot", str(tmp_path / "a.png"))
-    assert 'pip install pygame-ce (the extra "render"' in refused(capsys, *SHORT, "--video", str(tmp_path / "a.gif"))
+    plot = refused(capsys, *SHORT, "--plot", str(tmp_path / "a.png"))
+    film = refused(capsys, *SHORT, "--video", str(tmp_path / "a.gif"))
+    assert 'pip install matplotlib (or install flexarm_env with the extra "plot")' in plot
+    assert 'pip install pygame-ce (or install flexarm_env with the extra "render")' in film
 
 
 def test_what_to_install_needs_no_index_of_ours(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

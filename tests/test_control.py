@@ -232,7 +232,7 @@ def test_errors_say_what_is_allowed(reach):
     refuses(r"^limits = \[0.0\]: must be positive", lambda: control.plan(*double, np.ones(2), np.zeros(1)))
     refuses(r"^start\[0\] = nan", lambda: control.plan(*double, np.full(2, np.nan), np.ones(1)))
     three = PDGains((0.2,) * 3, (0.7,))
-    refuses(r"^pd\.bandwidth = .*: must be one number, or 2, one a joint", lambda: control.make("pd", reach, three))
+    refuses(r"^pd\.bandwidth = .*: must be one number, or 2, one per joint", lambda: control.make("pd", reach, three))
     with pytest.raises(ValueError, match=r"^controller = 'time_optimal': must be one of \"pd\".* for task=\"reach\""):
         control.make("time_optimal", reach)
     refuses("one link", lambda: control.make("time_optimal", reach, tuned_gains("time_optimal", "slew")))

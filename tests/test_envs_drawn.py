@@ -216,7 +216,7 @@ def test_derivatives_of_arms_that_draw_delays() -> None:
     hub = arms.named("strip_geared").hub_inertia
     np.testing.assert_allclose(own["hub[0]"], hub * (info["drawn_hub_inertia"] - 1.0), atol=1e-11 * hub)
     assert {"sensor[0].law[0]", "hub[0]"} <= set(arm.names[: arm.moving])
-    refuses(r"sensors.delay = \(0.0, 0.04\): must be one number where derivatives are taken",
+    refuses(r"sensors.delay = \(0.0, 0.04\): must be one number if derivatives are computed",
             lambda: Arms(ONE, 2, sensors={"delay": (0.0, 0.04)}))  # fmt: skip
 
 

@@ -338,7 +338,7 @@ def test_what_there_is_not_is_refused_by_name() -> None:
     refuses(r"^base.inertia = 0.0: must be a positive number", lambda: made(base={"mass": 1.0, "inertia": 0.0}))
     refuses(r"^base.mass", lambda: made(base={"inertia": 1.0}))
     refuses(r"^base = .*: must be left out in space", lambda: gym.make("SpatialFlexArm-v0", base=BASE))
-    refuses(r"^action_mode = 'residual_pd': must be another on a base", lambda: made(action_mode="residual_pd"))
+    refuses(r"^action_mode = 'residual_pd': must not be used on", lambda: made(action_mode="residual_pd"))
     refuses(r"^observation = 'measured': must be", lambda: made(observation="measured"))
     refuses(r"^observation = 'hub_error': must be", lambda: made(observation=["hub_sin", "hub_error"]))
     for name, value in (

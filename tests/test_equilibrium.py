@@ -212,7 +212,7 @@ def test_what_has_no_answer_says_so() -> None:
     with pytest.raises(NoEquilibrium, match="nothing holds the arm"):
         static_equilibrium(falling, "floating_frame")
     heavy = at_rest(one_link(), gravity=(0.0, -9.81))
-    with pytest.raises(NoEquilibrium, match="beyond the range of the reduction to modes"):
+    with pytest.raises(NoEquilibrium, match="beyond the valid range of the reduction to modes"):
         static_equilibrium(heavy, "floating_frame", modes=3)
     turning = at_rest(one_link(), loads=(JointTorque(0, constant(1.0)),))
     with pytest.raises(NoEquilibrium, match="no equilibrium was found: the loads may be too large"):

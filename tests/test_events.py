@@ -262,7 +262,7 @@ def test_starts_are_drawn_from_what_is_given() -> None:
         ({"payload_change": {"time": (1, 2), "factor": (1, 2), "gripped": "x"}}, '"resting", "moving"'),
         ({"success": {"position": 0.0}}, "success.position = 0.0"),
         ({"success": {"patience": 1.0}}, "success.patience"),
-        ({"success": {"paid": True, "hold": 0.2}}, "success.position: missing; .* paid for needs bounds"),
+        ({"success": {"paid": True, "hold": 0.2}}, "success.position: missing; .* for success needs bounds"),
         ({"success": {"paid": 1}}, "success.paid = 1: must be"),
         ({"turns": "all"}, '"exact", "any"'),
         ({"turns": "any", "action_mode": "residual_pd"}, "joint errors"),

@@ -254,7 +254,7 @@ BAD: dict[str, tuple[Any, str]] = {
     "still": (lambda t, hub, strain: [t, hub, 0.0 * strain], "column 'strain' never changes"),
     "still soon": (lambda t, hub, strain: [t, hub, np.where(t < 0.5, strain, 0.0)],
                    "column 'strain' never changes from 0 where it is compared"),
-    "missing": (None, "column 'hub' (joint0) must be there once"),
+    "missing": (None, "column 'hub' (joint0) must exist once"),
 }  # fmt: skip
 """What is done to the columns t, hub and strain, None: hub has another name; and what is said of it."""
 

@@ -117,7 +117,7 @@ def test_a_wrong_config_is_a_sentence() -> None:
         ("strain_gauge_3 =", "strain_gauge_4 =", "outputs.strain_gauge_4: unknown sensor"),
         ('"tau_d" =', '"links[0].section.EI" =', "unknown key 'section' of links[0]; allowed: centre, inertia, length"),
         ('"tau_d" =', '"payload.inertia[0][0]" =', "'payload.inertia[0][0]': must be a key path"),
-        ("link = 1, place = 0.3", "link = 0, place = 0.3", "strain_gauges[2].link = 0: must be a link that bends"),
+        ("link = 1, place = 0.3", "link = 0, place = 0.3", "strain_gauges[2].link = 0: must be a flexible link"),
     ):
         text = SPACE.replace(old, new)
         assert text != SPACE

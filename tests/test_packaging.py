@@ -155,7 +155,8 @@ print(json.dumps({"file": flexarm_env.__file__, "lengths": lengths, "heavy": hea
     assert "max_tip_error: 0.015" in flexarm("replay", "robot_arm_motion", "--out", "run.csv")
     assert (tmp_path / "run.csv").stat().st_size > 10_000
     assert "passed" in flexarm("doctor")
-    assert 'torch stable-baselines3 pyyaml tqdm (the extra "train"' in flexarm("train", code=2)
+    missing = 'torch stable-baselines3 pyyaml tqdm (or install flexarm_env with the extra "train")'
+    assert missing in flexarm("train", code=2)
     assert "| pd | 100%" in flexarm("evaluate", "--policy", "pd,flexible_arm", "--episodes", "3")
     listed = json.loads(flexarm("bench", "suite", "--list", "--json"))["tasks"]
     words = ("bench", "suite", "--policy", "zv", "--task", listed[0]["id"], "--episodes", "3", "--out", "suite")
@@ -163,10 +164,10 @@ print(json.dumps({"file": flexarm_env.__file__, "lengths": lengths, "heavy": hea
     assert "# Results" in flexarm("bench", "page", "suite")
     flexarm("export", "two_link", "--to", "c", "--out", "two_link.c")
     sentence = flexarm("replay", "robot_arm_motion", "--plot", "a.png", code=2)
-    assert 'pip install matplotlib (the extra "plot"' in sentence
+    assert 'pip install matplotlib (or install flexarm_env with the extra "plot"' in sentence
     assert "success, return" in flexarm("play", "--policy", "lqr", "--headless")
     sentence = flexarm("play", "--policy", "pd", code=2)
-    assert 'pip install pygame-ce (the extra "render"' in sentence
+    assert 'pip install pygame-ce (or install flexarm_env with the extra "render"' in sentence
 
 
 @pytest.mark.slow

@@ -90,7 +90,7 @@ def test_a_stiffness_must_be_positive(bad: object) -> None:
         (lambda: Arm("a", (LINK,), torque_limits=(0.0,)), "torque_limits[0] = 0.0: must be a positive number (N m)"),
         (
             lambda: Arm("a", (LINK,), torque_limits=(1.0, 2.0)),
-            "torque_limits = (1.0, 2.0): must be a sequence of 1 positive numbers (N m), one a joint",
+            "torque_limits = (1.0, 2.0): must be a sequence of 1 positive numbers (N m), one per joint",
         ),
         (
             lambda: Arm("a", (LINK,), joint_limits=((2.0, 1.0),)),

@@ -123,4 +123,4 @@ def test_parameters_of_differentiated_arms() -> None:
 def test_masses_too_far_apart_are_refused(changed: dict[str, float]) -> None:
     """They were a LinAlgError."""
     arm = dataclasses.replace(STRIP, payload=dataclasses.replace(STRIP.payload, **changed))
-    refuses("arm = 'strip': masses, inertias, .* must lie nearer together", lambda: gym.make("FlexibleArm-v0", arm=arm))
+    refuses("arm = 'strip': masses, inertias, .* must differ by fewer", lambda: gym.make("FlexibleArm-v0", arm=arm))

@@ -536,14 +536,14 @@ def test_a_policy_runs_for_so_long_whatever_the_arms_clock_says() -> None:
 
 
 LIES: tuple[tuple[tuple[float, ...], tuple[float, ...], str], ...] = (
-    ((0.01, 1, 1, 5, 1.0, 0.0), (), "a welcome that"),
-    ((0.0, 1, 1, 5, 1.0, 1.0), (), "a welcome that"),
-    ((1e29, 1, 1, 5, 1.0, 1.0), (), "a welcome that"),
-    ((0.01, 0, 1, 5, 1.0), (), "a welcome that"),
-    ((0.01, -1, 1, 5, 1.0, 1.0), (), "a welcome that"),
-    ((0.01, 1.5, 1, 5, 1.0, 1.0), (), "a welcome that"),
-    ((0.01, 1, 1, 0, 1.0, 1.0), (), "a welcome that"),
-    ((0.01, 1, 1, 5, 1.0, 1.0), (0.0,), "a reading of another size"),
+    ((0.01, 1, 1, 5, 1.0, 0.0), (), "an invalid WELCOME packet"),
+    ((0.0, 1, 1, 5, 1.0, 1.0), (), "an invalid WELCOME packet"),
+    ((1e29, 1, 1, 5, 1.0, 1.0), (), "an invalid WELCOME packet"),
+    ((0.01, 0, 1, 5, 1.0), (), "an invalid WELCOME packet"),
+    ((0.01, -1, 1, 5, 1.0, 1.0), (), "an invalid WELCOME packet"),
+    ((0.01, 1.5, 1, 5, 1.0, 1.0), (), "an invalid WELCOME packet"),
+    ((0.01, 1, 1, 0, 1.0, 1.0), (), "an invalid WELCOME packet"),
+    ((0.01, 1, 1, 5, 1.0, 1.0), (0.0,), "a READING packet of unexpected size"),
     ((0.01, 1, 1, 5, 1.0, 1e-8), (0.0, 0.0, 0.0, 0.0, 0.0, 1e30), ""),
 )
 

@@ -164,7 +164,7 @@ def test_bodies_of_a_link_together_have_its_mass() -> None:
 
 
 def test_angles_of_another_shape_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"^shape of angles = \(1, 1\): must be \(n, 2\): one a joint"):
+    with pytest.raises(ValueError, match=r"^shape of angles = \(1, 1\): must be \(n, 2\): one per joint"):
         rigid_inertia(Arm("two", (Link(0.5, SECTION), Link(0.4, SECTION))), np.zeros((1, 1)))
 
 

@@ -323,7 +323,7 @@ def test_drawn_stiffnesses() -> None:
         ({"initial_vibration": 0.6}, "initial_vibration = 0.6"),
         ({"keep_out": [{"shape": "sphere", "center": (0, 0), "radius": 1}]}, "must be in space"),
         ({"action_mode": "voltage"}, "arm.joints[0].motor: missing"),
-        ({"sensors": {"strain_gauges": [0.0]}}, "strain_gauges[0].link = 0: must be a link that bends"),
+        ({"sensors": {"strain_gauges": [0.0]}}, "strain_gauges[0].link = 0: must be a flexible link"),
         ({"randomization": {"friction": (0.5, 2.0)}}, "randomization.friction"),
         ({"randomization": {"GJ": (0.0, 1.0)}}, "randomization.GJ[0] = 0.0: must be a positive number"),
         ({"randomization": {"EI_y": (1.0, 1e15)}}, "randomization.EI_y[1] = 1000000000000000.0: must be at most"),

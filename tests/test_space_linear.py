@@ -164,7 +164,7 @@ def test_what_a_spatial_linear_model_refuses() -> None:
     scene = bent()
     for make, words in (
         (lambda: linearize(scene, elements=1, gauges=[(1, 0.0, "yz")]), "gauges[0][2] = 'yz'"),
-        (lambda: linearize(scene, elements=1, gauges=[(0, 0.0)]), "gauges[0][0] = 0: must be a link that bends"),
+        (lambda: linearize(scene, elements=1, gauges=[(0, 0.0)]), "gauges[0][0] = 0: must be a flexible link"),
     ):
         says(words, make)
     assert math.isclose(linearize(scene, elements=1, discrete=0.01, method="zoh").dt or 0.0, 0.01)

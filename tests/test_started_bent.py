@@ -98,7 +98,7 @@ def test_files_and_refusals() -> None:
     with pytest.raises(ValueError, match=r'^start = .held.: must be "unloaded" where the root is free'):
         bent(start="held", root="free", motions=())
     turned = bent(motions=(), gravity=None, loads=(JointTorque(0, constant(1.0)),))
-    with pytest.raises(NoEquilibrium, match=r'no rest was found for the scene to start from: .*; start="held" holds'):
+    with pytest.raises(NoEquilibrium, match=r'no equilibrium was found for the start of .*; start="held" holds'):
         simulate(turned, "elastica", nodes=8)
 
 
@@ -138,6 +138,6 @@ def test_sagging_arms_of_modes(frame: str) -> None:
         still = static_equilibrium(dataclasses.replace(sagging(EI), start="unloaded"), **options)
         np.testing.assert_allclose(found[:2], still.shape_points()[-1], atol=1e-9)
     for EI in (1.9, 0.5):
-        with pytest.raises(NoEquilibrium, match="beyond the range of the reduction to modes") as no:
+        with pytest.raises(NoEquilibrium, match="beyond the valid range of the reduction to modes") as no:
             simulate(sagging(EI), **options)
         assert "space" not in str(no.value)

@@ -72,7 +72,7 @@ def test_keywords_that_make_another_task_are_known() -> None:
 def test_another_task_under_a_frozen_name_is_warned_of_once() -> None:
     spec.warned.clear()
     task = suite.task("slew-measured-v2").registered
-    with pytest.warns(UserWarning, match=f"{task} with history of one's own is another task") as caught:
+    with pytest.warns(UserWarning, match=f"{task} with history changes the task") as caught:
         gym.make(task, history=1)
     assert [Path(one.filename).name for one in caught] == ["test_suite.py"]
     with warnings.catch_warnings():

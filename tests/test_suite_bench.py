@@ -422,7 +422,7 @@ def test_the_page_is_made_of_all_files_in_a_folder(tmp_path: Path, monkeypatch: 
         ({"costs": [-1e9] * 100}, "costs[0] = -1000000000.0: must be"),
         ({"lengths": [-3.5] * 100}, "lengths[0] = -3.5: must be a whole number, from 1 to 125"),
         ({"settled": [5] * 100}, "settled[0] = 5: must be a whole number, from 0 to 4"),
-        ({"settled": [3, 0] * 50}, "settled[1] = 0: must be 0 without success, and then alone"),
+        ({"settled": [3, 0] * 50}, "settled[1] = 0: must be 0 for failed episodes only"),
         ({"lengths": [126] * 100}, "lengths[0] = 126: must be a whole number, from 1 to 125"),
         ({"further": [0.0, float("nan")]}, "further[1] = nan: must be a finite number"),
         ({"further": [150.1]}, "further[0] = 150.1: must be a finite number, at most 150"),

@@ -128,7 +128,7 @@ def test_reward_and_success_follow_from_the_documented_formula(task: suite.Task)
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*is another task:UserWarning")
+@pytest.mark.filterwarnings("ignore:.*changes the task:UserWarning")
 @pytest.mark.parametrize("once", [False, True])
 def test_a_success_is_kept_once_it_is_one(once: bool) -> None:
     """A target that stands still where the arm is: good at once, and until it is pushed away."""

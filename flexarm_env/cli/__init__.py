@@ -1,4 +1,4 @@
-"""The command `flexarm`. Each subcommand is a module, which is imported only when the subcommand is used."""
+"""The command `flexarm`. Each subcommand has a module, which is imported only if the subcommand is used."""
 
 from flexarm_env.cli.parser import main
 

@@ -1,4 +1,4 @@
-"""`flexarm arm`: properties of an arm for control and learning, and suitable episode times."""
+"""`flexarm arm`: print properties of an arm for control and learning, and a suitable episode duration."""
 
 import argparse
 import math
@@ -28,7 +28,7 @@ FREQUENCIES = 3
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print masses, frequencies, time scales and stability margins of an arm; returns the exit code."""
+    """Print masses, frequencies, time scales and stability margins of an arm; return the exit code."""
     arm = arms.resolve(args.arm)
     if arm.torque_limits is None:
         raise check.MissingKey("arm.torque_limits", f"the time scales need {arm.n_links} torque limit(s)")
@@ -66,7 +66,7 @@ def environment_of(arm: Arm) -> str:
 
 
 def frequencies(arm: Arm) -> dict[str, float]:
-    """Return frequencies (Hz) and damping ratios of the lowest flexible modes.
+    """Return natural frequencies (Hz) and damping ratios of the lowest flexible modes, by name.
 
     The arm is straight, without gravity, and its joints are free.
     """

@@ -1,7 +1,8 @@
-"""`flexarm bench`: run the benchmarks of a checkout with the given flags.
+"""`flexarm bench`: run a benchmark of a checkout (a clone of the repository).
 
-`flexarm bench suite` and `flexarm bench page` need no checkout. `benchmarks/` is searched in the current folder and its
-parents, then beside the package. All arguments after the command are passed to the script, whose exit code is returned.
+`flexarm bench suite` and `flexarm bench page` do not need a checkout. The folder `benchmarks/` is searched in the
+current folder and its parents, then beside the package. The script receives all arguments after its name, and the
+command returns the script's exit code.
 """
 
 import argparse
@@ -51,7 +52,7 @@ def checkout() -> Path | None:
 
 
 def benchmarks(home: Path) -> Iterator[tuple[str, str]]:
-    """Return name and first sentence of each benchmark."""
+    """Yield the name of each benchmark and the first sentence of its description."""
     for path in sorted((home / "benchmarks").glob("*.py")):
         text = path.read_text("utf-8")
         if "__main__" in text:

@@ -1,9 +1,8 @@
 """Exit codes and error messages of all commands.
 
-Exit codes: 0 success. 1 the run ended early (its status is in the output), or a check failed. 2 the input is wrong, or
-something is missing. 3 a run is inaccurate, and --strict was given. 4 `flexarm run` ended early; `ended` in the output
-gives the reason (the watchdog expired, a limit holds the arm, ...). 130 interrupted. An error message is one sentence
-on standard error.
+Exit codes: 0: success. 1: a simulation ended early (the output contains its status), or a check failed. 2: the input is
+wrong, or a file or package is missing. 3: a simulation is inaccurate, and --strict was given. 4: `flexarm run` ended
+early; `ended` in the output is the reason. 130: interrupted. An error message is one sentence on standard error.
 """
 
 DONE, FAILED, BAD_INPUT, NOT_ACCURATE, ENDED_EARLY, INTERRUPTED = 0, 1, 2, 3, 4, 130

@@ -1,4 +1,4 @@
-"""`flexarm compile`: compile all programs in advance, for all processes on a machine."""
+"""`flexarm compile`: compile programs in advance and store them for all processes on a machine."""
 
 import argparse
 import contextlib
@@ -22,7 +22,7 @@ Use = tuple[str, Callable[[], object]]
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compile all programs by using each feature once; return 1 if compiled code cannot be stored."""
+    """Compile the programs by using each feature once; return exit code 1 if they cannot be stored."""
     from flexarm_env.settings import FORMULATIONS
 
     if args.clean:
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def clean(as_json: bool) -> int:
-    """Delete the compiled code of every version in the folder; return 1 if a file cannot be deleted."""
+    """Delete the compiled programs of all versions; return exit code 1 if a file cannot be deleted."""
     from flexarm_env.compiler import objects
 
     folder = objects.folders()[0]
@@ -59,8 +59,10 @@ def clean(as_json: bool) -> int:
 
 
 def environments(formulation: str | None) -> Iterator[Use]:
-    """Compile the programs of each environment, single and vector. formulation: beam formulation; None for the
-    default."""
+    """Compile the programs of each environment, single and vector.
+
+    formulation: beam formulation; None for the default.
+    """
     import gymnasium as gym
 
     options: dict[str, Any] = {} if formulation is None else {"formulation": formulation}
@@ -174,9 +176,9 @@ def _commands() -> list[Use]:
 
 
 def cache_report(said: list[str]) -> dict[str, Any]:
-    """Return the folder of compiled code, whether the folder is writable, and a sentence if it is not.
+    """Return a dict with the folder of compiled programs, whether it is writable, and a sentence if it is not.
 
-    said: texts of the warnings that compilation caused.
+    said: texts of the warnings during compilation.
     """
     from flexarm_env.compiler import UNCOMPILED, objects
 

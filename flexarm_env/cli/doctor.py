@@ -1,4 +1,4 @@
-"""`flexarm doctor`: versions, processors, the folder of compiled code, and a self-test."""
+"""`flexarm doctor`: print versions, processors and the folder of compiled programs, and run a self-test."""
 
 import argparse
 import os
@@ -28,7 +28,7 @@ SELF_TEST_ERROR = 0.015
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print versions, processors and the cache's state; returns 1 if the self-test fails."""
+    """Print versions, processors and the state of the cache; return exit code 1 if the self-test fails."""
     values: dict[str, Any] = {"flexarm_env": __version__, "python": platform.python_version()}
     values |= {name: check.installed(name) for name in NEEDED}
     values |= {name: check.installed(name) or "not installed" for name in OPTIONAL}

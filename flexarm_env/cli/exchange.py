@@ -23,7 +23,7 @@ SEGMENTS = 4
 
 
 def export(args: argparse.Namespace, out: Path) -> int:
-    """Write an arm as MJCF or URDF and print the deviations from the arm."""
+    """Write an arm as MJCF or URDF, and print the errors of this approximation."""
     arm = arms.resolve(args.what)
     for word in (*_OF_OTHERS, *(FLAGS if args.to == "urdf" else ())):
         if getattr(args, word) is not None:
@@ -59,7 +59,7 @@ def _gravity(text: str | None, arm: Arm) -> tuple[float, float, float]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the arm from a robot's file, and print the links, joints and omitted features."""
+    """Convert a robot's file to an arm's TOML file, and print links, joints and omitted features."""
     out = to_file("--out", args.out, (".toml",))
     found = import_arm(
         args.file, root=args.root, tip=args.tip, flexible=dict(_flexible(text) for text in args.flexible or ()),

@@ -1,4 +1,4 @@
-"""`flexarm export`: a trained policy as ONNX or C, a controller as C, or an arm as a C library."""
+"""`flexarm export`: write a trained policy as ONNX or C, a controller as C or FMU, or an arm as a C library or FMU."""
 
 import argparse
 from pathlib import Path
@@ -25,7 +25,7 @@ from flexarm_env.library import write, write_controller_fmu, write_fmu
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the exported file or folder, and print the contents; returns the exit code."""
+    """Write the exported file or folder, and print its contents; return the exit code."""
     if not args.out.strip():
         raise check.InvalidValue("--out", args.out, "must be a path")
     out = Path(args.out)
@@ -148,7 +148,7 @@ def _arms() -> tuple[str, ...]:
 
 
 def environment(word: str, options: dict[str, Any]) -> Any:
-    """Make the environment that a word names: an environment's id, a task of the suite, or an arm (name or file)."""
+    """Create the environment that a word names: an environment's id, a task of the suite, or an arm (name or file)."""
     known = [task.id for task in suite.tasks(earlier=True)]
     if word in known:
         return suite.make(word, **options)
@@ -160,7 +160,7 @@ def environment(word: str, options: dict[str, Any]) -> Any:
 
 
 def entries_of(policy: NumpyPolicy, word: str) -> Entries:
-    """Return the observation's entries from the policy's file or, if it lacks them, from the policy's environment."""
+    """Return the observation's entries from the policy's file or, if the file lacks them, from its environment."""
     known = Entries.of(policy)
     if known is not None:
         return known

@@ -1,4 +1,4 @@
-"""`flexarm excite` and `flexarm identify`: design torques for a log, and fit an arm to logs."""
+"""`flexarm excite` and `flexarm identify`: design torques for an experiment, and fit an arm to its log."""
 
 import argparse
 import math
@@ -12,7 +12,7 @@ from flexarm_env.identification import excite, identify
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run `flexarm excite` or `flexarm identify`; returns the exit code."""
+    """Run `flexarm excite` or `flexarm identify`; return the exit code."""
     return _excite(args) if args.command == "excite" else _identify(args)
 
 

@@ -1,4 +1,4 @@
-"""Arguments and help texts of `flexarm`. The module imports no modules that take long to import."""
+"""Arguments and help texts of `flexarm`. This module imports only modules that are fast to import."""
 
 import argparse
 import importlib
@@ -17,9 +17,9 @@ OVERVIEW = """\
 Robot arms with flexible links, in the plane and in space: simulate, train, evaluate, fit and export.
 
   flexarm scenes                                   list the scenes of the package
-  flexarm replay robot_arm_motion --plot arm.png   run a scene, compare it with its reference, draw it
-  flexarm simulate my_scene.toml --out run.csv     run a scene of your own
-  flexarm view robot_arm_motion                    write an HTML page that plays it
+  flexarm replay robot_arm_motion --plot arm.png   simulate a scene, compare it with its reference, plot it
+  flexarm simulate my_scene.toml --out run.csv     simulate a scene of your own
+  flexarm view robot_arm_motion                    write an HTML page that shows the motion
   flexarm view two_link pd                         show a policy and a controller in the same episode
   flexarm arm my_arm.toml                          print an arm's time scales, frequencies and margins
   flexarm schema > arm.schema.json                 write the JSON schema of arm files (or scenes), for editors
@@ -32,11 +32,11 @@ Robot arms with flexible links, in the plane and in space: simulate, train, eval
   flexarm export strip --to mjcf --out strip.xml   export an arm as a MuJoCo model, or as URDF for ROS
   flexarm import robot.urdf --out robot.toml       convert a robot's description to an arm
   flexarm serve FlexibleArm-v0 --rate 100          simulate an arm in real time, controlled over UDP
-  flexarm run pd --env FlexibleArm-v0 --to 127.0.0.1:7070  drive a served or real arm
+  flexarm run pd --env FlexibleArm-v0 --to 127.0.0.1:7070  control a served or real arm
   flexarm bench                                    list benchmarks; `bench suite` evaluates policies
   flexarm excite ARM --out FILE.csv                design torques that excite an arm for identification
   flexarm identify ARM --config FILE --data LOG.csv  fit an arm to a measured log
-  flexarm compile                                  compile in advance what is needed first
+  flexarm compile                                  compile the programs for default settings in advance
   flexarm doctor                                   print versions, threads, cache; run a self-test
 """
 
@@ -48,8 +48,8 @@ Without NAME: list the scenes of the package. With NAME: print that scene's TOML
 """
 
 REPLAY = """\
-Run a scene and print a report as `name: value` lines. If the scene has a reference, the report contains
-max_tip_error and rms_tip_error, in m.
+Simulate a scene and print a report as `name: value` lines. If the scene has a reference solution, the report contains
+the largest and the root-mean-square distance of the tip from the reference, max_tip_error and rms_tip_error, in m.
 
   flexarm replay robot_arm_motion
   flexarm replay robot_arm_motion --segments 8 --dt 0.025 --plot arm.png
@@ -60,7 +60,7 @@ max_tip_error and rms_tip_error, in m.
 """
 
 SIMULATE = """\
-Run a scene from a TOML file (or a scene of the package) without a comparison. The flags are those of replay.
+Simulate a scene from a TOML file, or a scene of the package, without a comparison. The flags are those of replay.
 
   flexarm simulate my_scene.toml
   flexarm simulate my_scene.toml --formulation elastica --nodes 8 --out run.npz --plot run.png
@@ -69,23 +69,23 @@ Run a scene from a TOML file (or a scene of the package) without a comparison. T
 """
 
 SOLVER_NOTE = """\
-Defaults come from the scene. An option that the formulation does not have is an error.
+The scene defines the defaults. An option that the formulation does not have causes an error.
 """
 
 OUTPUT_NOTE = """\
-exit code: 0 done, even if the status is inaccurate; 1 the run ended early (see status); 2 wrong input;
+exit code: 0 done, even if the status is inaccurate; 1 the simulation ended early (see status); 2 wrong input;
 3 with --strict: the status is inaccurate
 """
 
 VIEW = """\
-Write one HTML file that plays runs in a browser, without network access or installation. The player can scrub, slow
-down, single-step, magnify deflections and color links by curvature, shows charts, and overlays several runs or puts
-them side by side.
+Write one HTML file that shows simulations or episodes in a browser, without network access or installation. The player
+can scrub, slow down, single-step, magnify deflections and color links by curvature. It shows charts, and shows several
+runs in one picture or side by side.
 
-RUN is a scene's name or TOML file, a trajectory's .npz, recorded episodes, a controller (pd, lqr, ...), a policy, or a
-task of the suite (its best known result). A policy is one of the package's, a run folder, a file (policy.npz, a .zip of
-Stable-Baselines3, .onnx), or MODULE:NAME, a Python function of observations. Controllers and functions play in the
-environment of the first policy or task in the list.
+RUN is a scene's name or TOML file, a trajectory's .npz, a file of recorded episodes, a controller (pd, lqr, ...), a
+policy, or a task of the suite, whose best known episode is shown. A policy is the name of a policy of the package, a
+run folder, a file (policy.npz, a .zip of Stable-Baselines3, .onnx), or MODULE:NAME, a Python function of observations.
+Controllers and functions act in the environment of the first policy or task in the list.
 
   flexarm view robot_arm_motion
   flexarm view two_link pd --seed 7 --out two_link.html
@@ -95,22 +95,22 @@ environment of the first policy or task in the list.
 """
 
 ARM = """\
-Print the properties of an arm that matter for control and learning: the fastest quarter turn of each joint, the first
-frequencies, a suitable episode duration, control period and discount factor, and the gain and delay margins of the
-controllers with the package's gains.
+Print the properties of an arm that matter for control and learning: the duration of the fastest quarter turn of each
+joint, the lowest natural frequencies, a suitable episode duration, control period and discount factor, and the gain
+and delay margins of the controllers with the package's gains.
 
   flexarm arm strip
   flexarm arm my_arm.toml --env-kwargs '{"actuator": {"lag": 0.02}, "control_dt": 0.01}'
 """
 
 PLAY = """\
-Show an environment in a window. Keys: left and right turn the hub, up and down the elbow; shift reduces the torque; Esc
-quits. With --policy, a controller (pd, zv, zvd, lqr, lqg, mpc, time_optimal) or a policy plays: one of the
-package's, a run folder, a file (policy.npz, a .zip of Stable-Baselines3, .onnx), or MODULE:NAME, a Python function of
-observations. Each episode ends with a line that summarizes it.
+Show an environment in a window. The keys left and right turn the hub, up and down turn the elbow, shift reduces the
+torque, and Esc quits. With --policy, a controller (pd, zv, zvd, lqr, lqg, mpc, time_optimal) or a policy acts instead.
+A policy is the name of a policy of the package, a run folder, a file (policy.npz, a .zip of Stable-Baselines3, .onnx),
+or MODULE:NAME, a Python function of observations. After each episode one line summarizes it.
 
-Policy files are read as numbers only; no code in them is executed. A policy.npz can only name environments of this
-package, unless ENV names the same one.
+The command reads only numbers from policy files and executes no code from them. If a policy.npz names an environment
+of another package, ENV must name the same environment.
 
   flexarm play
   flexarm play TwoLinkFlexArm-v0 --policy lqr --episodes 3
@@ -126,8 +126,8 @@ TRAINING = {
 """Commands of `flexarm_env.training`, whose programs parse their own flags."""
 
 BENCH = """\
-Evaluate policies on the suite's tasks (suite), summarize results on a page (page), or run a benchmark of a checkout
-(benchmarks/NAME.py), which receives all flags after NAME. Without NAME: list them.
+NAME is suite (evaluate policies on the suite's tasks), page (summarize results on a page), or the name of a benchmark
+in a checkout (benchmarks/NAME.py), which receives all flags after NAME. Without NAME: list the benchmarks.
 
   flexarm bench suite --policy pd,lqg
   flexarm bench suite --help
@@ -139,7 +139,7 @@ exit code: 0 done, 2 wrong input or a missing file or package
 """
 
 RUN_CODES = """\
-exit code: 0 done, 2 wrong input or a missing file or package, 4 the run ended before its time (see ended)
+exit code: 0 done, 2 wrong input or a missing file or package, 4 the run ended before --seconds (see ended)
 """
 
 IDENTIFY_CODES = """\
@@ -147,27 +147,28 @@ exit code: 0 done, 1 the fit is poor (see verdict), 2 wrong input or an unusable
 """
 
 IDENTIFY = """\
-Fit an arm to measured logs, compute confidence intervals, and validate the fit on logs it has not seen. The config, a
-TOML file, describes the columns and the parameters to fit (examples: configs/identify/ in a checkout).
+Fit an arm to measured logs, compute confidence intervals of the parameters, and validate the arm on other logs. The
+config, a TOML file, describes the columns and the parameters to fit (examples: configs/identify/ in a checkout).
 
   flexarm identify quanser_2dsfl --config configs/identify/quanser_2dsfl.toml --data A.csv --hold-out B.csv,C.csv \\
       --out RESULTS
 
-Prints vaf.STEM.OUTPUT, the variance accounted for in each held-out run, in %. The prefixes train., unfitted. and
-baseline. mark the training runs, the arm before the fit, and one linear oscillator per output. RESULTS contains
-arm.toml, which every command accepts, a report and figures; an interrupted fit resumes from it.
+The command prints vaf.STEM.OUTPUT, the variance accounted for in the held-out log STEM.csv, in %. Names with the prefix
+train. refer to the fitted logs, with unfitted. to the arm before the fit, and with baseline. to one linear oscillator
+for each output. The folder RESULTS contains arm.toml, which every command accepts, a report and figures. If the command
+is interrupted, run it again with the same folder to resume the fit.
 """
 
 EXCITE = """\
-Design torques that excite an arm's joints and first modes, start and end at rest, and keep angles, torques and
-deflections within bounds, for the given arm and for arms that differ from it by up to --spread.
+Design torques that excite an arm's joints and first modes. The motion starts and ends at rest. Angles, torques and
+deflections stay within bounds, for the given arm and for arms whose parameters differ by factors up to --spread.
 
   flexarm excite strip --rate 200 --seconds 10 --most-angle 0.3 --out excite.csv
-  flexarm serve my_robot.toml --rate 200 --log log.csv          (or the robot itself)
+  flexarm serve my_robot.toml --rate 200 --log log.csv          (or the server of the real robot)
   flexarm run excite.csv --to 127.0.0.1:7070 --most-angle 0.6
   flexarm identify strip --config FILE --data log.csv
 
-The design ignores friction and a base that is not level, so set limits where you play the torques, too.
+The design ignores joint friction and gravity. Therefore also set limits in the program that applies the torques.
 """
 
 EXCITED: tuple[tuple[str, float | None, str, str], ...] = (
@@ -175,40 +176,42 @@ EXCITED: tuple[tuple[str, float | None, str, str], ...] = (
     ("--rate", 100.0, "HZ", "rate at which torques change (100)"),
     ("--modes", 2, "N", "number of flexible modes to excite (2)"),
     ("--most-angle", 0.5, "RAD", "largest joint rotation to either side (0.5)"),
-    ("--most-torque", None, "NM", "largest motor torque; default: half of its limit"),
-    ("--most-deflection", 0.15, "SHARE", "largest tip deflection, over the link's length (0.15)"),
-    ("--drawn", 8, "N", "number of additional arms to check (8)"),
-    ("--spread", 2.0, "FACTOR", "range of their EI, payload, hub and damping: 1/FACTOR to FACTOR (2)"),
-    ("--seed", 0, "S", "seed of the phases and of these arms (0)"),
+    ("--most-torque", None, "NM", "largest joint torque; default: half of each joint's limit"),
+    ("--most-deflection", 0.15, "SHARE", "largest tip deflection divided by the link's length (0.15)"),
+    ("--drawn", 8, "N", "number of other arms for which the bounds must hold (8)"),
+    ("--spread", 2.0, "FACTOR", "their EI, payload, hub inertia and damping differ by 1/FACTOR to FACTOR (2)"),
+    ("--seed", 0, "S", "seed of the phases and of the other arms (0)"),
 )
 """Arguments of `flexarm_env.identification.excite`: flag, default, placeholder of the value, help."""
 
 SERVE = """\
-Simulate an arm in real time and answer UDP packets: torques or joint angles in, sensor readings out. The documentation
-(Real-time control over UDP) describes the packet; flexarm run, RemoteArm-v0 or your own program is the peer. The peer
-arms the arm. If no command arrives for --watchdog periods, the arm is held until it is armed again. Limits clip the
-commands or hold the arm. The server listens on this machine only, unless --host names another address, which requires
---key or --insecure. This is no safety system.
+Simulate an arm in real time. A client sends torques or joint angles in UDP packets, and the server answers with sensor
+readings. The client is flexarm run, the environment RemoteArm-v0 or your own program; the documentation (Real-time
+control over UDP) describes the packets. At first the arm is held, until the client sends a command with the flag ARM.
+If no command arrives for --watchdog periods, or if a joint exceeds a limit, the arm is held again until the next such
+command. The server accepts clients on other machines only if --host names another address, which requires --key or
+--insecure. The server does not make a real arm safe.
 
   flexarm serve FlexibleArm-v0 --rate 100
   flexarm serve my_arm.toml --rate 500 --hold angles --most-rate 20 --log run.csv
 """
 
 RUN = """\
-Drive a served or real arm with a trained policy or a controller. The arm's readings must be the observations of the
-policy's environment. POLICY is a controller, a run folder, a file, or MODULE:NAME, a Python function of observations or
-a class with reset and act, as for flexarm play. FILE.csv with the columns t, torque0, ... (from flexarm excite) is
-played one row per period.
+Control a served or real arm by a trained policy or a controller. The arm's sensor readings must be the observations of
+the policy's environment. POLICY is a controller, a run folder, a file, or MODULE:NAME, a Python function of
+observations or a class with reset and act, as for flexarm play. If POLICY is FILE.csv with the columns t, torque0, ...
+(from flexarm excite), one row of torques is applied in each period.
 
   flexarm run pd --env FlexibleArm-v0 --to 127.0.0.1:7070 --seconds 5
   flexarm run runs/ppo-FlexibleArm-v0-0 --to 192.168.0.7:7070 --key FILE
 """
 
 COMPILE = """\
-Compile in advance, and store for every process on this machine, the code that these need in their default settings:
-FlexibleArm-v0 and TwoLinkFlexArm-v0 (single and vector), play, view, evaluate, train, simulate, replay and linearize.
-The command prints its progress and skips what is already compiled. Other environments, and other numbers of elements,
-nodes and modes, are compiled on first use. It is an error if the code cannot be stored: set FLEXARM_CACHE_DIR.
+Compile programs in advance, and store them for all processes on this machine. These are the programs that
+FlexibleArm-v0 and TwoLinkFlexArm-v0 (single and vector), play, view, evaluate, train, simulate, replay and linearize
+use with default settings. The command prints its progress and skips programs that are already compiled. Programs for
+other environments, and for other numbers of elements, nodes and modes, are compiled at their first use. If the cache
+folder is not writable, the command fails; set FLEXARM_CACHE_DIR to another folder.
 
   flexarm compile
   flexarm compile --all                            every formulation
@@ -216,9 +219,9 @@ nodes and modes, are compiled on first use. It is an error if the code cannot be
 """
 
 DOCTOR = """\
-Print versions, processors, threads and the cache folder, and run a self-test: a scene, and a step of FlexibleArm-v0,
-TwoLinkFlexArm-v0 and their vector environments. The first test compiles, which takes a while. The exit code is
-1 if the test fails.
+Print versions, processors, threads and the cache folder, and run a self-test: a scene, and one step of FlexibleArm-v0,
+TwoLinkFlexArm-v0 and their vector environments. The first self-test takes longer, because it compiles the programs. The
+exit code is 1 if the test fails.
 """
 
 
@@ -230,18 +233,18 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     run.add_argument("--sample", type=float, metavar="DT", help="sampling interval of the output, s")
     run.add_argument(
         "--error-limit", type=float, metavar="E", default=0.05,
-        help="status inaccurate if error_estimate, a fraction of the arm's length, exceeds E (0.05)",
+        help="the status is inaccurate if the estimated tip error, divided by the arm's length, exceeds E (0.05)",
     )  # fmt: skip
     run.add_argument("--strict", action="store_true", help="exit code 3 if the status is inaccurate")
-    run.add_argument("--time-limit", type=float, metavar="T", help="wall-time limit, s; then the status is timed_out")
+    run.add_argument("--time-limit", type=float, metavar="T", help="largest wall time, s; then the status is timed_out")
     if reference:
         run.add_argument(
             "--reference", metavar="FILE.csv",
-            help="reference: columns t, and tip_x and tip_y, tip_angle or start_angle; default: the scene's",
+            help="reference: columns t, and tip_x and tip_y, tip_angle or start_angle; default: the scene's reference",
         )  # fmt: skip
-    run.add_argument("--through-env", action="store_true", help="run through an environment's step; same results")
+    run.add_argument("--through-env", action="store_true", help="simulate by an environment's step; same results")
     output = parser.add_argument_group("output")
-    output.add_argument("--out", metavar="FILE", help="trajectory: .csv (t, energy, start, tip, hinges) or .npz (all)")
+    output.add_argument("--out", metavar="FILE", help="trajectory: .csv (time, energy, positions) or .npz (all arrays)")
     output.add_argument("--units", action="store_true", help="write units in the header of the .csv, as in 't (s)'")
     output.add_argument("--plot", metavar="FILE", help="figure of shapes, tip deflection, energy: .png, .pdf or .svg")
     output.add_argument("--plots", metavar="FOLDER", help="all figures of the run: shapes, energies, spectrum")
@@ -268,20 +271,20 @@ def build_parser() -> Parser:
     scenes = add("scenes", "list the scenes of the package", SCENES, "scenes")
     scenes.add_argument("name", nargs="?", metavar="NAME", help="print this scene's TOML file")
 
-    replay = add("replay", "run a scene and compare it with its reference", REPLAY, "replay", OUTPUT_NOTE)
-    replay.add_argument("scene", metavar="SCENE", help="a name, NAME@as_printed, or a TOML file (FILE.toml@SET)")
+    replay = add("replay", "simulate a scene and compare it with its reference", REPLAY, "replay", OUTPUT_NOTE)
+    replay.add_argument("scene", metavar="SCENE", help="name or TOML file; @SET after it selects a parameter set")
     _add_run(replay, reference=True)
 
-    simulate = add("simulate", "run a scene of your own", SIMULATE, "replay", OUTPUT_NOTE)
-    simulate.add_argument("scene", metavar="FILE", help="a TOML file (FILE.toml@SET for a parameter set), or a name")
+    simulate = add("simulate", "simulate a scene of your own", SIMULATE, "replay", OUTPUT_NOTE)
+    simulate.add_argument("scene", metavar="FILE", help="TOML file or name; @SET after it selects a parameter set")
     _add_run(simulate, reference=False)
 
-    view = add("view", "write a page that plays runs in a browser", VIEW, "view")
+    view = add("view", "write a page that shows simulations and episodes", VIEW, "view")
     view.add_argument("runs", nargs="+", metavar="RUN", help="scene, trajectory, episodes, controller or policy")
-    view.add_argument("--out", metavar="FILE.html", help="output file; default: the first run's name")
-    view.add_argument("--title", metavar="TEXT", help="title of the page; default: the runs' names")
+    view.add_argument("--out", metavar="FILE.html", help="output file; default: named after the first RUN")
+    view.add_argument("--title", metavar="TEXT", help="title of the page; default: names of all RUNs")
     view.add_argument("--open", action="store_true", help="open the page in the browser")
-    view.add_argument("--env", metavar="ENV", help="environment of controllers, and of episodes of another package")
+    view.add_argument("--env", metavar="ENV", help="environment for controllers, or of episodes of another package")
     view.add_argument("--env-kwargs", metavar="JSON", help="keywords of the environment: '{\"arm\": \"my_arm.toml\"}'")
     view.add_argument("--seed", type=int, metavar="S", help="seed of the episode (0; for a task of the suite 10000)")
     view.add_argument("--episode", type=int, metavar="K", help="index of the episode in a file (0: the first)")
@@ -290,10 +293,10 @@ def build_parser() -> Parser:
     view.add_argument("--sample", type=float, metavar="DT", help="for scenes: time between two pictures, s")
 
     arm = add("arm", "print an arm's time scales, frequencies and margins", ARM, "arm")
-    arm.add_argument("arm", metavar="ARM", help="a name or a TOML file")
+    arm.add_argument("arm", metavar="ARM", help="name or TOML file of an arm")
     arm.add_argument("--env-kwargs", metavar="JSON", help="keywords of the environment")
 
-    play = add("play", "drive an arm by keyboard, or watch a controller or a policy", PLAY, "play")
+    play = add("play", "control an arm by keyboard, or watch a controller or a policy", PLAY, "play")
     play.add_argument("env", nargs="?", metavar="ENV", help="environment id or task of the suite (FlexibleArm-v0)")
     play.add_argument("--policy", default="keyboard", metavar="POLICY", help="keyboard (default), controller or policy")
     play.add_argument("--episodes", type=int, default=1, metavar="N", help="number of episodes (1)")
@@ -309,41 +312,41 @@ def build_parser() -> Parser:
     bench.usage = "%(prog)s [NAME [FLAGS]]"
 
     identify = add("identify", "fit an arm to measured logs", IDENTIFY, "identify", IDENTIFY_CODES)
-    identify.add_argument("arm", metavar="ARM", help="initial guess: a name or a TOML file")
-    identify.add_argument("--config", required=True, metavar="FILE", help="TOML file of columns, filters, parameters")
-    identify.add_argument("--data", required=True, metavar="A.csv[,...]", help="logs to fit to")
-    identify.add_argument("--fit", metavar="NAME[,NAME...]", help="parameters to fit; default: the config's")
-    identify.add_argument("--hold-out", metavar="B.csv[,...]", help="logs for validation")
-    identify.add_argument("--out", metavar="FOLDER", help="folder for arm.toml, report.md, figures; resumes a fit")
+    identify.add_argument("arm", metavar="ARM", help="initial guess: name or TOML file of an arm")
+    identify.add_argument("--config", required=True, metavar="FILE", help="TOML file: columns, filters, parameters")
+    identify.add_argument("--data", required=True, metavar="A.csv[,...]", help="logs that are fitted")
+    identify.add_argument("--fit", metavar="NAME[,NAME...]", help="parameters to fit; default: those in the config")
+    identify.add_argument("--hold-out", metavar="B.csv[,...]", help="logs for validation, which are not fitted")
+    identify.add_argument("--out", metavar="FOLDER", help="folder for arm.toml, report.md and figures")
 
     excite = add("excite", "design torques that excite an arm, within bounds", EXCITE, "identify")
-    excite.add_argument("arm", metavar="ARM", help="the arm as known: a name or a TOML file")
-    excite.add_argument("--out", required=True, metavar="FILE.csv", help="output for flexarm run: t, torque0, ...")
+    excite.add_argument("arm", metavar="ARM", help="approximate model of the arm: name or TOML file")
+    excite.add_argument("--out", required=True, metavar="FILE.csv", help="output file with columns t, torque0, ...")
     for flag, default, metavar, what in EXCITED:
         kind = float if default is None else type(default)
         excite.add_argument(flag, type=kind, default=default, metavar=metavar, help=what)
 
     serve = add("serve", "simulate an arm in real time, controlled over UDP", SERVE, "remote")
-    serve.add_argument("what", metavar="ARM", help="an environment id, a task or an arm, as for export --to library")
+    serve.add_argument("what", metavar="ARM", help="environment id, task of the suite, or name or TOML file of an arm")
     serve.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="control periods per second (100)")
     serve.add_argument("--host", default="127.0.0.1", metavar="ADDRESS", help="address to listen on (127.0.0.1)")
     serve.add_argument("--port", type=int, default=7070, metavar="N", help="port to listen on; 0: any free port (7070)")
-    serve.add_argument("--key", metavar="FILE", help="shared key, which signs every packet")
-    serve.add_argument("--insecure", action="store_true", help="allow other machines without a key")
-    serve.add_argument("--watchdog", type=int, default=5, metavar="N", help="periods without commands until a hold (5)")
-    serve.add_argument("--hold", choices=("zero", "angles"), default="zero", help="hold by no torque (default) or PD")
+    serve.add_argument("--key", metavar="FILE", help="file with a key, shared with the client, that signs every packet")
+    serve.add_argument("--insecure", action="store_true", help="accept other machines without a key")
+    serve.add_argument("--watchdog", type=int, default=5, metavar="N", help="periods without command until a hold (5)")
+    serve.add_argument("--hold", choices=("zero", "angles"), default="zero", help="no torque (default), or PD control")
     serve.add_argument("--most-angle", type=float, metavar="RAD", help="joint angle beyond which the arm is held")
     serve.add_argument("--most-rate", type=float, metavar="RAD/S", help="joint rate beyond which the arm is held")
-    serve.add_argument("--most-change", type=float, metavar="SHARE", help="largest torque change per period / limit")
+    serve.add_argument("--most-change", type=float, metavar="SHARE", help="torque change per period / torque limit")
     serve.add_argument("--env-kwargs", metavar="JSON", help="keywords of the environment")
     serve.add_argument("--seed", type=int, metavar="S", help="seed of the arm's initial state")
     serve.add_argument("--log", metavar="FILE.csv", help="write a row per period, for flexarm identify")
     serve.add_argument("--seconds", type=float, metavar="T", help="duration, s; default: until Ctrl-C")
 
-    run = add("run", "drive a served or real arm", RUN, "remote", RUN_CODES)
-    run.add_argument("policy", metavar="POLICY", help="a policy, as for play, or FILE.csv")
+    run = add("run", "control a served or real arm", RUN, "remote", RUN_CODES)
+    run.add_argument("policy", metavar="POLICY", help="policy, as for flexarm play, or FILE.csv")
     run.add_argument("--to", required=True, metavar="HOST:PORT", help="address of the arm")
-    run.add_argument("--key", metavar="FILE", help="key shared with the server")
+    run.add_argument("--key", metavar="FILE", help="file with the key shared with the server")
     run.add_argument("--env", metavar="ENV", help="environment that a controller uses as its model")
     run.add_argument("--env-kwargs", metavar="JSON", help="keywords of the environment")
     run.add_argument("--seconds", type=float, metavar="T", help="duration, s (10; or the duration of FILE.csv)")
@@ -352,32 +355,32 @@ def build_parser() -> Parser:
 
     what = "export policies (ONNX, C), controllers (C, FMU), arms (C library, FMU, MJCF, URDF)"
     export = add("export", what, EXPORT, "export")
-    what = "a policy or a controller; for library and fmu an environment id, a task or an arm; for mjcf, urdf an arm"
+    what = "policy or controller; for library and fmu an environment id, a task or an arm; for mjcf and urdf an arm"
     export.add_argument("what", metavar="WHAT", help=what)
     export.add_argument("--to", required=True, choices=FORMS, help="output format")
     export.add_argument("--out", required=True, metavar="PATH", help="output file, or folder of a library")
-    export.add_argument("--name", metavar="NAME", help="prefix of a library's names; default: from --out")
+    export.add_argument("--name", metavar="NAME", help="prefix of all names in C; default: derived from --out")
     export.add_argument("--fmi", choices=("2.0", "3.0"), help="FMI version; default 3.0")
     export.add_argument("--cpu", metavar="CPU", help="target processor: native or an LLVM name; default x86-64-v2")
-    export.add_argument("--env", metavar="ENV", help="environment that a controller is designed for")
+    export.add_argument("--env", metavar="ENV", help="environment for which a controller is designed")
     export.add_argument("--env-kwargs", metavar="JSON", help="keywords of the environment")
     export.add_argument("--slew", type=float, metavar="RAD", help="for time_optimal: angle of the planned slew")
     export.add_argument("--elbows", metavar="LOW:HIGH[,...]", help="elbow angles for which gains are tabulated, rad")
     export.add_argument("--targets", metavar="X:Y:Z[,...]", help="in space: target points of the controller, m")
     export.add_argument("--segments", type=int, metavar="N", help="for mjcf: springs per flexible link (4)")
-    export.add_argument("--placement", metavar="WHERE", help="for mjcf: springs at gauss points, or middle (gauss)")
+    export.add_argument("--placement", metavar="WHERE", help="for mjcf: gauss (points) or middle (of cells); (gauss)")
     export.add_argument("--gravity", metavar="X:Y:Z", help="for mjcf: m/s^2; default 0:0:0, in space 0:0:-9.81")
 
     import_ = add("import", "convert a robot's URDF or MJCF file to an arm", IMPORT, "exchange")
     import_.add_argument("file", metavar="FILE", help="robot.urdf or robot.xml")
     import_.add_argument("--out", required=True, metavar="ARM.toml", help="output file")
-    import_.add_argument("--root", metavar="BODY", help="first body of the chain, if the file has several")
+    import_.add_argument("--root", metavar="BODY", help="first body of the chain, if the file has several chains")
     import_.add_argument("--tip", metavar="NAME", help="body or site at the arm's tip")
     import_.add_argument("--flexible", action="append", metavar="BODY=SECTION", help="flexible link and its section")
-    import_.add_argument("--tau-d", type=float, default=0.0, metavar="S", help="damping of flexible links, s (0)")
+    import_.add_argument("--tau-d", type=float, default=0.0, metavar="S", help="damping time of flexible links, s (0)")
     import_.add_argument("--gear-ratio", type=float, default=100.0, metavar="R", help="gear ratio of all motors (100)")
 
-    compile_ = add("compile", "compile in advance what is needed first", COMPILE, "compile", "")
+    compile_ = add("compile", "compile the programs for default settings in advance", COMPILE, "compile", "")
     compile_.add_argument("--all", action="store_true", help="all formulations, not only the defaults")
     compile_.add_argument("--clean", action="store_true", help="delete the cached code and compile nothing")
 

@@ -1,4 +1,4 @@
-"""`flexarm play`: an environment in a window or a film, under the keyboard, a controller or a trained policy."""
+"""`flexarm play`: show an environment in a window or a film, controlled by keyboard, a controller or a policy."""
 
 import argparse
 import dataclasses
@@ -38,7 +38,7 @@ class Keyboard:
         self.joints, self.held = joints, held
 
     def reset(self, observation: NDArray[np.float32]) -> None:
-        """Do nothing at the start of an episode: keyboard control has no memory."""
+        """Do nothing, because keyboard control has no memory."""
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the full torque in the direction of each pressed key; with shift, a smaller torque."""
@@ -51,7 +51,7 @@ class Keyboard:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Play the episodes and print their outcomes; returns the exit code."""
+    """Run the episodes and print a summary of each; return the exit code."""
     count = check.integer("--episodes", args.episodes, minimum=1)
     seed = check.integer("--seed", args.seed, minimum=0)
     player = choose(args.policy)
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def choose(word: str, flag: str = "--policy") -> NamedPolicy:
-    """Return the policy that a word names, or the policy of the keyboard. Raises ValueError for an unknown word."""
+    """Return the policy that a name denotes; "keyboard" denotes `Keyboard`. Raises ValueError for an unknown name."""
     if word == KEYBOARD:
         return NamedPolicy(word, "", {}, _keyboard)
     found = find_policy(word, flag)
@@ -93,7 +93,10 @@ def choose(word: str, flag: str = "--policy") -> NamedPolicy:
 
 
 def play(env: Any, player: NamedPolicy, seeds: range, outcomes: list[dict[str, Any]]) -> Iterator[NDArray[np.uint8]]:
-    """Play an episode for each seed, yield its pictures, and append its outcome; stop when the window is closed."""
+    """Run an episode for each seed, yield its pictures, and append its summary to `outcomes`.
+
+    The episodes end when the window is closed.
+    """
     env.reset(seed=seeds[0])
     policy = player.make(env)
     total = 0.0

@@ -9,7 +9,7 @@ from typing import Any, TextIO
 
 
 class ProgressBar:
-    """Progress bar on a terminal, called with the completed share, 0 to 1; silent for the first half second."""
+    """Progress bar on a terminal; call it with the completed fraction, 0 to 1. It appears after half a second."""
 
     def __init__(self, label: str, stream: TextIO | None = None, after: float = 0.5) -> None:
         self._stream = sys.stderr if stream is None else stream
@@ -19,7 +19,8 @@ class ProgressBar:
 
     def __call__(self, share: float) -> None:
         """Draw the bar at a fraction (0 to 1) of the work, with the remaining time; silent for the first half
-        second."""
+        second.
+        """
         spent = time.monotonic() - self._start
         if not self._visible or spent < self._after:
             return

@@ -1,4 +1,4 @@
-"""`flexarm serve` and `flexarm run`: serve an arm in real time over UDP, and drive the arm of a server by a policy."""
+"""`flexarm serve` and `flexarm run`: simulate an arm in real time for UDP clients, and control an arm by a policy."""
 
 import argparse
 import contextlib
@@ -30,7 +30,7 @@ LONGEST = 4096
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run `flexarm serve` or `flexarm run`; returns the exit code."""
+    """Run `flexarm serve` or `flexarm run`; return the exit code."""
     return _serve(args) if args.command == "serve" else _drive(args)
 
 

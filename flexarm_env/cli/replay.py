@@ -1,4 +1,4 @@
-"""`flexarm replay` and `flexarm simulate`: run a scene, print a report, compare, write files, and plot."""
+"""`flexarm replay` and `flexarm simulate`: simulate a scene, print a report, compare with a reference, and plot."""
 
 import argparse
 import dataclasses
@@ -32,7 +32,10 @@ Columns = Mapping[str, NDArray[np.float64]]
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the scene and print the report; returns 1 if the run ended early, 3 with --strict if it is inaccurate."""
+    """Simulate the scene and print the report.
+
+    Returns exit code 1 if the simulation ended early, and 3 with --strict if it is inaccurate.
+    """
     scene = scenes.resolve(args.scene)
     given = {flag.name: getattr(args, flag.name) for flag in flags(Settings)}
     settings = scene.settings(**{name: value for name, value in given.items() if value is not None})
@@ -180,7 +183,7 @@ def _needs(name: str, module: str, extra: str) -> None:
 
 
 def writable(name: str, path: str, endings: tuple[str, ...]) -> Path:
-    """Check an output's path before a long run, create its folder, and return the path."""
+    """Validate the path of an output file before a long simulation, create its folder, and return the path."""
     if name in NEEDED and Path(path).suffix.lower() in endings:
         _needs(name, *NEEDED[name])
     return to_file(f"--{name}", path, endings)

@@ -1,4 +1,4 @@
-"""`flexarm scenes`: list the packaged scenes."""
+"""`flexarm scenes`: list the scenes of the package."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""`flexarm schema`: JSON schema of arm files and of scene files."""
+"""`flexarm schema`: print the JSON schema of arm files or of scene files."""
 
 import argparse
 import json
@@ -9,6 +9,6 @@ from flexarm_env.scene import Scene
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the JSON schema of arm files or of scene files; returns the exit code."""
+    """Print the JSON schema of arm files or of scene files; return the exit code."""
     print(json.dumps(Scene.schema() if args.of == "scene" else arms.schema(), indent=2))
     return DONE

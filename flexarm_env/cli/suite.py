@@ -1,5 +1,6 @@
 """`flexarm bench suite` and `flexarm bench page`: evaluate policies on the suite's tasks, and write a page of
-results."""
+results.
+"""
 
 import os
 import sys
@@ -33,18 +34,18 @@ MOST = 100_000
 """Largest number of episodes in a policy's evaluation."""
 
 SUITE = f"""\
-Evaluate policies on the suite's tasks, each on the {EPISODES} episodes with seeds from {FIRST}, and write
-FOLDER/NAME-RUN.json: versions, digests of the tasks, seeds, run times, and return, success and cost of each episode.
-Results of the same policy and task that are already in FOLDER are kept, and the output says so; an interrupted command
-thus resumes. Functions of your own are evaluated every time, other policies with --again. With more than {EPISODES}
-episodes, all with seeds from {FIRST}, the result uses the first {EPISODES}; the others refine the differences between
-methods on the page.
+Evaluate policies on the suite's tasks, on the {EPISODES} episodes with the seeds {FIRST}, {FIRST + 1}, ..., and write
+FOLDER/NAME-RUN.json with versions, digests of the tasks, seeds, run times, and return, success and cost of each
+episode. If FOLDER already contains results of the same policy on a task, the command keeps them and says so;
+an interrupted command can thus be resumed. --again evaluates the policy again. Python functions are always evaluated
+again. With more than {EPISODES} --episodes, the score uses the first {EPISODES}; the other episodes only make the
+differences between methods on the page more precise.
 
-A policy is a controller (pd, zv, zvd, lqr, lqg, mpc, time_optimal; at a wall hybrid_force, impedance, lqr_force), a
-run folder or policy.npz, a policy of the package, an .onnx file, or your own MODULE:NAME: a function of observations
-(n, entries) to actions (n, joints) or of one observation to one action, or an object with `reset` and `act`, or its
-class. `reset` receives the first observations. If each task has its own policy, write {PLACE} in the name for the
-task's id.
+A policy is a controller (pd, zv, zvd, lqr, lqg, mpc, time_optimal; for tasks at a wall hybrid_force, impedance,
+lqr_force), a run folder or policy.npz, a policy of the package, an .onnx file, or MODULE:NAME. MODULE:NAME is a Python
+function from observations (n, entries) to actions (n, joints), a function from one observation to one action, or an
+object or class with the methods `reset`, which receives the first observations, and `act`. If each task has its own
+policy, write {PLACE} in the name in place of the task's id.
 
   flexarm bench suite --list            with --json: id, for --task, and env_id, for gymnasium.make
   flexarm bench suite --policy pd,lqg --out runs/suite
@@ -54,9 +55,9 @@ task's id.
 """
 
 PAGE = """\
-Summarize all results files of a folder on Markdown pages: FILE.md has a table of scores with a row for each task,
-FILE-tasks.md a table of all methods for each task. Results on superseded tasks are written to FILE-earlier.md, and
-methods that cannot be evaluated to FILE-missing.md. Without --out the pages are printed.
+Summarize all results files of a folder on Markdown pages. FILE.md has a table of scores with a row for each task.
+FILE-tasks.md has a table of all methods for each task. FILE-earlier.md has the results on previous versions of tasks,
+and FILE-missing.md the methods that cannot be evaluated. Without --out the pages are printed.
 
   flexarm bench page runs/suite --out runs/suite.md
   flexarm bench page runs/suite --out runs/suite.md --figure runs/suite.png      a figure of the scores (".[plot]")
@@ -68,7 +69,7 @@ exit code: 0 done, 1 some task could not be evaluated (see standard error), 2 wr
 
 
 def run(name: str, words: Sequence[str]) -> int:
-    """Run `flexarm bench NAME`; returns the exit code."""
+    """Run `flexarm bench suite` or `flexarm bench page`; return the exit code."""
     return _suite(words) if name == "suite" else _page(words)
 
 

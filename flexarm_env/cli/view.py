@@ -1,4 +1,4 @@
-"""`flexarm view`: write a page that plays scenes, trajectories, episodes, controllers and policies in a browser."""
+"""`flexarm view`: write a page that shows simulations and episodes in a browser."""
 
 import argparse
 import math
@@ -43,7 +43,7 @@ PICTURES = 300
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the page and print its path; returns the exit code."""
+    """Write the page and print its path; return the exit code."""
     target = Path(args.out if args.out is not None else f"{Path(args.runs[0].partition('@')[0]).stem}.html")
     if target.suffix.lower() not in (".html", ".htm"):
         raise check.InvalidValue("--out", args.out, "must end in .html")
@@ -65,7 +65,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _checked(args: argparse.Namespace) -> list[str]:
     """Return the kind of each run that the command shows. Raises ValueError for an unknown word, or a flag that no run
-    uses."""
+    uses.
+    """
     kinds = [_kind(word) for word in args.runs]
     for flag, kind in FLAGS.items():
         if getattr(args, flag) is not None and kind not in kinds:

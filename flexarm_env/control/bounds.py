@@ -38,7 +38,7 @@ class Bounds:
         check.store(self, torque=torque, deflection=_or_infinite("bounds.deflection", self.deflection, above=0.0))
         joints = self.joints.tolist() if isinstance(self.joints, np.ndarray) else self.joints
         pairs = []
-        for k, pair in enumerate(check.sequence("bounds.joints", joints, "pairs (low, high), one a joint")):
+        for k, pair in enumerate(check.sequence("bounds.joints", joints, "pairs (low, high), one per joint")):
             path = f"bounds.joints[{k}]"
             ends = check.sequence(path, pair, "two numbers (rad), (low, high)", 2)
             low, high = (_or_infinite(f"{path}[{i}]", end, "rad") for i, end in enumerate(ends))
@@ -67,7 +67,7 @@ def within(plant: Dynamics, bounds: Bounds, n: int, total: int, stiff: float = 1
     found = []
     count = plant.n_inputs
     if bounds.joints:
-        check.sequence("bounds.joints", bounds.joints, f"{count} pairs (low, high), one a joint", count)
+        check.sequence("bounds.joints", bounds.joints, f"{count} pairs (low, high), one per joint", count)
         low, high = np.array(bounds.joints, np.float64).T
         slope = np.zeros((count, plant.size))
         slope[np.arange(count), plant.joints] = 1.0

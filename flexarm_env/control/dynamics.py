@@ -147,7 +147,7 @@ class Dynamics:
         """Validate joint angles (m, N), rad; return them and zero states (m, S)."""
         angles = check.floats("joint angles", angles)
         if angles.ndim != 2 or angles.shape[1] != self.n_inputs:
-            what = f"must be (m, {self.n_inputs}), a row an arm"
+            what = f"must be (m, {self.n_inputs}), one row per arm"
             raise check.InvalidValue("shape of joint angles", angles.shape, what)
         return angles, np.zeros((len(angles), self.size))
 

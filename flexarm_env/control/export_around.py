@@ -33,7 +33,7 @@ def around_c_source(
     """
     own = bound_controller(policy)
     if isinstance(own, Following):
-        what = "must be of an environment with targets and a root at rest: C begins no controller anew in every period"
+        what = "must be of an environment with targets and a root at rest: C code cannot restart it in each period"
         raise check.InvalidValue("around", policy.inside.controller, what)
     head = c_comment([
         f"NAME: a policy with the controller {policy.inside.controller} inside.",

@@ -70,7 +70,7 @@ def controller_source(
         what = "must be a controller without contact: those of a contact force solve for the arm at rest in each period"
         raise check.InvalidValue("controller", kind.__name__, what)
     if kind not in _BODIES:
-        what = "must be pd, zv, zvd, lqr, lqg or time_optimal: others solve a programme in each period"
+        what = "must be pd, zv, zvd, lqr, lqg or time_optimal: others optimize in each period"
         raise check.InvalidValue("controller", kind.__name__, what)
     setup, read = controller.setup, controller.read
     aimed = read.aimed
@@ -138,7 +138,7 @@ def _in_space(own: Controller, slew: float | None, elbows: Pairs | None, targets
         target = np.array(vector(f"targets[{i}]", point, "m"))
         off, *rest = own.rest_at(target, np.zeros(N))
         if off > NEAR * arm.total_length:
-            raise check.InvalidValue(f"targets[{i}]", point, f"must be where the tip can rest: {off:.3g} m from there")
+            raise check.InvalidValue(f"targets[{i}]", point, f"must be where the tip can rest: {off:.3g} m away")
         rests.append((target, *rest))
     where, angles, torques = map(np.array, zip(*rests, strict=True))
     parts = own.bodies

@@ -246,7 +246,7 @@ def least_time(
         if last is None and not motion.found.all():
             arm = int(np.argmin(motion.found))
             wider = "" if own == Bounds() else f", or {own} wider"
-            what = f"must be more{wider}: arm {arm} is not there in so few control periods"
+            what = f"must be more{wider}: arm {arm} cannot arrive in so few control periods"
             raise check.InvalidValue("most", most, what)
         return _replayed(plant, motion, start, goal, own)
 

@@ -39,7 +39,7 @@ class PDGains(Gains):
         """Return kp (N,), N m/rad, and kd (N,), N m s/rad, for an arm, from its inertia with elbows at 90 degrees."""
         for name, given in (("bandwidth", self.bandwidth), ("ratio", self.ratio)):
             if np.size(given) not in (1, arm.n_links):
-                raise check.InvalidValue(f"pd.{name}", given, f"must be one number, or {arm.n_links}, one a joint")
+                raise check.InvalidValue(f"pd.{name}", given, f"must be one number, or {arm.n_links}, one per joint")
         model = arm_model(arm, (0.5 * np.pi,) * (arm.n_links - 1))
         # kp = I omega^2, kd = 2 zeta I omega, omega = bandwidth * first flexible frequency
         inertia = np.diag(model.inertia)

@@ -51,7 +51,7 @@ def held_model(
 
 
 def bent_postures(now: Array) -> Array:
-    """Return two postures (2, ..., N), rad, with the first joint angle of `now` (..., N) and elbows bent either way."""
+    """Return two postures (2, ..., N), rad: the first joint angle of `now` (..., N), and elbows bent to either side."""
     elbows = np.arange(now.shape[-1] - 1)
     bends = [np.broadcast_to(BENT * side * (-1.0) ** elbows, (*now.shape[:-1], len(elbows))) for side in (1, -1)]
     return np.stack([np.concatenate([now[..., :1], bend], axis=-1) for bend in bends])

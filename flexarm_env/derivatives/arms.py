@@ -81,9 +81,9 @@ class Arms(Periods):
         ).unwrapped  # fmt: skip
         self.environment = made
         if "cost" in made.plan.kind.rewards:
-            raise check.InvalidValue("reward.cost", keywords["reward"]["cost"], "must be left out: steps have no slope")
+            raise check.InvalidValue("reward.cost", keywords["reward"]["cost"], "must be left out: costs jump")
         if any(name.startswith("previous_action") for name in made.plan.names):
-            what = "must be observed otherwise here: states have no actions in them"
+            what = "must not be observed here: states do not contain actions"
             raise check.InvalidValue("observation", "previous_action", what)
         self.observation_space, self.action_space = made.single_observation_space, made.single_action_space
         self._parts: list[Part] = []

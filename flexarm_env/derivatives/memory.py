@@ -33,7 +33,7 @@ class Memory:
         self.chosen = np.arange(batch.entries) if selection is None else selection.chosen
         self.entries, shown = len(self.chosen), 1 if selection is None else selection.frames
         if extras.sensors is not None and extras.sensors.drawn is not None:
-            what = "must be one number where derivatives are taken: arms that see the past see as much of it"
+            what = "must be one number if derivatives are computed: all arms must have the same delay"
             raise check.InvalidValue("sensors.delay", tuple(batch.period * k for k in extras.sensors.drawn), what)
         self._age = 0 if extras.sensors is None else extras.sensors.age
         remembered = extras.instruments is not None or self._age > 0 or shown > 1

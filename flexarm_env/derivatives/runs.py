@@ -105,7 +105,7 @@ class Run:
         model, n = own.model, len(own.work.q)
         for other, _, _ in neighbours:
             if _kind(other.model) != _kind(model):
-                raise NotDifferentiable("a change of what the model consists of")
+                raise NotDifferentiable("a change of the model's structure")
         h = np.diff(self.t, prepend=0.0)
         if "driven" not in self._kept:
             self._kept["driven"] = self._driven(own)

@@ -61,7 +61,7 @@ def _strains(frame: Frame, limit: float) -> Array:
         s, name = np.array(place * link.length), "J" if plane == "xy" else "J_y"
         m, J = float(link.along(s).m), float(link.along(s).J if plane == "xy" else link.across(s)[name])
         if J <= 0.0:
-            what = "must be given (kg m) for cost.strain: with m it tells how thick the link is"
+            what = "must be given (kg m) for cost.strain: with m it defines the link's thickness"
             raise check.InvalidValue(f"arm.links[{k}].section.{name}", J, what)
         distances.append(surface(m, J))
     table = gauge_table(frame.arm, frame.settings, frame.gravity, places)
@@ -144,7 +144,7 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool,
     table = table_of("success", success, (*kind.bands, "hold", "once", "paid"))
     paid = check.flag("success.paid", table.get("paid", False))
     if paid and not set(table) & set(kind.bands):
-        raise check.MissingKey("success.position", f"a success that is paid for needs bounds: {', '.join(kind.bands)}")
+        raise check.MissingKey("success.position", f"a reward for success needs bounds: {', '.join(kind.bands)}")
     bands = [
         check.number(f"success.{name}", table[name], unit, above=0.0) if name in table else math.inf if paid else usual
         for name, (usual, unit) in kind.bands.items()
@@ -196,7 +196,7 @@ def starts(kind: Kind, arm: Arm, value: Any, rules: int) -> tuple[Starts, bool]:
             raise check.InvalidValue("starts.straight", share, "must be 0 where a joint's limits leave out the angle 0")
     absolute = check.flag("starts.absolute", table.get("absolute", False))
     if absolute and kind.target.numbers != 1:
-        raise check.InvalidValue("starts.absolute", True, f"must be left out for {kind.id}: a point is where it is")
+        raise check.InvalidValue("starts.absolute", True, f"must be left out for {kind.id}, with points as targets")
     return dataclasses.replace(usual, **changes), absolute
 
 

@@ -41,7 +41,7 @@ def check_afloat(frame: Frame, task: str, mode: str, wanted: Any, **arguments: A
     aimed = [name for name in ([] if isinstance(wanted, str) else wanted) if name in goals]
     why = "joint angles that reach a target are those of an arm whose root is held"
     if mode == "residual_pd":
-        raise check.InvalidValue("action_mode", mode, f"must be another on a base that floats: {why}")
+        raise check.InvalidValue("action_mode", mode, f"must not be used on a floating base: {why}")
     if wanted == MEASURED or aimed:
         value = aimed[0] if aimed else wanted
         what = f'must be "full", or name none of these, on a base that floats: {why}'

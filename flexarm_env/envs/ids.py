@@ -39,7 +39,7 @@ def permitted(path: str, env_id: Any, env_kwargs: Any, named: str | None = None)
     if named is not None and env_id == named:
         return named, keywords
     if not isinstance(env_id, str) or env_id.removeprefix(f"{PACKAGE}:") not in own_ids():
-        what = f"must be {' or '.join(own_ids())}: a file gets another environment only where the caller names it too"
+        what = f"must be {' or '.join(own_ids())}: the caller must also name an environment of another package"
         raise check.InvalidValue(check.joined(path, "env_id"), env_id, what)
     taken = [name for name in ARGUMENTS if name != "render_mode"]
     check.known_keys(check.joined(path, "env_kwargs"), keywords, taken, "argument")

@@ -298,7 +298,7 @@ def with_starts(plan: Plan, ranges: Mapping[str, Any] | None) -> Plan:
     rules = RULES[0] if plan.record.nearness is None or plan.contacts else RULES[-1]
     begun, absolute = events.starts(plan.kind, plan.arm, ranges, rules)
     if plan.kind.target.numbers == 1 and absolute != (plan.record.relative == 0.0):
-        raise check.InvalidValue("starts.absolute", absolute, "must stay as the environment was made with")
+        raise check.InvalidValue("starts.absolute", absolute, "must stay as in gymnasium.make")
     begun = dataclasses.replace(plan.starts, start=begun.start, target=begun.target, straight=begun.straight)
     if plan.record.nearness is not None and plan.task == plan.kind.task:
         needs = plan.kind.conditions.of_targets(plan.arm, plan.gravity, plan.record, begun, plan.extras)
@@ -432,7 +432,7 @@ def _factors(value: Any, arm: Arm) -> dict[str, events.Pair]:
         if low == 0.0 and name in ("EI", "EI_y", "GJ", "torque_constant"):
             raise check.InvalidValue(f"{path}[0]", low, "must be a positive number: an arm without it cannot be moved")
         if name == "motor_inertia" and low == 0.0:
-            raise check.InvalidValue(f"{path}[0]", low, "must be positive: behind a gear something must move")
+            raise check.InvalidValue(f"{path}[0]", low, "must be positive: the link after a gear must have inertia")
         if name in table and not there.get(name, True):
             raise check.InvalidValue(path, table[name], f"must not be given: {arm.name} has none")
         found[name] = low, high

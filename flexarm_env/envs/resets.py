@@ -122,7 +122,7 @@ def _start(plan: Plan, value: Any) -> list[float]:
     angles = [check.number(f"options.start[{k}]", v, "rad", **ANGLE) for k, v in enumerate(entries)]
     for k, angle in enumerate(angles):
         if not abs(angle) <= plan.farthest:
-            what = f"must be within +-{plan.farthest:.3g} rad: double precision carries so stiff an arm no further"
+            what = f"must be within +-{plan.farthest:.3g} rad: the limit of double precision for so stiff an arm"
             raise check.InvalidValue(f"options.start[{k}]", angle, what)
     for k, limits in enumerate(plan.arm.joint_limits or ()):
         if limits is not None and not limits[0] <= angles[k] <= limits[1]:

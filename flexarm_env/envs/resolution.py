@@ -20,10 +20,10 @@ Coulomb friction T_C adds the error e_2 = sum of T_C h t / I over the joints. If
 rate afterwards has an error of up to T_C h / I (docs/theory.md, section 6). The estimate assumes that this rate error
 acts on the position for t = 1 s.
 
-In a fast turn with the angular velocity Omega of the links, the exact beam in the plane has the error e_3 = kappa h^2
-times the time integral of Omega^3: its coordinates are positions, and a turn lags by the fraction kappa (Omega h)^2
-(`Settings.period_error`). In all other formulations the coordinates are angles; e_3 is then a tenth of this value, with
-the rate Omega of elbows without joint limits.
+A fast turn causes the error e_3. For the exact beam in the plane, whose coordinates are positions, e_3 is kappa h^2
+times the time integral of Omega^3 with the angular velocity Omega of the links: a turn lags by the fraction kappa
+(Omega h)^2 (`Settings.period_error`). For all other formulations, whose coordinates are angles, e_3 is a tenth of this
+value, with the largest rate of an elbow without joint limits in place of Omega.
 
 With backlash, omega_c h must be at most 0.3 (measured), so that steps resolve the contact in the gear. omega_c =
 sqrt(k (1/J + 1/I)) for a rotor of inertia J, an arm of inertia I and a gear of stiffness k. If the inner PD loop

@@ -135,6 +135,6 @@ class Specified:
         """Store a registered spec; warn once if the keywords of a suite task differ from those of the frozen task."""
         if spec is not None and (own := changed(spec)) and (spec.id, *own) not in warned:
             warned.add((spec.id, *own))
-            text = f"{spec.id} with {', '.join(own)} of one's own is another task: its scores are not the suite's"
+            text = f"{spec.id} with {', '.join(own)} changes the task: its scores do not count in the suite"
             warnings.warn(text, UserWarning, stacklevel=3)
         self._spec = ArmSpec.of(spec, self.plan.limit)

@@ -21,10 +21,10 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     exact beams.
 
     The default arm, `de_luca_siciliano` (De Luca & Siciliano 1991), has two links of 0.5 m with 0.2 kg/m and EI = 1 N
-    m^2. The hub has an inertia of 0.1 kg m^2. The elbow motor has a mass of 1 kg and an inertia of 0.1 kg m^2; half of
-    this inertia belongs to each link. The payload has a mass of 0.1 kg and an inertia of 5e-4 kg m^2. The damping time
-    constant tau_d = 6.63e-3 s gives a damping ratio of one percent at 0.48 Hz, the first frequency of link 1. L, the
-    sum of the lengths, is 1 m.
+    m^2. The hub has an inertia of 0.1 kg m^2. The elbow motor has a mass of 1 kg and an inertia of 0.1 kg m^2, half of
+    which moves with link 1 and half with link 2. The payload has a mass of 0.1 kg and an inertia of 5e-4 kg m^2. The
+    damping time constant tau_d = 6.63e-3 s gives a damping ratio of one percent at 0.48 Hz, the first natural frequency
+    of link 1. L, the sum of the lengths, is 1 m.
 
     `gymnasium.make("TwoLinkFlexArm-v0")` creates one arm. `gymnasium.make_vec("TwoLinkFlexArm-v0", num_envs=n)` creates
     n arms that one compiled call advances. Each of them gives bitwise the same results as a single arm. The id

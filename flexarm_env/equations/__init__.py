@@ -1,4 +1,4 @@
-"""Equations of motion of a simulated arm with exact derivatives: mass, damping and stiffness matrices at a point."""
+"""Equations of motion of an arm with exact derivatives: mass, damping and stiffness matrices about a state."""
 
 from .motion import Equations, at_rest_of
 from .reduced import Point, Reduced, point_of, undamped

@@ -1,6 +1,6 @@
-"""Central differences of sixth order, for values without derivatives by automatic differentiation (dual lanes).
+"""Central differences of sixth order, for values that are not differentiated automatically.
 
-Examples are the points along the chain, and all values that uncompiled code computes.
+Examples are the points on the arm's center line, and values that uncompiled code computes.
 """
 
 from collections.abc import Callable
@@ -25,6 +25,6 @@ def derivative(f: Callable[[float], Array], step: float) -> Array:
 
 
 def step_along(d: Array, weight: Array) -> float:
-    """Return the step of differences along an increment d (n,); weight: 1 / size of each coordinate; 1.0 if d is 0."""
+    """Return the step of differences along an increment d (n,), 1.0 if d is 0. weight: 1 / size of each coordinate."""
     size = float(np.abs(d * weight).max(initial=0.0))
     return STEP / size if size > 0.0 else 1.0

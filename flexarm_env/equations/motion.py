@@ -40,12 +40,12 @@ class Equations:
     """Equations of motion of one arm, with their derivatives.
 
     Attributes:
-        free: rows of q that can move (no multiplier, not fixed, not prescribed). algebraic: rows of q with multipliers.
-        independent, dependent: indices into `free`; the floating frame after a joint depends on the frame before
-            the joint. joints: joints that can turn, each with its position among the independent coordinates.
-        turned: joints that a torque can turn, each with the position of the angle on which the torque acts. With an
-            elastic gear the torque acts on the motor's angle, otherwise on the joint's angle. rows_turned: row of the
-            angle on which the torque acts, for every joint.
+        free: rows of q that can move: not multipliers, not fixed, not prescribed. algebraic: rows of q with Lagrange
+            multipliers.
+        independent, dependent: indices, in `free`, of independent coordinates, and of coordinates that constraints
+            determine. joints: joints that can turn, each with its index among the independent coordinates.
+        turned: joints on which a torque can act, each with the index of the angle on which it acts: the motor's angle
+            with an elastic gear, otherwise the joint's angle. rows_turned: row of q of this angle, for every joint.
         motors: rows of q with the motors' angles at elastic gears. turning (k, 3): rows of q with rotation vectors.
         names: names of the independent coordinates: "joint0", ... for joints that can turn, "motor0", ... for motors.
         driven: names of the prescribed coordinates, in the order of the scene's motions.
@@ -272,7 +272,10 @@ class Equations:
     # --- rotation ----------------------------------------------------------------------------------------------------
 
     def rotating(self, q: Array, spin: float) -> tuple[Array, Array]:
-        """Return rates and accelerations of a steady rigid rotation (rad/s), in space about the first joint's axis."""
+        """Return rates and accelerations of q in a steady rotation, in space about the first joint's axis.
+
+        spin: angular velocity, rad/s.
+        """
         v, a = np.zeros(self.n), np.zeros(self.n)
         if spin == 0.0:
             return v, a
@@ -321,10 +324,10 @@ class Equations:
         return self.along(point, a=self.unit(self.free))[self.free]
 
     def reduced(self, point: Point, spin: float = 0.0) -> Reduced:
-        """Return the equations in independent coordinates.
+        """Return the linear equations in independent coordinates.
 
-        With a spin (rad/s), the point must be a steady rotation. For an observer who turns with the arm, the matrices
-        are constant in time.
+        If spin (rad/s) is not 0, the point must be a steady rotation; the matrices then refer to the rotating frame, in
+        which they are constant.
         """
         free, lam, here, there = self.free, self.algebraic, self.independent, self.dependent
         f, n = free.size, here.size
@@ -389,7 +392,7 @@ def _joint_rows(simulation: Simulation) -> dict[int, int]:
 
 
 def motor_rows(simulation: Simulation) -> dict[int, int]:
-    """Return the row of each motor that drives an elastic gear, by the index of its joint."""
+    """Return the row of q of each motor with an elastic gear, by the index of its joint."""
     found = {k: simulation.system.coordinates.get(f"motor{k}") for k in range(simulation.scene.arm.n_links)}
     return {k: row for k, row in found.items() if row is not None}
 

@@ -1,4 +1,4 @@
-"""A point of an arm's motion, and the linear equations about it in independent coordinates."""
+"""Points of an arm's motion, and linear equations about a point in independent coordinates."""
 
 from __future__ import annotations
 
@@ -27,9 +27,10 @@ class Point:
 
 @dataclass(frozen=True)
 class Frame:
-    """Matrices V, U, W (n, n) of the changes dv = d' + V d and da = d'' + U d' + W d that increments d cause.
+    """Matrices V, U, W (n, n) that relate increments d of coordinates to changes of rates and accelerations.
 
-    V and W differ from zero for rotations in body axes, and for an observer who turns with the arm in steady rotation.
+    The changes are dv = d' + V d and da = d'' + U d' + W d. V and W are zero except for rotations, and for equations in
+    a rotating frame.
     """
 
     V: Array
@@ -104,8 +105,8 @@ ROUND_OFF = 1e-14
 def undamped(M: Array, K: Array) -> tuple[Array, Array]:
     """Return squared frequencies (exactly 0 for rigid motions) and M-normalized shapes of M x'' + K x = 0.
 
-    Frequencies of stretching may be 1e8 times those of bending, and their round-off may exceed the low frequencies. The
-    low frequencies are therefore computed as the largest eigenvalues of the inverse problem.
+    Frequencies of stretching can be 1e8 times those of bending, so that their round-off errors exceed the low
+    frequencies. The low frequencies are therefore computed from the largest eigenvalues of the inverse problem.
     """
     from scipy.linalg import eigh
 

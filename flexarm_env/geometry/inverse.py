@@ -27,14 +27,13 @@ def limits_of(arm: Arm) -> Array:
 
 # -------------------------------------------------------------------------- in the plane
 def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, angles: Array) -> Array:
-    """Return joint angles (N,), rad, with which the tip of a straight-link arm is at (x, y), m, relative to its root.
+    """Return joint angles (N,), rad, at which the tip of an arm with straight links is at (x, y), m, from its root.
 
-    The function returns the same solution that the environments choose as the goal. x, y: target in inertial axes.
-    lengths (N,): lengths of the links, m. rates (N,): speed factors of the joints; a joint's time is proportional to
-    sqrt(|angle|) / rate. limits (2 N,), rad: lower and upper limit of each joint in turn. angles (N,): present joint
-    angles, rad. With two links the function returns the solution with the shorter time, with more links the solution
-    with the least sum of squares of the angles (`tasks.angles`). If the point is out of reach, the arm points along the
-    line to the point.
+    The function returns the solution that is the goal in the environments: with two links the solution that the joints
+    reach first, with more links the solution with the least sum of squared angles (`tasks.angles`). If the point is out
+    of reach, the tip is on the line to the point. x, y: in inertial axes. lengths (N,): lengths of the links, m. rates
+    (N,): joint rates; the time in which a joint turns by an angle is proportional to sqrt(|angle|) / rate. limits
+    (2 N,): lower and upper limit of each joint, rad. angles (N,): present joint angles, rad.
     """
     goal: Array = angles.copy()
     if len(lengths) == 2:
@@ -45,16 +44,14 @@ def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, ang
 
 
 def goal_angles(arm: Arm, angles: Array, target: Array, rates: Array) -> Array:
-    """Compute joint angles (n, N), rad, that place the rigid arm's tip at the target.
+    """Compute joint angles (n, N), rad, at which the rigid arm's tip is at the target.
 
-    With two links, the solution with the shorter time is chosen; with more links, the solution with the least sum of
-    squares of the angles (`tasks.angles`). The hub angle is unwrapped to the nearest turn.
+    The solution is that of `goal_of`, with the hub angle nearest to the present one. The angles satisfy the joint
+    limits, and elbow angles are within +-pi.
 
     Args:
         angles (n, N): present joint angles, rad. target (n, 2): target of the tip, m, in hub axes at these angles.
-        rates (n, N): speed factors, for two links only; a joint turns by x in a time proportional to sqrt(|x|) / rate.
-    A target out of reach is approached along the line to the target. The angles satisfy the joint limits, and no elbow
-    turns past pi.
+        rates (n, N): joint rates, as in `goal_of`; they are used only for two links.
     """
     lengths, limits = np.array([link.span for link in arm.links]), limits_of(arm).ravel()
     # target from hub axes to inertial axes
@@ -66,7 +63,7 @@ def goal_angles(arm: Arm, angles: Array, target: Array, rates: Array) -> Array:
 
 # ------------------------------------------------------------------------------ in space
 def approach(arm: Arm, angles: Array, points: Array, steps: int = 60) -> Array:
-    """Return joint angles (..., N), rad, that bring the rigid tip nearest to points, by damped least squares.
+    """Return joint angles (..., N), rad, at which the rigid arm's tip is nearest to points, by damped least squares.
 
     angles: initial guess of the joint angles, rad. points (..., 3): target positions, m, inertial axes. steps: number
     of iterations. Joint limits are enforced by clipping.
@@ -116,7 +113,7 @@ def _off(arm: Arm, angles: Array, points: Array) -> Array:
 
 
 def beyond_reach(arm: Arm, points: Array) -> int | None:
-    """Return the index of the first of n points (n, 3) that is not finite or out of the rigid tip's reach, or None."""
+    """Return the index of the first of n points (n, 3), m, that is not finite or out of reach; None without one."""
     lost = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if lost.size:
         return int(lost[0])
@@ -146,10 +143,10 @@ INVERSE = seek_point, follow_point
 def lost_at(
     arm: Arm, start: Array, points: Array, seek: Callable[..., None], follow: Callable[..., None]
 ) -> int | None:
-    """Return the index of the first point of a path (n, 3), m, that the rigid tip cannot reach; None if there is none.
+    """Return the index of the first point of a path (n, 3), m, that the rigid arm cannot reach; None if there is none.
 
-    The joints follow the path from the angles `start` (N,), rad, within their limits, as the goal posture follows a
-    moving target. seek, follow: uncompiled functions of `INVERSE`.
+    The joints follow the path from the angles `start` (N,), rad, within their limits. seek, follow: uncompiled
+    functions of `INVERSE`.
     """
     limits = limits_of(arm)
     known = chain_of(arm), (0,) * arm.n_links, arm.total_length, limits.ravel()
@@ -165,11 +162,11 @@ def lost_at(
 
 
 def angles_at(arm: Arm, point: Array, gravity: Sequence[float] | None = None) -> Array | None:
-    """Return joint angles (N,), rad, within limits, with the rigid tip at point (3,), m; None if no solution is found.
+    """Return joint angles (N,), rad, within limits, at which the rigid arm's tip is at `point` (3,), m; or None.
 
-    The distance of the tip from the point is at most 1e-9 of the arm's length. The search starts from many postures and
-    returns the solution whose angles have the least sum of squares. gravity (3,): gravitational acceleration, m/s^2,
-    inertial axes. Solutions that the torque limits can hold against gravity are preferred.
+    The search starts from many postures and returns the solution with the least sum of squared angles. Its tip is
+    within 1e-9 arm lengths of the point. The result is None if no solution is found. gravity (3,): gravitational
+    acceleration, m/s^2, inertial axes; solutions that the motors can hold against gravity are preferred.
     """
     starts = _bent(arm)
     found = approach(arm, starts, np.broadcast_to(point, (len(starts), 3)))

@@ -16,7 +16,7 @@ def _circle(count: int) -> Array:
 def outline_of(shape: Shape, center: Array, far: float) -> Array:
     """Return the corners (n, 2), m, of a planar shape.
 
-    A half-space's outline extends `far` m from the half-space's point nearest to `center`.
+    The outline of a half-space extends to the distance `far`, m, from its surface point that is nearest to `center`.
     """
     place = np.array(shape.place)
     if isinstance(shape, HalfSpace):
@@ -37,10 +37,10 @@ _CUBE = [
 
 
 def faces_of(shape: Shape, center: Array, far: float) -> list[Array]:
-    """Return the faces of a shape in space, each with its corners (n, 3), m, anticlockwise seen from outside.
+    """Return the faces of a shape in space, each with its corners (n, 3), m, counterclockwise seen from outside.
 
-    A half-space has one square with sides 2 `far`, m, around the point of the half-space nearest to `center`. The
-    square's corners are anticlockwise seen from inside the half-space.
+    A half-space is represented by a square with sides of 2 `far`, m, about its surface point nearest to `center`. The
+    corners of this square are counterclockwise seen from inside the half-space.
     """
     place, axes = np.array(shape.place), shape.axes
     if isinstance(shape, HalfSpace):

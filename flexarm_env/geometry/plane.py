@@ -1,4 +1,4 @@
-"""Angles, tip positions with bent links, and minimum times of motions, for many planar arms at once."""
+"""Angles, tip positions of arms with bent links, and minimum durations of motions, for many planar arms at once."""
 
 import numpy as np
 
@@ -15,8 +15,8 @@ def tip_in_hub_frame(arm: Arm, elbows: Array, bends: Array) -> Array:
     """Compute the tip position (n, 2), m, in the frame that turns with the hub.
 
     elbows (n, N - 1): angles of the elbow joints, rad. bends (n, N): tip deflection w of each link, divided by its
-    length. A link's tip is at L (1 - 0.6 w^2, w) in its root frame and is turned by 1.5 w, as in a cantilever bent by a
-    force at its tip.
+    length L. The tip of a link is assumed at L (1 - 0.6 w^2, w) in axes at its root, and rotated by 1.5 w, as for a
+    cantilever with a force at its tip.
     """
     tip, angle = np.zeros((len(bends), 2)), np.zeros(len(bends))
     for k, link in enumerate(arm.links):
@@ -30,10 +30,10 @@ def tip_in_hub_frame(arm: Arm, elbows: Array, bends: Array) -> Array:
 
 
 def rigid_times(inertia: Array, to_go: Array, limits: Array) -> Array:
-    """Return the minimum time (n,), s, of a rigid arm from rest to rest with synchronized joints.
+    """Return the minimum duration (n,), s, of rest-to-rest motions of rigid arms whose joints start and stop together.
 
-    The minimum time is 2 sqrt(max_i |I dq|_i / tau_i). inertia (n, N, N): mass matrices I of the rigid arms, kg m^2.
-    to_go (n, N): joint displacements dq, rad. limits (N,): largest torques tau, N m.
+    It is 2 sqrt(max_i |I dq|_i / tau_i). inertia (n, N, N): mass matrices I of the rigid arms, kg m^2. to_go (n, N):
+    joint displacements dq, rad. limits (N,): largest torques tau, N m.
     """
     load = np.abs(np.einsum("nij,nj->ni", inertia, to_go)) / limits
     times: Array = 2.0 * np.sqrt(load.max(axis=1))

@@ -36,8 +36,8 @@ class Ribbons(NamedTuple):
 def ribbons(arm: Arm, settings: Settings, q: Array, pieces: int = 6) -> Ribbons:
     """Return the links' `Ribbons` at n instants, from the arm's coordinates q (n, rows).
 
-    Between two sections the line is a cubic that is tangent to both sections' x axes. The width direction turns evenly
-    about one axis. pieces: number of straight pieces by which the line between two sections is drawn.
+    Between two sections the line is a cubic that is tangent to the x axes of both sections, and the width direction
+    rotates about a fixed axis. pieces: number of straight pieces of the line between two sections.
     """
     lines, cuts = [], [0]
     for link, motion in zip(arm.links, links(arm, settings, q, np.zeros_like(q)), strict=True):
@@ -52,7 +52,7 @@ def ribbons(arm: Arm, settings: Settings, q: Array, pieces: int = 6) -> Ribbons:
 
 
 def ribbons_of(run: Any, pieces: int = 6) -> Ribbons:
-    """Return the `Ribbons` of a `SpatialTrajectory`; for a planar motion they are read from its planar scene."""
+    """Return the `Ribbons` of a `SpatialTrajectory`; a motion in a plane is converted from its planar scene."""
     flat = in_plane(run.scene)
     if flat is None:
         return ribbons(run.scene.arm, run.settings, run.q, pieces)
@@ -70,7 +70,7 @@ def ribbons_of(run: Any, pieces: int = 6) -> Ribbons:
 
 
 def sides(arm: Arm) -> Array:
-    """Return width and thickness (N, 2), m, of the links, from their stiffnesses at mid-length; 0 for rigid links."""
+    """Return width and thickness (N, 2), m, of the links, from their stiffness at mid-length; 0 for rigid links."""
     return np.array([_sides(link) for link in arm.links])
 
 

@@ -121,7 +121,7 @@ def excite(
         if turned <= angle and bent <= bending:
             return Excitation(t, torques, (low, high), within, float(turned), float(bent))
         torques = torques * 0.95 * min(1.0, angle / turned, bending / bent)
-    what = f"must be more for {given.name}: no torques that were tried keep it and most_deflection"
+    what = f"must be more for {given.name}: none of the tried torques stays within it and most_deflection"
     raise check.InvalidValue("most_angle", most_angle, what)
 
 

@@ -72,7 +72,7 @@ def read_run(path: str | os.PathLike[str], config: Config) -> Run:
     for channel in channels:
         if header.count(channel.column) != 1:
             have = listed(header)
-            raise BadLog(f"{where}: column {channel.column!r} ({channel.name}) must be there once; columns: {have}")
+            raise BadLog(f"{where}: column {channel.column!r} ({channel.name}) must exist once; columns: {have}")
     if len(lines) < 20:
         raise BadLog(f"{where}: {len(lines)} rows of numbers are too few (at least 20)")
     for i, line in enumerate(lines):

@@ -333,12 +333,12 @@ def _drive(arm: Arm, k: int, kind: str) -> tuple[float, Arm]:
     if kind == "torque":
         return 1.0, arm
     if joint.motor is None:
-        raise check.MissingKey(f"joints[{k}].motor", f"a {kind} says nothing about the torque without it")
+        raise check.MissingKey(f"joints[{k}].motor", f"a {kind} does not determine the torque without it")
     factor = joint.motor.torque_constant * joint.gear_ratio
     if kind == "current":
         return factor, arm
     if joint.motor.resistance is None:
-        raise check.MissingKey(f"joints[{k}].motor.resistance", "a voltage says nothing about the current without it")
+        raise check.MissingKey(f"joints[{k}].motor.resistance", "a voltage does not determine the current without it")
     if joint.elastic and joint.friction_side == "link" and (joint.friction_viscous or joint.friction_coulomb):
         what = 'must be "motor" where a voltage drives an elastic gear: its back-emf brakes the motor\'s side'
         raise check.InvalidValue(f"joints[{k}].friction_side", joint.friction_side, what)
@@ -398,7 +398,7 @@ def _check_place(path: str, place: Sequence[Any], table: Any) -> None:
         if isinstance(word, int) and isinstance(table, list | tuple):
             if word >= len(table):
                 most = f"must be {where}[0] to {where}[{len(table) - 1}]" if table else f"there are no {where}"
-                raise check.InvalidValue("parameters", path, f"{most}: so many has the arm with its experiment")
+                raise check.InvalidValue("parameters", path, f"{most}: the arm with its experiment has so many")
             where = f"{where}[{word}]"
         elif isinstance(word, str) and isinstance(table, Mapping):
             if word not in table:

@@ -64,7 +64,7 @@ def identify(
     stems = [run.stem for run in (*runs, *others)]
     for stem in stems:
         if stems.count(stem) > 1:
-            raise check.InvalidValue("data", stem, "must be there once: two logs of one name cannot be told apart")
+            raise check.InvalidValue("data", stem, "must be given once: logs must have different names")
     files = {run.stem: os.fspath(p) for run, p in zip((*runs, *others), (*data, *hold_out), strict=True)}
     experiment = Experiment(given, setup, parameters, [run.stem for run in runs])
     for run in (*runs, *others):

@@ -39,7 +39,7 @@ def _comparable(measured: Array, predicted: Array) -> tuple[Array, Array]:
     if predicted.shape != measured.shape:
         raise check.InvalidValue("shape of predicted", predicted.shape, f"must be that of measured, {measured.shape}")
     if np.ptp(measured) == 0.0:
-        raise check.InvalidValue("measured", measured, "must move, or nothing is to be explained")
+        raise check.InvalidValue("measured", measured, "must not be constant")
     return measured, predicted
 
 
@@ -122,7 +122,7 @@ def free_decay(t: Array, y: Array, *, periods: float = 4.0, high: float = np.inf
     # dominant frequency of the whole record, which sets the intervals' length
     whole = ringing(t, y, high=high)
     if whole is None or whole.error > 0.9:
-        raise check.InvalidValue("y", y, "must ring: no damped cosine is found in it")
+        raise check.InvalidValue("y", y, "must contain a vibration: no damped cosine was found")
     # half-overlapping intervals of equal length
     size = round(periods / whole.frequency / (t[1] - t[0]))
     if size < 8 or len(t) < 2 * size:

@@ -43,7 +43,7 @@ SENTENCES = {
     "ok": "ok",
     "newton_failed": "Newton's iteration did not converge, although the step was halved",
     "diverged": "the solution diverged: a tip deflects by more than its length, or energy appeared from nowhere",
-    "out_of_range": "a deflection is beyond the range of the reduction to modes",
+    "out_of_range": "a deflection is beyond the valid range of the reduction to modes",
     "not_finite": "a value that is not finite appeared",
     "timed_out": "the time allowed was used up",
     "action_not_finite": "the action is not finite",

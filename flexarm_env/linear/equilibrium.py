@@ -161,7 +161,7 @@ def warn_unstable(stability: Stability, refuse: bool) -> None:
     if not stability.stable:
         text = (
             f"the equilibrium found is unstable: a small disturbance of it grows by exp({stability.growth:.3g} t / s), "
-            f"in {stability.negative} direction(s); a small load to one side says where the arm goes"
+            f"in {stability.negative} direction(s); a small lateral load selects a direction"
         )
         if refuse:
             raise NoEquilibrium(text)
@@ -286,10 +286,10 @@ class _Search:
         if self.e.status(point.q) != OK:
             raise NoEquilibrium(out_of_range(self.e.model, f", from {share:.3g} of the loads on"))
         if self.size((point.q - start.q)[self.e.free]) > _TURNS * 2.0 * np.pi:
-            raise NoEquilibrium(f"the loads are too large: they wind the arm up {_TURNS} times at {share:.3g} of them")
+            raise NoEquilibrium(f"the loads are too large: they turn the arm by {_TURNS} times at {share:.3g} of them")
         if self.spent > _MOST and share < 1.0:
             raise NoEquilibrium(
-                f"the loads are too large: rest was followed from the unloaded arm to {share:.3g} of them only"
+                f"the loads are too large: the equilibrium exists from the unloaded arm up to {share:.3g} of them only"
             )
 
     def sink(self, start: Point, followed: float) -> Point:
@@ -321,7 +321,7 @@ class _Search:
         if inputs < joints:
             why = "nothing holds the arm, its root being free"
         elif len(self.held) == joints:
-            why = f"rest was followed from the unloaded arm to {followed:.3g} of the loads, where it snaps"
+            why = f"the equilibrium exists from the unloaded arm up to {followed:.3g} of the loads, where it snaps"
         raise NoEquilibrium(
             f"no equilibrium was found: {why}; the arm where the search ended still accelerates at "
             f"{self.accelerations(point)[1]:.3g} rad/s^2 (or arm lengths/s^2)"

@@ -114,7 +114,7 @@ def linearize(
         raise check.InvalidValue("method", method, "must be 'zoh' where motions are inputs of a discrete model")
     simulation = without_friction(simulation_of(target, formulation, options, discrete if stepping else None))
     if stepping and simulation.scene.floats:
-        what = 'must be "zoh" on a base that floats: how steps keep its momentum is in no derivative of them'
+        what = 'must be "zoh" on a base that floats: derivatives of the steps neglect the conservation of momentum'
         raise check.InvalidValue("method", method, what)
     scene = simulation.scene
     if motions:
@@ -146,7 +146,7 @@ def _places(gauges: object, links: Sequence[Link], measures: Sequence[str]) -> l
         link, place, *more = check.sequence(f"gauges[{i}]", entry, "a link and a place from 0 to 1", count)
         link = check.integer(f"gauges[{i}][0]", link, minimum=0, maximum=len(links) - 1)
         if links[link].rigid:
-            raise check.InvalidValue(f"gauges[{i}][0]", link, "must be a link that bends: this one is rigid")
+            raise check.InvalidValue(f"gauges[{i}][0]", link, "must be a flexible link: this one is rigid")
         place = check.number(f"gauges[{i}][1]", place, minimum=0.0, maximum=1.0)
         found.append((link, place, *(check.choice(f"gauges[{i}][2]", what, measures) for what in more)))
     return found

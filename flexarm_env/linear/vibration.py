@@ -171,7 +171,7 @@ def _steady_rotation(equations: Equations, start: Point, held: list[int], spin: 
         if largest < 1e-10:
             v, a = equations.rotating(q, spin)
             return replace(start, q=q, v=v, a=a)
-    raise NoEquilibrium("no steady rotation was found: the spin may be beyond what the arm's stiffness holds")
+    raise NoEquilibrium("no steady rotation was found: the spin may be too large for the arm's stiffness")
 
 
 def _held(clamped: bool | Sequence[int], links: int) -> list[int]:

@@ -31,8 +31,8 @@ MESSAGE = (
     "the solution diverged at t = {t:.6g} s: a floating body's tip deflects by more than its length, or energy "
     "appeared from nowhere; take more segments, coupling='von_karman', a smaller dt, or a smaller rho_inf (1 keeps for "
     "ever what a jump of a velocity leaves in vibrations that the steps do not resolve)",
-    "the deflection at t = {t:.6g} s is beyond the range of the reduction to modes ({bound:.0%} of the length of a "
-    "link or segment, less where its root has hardly any inertia); take more segments beside modes, the full model "
+    "the deflection at t = {t:.6g} s is beyond the valid range of the reduction to modes ({bound:.0%} of the length of "
+    "a link or segment, less where its root has hardly any inertia); take more segments beside modes, the full model "
     "(segments, elements) or formulation='geometrically_exact'",
     "a value that is not finite appeared at t = {t:.6g} s",
     "the time allowed for the run was used up at t = {t:.6g} s",

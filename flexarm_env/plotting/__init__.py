@@ -114,7 +114,7 @@ def plot_comparison(
         what = "must be runs by their labels, such as {'8 segments': run}"
         raise check.InvalidValue("trajectories", type(given).__name__, what)
     if not trajectories:
-        raise ValueError("trajectories = {}: must hold at least one run")
+        raise ValueError("trajectories = {}: must contain at least one run")
     labels = list(trajectories)
     table: Columns = trajectories[labels[0]].columns() if reference is None else reference
     name = labels[0] if reference is None else "the reference"

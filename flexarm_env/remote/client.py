@@ -101,7 +101,7 @@ class Wire:
         # the counts are floats of a foreign sender: compare them with the lengths before use
         sizes = 0 < n == joints == len(self.limits) and len(self.scales) == entries and 0.0 < period <= LONGEST
         if not sizes or watchdog < 1.0 or not (self.limits > 0.0).all() or not (self.scales >= LEAST).all():
-            raise ConnectionError(f"{where}: a welcome that does not say what its arm has")
+            raise ConnectionError(f"{where}: an invalid WELCOME packet")
 
     def _hello(self, where: str) -> tuple[float, ...]:
         """Send HELLO, send back the cookie of the CHALLENGE, and return the numbers of the WELCOME.
@@ -126,7 +126,7 @@ class Wire:
             elif len(found.numbers) >= 4:
                 self.connection, self._last = found.connection, found.sequence
                 return found.numbers
-        what = "nobody there, another key, another's arm, or an earlier version of flexarm_env"
+        what = "no server, another key, a server with another client, or an earlier version of flexarm_env"
         raise ConnectionError(f"{where}: no answer within {PATIENCE:g} s: {what}")
 
     def _put(self, packet: Packet) -> None:
@@ -216,7 +216,7 @@ class Wire:
         if newest is None:
             return False
         if len(newest.numbers) != 2 + 3 * n + len(self.scales):
-            raise ConnectionError("a reading of another size than was said")
+            raise ConnectionError("a READING packet of unexpected size")
         # numbers[0] is the last accepted command; status; then angles, rates, torques (N each) and the sensors (M)
         self.status, values, self.flags = newest.numbers[1], np.array(newest.numbers[2:]), newest.flags
         self.angles, self.rates, self.torques = values[:n], values[n : 2 * n], values[2 * n : 3 * n]

@@ -100,7 +100,7 @@ class Session:
         """Validate the fields, design the PD controller that holds the arm, and compile the code of a period."""
         plan = getattr(getattr(self.env, "unwrapped", None), "plan", None)
         if plan is None or plan.action_mode != "torque" or plan.arm.base is not None:
-            what = "must be a single environment of this package, action_mode 'torque', its root held"
+            what = "must be a single environment of this package, action_mode 'torque', its root fixed"
             raise ValueError(f"env = {self.env}: {what}")
         check.instance("limits", self.limits, Limits)
         checked(self.key)

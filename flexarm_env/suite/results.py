@@ -354,7 +354,7 @@ def _check_numbers(path: str, table: Mapping[str, Any], count: int, can: Possibl
         for k, last in enumerate(check.sequence(f"{path}.settled", table["settled"], "numbers", count)):
             check.integer(f"{path}.settled[{k}]", last, minimum=0, maximum=numbers["lengths"][k])
             if bool(last) != bool(numbers["successes"][k]):
-                raise check.InvalidValue(f"{path}.settled[{k}]", last, "must be 0 without success, and then alone")
+                raise check.InvalidValue(f"{path}.settled[{k}]", last, "must be 0 for failed episodes only")
     if table.get("pd") is not None:
         check.numbers(f"{path}.pd", table["pd"], "numbers", count, maximum=can.most)
 

@@ -1,18 +1,18 @@
 """Inverse kinematics in the plane: compute joint angles of straight links that bring the tip to a point (x, y), m.
 
-The array `angles` contains N joint angles, rad: at entry the present angles, at return the computed angles.
-limits (2 N,): lower and upper limit of each joint, rad. If a target is out of reach, the tip is brought near it, on the
-line from the root to the target.
+The array `angles` contains N joint angles, rad: the present angles before a call, the computed angles after it.
+limits (2 N,): lower and upper limit of each joint, rad. If a target is out of reach, the tip is moved to the line from
+the root to the target.
 
-    sooner_angles    two links: of two solutions, the solution reached first
-    least_angles     N links: the solution with the least sum of squares
-    next_angles      N links: the solution with the least sum of squares near the present angles
+    sooner_angles    two links: the one of two solutions that the joints reach first
+    least_angles     N links: the solution with the least sum of squared angles
+    next_angles      N links: the solution with the least sum of squared angles near the present angles
 
-The least sum of squared joint angles with the tip at p has a mechanical meaning. The angles are the moments about the
-joints of one force f at the tip, whose components are the Lagrange multipliers: theta_k = (p - r_k) x f. An angle
-beyond a joint limit is set to the limit. The chain is thus a discrete elastica: N rigid links with springs at the
-joints. Given f, joints and tip follow from the root outward. For any N, the two components of f remain as unknowns,
-with the two equations tip(f) = p. Newton's method solves them; a step that does not reduce the error is halved.
+The solution with the least sum of squares is the static shape of N rigid links with equal springs at the joints, when a
+force f at the tip holds the tip at p. With joint k at r_k, each angle is the moment of this force: theta_k =
+(p - r_k) x f, set to the joint limit if it is beyond the limit. For a given f, all angles follow from the root outward.
+The two components of f are therefore the only unknowns, with the two equations tip(f) = p. Newton's method solves them;
+a step that does not reduce the error is halved.
 """
 
 import math
@@ -32,7 +32,7 @@ steps from that distance."""
 
 @kernel
 def nearest_turn(angle, now):
-    """Return the sum of an angle (rad) and as many whole turns as bring the sum within half a turn of `now` (rad)."""
+    """Return `angle` plus the multiple of 2 pi with which the sum is nearest to `now`, rad."""
     return angle - 2.0 * math.pi * math.floor((angle - now) / (2.0 * math.pi) + 0.5)
 
 
@@ -54,13 +54,13 @@ def _within(hub, limits):
 
 @kernel
 def sooner_angles(lengths, rates, limits, x, y, angles):
-    """Write the angles of two links that reach (x, y), m, on the elbow side that the joints reach first.
+    """Write the joint angles of two links with the tip at (x, y), m, for the solution that the joints reach first.
 
-    The elbow side with the shorter motion is chosen. A joint's time for an angle a is assumed proportional to sqrt(|a|)
-    / rate (rates (2,): joint rates, rad/s); the slower joint determines the time of the motion. A posture beyond the
-    limits is chosen only if both postures are beyond the limits. lengths (2,): link lengths, m. limits (4,): lower and
-    upper limit of each joint, rad. angles (2,): joint angles, rad: the present angles at entry, the angles at the
-    target at return.
+    The two solutions have the elbow bent to opposite sides. The time in which a joint turns by the angle a is assumed
+    to be proportional to sqrt(|a|) / rate (rates (2,): joint rates, rad/s); the slower joint determines the time of a
+    solution. A solution beyond the joint limits is chosen only if both are. lengths (2,): link lengths, m. limits (4,):
+    lower and upper limit of each joint, rad. angles (2,): joint angles, rad, present ones before, computed ones after
+    the call.
     """
     a, b = lengths[0], lengths[1]
     # cos(bend) = (r^2 - a^2 - b^2) / 2ab, clamped where the target is out of reach; bearing of the target
@@ -272,11 +272,11 @@ def _from_arc(lengths, limits, x, y, side, angles):
 def least_angles(lengths, limits, x, y, angles):
     """Write the joint angles of N links that bring the tip to (x, y), m, with the least sum of squares.
 
-    Two solutions are computed, starting from arcs (equal angles at all elbows) to either side. The one with the smaller
-    sum is written. For targets within about 0.2 of the arm's length from the root a solution with a still smaller sum
-    may exist. If no solution is found from either arc, the angles of an arc are written. lengths (N,): link
-    lengths, m. limits (2 N,): lower and upper limit of each joint, rad. angles (N,): joint angles, rad, written. At
-    entry only the hub's present angle angles[0] is read; whole turns bring the new hub angle near this angle.
+    Newton's method starts from two arcs (equal angles at all elbows), bent to either side, and the solution with the
+    smaller sum is written. For targets within about 0.2 arm lengths of the root a solution with a still smaller sum may
+    exist. If neither start leads to a solution, the angles of an arc are written. lengths (N,): link lengths, m. limits
+    (2 N,): lower and upper limit of each joint, rad. angles (N,): joint angles, rad, written; before the call only the
+    hub's angle angles[0] is read, to which multiples of 2 pi bring the new hub angle near.
     """
     now, least, least_x, least_y = angles[0], math.inf, 0.0, 0.0
     for side in (1.0, -1.0):

@@ -1,4 +1,4 @@
-"""Test whether an arm can reach a drawn target within its joint limits and hold the posture by its motors."""
+"""Test whether an arm can reach a random target within its joint limits and hold it with its motors."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MOST_DRAWS = 10_000
 
 
 class Attainable(NamedTuple):
-    """Conditions that a drawn target must satisfy. N links, D = 2 or 3 dimensions."""
+    """Conditions that a random target must satisfy, for N links in D = 2 or 3 dimensions."""
 
     bodies: np.ndarray  # (2 N,) moments of mass of each link, kg m; in space (4 N,) mass, kg, and center of mass, m
     gravity: np.ndarray  # (D,) acceleration of gravity, m/s^2
@@ -66,12 +66,12 @@ def attainable(task, needs, angles, x, y):
 
 @kernel
 def first_unattainable(task, needs, angles, points):
-    """Return the number of the first path point at which the arm cannot follow the target, or -1 without such a point.
+    """Return the index of the first point of a path that the arm cannot reach, or -1 if it can reach all points.
 
-    points: two numbers per point: x and y, m, or an angle, rad, and an unused number. angles: joint angles before the
-    first point, rad; `pursue` then moves the posture from point to point. At a returned point the posture does not
-    reach the target, passes joint limits, or needs more than the largest torques against gravity (`_allowed`). needs:
-    an `Attainable`, which contains masses, gravity and largest torques.
+    A point cannot be reached if the posture there does not reach the target, is beyond joint limits, or needs more than
+    the largest torques against gravity. points: two numbers per point: x and y, m, or an angle, rad, and an unused
+    number. angles: joint angles before the first point, rad, from which `pursue` moves the posture from point to point.
+    needs: an `Attainable`, which contains masses, gravity and largest torques.
     """
     mine = stack(_ONE, task.links + _RECORD)
     for k in range(size(task.links)):
@@ -126,13 +126,14 @@ def _allowed(task, needs, mine):
 
 @kernel
 def draw_attainable(reference, task, stream, arm, angles, path, most):
-    """Draw paths until the arm can follow the path; return 1.0, or 0.0 if none of `most` draws is attainable.
+    """Draw random paths until the arm can follow one; return 1.0, or 0.0 if it can follow none of `most` paths.
 
-    If no draw is attainable, the last draw stays in `path`. reference.ranges: lower and upper bound of each drawn
-    number. reference.line: a tag for straight lines, None for circles. reference.needs: an `Attainable`, or None to
-    accept the first draw. # in        angles, joint angles at the start, rad;  arm, number in the batch
+    In the latter case the last path stays in `path`. reference.ranges: lower and upper bound of each random number.
+    reference.line: a tag for straight lines, None for circles. reference.needs: an `Attainable`, or None to accept the
+    first path.
+    # in        angles: joint angles at the start, rad; arm: index of the arm in the batch
     # in, out   stream[arm]
-    # out       path, a `PATH`
+    # out       path: a `PATH`
     """
     drawn = stack(_ONE, _DRAWN)
     for _ in range(most):

@@ -1,4 +1,4 @@
-"""The tasks `Land` and `LandChain`: the tip touches a wall at a point with little impulse and stays there."""
+"""The tasks `Land` and `LandChain`: touch a wall at a point with the tip, with little impulse, and stay there."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The tasks `Press`, `PressChain` and `SpacePress`: the tip slides along a wall under a commanded normal force."""
+"""The tasks `Press`, `PressChain` and `SpacePress`: slide along a wall with the tip under a commanded normal force."""
 
 from ..compiler import Lanes, absolute, kernel, maximum, select_lt, sincos, size, square_root
 from ..physics.arithmetic import decay, minimum, store_where

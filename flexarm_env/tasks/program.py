@@ -1,4 +1,4 @@
-"""Data of the compiled environment: layouts of an arm's memory, and `Program`, the tuple of all data."""
+"""Data of a compiled environment: layouts of the memory of an arm, and the record `Program` with all data."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -235,7 +235,7 @@ CLIP = 10.0
 
 
 class Block(NamedTuple):
-    """Offsets (in float64 numbers) of the sections of a block, the memory of a group of arms with one arm per lane."""
+    """Offsets, in float64 numbers, of the sections of a block: the memory of a group of arms, one arm per SIMD lane."""
 
     par: int  # parameters of each arm, see `physics.model.OWN`
     poses: int  # a `POSES` record per link, in space a `SPACE_POSES`
@@ -259,7 +259,7 @@ def sections(layout, block):
 
 
 class Controller(NamedTuple):
-    """Joint controllers: torque = stiffness (goal - angle) - damping * rate + share * torque limit * action."""
+    """Joint PD controllers: torque = stiffness (goal - angle) - damping rate + share (torque limit) action."""
 
     stiffness: np.ndarray  # (N,) stiffness of each joint's controller, N m/rad
     damping: np.ndarray  # (N,) damping of each joint's controller, N m s/rad
@@ -268,7 +268,7 @@ class Controller(NamedTuple):
 
 
 class Amplifier(NamedTuple):
-    """Conversion of an action into torques: by currents, or by voltages minus the motors' back EMF."""
+    """Conversion of actions to torques: actions are currents, or voltages from which the back EMF is subtracted."""
 
     gain: np.ndarray  # (N,) torque of each motor's largest current, or of its largest voltage at rest, N m
     emf: np.ndarray | None  # (N,) torque lost per joint rate by back EMF, N m s/rad; None with currents
@@ -325,14 +325,14 @@ class Instruments(NamedTuple):
 
 
 class Selection(NamedTuple):
-    """Choice of observed entries, and number of successive observations stacked into one, the oldest first."""
+    """Selected entries of the observation, and number of stacked successive observations, the oldest first."""
 
     chosen: np.ndarray  # (C,) int64: indices of the observed entries
     frames: int  # number of observations stacked into one
 
 
 class Reference(NamedTuple):
-    """A moving target, given by a table or drawn anew for each episode."""
+    """Moving target: a path given as a table, or a random path for each episode."""
 
     line: tuple[int, ...] | None  # not None if straight lines are drawn; None: circles or swings
     table: np.ndarray  # (m, 2 D): target (D numbers) and its rate at each control instant; empty if paths are drawn
@@ -345,7 +345,7 @@ class Reference(NamedTuple):
 
 
 class Cost(NamedTuple):
-    """Limits of deflection and strain whose violation gives a period a cost; None: no limit."""
+    """Limits of deflection and strain; a control period in which one is violated has a cost. None: no limit."""
 
     deflection: np.ndarray | None  # (N,): largest tip deflection of each link divided by the link's length
     strain: np.ndarray | None  # (G, n): rows for `protocol.strain_gauge`: strain / limit; in space 2 rows per station
@@ -361,7 +361,7 @@ class Pushes(NamedTuple):
 
 
 class PayloadChange(NamedTuple):
-    """A payload that changes once in an episode, such as by gripping or dropping."""
+    """Payload that changes once in an episode, for example when the arm grips or drops a body."""
 
     time: np.ndarray  # (2,): bounds of the drawn time of the change, in control periods
     factor: np.ndarray  # (2,): bounds of the drawn factor on the nominal payload
@@ -397,9 +397,9 @@ class Models(NamedTuple):
 
 
 class Program(NamedTuple):
-    """A batch of n arms with its task; A joints, S entries that can be observed, O numbers in an observation, L lanes.
+    """Batch of n arms with a task; A joints, S available entries, O entries of an observation, L SIMD lanes.
 
-    A part of the program whose field is None is absent, and no code is compiled for the part.
+    No code is compiled for a field that is None.
     """
 
     lane: tuple[int, ...]
@@ -443,6 +443,6 @@ class Program(NamedTuple):
 
 
 def complete(program: Program) -> Program:
-    """Return the program with models that contain all terms, as arms with parameters of their own need them."""
+    """Return the program with models that contain all terms, so that parameters of each arm can differ."""
     models = program.models and Models(*map(model.complete, program.models))
     return program._replace(model=model.complete(program.model), models=models)

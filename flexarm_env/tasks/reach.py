@@ -1,4 +1,4 @@
-"""The tasks `Reach` and `Chain`: the tip of a chain of links is brought to a point and held there."""
+"""The tasks `Reach` and `Chain`: move the tip of an arm to a point and hold it there."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The task `Slew`: one link turns its tip to a polar angle and holds it there."""
+"""The task `Slew`: turn the tip of one link to a polar angle and hold it there."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The task `SpaceReach`: in space, the tip of a chain of links is brought to a point, fixed or moving, and held."""
+"""The task `SpaceReach`: in space, move the tip of an arm to a point at rest or in motion, and hold it there."""
 
 import math
 

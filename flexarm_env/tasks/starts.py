@@ -1,4 +1,4 @@
-"""Ranges from which fresh starts of episodes are drawn."""
+"""Ranges of the random numbers with which episodes start."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ NOT_DRAWN = dict.fromkeys(FACTOR_NAMES[:ALWAYS], (1.0, 1.0))
 
 
 class Ranges(NamedTuple):
-    """Bounds (low, high) of numbers that are drawn uniformly for a fresh start; N links, n coordinates."""
+    """Bounds (low, high) of the uniformly distributed numbers with which an episode starts, as arrays for kernels."""
 
     pose: np.ndarray | None  # (n, 1 + 3 N): coordinates q = pose times a `BASIS`; None in space
     shake: np.ndarray | None  # (n, 1 + 3 N): rates of a vibration of size 1; in space see `envs.vibration.swing`
@@ -55,11 +55,11 @@ class Ranges(NamedTuple):
 
 @dataclass(frozen=True)
 class Starts:
-    """Bounds of numbers that are drawn uniformly for a fresh start; for fields without description see `Ranges`.
+    """Bounds of the uniformly distributed numbers with which an episode starts; for other fields see `Ranges`.
 
     target: bounds of two target numbers (for one link the second is unused); in space bounds of each joint's angle.
-    drawn: bounds of each drawn factor by name, in the order of `FACTOR_NAMES`. laws: whether factors on joint laws are
-    drawn.
+    drawn: bounds of each random factor by name, in the order of `FACTOR_NAMES`. laws: True if parameters of gears,
+    rotors or friction are random.
     """
 
     start: Sequence[tuple[float, float]]

@@ -38,7 +38,7 @@ from .program import CLIP, DEFLECTION, FURTHER, GOAL, HOLD, SUCCESS, TARGET, TIP
 class Task(NamedTuple):
     """Constants of a task for N links, with D numbers in a target, T reward terms, and O entries of the observation.
 
-    The compiler knows the lengths of tuples of zeros, and which fields are None.
+    Tuples of zeros carry lengths that must be known at compilation. No code is compiled for fields that are None.
     """
 
     links: tuple[int, ...]  # N zeros, one per link
@@ -271,7 +271,7 @@ def settled(lane, square):
 def left_of(task, loss):
     """Return the reward for a loss between 0 and 1: 1 - loss if task.nearness is not None, otherwise -loss.
 
-    With 1 - loss an episode that continues never gets a lower reward than an episode that has ended.
+    With 1 - loss the reward is never negative, so that an early end of the episode is never an advantage.
     """
     if task.nearness is not None:
         return 1.0 - loss
@@ -280,7 +280,7 @@ def left_of(task, loss):
 
 @kernel
 def reward_change(lane, task, action: Lanes, record: Lanes, live, info, total):
-    """Return total plus the weighted term -sum (action - last action)^2; total if it has no price (task.acted).
+    """Return total plus the weighted term -sum (action - last action)^2; total if the term has no weight (task.acted).
 
     The term's value is also written into info, before the failure term. For running arms (live > 1/2) the action
     (joints, lanes) is stored in the record as the last action.
@@ -308,10 +308,9 @@ def reward_term(lane, task, live, info, k, value):
 
 @kernel
 def record_deflections(lane, task, poses: Lanes, live, info: Lanes):
-    """Write tip deflections / link lengths into info for running arms (live > 1/2); return the shaking, 1/s^2.
+    """Write tip deflections / link lengths into info for running arms (live > 1/2); return a vibration measure, 1/s^2.
 
-    The shaking is the sum of the squared rates of the deflections divided by the links' lengths, in the axes of the
-    links' roots.
+    The measure is the sum of the squared rates of deflection / link length, in the axes of the links' roots.
     """
     shaking = 0.0
     for k in range(size(task.links)):

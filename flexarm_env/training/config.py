@@ -151,7 +151,7 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
     if path is None:
         path = default_path(algorithm, env_id)
         if not path.is_file():
-            what = "comes with settings for tasks of the suite alone (flexarm/...); give others by --config FILE"
+            what = "has hyper-parameters only for tasks of the suite (flexarm/...); give a file by --config FILE"
             raise ValueError(f"--env {env_id}: {algorithm} {what}")
     # the user's file first, then the package's
     packaged = HOME.parent / path if path.suffix else HOME / algorithm / f"{path}.yml"

@@ -107,7 +107,7 @@ def make_episodes(env_id: str, n: int, /, **arguments: Any) -> Any:
     """
     for key in ("id", "num_envs", "vectorization_mode"):
         if key in arguments:
-            raise check.InvalidValue(f"env_kwargs.{key}", arguments[key], "must be left out: it is the program's own")
+            raise check.InvalidValue(f"env_kwargs.{key}", arguments[key], "must be left out: the program sets it")
     try:
         return make_registered(gym.make_vec, env_id, num_envs=n, vectorization_mode="vector_entry_point", **arguments)
     except check.InvalidValue as error:

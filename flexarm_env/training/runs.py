@@ -111,16 +111,15 @@ class Training:
         "seed of all random numbers; larger seeds are reserved for evaluation", 0, minimum=0, maximum=MOST_SEED
     )
     n_timesteps: int | None = integer(
-        "total environment steps, rounded to whole rollouts; default the config's; with --resume a run is extended to "
-        "this number, even a finished one", None, minimum=1, optional=True,
+        "total number of environment steps, rounded to whole rollouts; default: the number in the config; with "
+        "--resume, the new total of the run, even if it is finished", None, minimum=1, optional=True,
     )  # fmt: skip
     out: Path | None = None
     resume: bool = False
     evaluate_every: int = integer("environment steps from one evaluation to the next", 32_768, minimum=1)
     eval_episodes: int = integer("episodes per evaluation", 100, minimum=1)
     best_by: str = choice(
-        ("settling", "return"), "criterion of the best policy: settles soonest, with success, or largest return",
-        "settling",
+        ("settling", "return"), "criterion of the best policy: shortest settling time, or largest return", "settling",
     )  # fmt: skip
     solved_at: float = number("success rate at which the task counts as solved", "", 0.95, maximum=1.0)
     stop_when_solved: bool = switch("end the run when the task is solved", False)
@@ -138,7 +137,7 @@ class Training:
         """
         own = self._resumed(kept, algorithm) if self.resume else self
         if not isinstance(own.seed, int) or not 0 <= own.seed <= MOST_SEED:
-            what = f"must be from 0 to {MOST_SEED}; those from {FIRST} on are for judging"
+            what = f"must be from 0 to {MOST_SEED}; seeds from {FIRST} on are reserved for evaluation"
             raise ValueError(f"--seed {own.seed}: {what}")
         for name, rule in rules(type(own)).items():
             rule(f"--{name.replace('_', '-')}", getattr(own, name))
@@ -164,7 +163,7 @@ class Training:
             if self.n_timesteps <= done:
                 raise ValueError(f"--n-timesteps {self.n_timesteps}: must be more than the {done} steps of {folder}")
             if not checkpoints(folder):
-                raise ValueError(f"{begun} and kept no checkpoint, so that it cannot be extended")
+                raise ValueError(f"{begun} and has no checkpoint, so that it cannot be extended")
         for name, given in check.changed(self).items():
             own = name in values and name not in ("out", "resume", "n_timesteps", "config", "set", *kept)
             if own and given != {} and str(given) != str(values[name]):
@@ -217,7 +216,7 @@ def read_run(run: Path) -> dict[str, Any]:
     record = read_json(run / "run.json")
     for key in ("algorithm", "env_id", "env_kwargs", "layout"):
         if not isinstance(record, dict) or key not in record:
-            raise ValueError(f"{run / 'run.json'}: damaged, it does not say {key}")
+            raise ValueError(f"{run / 'run.json'}: damaged: it lacks {key}")
     check.table_of(f"{run / 'run.json'}: env_kwargs", record["env_kwargs"])
     return dict(record)
 

@@ -121,7 +121,7 @@ def train(arguments: Arguments) -> Any:
         except ValueError as error:
             if "found invalid values" not in str(error):  # torch's, of the actions' distribution
                 raise
-            what = f"training diverged after {model.num_timesteps} steps, the network's outputs are no numbers any more"
+            what = f"training diverged after {model.num_timesteps} steps, the network's outputs are not finite"
             raise ValueError(f"{folder}: {what}; take a smaller learning_rate, gamma or log_std_init") from error
     finish(folder, record, progress)
     if config.algorithm not in UNEXPORTED:
@@ -186,7 +186,7 @@ def _check_installed() -> None:
     """Raise one ValueError that names all missing packages of the extra `train`."""
     missing = [name for module, name in NEEDED.items() if find_spec(module) is None]
     if missing:
-        hint = "; PyTorch's CPU build, which is enough, comes by PyTorch's own instructions"
+        hint = "; the CPU build of PyTorch suffices: see PyTorch's instructions"
         raise ValueError(check.lacking("training", " ".join(missing), "train") + hint * ("torch" in missing))
 
 

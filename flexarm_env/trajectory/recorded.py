@@ -404,7 +404,7 @@ ABOUT: dict[str, Reader] = {
 def check_work(end: float, interval: float, dt: float | None) -> None:
     """Raise ValueError if a run of `end` s would have no samples, or too many steps or samples."""
     if end < 1e-9:
-        raise check.InvalidValue("duration", end, "must be at least 1e-9 s: instants 1e-12 s apart are taken for one")
+        raise check.InvalidValue("duration", end, "must be at least 1e-9 s: times 1e-12 s apart count as equal")
     if dt is not None and not end / dt <= MOST_STEPS:
         what = f"must be at least {end / MOST_STEPS:.2g} s: a run of {end:g} s may take {MOST_STEPS:.0e} steps"
         raise check.InvalidValue("dt", dt, what)

@@ -110,6 +110,6 @@ def test_chord_modes_stop_where_they_should(modes: int) -> None:
     simulation = Simulation(scene, scene.settings("floating_frame", modes=modes, rho_inf=1.0, frame="chord"))
     assert not simulation.advance_to(2.0)
     assert simulation.work.counts[2] == 0.0
-    assert "is beyond the range of the reduction to modes" in simulation.message
+    assert "is beyond the valid range of the reduction to modes" in simulation.message
     mass = Chain(scene, 1, modes=modes, frame="chord").mass_matrix(simulation.work.q)[2:, 2:]
     assert np.linalg.eigvalsh(mass)[0] > 0.0

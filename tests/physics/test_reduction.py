@@ -90,7 +90,7 @@ def test_it_stops_before_its_mass_loses_definiteness(hub: float, payload: float,
     rest = margin(simulation, simulation.system.q0)
     assert not simulation.advance_to(2.0)
     assert simulation.work.counts[2] == 0.0  # no step was halved
-    assert "is beyond the range of the reduction to modes (25% of the length" in simulation.message
+    assert "is beyond the valid range of the reduction to modes (25% of the length" in simulation.message
     tip = simulation.observe()[0][0]
     deflection = abs(np.cos(tip[2]) * tip[7] - np.sin(tip[2]) * tip[6])
     assert deflection < MODAL_BOUND + 0.01
