@@ -390,8 +390,7 @@ class Pulled(Straight):
     def written(self, writer: Any, items: list[Any]) -> None:
         """Emit the forward pass and reverse sweep in the calling kernel; nothing is returned.
 
-        items: the function's arguments, then one cotangent argument for each differentiated argument, or None for an
-            argument that is constant in this call.
+        items: the function's arguments, then for each differentiated argument its cotangents, or None if it is constant.
         """
         count = len(self.names)
         if len(items) != count + len(self._bars):
@@ -445,8 +444,7 @@ def vjp_of(function: Any, names: tuple[str, ...], scratch: tuple[str, ...] = ())
     names: differentiated arguments: arrays, or named tuples of arrays. The call overwrites the cotangents of elements
     that the function writes. After the call the cotangents are 0 or, if the old content was read too, the cotangent of
     the old content. For elements that are only read, contributions are added to their cotangents. The arrays of `names`
-    stay unchanged. An argument with None in place of its cotangents counts as constant in the call. scratch: names of
-    arguments that are working memory, whose content matters neither before nor after. If compilation is disabled, the
-    function itself is returned.
+    stay unchanged. None in place of cotangents: the argument is constant. scratch: names of arguments that are working
+    memory, whose content matters neither before nor after. If compilation is disabled, the function is returned.
     """
     return function if UNCOMPILED else Pulled(function, names, scratch)

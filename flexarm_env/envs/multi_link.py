@@ -23,7 +23,7 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
     The default arm, `three_strips`, has links of 0.4, 0.35 and 0.25 m with the section of `de_luca_siciliano` (0.2
     kg/m, EI = 1 N m^2, tau_d = 6.63e-3 s). The hub has an inertia of 0.1 kg m^2. The elbow motors have masses of 1 and
     0.25 kg and inertias of 0.1 and 0.025 kg m^2; half of each inertia moves with the link before the motor, and half
-    with the link after it. The payload has a mass of 0.1 kg and an inertia of 5e-4 kg m^2. L, the sum of the lengths, is
+    with the link after it. The payload has a mass of 0.1 kg and an inertia of 5e-4 kg m^2. L is the sum of the lengths,
     1 m.
 
     `gymnasium.make("MultiLinkFlexArm-v0")` creates one arm. `gymnasium.make_vec("MultiLinkFlexArm-v0", num_envs=n)`
