@@ -42,7 +42,6 @@ def renderer(plan: Plan, mode: str, size: tuple[int, int] = (SIDE, SIDE)) -> Ren
     else:
         pen = Renderer(mode, arm.total_length, **usual)
     pen.keep_out = plan.keep_out
-    pen.obstacles = [contact.obstacle for contact in plan.contacts]
     # impacts exceed the motors' static force several times; commanded forces are a share of it
     at_wall = plan.kind.task in (LAND, PRESS)
     pen.force = 0.5 * largest_force(arm) if at_wall else 5.0 * limits[0] / arm.total_length
@@ -100,6 +99,7 @@ def draw(pen: Renderer, plan: Plan, view: View) -> Any:
     target = plan.kind.target.place(plan.arm, view.target)
     limits = np.array(plan.arm.torque_limits)
     pen.touches = view.touches
+    pen.obstacles = [contact.obstacle_at(view.time) for contact in plan.contacts]
     if isinstance(pen, SpaceRenderer):
         ribbon = ribbons(plan.arm, plan.settings, view.q[None])
         off = bent(plan.arm, view.deflection.reshape(2, -1).T)
@@ -107,8 +107,9 @@ def draw(pen: Renderer, plan: Plan, view: View) -> Any:
         return pen.frame_of(ribbon.chain(0), target, view.time, view.torques / limits, off, rigid)
     shapes = chain(view.points, view.poses)
     attitude = None
-    if plan.arm.base is not None:  # of its attitude is the last row
-        attitude, hub = float(view.q[-1]), view.points[0]
+    if plan.arm.base is not None:  # its attitude is the last row but those of moving obstacles
+        obstacles = sum(len(contact.displacements) for contact in plan.contacts)
+        attitude, hub = float(view.q[-1 - obstacles]), view.points[0]
         target = hub + target if plan.kind.target.numbers == 1 else target
     angles = view.poses[:, [POSE.angle, POSE.tip_angle]]
     return pen.frame(shapes, angles, target, view.time, view.torques / limits, view.deflection, attitude)
