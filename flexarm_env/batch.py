@@ -42,7 +42,7 @@ from .scene import Contact, standing_scene
 from .settings import Settings
 from .simulation import fitted_systems
 from .tasks.attainable import Attainable, attainable, draw_attainable, first_unattainable
-from .tasks.contact_info import CONTACT
+from .tasks.contact_info import CONTACT, CONTACT_POINT, contact_length
 from .tasks.land import Land, LandChain
 from .tasks.own_terms import TERM_ARGUMENTS, with_terms
 from .tasks.press import Press, PressChain, SpacePress
@@ -438,13 +438,12 @@ class Batch:
 
 
 __all__ = [
-    "ACTION_NOT_FINITE", "ALWAYS", "Actuator", "Amplifier", "Attainable", "Batch", "CLIP", "CONTACT", "CROWDED",
-    "Chain", "Controller", "Cost", "Extras", "FACTOR_NAMES", "FRESH", "FURTHER", "GOAL", "GUIDED", "INFO",
+    "ACTION_NOT_FINITE", "ALWAYS", "Actuator", "Amplifier", "Attainable", "Batch", "CLIP", "CONTACT", "CONTACT_POINT",
+    "CROWDED", "Chain", "Controller", "Cost", "Extras", "FACTOR_NAMES", "FRESH", "FURTHER", "GOAL", "GUIDED", "INFO",
     "Instruments", "KeepOut", "LAW_SIZE", "Land", "LandChain", "MODE", "OVER", "OneAtATime", "PERIODS",
     "PERIODS_ALLOWED", "PayloadChange", "Press", "PressChain", "Pushes", "REASONS", "RUNNING", "Reach", "Reference",
-    "STATUS_WORDS", "SUCCESS", "Selection", "Sensors", "Sheet", "Slew", "SpacePress", "SpaceReach", "Starts",
-    "TARGET", "STRETCH", "TERM_ARGUMENTS", "Task", "View", "aligned", "attainable", "gauge_table", "Guided",
-    "guided_period",
-    "info_places", "law_of", "layout_of", "one_at_a_time", "packed", "room_of", "curvature_rows", "standing_scene",
-    "with_terms", "draw_attainable", "first_unattainable",
+    "STATUS_WORDS", "SUCCESS", "Selection", "Sensors", "Sheet", "Slew", "SpacePress", "SpaceReach", "Starts", "TARGET",
+    "STRETCH", "TERM_ARGUMENTS", "Task", "View", "aligned", "attainable", "gauge_table", "Guided", "guided_period",
+    "contact_length", "info_places", "law_of", "layout_of", "one_at_a_time", "packed", "room_of", "curvature_rows",
+    "standing_scene", "with_terms", "draw_attainable", "first_unattainable",
 ]  # fmt: skip

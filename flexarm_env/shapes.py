@@ -6,9 +6,9 @@ one of these points.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,6 +51,11 @@ class Shape:
     def dimension(self) -> int:
         """Number of coordinates: 2 in the plane, 3 in space."""
         return len(self.place)
+
+    def moved(self, by: Sequence[float]) -> Self:
+        """Return the shape displaced by a vector (m)."""
+        points = {f.name: getattr(self, f.name) for f in fields(self) if f.name in ("point", "center", "start", "end")}
+        return replace(self, **{k: tuple(x + y for x, y in zip(v, by, strict=True)) for k, v in points.items()})
 
     @property
     def sizes(self) -> Point:

@@ -18,6 +18,7 @@ from .lqg import LQG, LQGGains
 from .lqr import LQR, LQRGains
 from .lqr_force import LQRForce, LQRForceGains
 from .mpc import MPC, MPCGains
+from .mpc_force import MPCForce, MPCForceGains
 from .pd import PD, PDGains
 from .policy import AroundPolicy, NumpyPolicy
 from .policy import names as policy_names
@@ -27,7 +28,8 @@ from .time_optimal import Plan, TimeOptimal, TimeOptimalGains, plan, rigid_time
 
 __all__ = [
     "FORCE_NAMES", "LQG", "LQR", "MPC", "NAMES", "PD", "AroundPolicy", "Controller", "ForceGains", "HybridForce",
-    "Impedance", "ImpedanceGains", "LQGGains", "LQRForce", "LQRForceGains", "LQRGains", "MPCGains", "NamedPolicy",
-    "NumpyPolicy", "PDGains", "Plan", "Setup", "ShapedGains", "ShapedPD", "Shaper", "TimeOptimal", "TimeOptimalGains",
-    "find_policy", "load_policy", "make", "plan", "policy_names", "rigid_time", "zv", "zvd",
+    "Impedance", "ImpedanceGains", "LQGGains", "LQRForce", "LQRForceGains", "LQRGains", "MPCForce", "MPCForceGains",
+    "MPCGains", "NamedPolicy", "NumpyPolicy", "PDGains", "Plan", "Setup", "ShapedGains", "ShapedPD", "Shaper",
+    "TimeOptimal", "TimeOptimalGains", "find_policy", "load_policy", "make", "plan", "policy_names", "rigid_time", "zv",
+    "zvd",
 ]  # fmt: skip

@@ -22,6 +22,7 @@ from .lqr import LQR, LQRGains
 from .lqr_force import LQRForce, LQRForceGains
 from .margins import warn_of_delay, warn_of_growth
 from .mpc import MPC, MPCGains, SpatialMPC
+from .mpc_force import MPCForce, MPCForceGains
 from .pd import PD, PDGains, SpatialPD, SpatialPDGains
 from .shaping import SHAPERS, ShapedGains, ShapedPD, SpatialShapedGains, SpatialShapedPD
 from .space_force import SpatialForceGains, SpatialHybridForce, SpatialImpedance, SpatialPathPD
@@ -34,7 +35,7 @@ _KINDS: dict[str, _Kind] = {
     "lqr": (LQRGains, LQR), "lqg": (LQGGains, LQG), "mpc": (MPCGains, MPC),
     "time_optimal": (TimeOptimalGains, TimeOptimal),
     "hybrid_force": (ForceGains, HybridForce), "impedance": (ImpedanceGains, Impedance),
-    "lqr_force": (LQRForceGains, LQRForce),
+    "lqr_force": (LQRForceGains, LQRForce), "mpc_force": (MPCForceGains, MPCForce),
 }  # fmt: skip
 _SPACE: dict[str, _Kind] = {
     "pd": (SpatialPDGains, SpatialPD),
@@ -50,7 +51,7 @@ _SPACE_WALL: dict[str, Callable[[Setup, Any], Controller]] = {
 PRESS, LAND = "press", "land"
 """Names of the tasks at a wall, which share gains for any number of joints."""
 
-FORCE_NAMES = ("hybrid_force", "impedance", "lqr_force")
+FORCE_NAMES = ("hybrid_force", "impedance", "lqr_force", "mpc_force")
 """Names of the controllers of a contact force, for tasks at a wall alone."""
 
 NAMES = tuple(_KINDS)
@@ -123,7 +124,7 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
 
     Args:
         name: "pd", "zv", "zvd", "lqr", "lqg", "mpc" or "time_optimal"; at a wall (task="press" or "land")
-            "hybrid_force", "impedance" or "lqr_force" (not in space).
+            "hybrid_force", "impedance", and in the plane "lqr_force" or "mpc_force".
         env: a `Setup`, or an environment (single or vector) with action_mode "torque".
         gains: an instance of the controller's gains class, or a dict of gains by name, such as a table in a file of
             `flexarm tune`. None: the tuned gains of the package for the environment's task.
@@ -143,7 +144,7 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
             what = "must be None: controllers need a fixed root (the suite's pd updates its goal in each period)"
             raise check.InvalidValue("arm.base", plan.arm.base, what)
         if name == "mpc" and plan.contacts:
-            what = "must be left out with mpc: its plans ignore obstacles that push the arm back"
+            what = "must be left out with mpc, whose plans ignore obstacles; mpc_force controls the force on a wall"
             raise check.InvalidValue("contacts", plan.contacts, what)
     classes = _classes(setup.gains)
     if name not in classes:

@@ -8,6 +8,7 @@ control follows Young & Willems (1972).
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -63,15 +64,23 @@ class LQRForce(PressController):
         # integrals of the errors along the wall, over L, and of the force, over F_max
         error = -(view.to_target * view.along).sum(axis=1) / self.setup.arm.total_length
         excess = (view.force - view.commanded) / self.most
-        self._sums += (self.setup.control_dt * view.touching)[:, None] * np.stack([error, excess], axis=1)
+        touching = self._touching(view)
+        self._sums += (self.setup.control_dt * touching)[:, None] * np.stack([error, excess], axis=1)
         # before the force has risen: the state feedback alone
         found = feedback(self.setup, self._weights, self.goal, off)
-        for i in np.flatnonzero(view.touching).tolist():
-            found[i] = self._pressed(view, i, off[i])
+        for i in np.flatnonzero(touching).tolist():
+            found[i] = self._pressed(view, i, off[i], holding[i])
         return holding - found
 
-    def _pressed(self, view: View, i: int, off: Array) -> Array:
-        """Return torques K (x, sums) (N,), N m, of arm i. off (4 N,): its outputs minus those at the reference."""
+    def _touching(self, view: View) -> Array:
+        """Return 1 for each arm that the model of an arm on the wall describes, 0 for the others; (n,)."""
+        return view.touching
+
+    def _pressed(self, view: View, i: int, off: Array, holding: Array) -> Array:
+        """Return torques (N,), N m, of arm i that are subtracted from the torques `holding` at the reference.
+
+        off (4 N,): the arm's outputs minus those at the reference.
+        """
         setup, goal = self.setup, self.goal[i]
         (posture,) = postures(goal[None])
         # the design's posture bends its first bent elbow to the left; mirror all other postures
@@ -82,7 +91,7 @@ class LQRForce(PressController):
         bearing = float(np.round(((bearing + np.pi) % (2.0 * np.pi) - np.pi) / GRID) * GRID)
         # the design's tangent is its normal turned by a quarter to the left
         side = mirror * float(np.sign(nx * ay - ny * ax))
-        K = wall_gains(
+        model = wall_model(
             setup.arm,
             setup.torque_limits,
             setup.control_dt,
@@ -92,15 +101,39 @@ class LQRForce(PressController):
             self.most,
             side * self.friction,
         )
-        return np.asarray(mirror * (K @ np.concatenate([mirror * off, self._sums[i] * (side, 1.0)])))
+        x = np.concatenate([mirror * off, self._sums[i] * (side, 1.0)])
+        return np.asarray(mirror * self._feedback(model, x, mirror * holding))
+
+    def _feedback(self, model: "WallModel", x: Array, holding: Array) -> Array:
+        """Return torques (N,), N m, that are subtracted from the torques `holding` (N,). x: outputs and sums."""
+        return np.asarray(model.gains @ x)
+
+
+class WallModel(NamedTuple):
+    """Discrete model x+ = A x + B u of an arm that touches a wall, and its linear-quadratic regulator.
+
+    Attributes:
+        A, B: matrices of the modal states and the two integrated errors, for torques u (N,), N m.
+        K (N, S), P (S, S): gains of the regulator and matrix of its cost. W (N, N): cost c' W c of a torque c in one
+            period beside the regulator's.
+        states (S, 4 N + 2): states from outputs and integrated errors. gains (N, 4 N + 2): K times `states`.
+    """
+
+    A: Array
+    B: Array
+    K: Array
+    P: Array
+    W: Array
+    states: Array
+    gains: Array
 
 
 @lru_cache(maxsize=4096)
-def wall_gains(
+def wall_model(
     arm: Arm, limits: tuple[float, ...], dt: float, gains: LQRForceGains, posture: tuple[float, ...], bearing: float,
     most: float, friction: float,
-) -> Array:  # fmt: skip
-    """Compute gains (N, 4 N + 2) on the 4 N outputs and two integrated errors of an arm that touches a wall.
+) -> WallModel:  # fmt: skip
+    """Return the model of an arm that touches a wall, with gains for its outputs and for two integrated errors.
 
     The integrated errors are the position error along the wall and the force error. The arm's state is computed from
     the outputs by `ArmModel.state_of`.
@@ -126,9 +159,13 @@ def wall_gains(
     weights = LQRGains(gains.angle, gains.rate, gains.bend, gains.bend_rate)
     Q[:size, :size] = weights.stage(model.C, float(model.frequencies[0]), N)
     Q[size, size], Q[size + 1, size + 1] = gains.path**2, gains.force**2
-    K, _ = riccati(A, B, Q, np.diag(1.0 / np.asarray(limits) ** 2))
+    R = np.diag(1.0 / np.asarray(limits) ** 2)
+    K, P = riccati(A, B, Q, R)
     states = model.state_of(np.eye(len(model.C))).T
-    return np.concatenate([K[:, :size] @ states, K[:, size:]], axis=1)
+    whole = np.zeros((size + 2, states.shape[1] + 2))
+    whole[:size, :-2], whole[size:, -2:] = states, np.eye(2)
+    found = np.concatenate([K[:, :size] @ states, K[:, size:]], axis=1)
+    return WallModel(A, B, K, P, R + B.T @ P @ B, whole, found)
 
 
 def _tip_rows(arm: Arm, model: ArmModel, posture: tuple[float, ...]) -> Array:

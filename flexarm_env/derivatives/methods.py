@@ -87,6 +87,4 @@ def _goes_back(model: Any) -> bool:
         return isinstance(arm.n, tuple)
     if isinstance(arm, FloatingChain):
         return isinstance(arm.mesh.n, tuple)
-    # contact in space chooses components of vectors by branches, which `compiler.vjp_of` rejects
-    touches = model.newton.contact is not None
-    return isinstance(arm, ExactBeam) or (isinstance(arm, SpatialBeam) and not touches)
+    return isinstance(arm, ExactBeam | SpatialBeam)

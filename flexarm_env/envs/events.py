@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from .. import validation as check
-from ..batch import CONTACT, FURTHER, Cost, Extras, KeepOut, PayloadChange, Pushes, Starts, gauge_table, packed
+from ..batch import FURTHER, Cost, Extras, KeepOut, PayloadChange, Pushes, Starts, contact_length, gauge_table, packed
 from ..parameters import Arm
 from ..physics.reading import reading_of
+from ..scene import touching_links
 from ..sensors import surface
 from ..shapes import Shape, shape_of
 from ..validation import Array
@@ -172,7 +173,8 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool,
     fitted = frame.settings.step_tolerance is not None
     events = any(getattr(extras, name) is not None for name in EVENTS)
     if drawn >= 0 or fitted or frame.arm.base or events or frame.contacts:
-        count = max(FURTHER.drawn + drawn + 1, FURTHER.end) + (CONTACT.end if frame.contacts else 0)
+        points = len(touching_links(frame.contacts, frame.arm))
+        count = max(FURTHER.drawn + drawn + 1, FURTHER.end) + contact_length(points)
         changes["further"] = (0,) * count
     return changes
 

@@ -42,7 +42,6 @@ def renderer(plan: Plan, mode: str, size: tuple[int, int] = (SIDE, SIDE)) -> Ren
     usual["payload"] = arm.payload.mass > 0.0
     pen: Renderer = pictures_of(arm.axes).pen(arm, mode, **usual)
     pen.keep_out = plan.keep_out
-    pen.obstacles = [contact.obstacle for contact in plan.contacts]
     # impacts exceed the motors' static force several times; commanded forces are a share of it
     at_wall = plan.kind.task in (LAND, PRESS)
     pen.force = 0.5 * largest_force(arm) if at_wall else 5.0 * limits[0] / arm.total_length
@@ -98,6 +97,7 @@ class Wall:
 def draw(pen: Renderer, plan: Plan, view: View) -> Any:
     """Draw an arm's present shape and return the picture."""
     pen.touches = view.touches
+    pen.obstacles = [contact.obstacle_at(view.time) for contact in plan.contacts]
     return pictures_of(plan.arm.axes).of_view(pen, plan, view)
 
 
@@ -113,8 +113,9 @@ class Pictures:
         target = plan.kind.target.place(plan.arm, view.target)
         shapes = chain(view.points, view.poses)
         attitude = None
-        if plan.arm.base is not None:  # of its attitude is the last row
-            attitude, hub = float(view.q[-1]), view.points[0]
+        if plan.arm.base is not None:  # its attitude is the last row but those of moving obstacles
+            obstacles = sum(len(contact.displacements) for contact in plan.contacts)
+            attitude, hub = float(view.q[-1 - obstacles]), view.points[0]
             target = hub + target if plan.kind.target.numbers == 1 else target
         angles, torques = view.poses[:, [POSE.angle, POSE.tip_angle]], view.torques / np.array(plan.arm.torque_limits)
         return pen.frame(shapes, angles, target, view.time, torques, view.deflection, attitude)

@@ -10,7 +10,20 @@ from typing import Any
 import numpy as np
 
 from .. import validation as check
-from ..batch import CONTACT, FURTHER, TERM_ARGUMENTS, Chain, Extras, Reach, Slew, Starts, Task, info_places, with_terms
+from ..batch import (
+    CONTACT,
+    CONTACT_POINT,
+    FURTHER,
+    TERM_ARGUMENTS,
+    Chain,
+    Extras,
+    Reach,
+    Slew,
+    Starts,
+    Task,
+    info_places,
+    with_terms,
+)
 from ..bodies import PLANE, Axes
 from ..files import imported
 from ..parameters import Arm
@@ -272,13 +285,14 @@ def info_entries(
     extras: Extras,
     fitted: bool,
     drawn: Mapping[str, int],
-    touches: bool = False,
+    touches: int = 0,
 ) -> tuple[Entry, ...]:
     """Return the numeric entries of info, in order.
 
     Flags and texts in info (success, range, status, reason) are not included. full: True if info has energies. motors:
     True if info has motor angles and rates, for joints that are not ideal. extras: options that add entries. fitted:
-    True with a step_tolerance. drawn: index of each random factor, by name. touches: True if there are contacts.
+    True with a step_tolerance. drawn: index of each random factor, by name. touches: number of points that may touch
+    obstacles.
     """
     n, targets, at = len(task.links), len(task.targets), info_places(task)
     entries = [
@@ -315,6 +329,10 @@ def info_entries(
         behind = first + len(task.further) - CONTACT.end
         entries += [Entry(f"contact_{name}", behind + k, None) for k, name in enumerate(CONTACT._fields[:-2])]
         entries += [Entry("target_force", behind + CONTACT.target, None)] if kind.task == PRESS else []
+        if touches > 1:
+            of_points = CONTACT_POINT.offsets(behind - CONTACT_POINT.offsets(0, touches).end, touches)
+            rows = zip(of_points._fields, of_points, strict=True)
+            entries += [Entry(f"contact_{name}_at_points", int(at), touches) for name, at in rows if name != "end"]
     return tuple(entries)
 
 

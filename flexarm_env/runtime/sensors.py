@@ -16,13 +16,12 @@ from ..physics.integrator.work import Work
 from ..physics.layout import BASE_POSE, POSE, SPACE_POSE
 from ..physics.protocol import input_displacements, strain_gauge
 from ..physics.space.rotations import Vector, matrix, quaternion
-from ..tasks.contact_info import CONTACT
 from ..tasks.program import CLIP, FURTHER, GOAL, TARGET, channel_at
 from ..tasks.stream import draw_whole
 from ..tasks.task import info_of
 from .inertial import specific_force
 from .laws import LAW_SIZE, channel_of, normal, read, read_encoder, tip_acceleration
-from .touch import contact_channels
+from .touch import contact_channels, contact_entries
 
 
 @kernel
@@ -414,7 +413,7 @@ def record_drawn(lanes, p, i, record, info):
         base = record.shape[0] // lanes - readings_size(instruments)
         count = size(p.task.further) - FURTHER.told - 3
         if p.model.newton.contact is not None:
-            count = count - CONTACT.end
+            count = count - contact_entries(p.model.newton.contact)
         for c in range(count):
             info[(first + 3 + c) * lanes + i] = record[channel_of(base, instruments.room, c).gain * lanes + i]
 

@@ -8,10 +8,12 @@ from ..physics.contact.integration import reading_at, record_contacts, reset_imp
 from ..physics.contact.layout import READ
 from ..physics.contact.moving import start_obstacles
 from ..physics.integrator.work import Work
-from ..tasks.contact_info import CONTACT
+from ..tasks.contact_info import CONTACT, CONTACT_POINT
 from ..tasks.program import channel_at
 from ..tasks.task import info_of, put_info
 from .laws import LAW_SIZE, channel_of
+
+_points = kernel(CONTACT_POINT.offsets)
 
 
 @kernel
@@ -71,11 +73,38 @@ def put_contacts(lane, p, w: Work, live, info):
             most = maximum(normal, most)
             impulse = impulse + S[at + READ.impulse]
         first = info_of(p.task).further + size(p.task.further) - CONTACT.end
+        if len(p.model.newton.contact.points) > 1:
+            _put_points(lane, p, S, live, info, first)
         put_info(lane, live, info, first + CONTACT.force, force)
         put_info(lane, live, info, first + CONTACT.friction, friction)
         put_info(lane, live, info, first + CONTACT.penetration, depth)
         put_info(lane, live, info, first + CONTACT.sliding, sliding)
         put_info(lane, live, info, first + CONTACT.impulse, impulse)
+
+
+@kernel
+def _put_points(lane, p, S: Lanes, live, info, end):
+    """Write the readings of each contact point into the entries of info that end before `end` (`CONTACT_POINT`)."""
+    count = len(p.model.newton.contact.points)
+    at = _points(end - _points(0, count).end, count)
+    for k in range(count):
+        here = reading_at(p.model, k)
+        normal = S[here + READ.normal]
+        put_info(lane, live, info, at.force + k, normal)
+        put_info(lane, live, info, at.friction + k, S[here + READ.tangential])
+        put_info(lane, live, info, at.penetration + k, maximum(S[here + READ.penetration], 0.0))
+        # readings of points that do not touch depend on other lanes
+        put_info(lane, live, info, at.sliding + k, select_lt(0.0, normal, S[here + READ.sliding], 0.0))
+        put_info(lane, live, info, at.impulse + k, S[here + READ.impulse])
+
+
+@kernel
+def contact_entries(contact):
+    """Return the number of entries of info for contacts. contact: `Watch` of the model."""
+    count = len(contact.points)
+    if count > 1:
+        return CONTACT.end + _points(0, count).end
+    return CONTACT.end
 
 
 @kernel

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -105,6 +105,13 @@ class Contact:
         found = [(axis, getattr(self, name)) for axis, name in enumerate(DISPLACEMENTS)]
         return tuple((axis, function) for axis, function in found if function is not None)
 
+    def obstacle_at(self, t: float) -> Shape:
+        """Return the obstacle at its place at time t (s)."""
+        if not self.displacements:
+            return self.obstacle
+        found = dict(self.displacements)
+        return self.obstacle.moved([float(found[k](t)) if k in found else 0.0 for k in range(self.obstacle.dimension)])
+
     def held(self) -> Contact:
         """Return the contact with an obstacle that does not move from its position at t = 0."""
         still: dict[str, Any] = {
@@ -139,6 +146,11 @@ class Contact:
         table: dict[str, Any] = {"obstacle": self.obstacle.to_dict(), "stiffness": self.stiffness}
         table |= {name: value for name, value in check.changed(self).items() if name not in table}
         return table | {name: function_table(table[name]) for name in DISPLACEMENTS if name in table}
+
+
+def touching_links(contacts: Iterable[Contact], arm: Arm) -> list[int]:
+    """Return the indices, in increasing order, of the links whose tips may touch obstacles."""
+    return sorted({k for contact in contacts for k in contact.links(arm)})
 
 
 def place_on_link(name: str) -> tuple[int, float] | None:

@@ -21,7 +21,7 @@ from flexarm_env.physics.layout import POSE, SPACE_POSE
 from flexarm_env.physics.model import Elastica, System
 from flexarm_env.physics.obstacles import packed
 from flexarm_env.physics.protocol import State, Weights
-from flexarm_env.scene import Contact, PointLoad, Scene
+from flexarm_env.scene import Contact, PointLoad, Scene, touching_links
 from flexarm_env.settings import Settings
 from flexarm_env.time_functions import TimeFunction, constant
 
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 def links_of(scene: Scene) -> list[int]:
     """Return the indices, in increasing order, of the links whose tips may touch obstacles."""
-    return sorted({k for contact in scene.contacts for k in contact.links(scene.arm)})
+    return touching_links(scene.contacts, scene.arm)
 
 
 def loads_of(scene: Scene) -> list[PointLoad]:

@@ -23,19 +23,33 @@ _NINE = (0,) * 9
 @kernel
 def component(part, force, moment, i):
     """Return component i of the generalized force (force, moment) on a point; order: that of the arm's inputs."""
-    axes = len(part.space)
-    if i < axes:
-        return force[0] if i == 0 else (force[1] if i == 1 else force[2])
-    # in the plane the moment about z alone
-    if axes == 2:
-        return moment[2]
-    return moment[0] if i == 3 else (moment[1] if i == 4 else moment[2])
+    # branches with `if`, which the compiler can differentiate backwards
+    value = force[0]
+    if i == 1:
+        value = force[1]
+    if len(part.space) == 2:
+        # in the plane the moment about z alone
+        if i == 2:
+            value = moment[2]
+    else:
+        if i == 2:
+            value = force[2]
+        if i == 3:
+            value = moment[0]
+        if i == 4:
+            value = moment[1]
+        if i == 5:
+            value = moment[2]
+    return value
 
 
 @kernel
 def unit_entry(i, k):
     """Return 1.0 if i = k, otherwise 0.0."""
-    return 1.0 if i == k else 0.0
+    entry = 0.0
+    if i == k:
+        entry = 1.0
+    return entry
 
 
 @kernel
@@ -48,11 +62,19 @@ def unit_vector(i):
 def column_of_slip(part, p, n, i):
     """Return column i of A as a `Vector`: the sliding velocity if component i of the point's motion has rate 1."""
     axes, radius = len(part.space), part.radii[p]
-    if i < axes:
-        normal = n[0] if i == 0 else (n[1] if i == 1 else n[2])
-        return unit_vector(i) - n * normal
-    # rotations: r n x omega
-    return cross(n, unit_vector(2 if axes == 2 else i - 3)) * radius
+    normal = n[0]
+    if i == 1:
+        normal = n[1]
+    if i == 2:
+        normal = n[2]
+    column = unit_vector(i) - n * normal
+    if i >= axes:
+        # rotations: r n x omega, in the plane about z
+        about = i - 3
+        if axes == 2:
+            about = 2
+        column = cross(n, unit_vector(about)) * radius
+    return column
 
 
 @kernel

@@ -228,7 +228,9 @@ def _section_of(lane, model, q, link, at_tip):
     for k in range(link + 1):
         root = root_of(lane, model, q, q, k, tip)
         tip = last_section(lane, model, q, q, k, root)
-    return tip if at_tip else root
+    if at_tip:
+        root = tip
+    return root
 
 
 @kernel
