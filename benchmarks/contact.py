@@ -58,7 +58,13 @@ def spring() -> Iterator[Found]:
     found = reading(answers.moved(scene))
     yield row("mass on a linear spring: impulse, N s", "2 m v", float(found["impulse"]), 2.0 * mass * speed, 1e-3)
     height = speed * (0.12 - start / speed - math.pi * math.sqrt(mass / k))
-    yield row("the same: height at the end, m", "half a period", -float(found["penetration"]), height, 1e-3)
+    yield row(
+        "the same mass: height at the end, m",
+        "half an oscillation, then free flight",
+        -float(found["penetration"]),
+        height,
+        1e-3,
+    )
 
 
 def restitutions() -> Iterator[Found]:
@@ -83,8 +89,10 @@ def pressed() -> Iterator[Found]:
     turn = Motion("joint0", cycloid(angle + 0.29, 1.0, -0.29))
     scene = Scene("turned", arm, duration=6.0, dt=2e-3, angles=(-0.29,), motions=(turn,), contacts=(contact,))
     found = reading(answers.moved(scene, "geometrically_exact", elements=8, rho_inf=0.5))
-    yield row("strip pressed on a floor: force, N", "elastica, shooting", float(found["normal"]), force, 1e-4)
-    yield row("the same: height of the tip, m", "elastica", -0.3 - float(found["penetration"]), y, 1e-5, 1.0)
+    yield row("strip pressed on a floor: force, N", "static elastica, by shooting", float(found["normal"]), force, 1e-4)
+    yield row(
+        "the same strip: height of the tip, m", "static elastica", -0.3 - float(found["penetration"]), y, 1e-5, 1.0
+    )
 
 
 def cone() -> Iterator[Found]:
@@ -102,10 +110,18 @@ def cone() -> Iterator[Found]:
         speeds = [float(reading(run)["sliding"]) for t in (0.1, 0.2) if run.advance_to(t)]
         if push < mu * down:
             exact = creep / math.sqrt((mu * down / push) ** 2 - 1.0)
-            yield row("friction, 98 % of the cone: creep, m/s", "regularized law", speeds[1], exact, 5e-3)
+            yield row(
+                "tip pulled by 98 % of the friction limit: creep velocity, m/s",
+                "regularized friction law",
+                speeds[1],
+                exact,
+                5e-3,
+            )
         else:
             value, exact = (speeds[1] - speeds[0]) / 0.1, (push - mu * down) / mass
-            yield row("friction, 102 % of the cone: acceleration, m/s²", "Newton's law", value, exact, 1e-3)
+            yield row(
+                "tip pulled by 102 % of the friction limit: acceleration, m/s²", "Newton's law", value, exact, 1e-3
+            )
 
 
 def sticking() -> list[Found]:
@@ -141,7 +157,14 @@ def bounces() -> Iterator[Found]:
     )  # fmt: skip
     run = simulate(scene, "elastica", rho_inf=1.0, estimate_error=False)
     exchanged = MASS * 9.81 * drop * 100
-    yield row("energy over 100 impacts, J", "balance", float(abs(run.balance).max()), 0.0, 1e-4, exchanged)
+    yield row(
+        "largest energy error in 100 impacts without loss, J",
+        "energy balance",
+        float(abs(run.balance).max()),
+        0.0,
+        1e-4,
+        exchanged,
+    )
 
 
 def falling(mu: float = 0.2, theta: float = 0.6, t: Array | None = None) -> Any:
@@ -166,7 +189,9 @@ def rods() -> Iterator[Found]:
         yield row(what, "rigid rod", float(found[-1]), float(angle[-1]), 4e-4, swing)
         if mu:
             middle = 0.5 * (run.tip[-1, 0] + run.shapes[-1, 0, 0] - L * math.cos(theta))
-            yield row("the same: way of its center, m", "rigid rod", float(middle), float(center[-1]), 1e-2)
+            yield row(
+                "the same rod: displacement of its center, m", "rigid rod", float(middle), float(center[-1]), 1e-2
+            )
 
 
 def known() -> list[Found]:
@@ -216,11 +241,12 @@ def others(tips: Any) -> list[Found]:
     found, swing = run.link_angles[:, 0, 0] - math.pi, theta - angle[-1]
     middle = 0.5 * (run.tip[:, 0] + run.shapes[:, 0, 0] - L * math.cos(theta))
     rows = [
-        {"what": "rod that falls and slides: angle, share of the swing", "peer": "MuJoCo",
+        {"what": "rod that falls and slides: angle, as a fraction of its rotation", "peer": "MuJoCo",
          "apart": float(abs(found - angle).max() / swing), "allowed": 5e-4},
-        {"what": "the same: way of its center, m", "peer": "MuJoCo",
+        {"what": "the same rod: displacement of its center, m", "peer": "MuJoCo",
          "apart": float(abs(middle - center).max()), "allowed": 2e-4},
-        {"what": "the same rod in MuJoCo against the rigid rod: angle, share of the swing", "peer": "MuJoCo",
+        {"what": "the same rod, MuJoCo compared with a rigid rod: angle, as a fraction of its rotation",
+         "peer": "MuJoCo",
          "apart": float(abs(angle - sliding_rod(theta, mu, run.t)[1][0]).max() / swing), "allowed": 5e-4},
     ]  # fmt: skip
     if tips is None:
@@ -398,7 +424,7 @@ def blocks(found: Found) -> pages.Blocks:
     ]
     times = []
     for one in found["cost"]:
-        cells = (f"{one[word]:.2f}: {one[word] / one['none']:.2f}" for word in ("untouched", "touching"))
+        cells = (f"{one[word]:.2f} ({one[word] / one['none']:.2f})" for word in ("untouched", "touching"))
         times.append((one["arm"], one["formulation"], f"{one['none']:.2f}", *cells))
     hard_cases = []
     for kind in KINDS:
@@ -410,18 +436,28 @@ def blocks(found: Found) -> pages.Blocks:
     ]  # fmt: skip
     return {
         "sticking": table(
-            "creep, m/s | ρ∞ | moved, µm | by the law, µm | iterations a step | ripple of the force", held
+            "creep, m/s | ρ∞ | displacement of the tip, µm | displacement by the friction law, µm | "
+            "Newton iterations per step | ripple of the friction force",
+            held,
         ),
         "known": table("scene | reference | computed | exact | error | allowed", answers_of),
         "others": table("scene | program | largest difference | allowed", apart),
         "mass": table(
-            "k, N/m^1.5 | impact, ms | steps for 1 % of restitution | of the peak force | errors at 8 steps | step, ms",
+            "stiffness k, N/m^1.5 | duration of the impact, ms | steps for 1 % error of restitution | "
+            "steps for 1 % error of the peak force | both errors with 8 steps | "
+            "time step for 1 % error of restitution, ms",
             masses,
         ),
         "strip": table(
-            "k, N/m^1.5 | longest permitted step, ms | step for 1 % of the impulse, ms | impulse, N s", strips
+            "stiffness k, N/m^1.5 | longest permitted time step, ms | "
+            "longest time step for 1 % error of the impulse, ms | impulse, N s",
+            strips,
         ),
-        "cost": table("arm | formulation | no contacts, µs a step | untouched | touching", times),
+        "cost": table(
+            "arm | formulation | no contacts, µs per step | no point touches, µs per step (ratio) | "
+            "points touch, µs per step (ratio)",
+            times,
+        ),
         "sweep": table(f"scene | cases | {' | '.join(OUTCOMES)}", hard_cases),
     }
 

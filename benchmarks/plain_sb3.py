@@ -125,10 +125,14 @@ def blocks(found: pages.Found) -> pages.Blocks:
         (f"`{env_id}`", f"{row['steps'] / 1e6:.1f} million", percent(row["success"]))
         for env_id, row in found["recommended"].items()
     ]
-    heads = "environment | algorithm | seeds | " + " | ".join(f"{steps:,} steps" for steps in columns) + " | CPU, min"
+    heads = (
+        "environment | algorithm | seeds | "
+        + " | ".join(f"{steps:,} steps" for steps in columns)
+        + " | training time, CPU min"
+    )
     return {
         "success": table(heads, rows),
-        "recommended": table("environment | steps | success, one number a seed", beside),
+        "recommended": table("environment | steps | success of each seed", beside),
     }
 
 
