@@ -104,8 +104,12 @@ def blocks(found: pages.Found) -> pages.Blocks:
          f"{row['linearize']:.3g}" if "linearize" in row else "–")
         for row in found["rows"]
     ]  # fmt: skip
-    heads = "arm | links | numbers that move | rollout | vjp | vjp / rollout | backwards | Jacobians | linear model"
-    return {"costs": [f"{found['arms']} arms.", "", *table(heads, rows)]}
+    heads = (
+        "arm | links | changing state variables | rollout, µs | vjp, µs | vjp / rollout | reverse mode | "
+        "Jacobians, µs | linear model, µs"
+    )
+    arms = f"Each row is measured with {found['arms']} arms, which are computed together in vector lanes on one thread."
+    return {"costs": [arms, "", *table(heads, rows)]}
 
 
 def measured(given: argparse.Namespace) -> pages.Found:

@@ -120,7 +120,8 @@ def learned(env_id: str, algorithm: str, seed: int, home: Path, kept: bool = Fal
 def verdicts(sizes: dict[str, float], runs: list[dict[str, Any]]) -> dict[str, bool]:
     """Return the required results, and whether each one holds."""
     found = {
-        f"{env_id}: a rollout keeps at most 4 kB an arm and period": size <= 4096.0 for env_id, size in sizes.items()
+        f"{env_id}: a rollout stores at most 4 kB per arm and control period": size <= 4096.0
+        for env_id, size in sizes.items()
     }
     for env_id, wanted in ENVS.items():
         own, ppo = (_of(runs, env_id, algorithm) for algorithm in ("gradient", "ppo"))
@@ -147,9 +148,12 @@ def blocks(found: pages.Found) -> pages.Blocks:
     ]
     sizes = ", ".join(f"{size:.0f} bytes (`{env_id}`)" for env_id, size in found["bytes"].items())
     lines = {"bytes": [f"Per arm and control period a rollout stores {sizes}."]}
-    lines["gaps"] = table("environment | tolerance | " + " | ".join(f"over {k}" for k in PERIODS), gaps_of)
+    lines["gaps"] = table(
+        "environment | tolerance | " + " | ".join(f"{k} period{'s' * (k > 1)}" for k in PERIODS), gaps_of
+    )
     heads = (
-        "algorithm | seed | solved after, steps | s | whole run, steps | s | success | settling, median, s | mean, s"
+        "algorithm | seed | steps until solved | CPU time until solved, s | steps of the whole run | "
+        "CPU time of the whole run, s | success | median settling time, s | mean settling time, s"
     )
     for env_id in ENVS:
         rows = []
