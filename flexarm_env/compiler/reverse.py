@@ -1,10 +1,9 @@
 """Reverse-mode differentiation of kernels.
 
 `vjp_of(function, names)` generates a kernel that contains the function, with all functions that it calls inlined,
-followed by a reverse sweep. The reverse sweep computes the derivatives of a scalar by all inputs from its derivatives
-by the outputs ("cotangents"), at a few times the cost of the function. `Tape` records the instructions; this module
-adds loops, whose reverse code runs from the last iteration to the first, and branches. Forward values that cannot be
-recomputed are saved: in stack slots, and within loops in one frame of memory per iteration.
+followed by a reverse sweep. The sweep computes the derivatives of a scalar by all inputs from those by the outputs
+("cotangents"), at a few times the cost of the function. `Tape` records the instructions; this module adds branches and
+loops. Forward values that cannot be recomputed are saved: in stack slots, or in one frame of memory per iteration.
 """
 
 from __future__ import annotations
