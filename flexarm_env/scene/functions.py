@@ -24,7 +24,7 @@ _CSV = ("interpolation", "column", "time", "rate", "acceleration", "scale")
 def function_from_table(entry: Mapping[str, Any], directory: Path) -> TimeFunction:
     """Create a function of time from a TOML table with the key ``kind`` and the parameters of this kind.
 
-    Relative paths of CSV files begin in ``directory``.
+    Paths of CSV files are relative to ``directory``.
     """
     kind = check.needed("", entry, "kind", "must be one of " + ", ".join(f'"{k}"' for k in (*KINDS, "csv")))
     check.choice("kind", kind, (*KINDS, "csv"))
