@@ -390,7 +390,7 @@ class Pulled(Straight):
     def written(self, writer: Any, items: list[Any]) -> None:
         """Emit the forward pass and reverse sweep in the calling kernel; nothing is returned.
 
-        items: the function's arguments, then for each differentiated argument its cotangents, or None if it is constant.
+        items: the function's arguments, then the cotangents of each differentiated argument (None if it is constant).
         """
         count = len(self.names)
         if len(items) != count + len(self._bars):
