@@ -1,5 +1,6 @@
-"""Parts of the error estimate of `accuracy` that differ in the plane and in space, and errors of a run in space that
-coarser meshes and longer steps do not show, with the runs that show them.
+"""Parts of the error estimate (`accuracy`) that differ between plane and space.
+
+In space these include errors that comparisons with coarser meshes and longer steps do not show.
 """
 
 import math
@@ -135,10 +136,10 @@ def mesh_factor(n: int) -> float:
 
 
 class Errors:
-    """Parts of the estimate that differ: in the plane."""
+    """Parts of the error estimate for runs in the plane."""
 
     def factor(self, n: int) -> float:
-        """Return the error of a run with n elements or segments divided by its distance from a run with n / 2."""
+        """Return the ratio of the error of a run with n elements or segments to its distance from a run with n / 2."""
         return HALF
 
     def other_modes(self, settings: Settings, full: int) -> tuple[Settings, float]:
@@ -166,14 +167,15 @@ class Errors:
         return _varying_rate(arm)
 
     def share_of_step(self, share: float, growth: Callable[[], float]) -> float:
-        """Return the share of the distance between runs with h and 2 h that counts as error of the step.
+        """Return the ratio of the time step's error to the distance between runs with the steps h and 2 h.
 
-        share: usual share. growth: function that returns by what factor the distance grows for steps twice as long.
+        share: default ratio. growth: function that returns the factor by which this distance grows if both steps are
+        doubled.
         """
         return share
 
     def witness(self, scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Settings | None, bool]:
-        """Return `witness`; None in the plane, where `has_stubby_link` decides."""
+        """Return None: in the plane the comparison with clamped frames (`has_stubby_link`) replaces exact beams."""
         return None, True
 
     def neglected(self, apart: float, known: float) -> float:
@@ -185,10 +187,10 @@ class Errors:
 
 
 class ErrorsInSpace(Errors):
-    """Parts of the estimate that differ: in space."""
+    """Parts of the error estimate for runs in space."""
 
     def factor(self, n: int) -> float:
-        """Return the ratio of `mesh_factor`."""
+        """Return the ratio that `mesh_factor` computes."""
         return mesh_factor(n)
 
     def other_modes(self, settings: Settings, full: int) -> tuple[Settings, float]:
@@ -201,15 +203,15 @@ class ErrorsInSpace(Errors):
         return False
 
     def gear_rate(self, arm: Arm) -> float:
-        """Return 0: no gear is considered."""
+        """Return 0, because gears are not considered in space."""
         return 0.0
 
     def slowest_square(self, arm: Arm) -> float:
-        """Return omega^2, 1/s^2, of the beam with the arm's smallest stiffness in bending or torsion."""
+        """Return omega^2, 1/s^2, of the slowest vibration of a beam with the arm's smallest stiffness."""
         return _cantilever(arm, min(softest(link) for link in arm.links if not link.rigid))
 
     def share_of_step(self, share: float, growth: Callable[[], float]) -> float:
-        """Return the larger of `share` and the ratio of `step_factor`."""
+        """Return the larger of `share` and the ratio that `step_factor` computes."""
         return max(share, step_factor(growth()))
 
     def witness(self, scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Settings | None, bool]:
@@ -222,7 +224,7 @@ class ErrorsInSpace(Errors):
 
 
 def errors_of(scene: Scene) -> Errors:
-    """Return the parts of the estimate for a scene, in the plane or in space."""
+    """Return the object that computes the parts of the error estimate for a scene, in the plane or in space."""
     return ErrorsInSpace() if scene.spatial else Errors()
 
 

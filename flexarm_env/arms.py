@@ -57,8 +57,8 @@ def named(name: str) -> Arm:
 def resolve(arm: Arm | str | os.PathLike[str], directory: str | os.PathLike[str] = ".") -> Arm:
     """Return the arm that an :class:`Arm`, a name, or the path of a TOML file denotes.
 
-    Relative paths begin in ``directory``. Raises ValueError if a text is neither a name nor the path of a file, or if
-    the file is invalid.
+    Relative paths are relative to ``directory``. Raises ValueError if a text is neither a name nor the path of a file,
+    or if the file is invalid.
     """
     if isinstance(arm, Arm):
         return arm

@@ -23,11 +23,11 @@ Z: Vector = (0.0, 0.0, 1.0)
 
 
 class Axes(str):
-    """Axes along which an arm moves: "xy" in the plane (this class), "xyz" in space; and conventions that follow.
+    """Conventions for arms in the plane (this class, axes "xy") and, in a subclass, in space (axes "xyz").
 
-    formulation, quick_formulation: default formulation of scenes; of environments and of fits. turns: axes of the
-    gyroscope at the tip. rises: axes along which a camera measures the slope of the tip. measures: curvatures that
-    strain gauges measure. hinges: axes about which the sections of a link turn.
+    formulation: default formulation of scenes. quick_formulation: default formulation of environments and of fits.
+    turns: axes of the gyroscope at the tip. rises: axes along which a camera measures the slope of the tip. measures:
+    curvatures that strain gauges measure. hinges: axes about which the sections of a link rotate.
     """
 
     formulation, quick_formulation = "floating_frame", "elastica"
@@ -45,7 +45,7 @@ class Axes(str):
         return tuple(np.cumsum(joints).tolist())
 
     def behind_rigid_joint(self, value: float) -> float:
-        """Return a scene's angle or rate of the link behind a rigid joint; value: of the link before the joint."""
+        """Return a scene's angle or rate of the link after a rigid joint. value: that of the link before the joint."""
         return value
 
     def divides_cells(self, formulation: str) -> bool:
@@ -57,10 +57,10 @@ class Axes(str):
         return np.asarray(link.along(s).J)
 
     def check_planar(self, path: str, value: object, what: str) -> None:
-        """Raise `InvalidValue` in space. path, value: of the invalid key; what: the rule."""
+        """Raise `InvalidValue` in space. path, value, what: key path, value and rule in the message."""
 
     def table_of_gains(self, task: str) -> str:
-        """Return the name of the table of controllers' tuned gains for a task."""
+        """Return the name of the file with the controllers' tuned gains for a task."""
         return task
 
 
@@ -97,7 +97,7 @@ PLANE, SPACE = Axes("xy"), _Space("xyz")
 
 
 def axes_of(spatial: bool) -> Axes:
-    """Return `SPACE` for what is computed in space, otherwise `PLANE`."""
+    """Return `SPACE` for an arm or scene that is computed in space, otherwise `PLANE`."""
     return SPACE if spatial else PLANE
 
 

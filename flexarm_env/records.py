@@ -128,7 +128,7 @@ def made(path: str, kind: type[T], table: object, *, prefix: str | None = None) 
     """Create an object of class `kind` from a table of a TOML file. path, prefix: as in `validation.made`.
 
     Raises:
-        ValueError: the message names the key path, and the value and the rule, or the missing or unknown key.
+        ValueError: a value is invalid, or a key is missing or unknown; the message names the key path and the rule.
     """
     known = rules(kind)
     required = {name: known[name].allowed for name in _required(kind) if name in known}

@@ -26,7 +26,7 @@ from .validation import Array
 ComplexOrReal = NDArray[Any]
 
 SETTLED = 0.5
-"""Time (s) that the tip has to stay at a target for a success."""
+"""Time (s) for which the tip must stay at a target for the episode to count as a success."""
 TURNS, PERIODS = 2.0, 50.0
 """TURNS: duration of an episode in units of the time of a quarter turn, without `SETTLED`. PERIODS: number of control
 periods in a quarter turn.

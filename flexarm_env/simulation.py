@@ -32,7 +32,7 @@ from .trajectory.space import placed
 from .validation import Array
 
 Start = tuple[float, float, bool]
-"""State at the start of an interval between samples or kinks: time (s), gross work (J), whether it starts afresh."""
+"""Start of an interval: time (s), gross work (J) and True if the integrator is initialised anew at this time."""
 
 _NO_POINTS = np.zeros((0, 2))
 _NOTHING = np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 2))

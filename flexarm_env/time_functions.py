@@ -422,7 +422,7 @@ def from_csv(
         time: name of the column with the times, s. rate, acceleration: names of the columns with derivatives, or None.
         scale: factor on values and derivatives, for example a change of units or a gear ratio.
     Raises:
-        ValueError: the message names the file, the column and the row. OSError: the file cannot be read.
+        ValueError: invalid content; the message names file, column and row. OSError: the file cannot be read.
     """
     header, lines = csv_lines(path)
     with check.in_file(path):

@@ -44,7 +44,7 @@ def test_help_teaches(command: str, capsys: pytest.CaptureFixture[str]) -> None:
         assert all(f"--{flag}" in text for flag in flags.split())
         assert ("--reference" in text) == (command == "replay")
     if command == "run":
-        assert "4 the run ended before its time" in text
+        assert "4 the run ended before --seconds" in text
 
 
 def test_help_loads_nothing_heavy() -> None:
@@ -227,7 +227,7 @@ def test_a_parameter_set_has_no_reference(capsys: pytest.CaptureFixture[str]) ->
 def test_a_run_that_fails_ends_with_1(capsys: pytest.CaptureFixture[str]) -> None:
     values = answer(capsys, "replay", "robot_arm_motion", "--modes", "3", code=1)
     assert values["status"] == "out_of_range"
-    assert "beyond the range" in values["message"]
+    assert "beyond the valid range" in values["message"]
 
 
 # ---------------------------------------------------------------- refusals

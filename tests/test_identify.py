@@ -442,7 +442,7 @@ def test_frequency_and_damping_by_amplitude() -> None:
         mean = one.amplitude * math.exp(-one.damping * w * 2.0 / 1.5)  # in the middle of the stretch
         assert abs(one.frequency / 1.5 / (1.0 - mean**2 / 16.0) - 1.0) < 0.006
         assert abs(one.damping - 4.0 * drag * mean / (3.0 * math.pi)) < 0.25 * one.damping
-    refuses("must ring", lambda: free_decay(t, np.random.default_rng(0).normal(size=len(t))))
+    refuses("must contain a vibration", lambda: free_decay(t, np.random.default_rng(0).normal(size=len(t))))
     for wrong in (t[::-1], np.repeat(t[::2], 2)[: len(t)]):
         with pytest.raises(ValueError, match=r"^t = .*: must be evenly spaced instants"):
             free_decay(wrong, of.y[0])

@@ -1,4 +1,4 @@
-"""A crew: worker threads that share the groups of a batch in compiled code, by atomic operations, without the GIL.
+"""Worker threads that share the groups of a batch in compiled code, by atomic operations and without Python's GIL.
 
 Waking a thread takes longer than a step of a small batch, and a thread that returns to the interpreter waits for the
 GIL. For some time after a task, a worker therefore stays in compiled code and polls its board for the next task. The

@@ -35,12 +35,11 @@ UNCOMPILED = MODE == "python"
 
 
 class Kernel:
-    """A compiled function of numbers, NumPy arrays and named tuples of numbers and arrays (docs: The compiler).
+    """Compiled function of numbers, NumPy arrays, and named tuples of numbers and arrays (docs/compiler.md).
 
     function: the Python function. attributes: LLVM attributes of the function. often: True if the kernel is an
-        `entry_point`.
-        superword: True if the kernel has the decorator `superword`.
-        forms: compiled versions of the kernel, by the types of the arguments.
+    `entry_point`. superword: True if the kernel has the decorator `superword`. forms: compiled versions of the kernel,
+    by the types of the arguments.
     """
 
     run: ClassVar[Callable[[Kernel, Sequence[Any]], Any]]  # the function `entry.call`
@@ -104,12 +103,12 @@ def completed(
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Decorate a kernel: it is compiled for the kinds of its arguments when Python or another kernel calls it.
+    """Decorator that makes a function a kernel: its first call with given argument types compiles it for these types.
 
-    A call from Python releases the interpreter's lock.
+    Python and other kernels can call a kernel. A call from Python releases the interpreter's lock.
 
-    Arithmetic is IEEE without contraction, because a lane of a batch and a single arm must agree to the last bit.
-    Division by zero gives an infinity, never an exception, so that a failing arm can be tested for and causes no crash.
+    Arithmetic is IEEE without contraction, so that the results for a single arm and for an arm in a batch are bitwise
+    equal. Division by zero gives an infinity and no exception, so that a failing arm can be detected afterwards.
     """
     return _by_python_alone(function) if UNCOMPILED else Kernel(function)
 
@@ -121,7 +120,7 @@ _by_python = ContextVar("_by_python", default=False)
 def uncompiled(function: Any) -> Any:
     """Return a function that runs a kernel, and all kernels that it calls, in Python without compilation.
 
-    Use the returned function for a kernel that is rarely called or that returns an array.
+    Use it for kernels that are rarely called, or that return arrays.
     """
     if not isinstance(function, Kernel):
         return function
@@ -171,35 +170,35 @@ def _by_python_alone(function: Callable[..., Any]) -> Any:
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """Decorate a kernel that is always inlined into its callers.
+    """Decorator of kernels that are always inlined into their callers.
 
-    Use this decorator for kernels with many array arguments, if passing the arrays takes more time than compiling the
-    code at every call.
+    Use it for small kernels with many array arguments, for which passing the arguments costs more than the additional
+    code in each caller.
     """
     return _by_python_alone(function) if UNCOMPILED else Kernel(function, ["alwaysinline"])
 
 
 def entry_point(function: Callable[..., Any]) -> Any:
-    """Decorate a kernel that Python calls repeatedly: its loops are unrolled, which takes longer to compile.
+    """Decorator of kernels that Python calls repeatedly: LLVM unrolls their loops, which takes longer to compile.
 
-    In an entry point LLVM unrolls loops of run-time length eight times; in other programs such loops are not unrolled.
+    Loops whose length is known only at run time are unrolled eight times; in other kernels they are not unrolled.
     """
     return _by_python_alone(function) if UNCOMPILED else Kernel(function, often=True)
 
 
 def superword(function: Callable[..., Any]) -> Any:
-    """Decorate a kernel that applies one operation to many numbers of one arm, as Gaussian elimination does to a row.
+    """Decorator of kernels that apply one operation to many numbers of one arm, as Gaussian elimination does to a row.
 
-    If the kernel is large, LLVM combines operations on these numbers into vector instructions (superword-level
-    parallelism), with the same bits. LLVM does not search the program's other large functions for such operations,
-    because the search takes long and finds nothing useful.
+    LLVM then combines these operations to vector instructions (superword-level parallelism), with bitwise the same
+    results. In other large kernels LLVM does not search for such operations, because the search takes long and is
+    rarely successful.
     """
     return _by_python_alone(function) if UNCOMPILED else Kernel(function, superword=True)
 
 
 def noinline(function: Callable[..., Any]) -> Any:
-    """Decorate a large and seldom called kernel, so that the kernel is never inlined.
+    """Decorator of large and rarely called kernels that must not be inlined.
 
-    One very large function takes longer to compile than several.
+    Several functions take less time to compile than one very large function.
     """
     return _by_python_alone(function) if UNCOMPILED else Kernel(function, ["noinline"])

@@ -1,4 +1,4 @@
-"""Dispatch at compile time: a kernel is chosen by the class of an argument."""
+"""Dispatch at compile time: the class of an argument selects the kernel that is called."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -37,14 +37,16 @@ class OfPart:
 
     def _inner(self, args: Sequence[Any], field: Callable[[Any, str], Any]) -> list[Any]:
         """Return the arguments, with the dispatching argument replaced by its field `part`; field(x, name) reads a
-        field."""
+        field.
+        """
         return [field(x, self.part) if k == self.function.place else x for k, x in enumerate(args)]
 
 
 class Family:
-    """Kernels of the same names for several classes of named tuples, chosen by the class of one argument.
+    """Functions for which each of several classes of named tuples registers a kernel.
 
-    In compiled code the kernel is chosen at compile time, so that the choice takes no time at run time.
+    The class of one argument selects the kernel. In compiled code this happens at compile time and takes no time at run
+    time.
 
     `family.register(Class, kernel, ..., name=kernel)` registers kernels of a class, under the kernel's name or under
     the keyword's name. `family.delegate(Class, part, function, ...)` registers for a class the kernels of the class of
@@ -81,7 +83,8 @@ class Family:
 
     def delegate(self, kind: type, part: str, *functions: Any) -> None:
         """Delegate functions of a class to its field `part`: calls use the kernels registered for the class of this
-        field."""
+        field.
+        """
         self.register(kind)
         for function in functions:
             self.members[kind][function.__name__] = made = OfPart(function, part)

@@ -1,4 +1,4 @@
-"""Calls of compiled functions from Python with all arguments in memory at one address, the fastest kind of call.
+"""Fast calls of compiled functions from Python: all arguments are in memory at one address.
 
 The class `Placed` writes a named tuple of arrays and numbers once into an array of 64-bit words. A kernel that begins
 with `p = dereference(address)` reads the named tuple from these words. The Python side keeps words and arrays alive and

@@ -1,16 +1,15 @@
-"""Lanes: one kernel source for one arm or several arms, with vectors of float64 that compile to machine registers.
+"""Lanes: one kernel source for a single arm and for several arms, whose numbers are in the lanes of SIMD vectors.
 
-The argument `lane` of a kernel is a *lane tag*, a tuple of zeros whose length L is the number of arms advanced together
-(`SINGLE` or `EIGHT`). In an array that holds lanes, element k of all L arms lies at `[k*L : (k+1)*L]`. `load(lane,
+The argument `lane` of a kernel is a *lane tag*, a tuple of zeros whose length L is the number of arms that are advanced
+together (`SINGLE` or `EIGHT`). In an array of lanes, element k of all L arms is at `[k*L : (k+1)*L]`. `load(lane,
 array, k)` returns a float64 if L = 1 and an LLVM `<L x double>` otherwise. Arithmetic and the functions of this module
-accept both types, so one source serves as the kernel of a single arm and of a batch. The compiler neither contracts nor
-reorders operations. A single arm and a batch of arms therefore give bitwise the same results, on any x86 or Arm vector
-unit.
+accept both types. The compiler neither contracts nor reorders operations. A single arm and an arm in a batch therefore
+give bitwise the same results, on all x86 and Arm processors.
 
-With a longer tag, `dual(lane, D)`, the same source becomes the kernel of its derivative (forward mode). Under a tag
-    `dual(lane, D)` each element is followed in memory by D tangents of L numbers each: its derivatives along D
-    directions. Every operation also computes the tangents of its result, by the rules in the module `symbols`.
-    `lane_count(lane)` is the number of arms of a tag, with or without tangents.
+With the longer tag `dual(lane, D)` the same source also computes derivatives (forward mode). In memory each element is
+then followed by D tangents of L numbers each: its derivatives along D directions. Every operation also computes the
+tangents of its result, by the rules in the module `symbols`. `lane_count(lane)` is the number of arms of a tag, with or
+without tangents.
 
 Python runs the functions of this module if compilation is disabled. `words` defines the instructions that the compiler
 writes for arrays of lanes.

@@ -1,8 +1,8 @@
-"""Choice of the number of threads for the steps of a batch by timing, up to the number of available processors.
+"""Choose the number of threads for the steps of a batch by timing, up to the number of available processors.
 
-The duration of a step depends on the arms. The gain by a second thread depends on the processor, on other processes and
-on the caller's work between steps. Since the gain is unknown in advance, the durations of a few steps with one and with
-several threads are measured occasionally. Results are bitwise the same for any number of threads.
+The speedup by a second thread depends on the arms, on the processor, on other processes and on the caller's work
+between steps. The durations of a few steps with one and with several threads are therefore measured from time to time.
+Results are bitwise the same for any number of threads.
 """
 
 import math

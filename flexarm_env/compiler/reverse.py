@@ -1,9 +1,9 @@
-"""Reverse mode: generate from a kernel the kernel that propagates cotangents from its outputs back to its inputs.
+"""Reverse-mode differentiation of kernels.
 
-`vjp_of(function, names)` generates a kernel that contains the function with all its callees inlined, followed by the
-reverse sweep. The result contains the derivatives by all inputs, at a few times the cost of the function. The `Tape`
-records instructions; this module adds loops and branches. The sweep runs loops from the last iteration to the first.
-Forward values that cannot be recomputed are saved: in a loop in one frame of memory per iteration, else in stack slots.
+`vjp_of(function, names)` generates a kernel that contains the function, with all functions that it calls inlined,
+followed by a reverse sweep. The sweep computes the derivatives of a scalar by all inputs from those by the outputs
+("cotangents"), at a few times the cost of the function. `Tape` records the instructions; this module adds branches and
+loops. Forward values that cannot be recomputed are saved: in stack slots, or in one frame of memory per iteration.
 """
 
 from __future__ import annotations
@@ -390,7 +390,7 @@ class Pulled(Straight):
     def written(self, writer: Any, items: list[Any]) -> None:
         """Emit the forward pass and reverse sweep in the calling kernel; nothing is returned.
 
-        items: the function's arguments, then for each differentiated argument its cotangents, None if constant.
+        items: the function's arguments, then the cotangents of each differentiated argument (None if it is constant).
         """
         count = len(self.names)
         if len(items) != count + len(self._bars):

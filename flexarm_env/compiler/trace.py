@@ -52,7 +52,8 @@ class Slots:
 
     def put(self, k: int, value: Value, count: int, tangents: int) -> None:
         """Store element k of `count` lanes, with its tangents. Raises a compile error (`Refused`) for a read-only
-        array."""
+        array.
+        """
         self.array.written()
         for part, x in enumerate(value.parts(count, tangents)):
             self.builder.store(x, self.address(k * (1 + tangents) + part, count), align=8)
@@ -154,7 +155,8 @@ class Tracer:
 
     def _declaring(self, source: Any, copy: Any) -> Any:
         """Return a traced function whose array arguments hold lanes or numbers, as the annotations of `source`
-        declare."""
+        declare.
+        """
         names = source.__code__.co_varnames[: source.__code__.co_argcount]
         said = lane_parameters(source)
 
@@ -269,14 +271,14 @@ class Straight:
 
 
 def traced(function: Any) -> Any:
-    """Mark a function as straight-line code throughout: it is traced where kernels call it."""
+    """Decorator of functions that consist of straight-line code: they are traced where kernels call them."""
     return function if UNCOMPILED else Straight(function)
 
 
 def unrolled(function: Any) -> Any:
-    """Mark a kernel of `lane`, `model`, ...: it is traced if the Model's size n is a tag, otherwise called.
+    """Decorator of kernels with the arguments `lane`, `model`, ...: traced if model.n is a tag, otherwise compiled.
 
-    A kernel with the decorator `unrolled` returns a tuple or nothing.
+    The kernel returns a tuple or nothing.
     """
     if UNCOMPILED:
         return function

@@ -11,7 +11,7 @@ from ..parameters import Arm
 
 
 class Bare(NamedTuple):
-    """Record of a task without reward: class, numbers of entries and of a target's coordinates.
+    """Task without reward: class of its record, number of entries, and number of a target's coordinates.
 
     ranges: ranges of targets, which are not used.
     """
@@ -48,5 +48,5 @@ def bare_task(arm: Arm, bare: Bare) -> Task:
 
 
 def bare_starts(arm: Arm, bare: Bare) -> Starts:
-    """Return ranges of starts of the straight arm at rest."""
+    """Return ranges of initial states that contain only the straight arm at rest."""
     return Starts(start=[(0.0, 0.0)] * arm.n_links, target=bare.ranges)

@@ -200,7 +200,7 @@ class Reader:
     Args:
         setup: setup of the environment. who: name of the controller, for error messages. bends: True if deflections are
             required.
-        goals: whether differences between goal and present joint angles are required. aims: whether goals are computed
+        goals: True if differences between goal and present joint angles are required. aims: True if goals are computed
             from deflections.
     Raises:
         ValueError: the observation lacks a required entry, which the message names.
@@ -266,17 +266,17 @@ class Controller(ABC):
 
     action_mode = "torque"
     needs_bends: ClassVar[bool] = False
-    """Whether the controller requires tip deflections and their rates."""
+    """True if the controller requires tip deflections and their rates."""
     needs_goals: ClassVar[bool] = False
-    """Whether the controller requires goal joint angles minus measured joint angles (observation="measured")."""
+    """True if the controller requires goal joint angles minus measured joint angles (observation="measured")."""
     aims: ClassVar[bool] = True
-    """Whether goals are computed from observed deflections."""
+    """True if goals are computed from observed deflections."""
     omits_modes: ClassVar[bool] = True
-    """Whether the controller's linear model may omit vibration modes of the arm (`margins.warn_of_growth`)."""
+    """True if the controller's linear model can omit vibration modes of the arm (`margins.warn_of_growth`)."""
     follows_goal: ClassVar[bool] = True
-    """Whether observed goal joint angles are followed in every period; if not, the goal is fixed at reset."""
+    """True if the controller follows observed goal joint angles in every period; False if `reset` fixes the goal."""
     restarts: ClassVar[bool] = False
-    """Whether single environments may begin a new episode (`restart`), each with its own memory."""
+    """True if single environments can begin a new episode (`restart`), each with its own memory."""
 
     def __init__(self, setup: Setup) -> None:
         """Store the setup and torque limits, and prepare the observation reader."""

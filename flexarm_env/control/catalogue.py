@@ -88,10 +88,10 @@ def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
 
 
 def gains_from(name: str, values: Mapping[str, Any], task: str = "slew") -> Any:
-    """Build the gains of controller `name` from values by key.
+    """Create the gains of controller `name` from a dict of values.
 
     task: the task, or "space" for an arm in space (`Setup.gains`). Raises ValueError for an unknown key; the message
-        lists the known keys.
+    lists the valid keys.
     """
     kind, _ = _classes(task)[name]
     needed = [field.name for field in dataclasses.fields(kind) if field.default is dataclasses.MISSING]

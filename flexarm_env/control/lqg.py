@@ -43,7 +43,7 @@ SHARP = 4.0
 """Factor of the friction compensation on the torque that would stop the motor in a period.
 
 The compensation is this product, limited to the friction torque. With a factor above 1 the motor still makes small
-motions. Even smaller motions are not compensated, so that the arm does not hunt."""
+motions. Friction of even smaller motions is not compensated, since compensating it would cause a limit cycle."""
 
 WALK = 1e-3
 """Random walk of a bias per control period, divided by the bias's standard deviation."""

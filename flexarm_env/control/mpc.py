@@ -36,8 +36,8 @@ from .space import AboutRest
 
 LATEST = 2.0
 """Latest arrival divided by the first planned one. An arm with a quarter of the stiffness, or four times the mass,
-takes twice as long. Vibration before the arrival costs nothing. If the arrival were postponed forever, this vibration
-could grow, unless damping stops it."""
+takes twice as long. The cost of a plan does not count vibration before the arrival. If the arrival were postponed
+without limit, this vibration could therefore grow in an arm with little damping."""
 
 STIFF = 100.0
 """Factor on the initial penalties of `optimal`'s plans, since receding-horizon control updates no multipliers."""

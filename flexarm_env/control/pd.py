@@ -161,7 +161,7 @@ class SpatialPD(AboutRest):
         return np.asarray(found[best, np.arange(len(now))])
 
     def rest_at(self, target: Array, now: Array) -> tuple[float, Array, Array]:
-        """Return distance, joint angles and holding torques at a target; of the rigid arm if `rests` is 0."""
+        """Return distance from the target, joint angles and holding torques; those of the rigid arm if `rests` is 0."""
         if self.gains.rests:
             return super().rest_at(target, now)
         angles = self._rigid(target[None], now[None])

@@ -32,15 +32,15 @@ _SURE = 0.98
 
 
 class Conditions:
-    """Conditions on targets and paths of arms in the plane, and checks of given ones."""
+    """Conditions on random targets and paths of arms in the plane, and validation of given targets and paths."""
 
     def of_targets(
         self, arm: Arm, gravity: tuple[float, ...] | None, task: Task, starts: Starts, extras: Any
     ) -> Attainable | None:
-        """Return the conditions on drawn targets; None if every possible target is attainable or the base floats.
+        """Return the conditions on random targets; None if every possible target is attainable or the base floats.
 
         gravity: acceleration of gravity, m/s^2. task: the task's record. extras: the `Extras` of the environment.
-        Raises ValueError if none of the `SAMPLES` drawn targets is attainable.
+        Raises ValueError if none of `SAMPLES` random targets is attainable.
         """
         if arm.base is not None:
             return None
@@ -65,10 +65,10 @@ class Conditions:
         self, arm: Arm, gravity: tuple[float, ...] | None, task: Task, starts: Starts, extras: Any, period: float,
         periods: int,
     ) -> Any:  # fmt: skip
-        """Return the moving target (`Extras.reference`) with the conditions on drawn paths.
+        """Return the moving target (`Extras.reference`) with the conditions on random paths.
 
         period: control period, s. periods: largest number of control periods in an episode. Raises ValueError if the
-        joint limits do not let the arm follow a given path, or if none of the `PATHS` drawn paths is attainable.
+        arm cannot follow a given path within its joint limits, or if none of `PATHS` random paths is attainable.
         """
         moving = extras.reference
         if moving is None or arm.base is not None:
@@ -88,7 +88,7 @@ class Conditions:
     def of_drawn_paths(
         self, arm: Arm, gravity: tuple[float, ...] | None, task: Task, starts: Starts, extras: Any, lasting: float
     ) -> Any:
-        """Return the moving target with the conditions on drawn paths of `lasting` seconds."""
+        """Return the moving target with the conditions on random paths of `lasting` seconds."""
         moving, begin = extras.reference, np.array(starts.start, np.float64)
         if len(task.targets) == 1 and moving.line is not None:  # an endless line
             return moving
@@ -110,9 +110,9 @@ class Conditions:
         raise check.InvalidValue("reference", moving.ranges.tolist(), f"{what}: none of {PATHS} drawn ones is")
 
     def first_lost(self, arm: Arm, task: Task, begin: np.ndarray, points: np.ndarray) -> int | None:
-        """Return the index of the first point of a path (n, numbers) that the arm cannot follow, or None.
+        """Return the index of the first point of a path (n, numbers) that the arm cannot reach, or None.
 
-        begin (N, 2): ranges of the joints' starts, rad; the arm starts in their middles.
+        begin (N, 2): ranges of the initial joint angles, rad; the arm starts at the middles of the ranges.
         """
         flat = np.zeros((len(points), 2))
         flat[:, : points.shape[1]] = points
@@ -120,9 +120,9 @@ class Conditions:
         return None if at < 0 else int(at)
 
     def check_target(self, arm: Arm, task: Task, angles: np.ndarray, target: np.ndarray) -> None:
-        """Raise `InvalidValue` if the joint limits exclude a given target, as a request stores it.
+        """Raise `InvalidValue` if the arm cannot reach a given target within its joint limits.
 
-        angles (N,): joint angles at the start, rad; NaN for joints with drawn angles.
+        angles (N,): joint angles at the start, rad; NaN for joints with random initial angles.
         """
         if arm.base is not None or arm.joint_limits is None:
             return
@@ -136,14 +136,14 @@ IN_PLANE = Conditions()
 
 
 class ConditionsInSpace(Conditions):
-    """Conditions for arms in space, whose targets are drawn as joint angles within the joint limits."""
+    """Conditions for arms in space, whose random targets are joint angles within the joint limits."""
 
     def of_targets(
         self, arm: Arm, gravity: tuple[float, ...] | None, task: Task, starts: Starts, extras: Any
     ) -> Attainable | None:
-        """Return the conditions on drawn targets; None if the motors hold the arm at every target.
+        """Return the conditions on random targets; None if the motors can hold the arm at every target.
 
-        `Attainable.bodies` gets each link's mass (kg) and center of mass (m, link axes).
+        `Attainable.bodies` contains each link's mass (kg) and center of mass (m, link axes).
         """
         arm, torques = _worst(arm, task, starts, extras)
         down = np.array(gravity or (0.0, 0.0, 0.0))
@@ -165,14 +165,14 @@ class ConditionsInSpace(Conditions):
     def of_drawn_paths(
         self, arm: Arm, gravity: tuple[float, ...] | None, task: Task, starts: Starts, extras: Any, lasting: float
     ) -> Any:
-        """Return the moving target: `Place.check_ranges` has checked the ranges of drawn paths."""
+        """Return the moving target without conditions, because `Place.check_ranges` has validated the ranges."""
         return extras.reference
 
     def first_lost(self, arm: Arm, task: Task, begin: np.ndarray, points: np.ndarray) -> int | None:
         """Return the index of the first point (n, 3), m, at which the arm leaves its joint limits, or None.
 
-        If the arm leaves its limits from the middles of the ranges begin (N, 2), rad, `TRIED` drawn starts are tried,
-        too. The function returns the largest index over all starts.
+        The arm starts at the middles of the ranges `begin` (N, 2), rad. If it leaves its limits, `TRIED` random starts
+        are tried, too, and the largest index is returned.
         """
         if arm.joint_limits is None:
             return None

@@ -48,7 +48,7 @@ def framed(
     name. changing: the payload change, or None.
 
     Raises:
-        ValueError: the message names the key path, the value and the allowed values.
+        ValueError: a contact is invalid; the message names the key path, the value and the rule.
     """
     arm, settings = frame.arm, frame.settings
     contacts = contacts_of("contacts", value, arm, len(arm.axes))
@@ -71,9 +71,9 @@ def framed(
 
 
 def with_rows(modes: Array, contacts: tuple[Contact, ...], behind: int) -> Array:
-    """Return a table of initial rates with rows of zeros for moving obstacles, which follow the arm's coordinates.
+    """Insert rows of zeros for moving obstacles, whose coordinates follow the arm's, in a table of initial rates.
 
-    behind: number of rows that remain behind the rows of zeros.
+    behind: number of rows after the rows of zeros.
     """
     rows = sum(len(contact.displacements) for contact in contacts)
     return np.insert(modes, [len(modes) - behind] * rows, 0.0, axis=0)

@@ -203,7 +203,7 @@ def starts(kind: Kind, arm: Arm, value: Any, rules: int) -> tuple[Starts, bool]:
 
 
 def only_with(name: str, value: Any, task: str, wanted: str) -> None:
-    """Raise `InvalidValue` if a keyword is given that belongs to another task."""
+    """Raise `InvalidValue` if the user gives a keyword that only another task has."""
     if value is not None and task != wanted:
         raise check.InvalidValue(name, value, f'must be given with task="{wanted}" only')
 

@@ -105,11 +105,11 @@ class Pictures:
     """Pictures of arms in the plane."""
 
     def pen(self, arm: Arm, mode: str, ground: float = 0.0, **usual: Any) -> Any:
-        """Return a renderer. usual: further arguments of `Renderer`. ground: height of the floor, m, in space."""
+        """Create a renderer. usual: further arguments of `Renderer`. ground: height of the floor, m, only in space."""
         return Renderer(mode, arm.total_length, **usual)
 
     def of_view(self, pen: Any, plan: Plan, view: View) -> Any:
-        """Draw an environment's arm as it is in `view` and return the picture."""
+        """Draw the arm of an environment at the instant `view`, and return the picture."""
         target = plan.kind.target.place(plan.arm, view.target)
         shapes = chain(view.points, view.poses)
         attitude = None
@@ -121,7 +121,7 @@ class Pictures:
         return pen.frame(shapes, angles, target, view.time, torques, view.deflection, attitude)
 
     def of_run(self, pen: Any, run: Trajectory) -> Callable[[int, Any], Any]:
-        """Return a function that draws instant i of a run with joint torques divided by their limits, or None."""
+        """Return a function that draws instant i of a run, with joint torques divided by their limits (or None)."""
         hinges = cuts_of(run.shapes, run.hinges)
 
         def draw(i: int, torques: Any) -> Any:
@@ -135,11 +135,11 @@ class PicturesInSpace(Pictures):
     """Pictures of arms in space."""
 
     def pen(self, arm: Arm, mode: str, ground: float = 0.0, **usual: Any) -> Any:
-        """Return a renderer in space above a floor at the height `ground`, m."""
+        """Create a renderer in space with the floor at the height `ground`, m."""
         return SpaceRenderer(mode, arm.total_length, sides=sides(arm), links=bending(arm), ground=ground, **usual)
 
     def of_view(self, pen: Any, plan: Plan, view: View) -> Any:
-        """Draw an environment's arm as it is in `view`, as ribbons, and return the picture."""
+        """Draw the arm of an environment at the instant `view` as ribbons, and return the picture."""
         target, ribbon = plan.kind.target.place(plan.arm, view.target), ribbons(plan.arm, plan.settings, view.q[None])
         off = bent(plan.arm, view.deflection.reshape(2, -1).T)
         rigid = straight(plan.arm, view.poses[:, SPACE_POSE.angle])

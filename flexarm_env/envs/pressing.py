@@ -57,7 +57,7 @@ def pressing(kind: Kind, arm: Arm, task: Any, duration: Any, contacts: Any, sens
     is at a distance of 0.7 arm lengths along x. A force sensor is added to the environment's sensors.
 
     Raises:
-        ValueError: the message names the key path, the value and the allowed values.
+        ValueError: a keyword is invalid; the message names the key path, the value and the rule.
     """
     if task not in (PRESS, LAND):
         return Pressing(kind, contacts, sensors, reference)

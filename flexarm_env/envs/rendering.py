@@ -116,7 +116,7 @@ class Renderer:
         self.force = 1.0
         """Force (N) whose arrow has half of the greatest length."""
         self.closed = False
-        """Whether the window was closed, by the user or by `close`."""
+        """True if the window was closed, by the user or by `close`."""
         self._cell = round_step(self.reach / 3.0)
         self._room: Any = 0.94 * MARGIN * self.reach * np.array(self.size) / min(self.size)
         self._window: Any = None

@@ -63,7 +63,7 @@ class Place(Target):
         return arm.n_links
 
     def goal(self, task: Task, angles: Array, drawn: Array) -> Array:
-        """Return the drawn joint angles."""
+        """Return the random joint angles `drawn`, which define the target."""
         return drawn
 
     def start_ranges(self, arm: Arm, value: Any) -> list[Pair]:
@@ -149,7 +149,7 @@ class Place(Target):
 
 
 class OnWallInSpace(Place):
-    """Moving target on a wall in space, with a random direction along the wall."""
+    """Moving target that slides along a wall in space, in a random direction."""
 
     paths: ClassVar = {"line": (*Place.paths["line"], ("height", "m"), ("force", "N"))}
 
@@ -160,7 +160,7 @@ class OnWallInSpace(Place):
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
         """Return ranges of a path: distance (m), time (s), speed (m/s), bearing, elevation (rad), height, force (N).
 
-        The height of a path's middle is its distance from the wall's nearest point, upwards along the wall.
+        The height of a path's middle is measured from the wall's point nearest to the root, upwards along the wall.
         """
         d, b, e = self.wall
         half, most = self.wall.half_chord(arm.total_length), largest_force(arm)
@@ -170,7 +170,7 @@ class OnWallInSpace(Place):
         return [(d, d), time, (0.4 * speed, speed), (b, b), (e, e), height, force]
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Check that the commanded force is positive, and that all paths are within reach and joint limits."""
+        """Raise `InvalidValue` unless the force is positive and all paths are within reach and joint limits."""
         check_force(ranges[6])
         away, around, up = self.wall.directions
         time, speed = ranges[1], ranges[2][1]
@@ -188,7 +188,10 @@ class OnWallInSpace(Place):
             raise check.InvalidValue("reference.height", ranges[5], what)
 
     def first_posture(self, arm: Arm, gravity: Any) -> Array:
-        """Return joint angles (N,), rad, at which the tip is in front of the wall, if possible held against gravity."""
+        """Return joint angles (N,), rad, at which the tip is in front of the wall.
+
+        Joint angles at which the motors can hold the arm against gravity are preferred.
+        """
         away, _, up = self.wall.directions
         height = 0.5 * sum(HEIGHTS) * self.wall.half_chord(arm.total_length)
         found = angles_at(arm, NEAR * (self.wall.distance * away + height * up), gravity)

@@ -51,8 +51,8 @@ class Target(ABC):
 
     numbers: number of coordinates of a target. A record stores at least two numbers per target; the second number of an
     angle is 0.
-    paths: shapes of drawn paths, the default shape first. Each shape has the names and units of the numbers that define
-    a path.
+    paths: shapes of random paths, the default shape first, each with the names and units of the numbers that define a
+    path of this shape.
     on_wall, at_rest_on_wall: types of targets on a wall, for the tasks "press" and "land"; None: there is no such task.
     """
 
@@ -73,7 +73,7 @@ class Target(ABC):
         """Return the target that the rigid arm reaches at joint angles, rad."""
 
     def requested(self, arm: Arm, angles: Sequence[float]) -> Sequence[float]:
-        """Return the target that the rigid arm reaches at joint angles (rad), as a request of `reset` stores it."""
+        """Return the target that the rigid arm reaches at joint angles, rad, in the form of `resets.Request.target`."""
         return self.reached(arm, angles)
 
     def request_size(self, arm: Arm) -> int:
@@ -81,7 +81,7 @@ class Target(ABC):
         return 2
 
     def goal(self, task: Task, angles: Array, drawn: Array) -> Array:
-        """Return the joint angles (rad) that reach a target from joint angles `angles`; drawn: the drawn numbers."""
+        """Return the goal joint angles, rad, of a random target. angles: initial angles. drawn: random numbers."""
         record = np.zeros(GOAL + len(angles))
         record[GOAL:] = angles
         record[TARGET : TARGET + 2] = uncompiled(target_from)(task, angles, *drawn.tolist())
@@ -90,14 +90,14 @@ class Target(ABC):
 
     @abstractmethod
     def start_ranges(self, arm: Arm, value: Any) -> list[Pair]:
-        """Check `starts.target` and return the two ranges of a drawn target, in space a range for each joint."""
+        """Validate `starts.target`; return the two ranges of a random target, in space a range for each joint."""
 
     def chain(self, arm: Arm) -> dict[str, Array]:
-        """Return the field of the task's record for inverse kinematics, if moving targets of the type need one."""
+        """Return the data for inverse kinematics in the task's record; None if moving targets need no such data."""
         return {}
 
     def axis(self, arm: Arm) -> Array | None:
-        """Return the axis (3,) about which drawn paths are turned; None in the plane."""
+        """Return the axis (3,) about which random paths are rotated; None in the plane."""
         return None
 
     @abstractmethod
@@ -274,7 +274,7 @@ def coordinates(value: Any, what: str, numbers: int) -> list[TimeFunction]:
 
 
 class Wall(NamedTuple):
-    """A wall: distance (m), bearing and elevation (rad) of its point nearest to the root."""
+    """Wall: distance (m), bearing and elevation (rad) of the wall's point that is nearest to the root."""
 
     distance: float
     bearing: float
@@ -282,16 +282,16 @@ class Wall(NamedTuple):
 
     @property
     def directions(self) -> Array:
-        """Unit vectors (3, 3): from the root to the nearest point, to greater bearing, and upwards along the wall."""
+        """Unit vectors (3, 3): from the root to the nearest point, to larger bearings, and upwards along the wall."""
         return np.array(uncompiled(directions_of)(self.bearing, self.elevation))
 
     def half_chord(self, length: float) -> float:
-        """Return the largest distance (m) along the wall from its nearest point within `REACH` lengths of the root."""
+        """Return the half length, m, of the part of the wall within `REACH` times the arm's length of the root."""
         return math.sqrt(max((REACH * length) ** 2 - self.distance**2, 0.0))
 
 
 class OnWall(Point):
-    """Moving target on a wall."""
+    """Moving target that slides along a wall."""
 
     paths: ClassVar = {"line": (*Point.paths["line"], ("force", "N"))}
 
@@ -300,7 +300,7 @@ class OnWall(Point):
         self.wall, self.duration = wall, duration
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges of a drawn path: wall distance (m), time (s), speed (m/s), bearing (rad), force (N)."""
+        """Return ranges of random paths: wall distance (m), time (s), speed (m/s), bearing (rad), force (N)."""
         d, b, _ = self.wall
         half = self.wall.half_chord(arm.total_length)
         speed = min(0.05 * arm.total_length, half / (0.6 * self.duration))
@@ -309,7 +309,7 @@ class OnWall(Point):
         return [(d, d), time, (0.4 * speed, speed), (b, b), (FORCES[0] * most, FORCES[1] * most)]
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Check that the wall is within reach and the commanded force positive."""
+        """Raise `InvalidValue` unless the wall is within reach and the commanded force is positive."""
         check_force(ranges[4])
 
     def first_posture(self, arm: Arm, gravity: Any) -> Array:
@@ -340,7 +340,7 @@ class PlaceOnWall(OnWall):
         return [(d, d), (0.0, 0.7 * half), (0.0, 0.0), (b, b)]
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Check that the target on the wall is within the arm's reach."""
+        """Raise `InvalidValue` unless the target on the wall is within the arm's reach."""
         farthest = math.sqrt(max((0.95 * arm.total_length) ** 2 - self.wall.distance**2, 0.0))
         if ranges[1][1] > farthest:
             what = f"must be at most {farthest:g} m, so that the point of the wall is within reach"

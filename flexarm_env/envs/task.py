@@ -103,16 +103,16 @@ class Kind:
     sensors: Callable[[Arm], Sensors] = ideal_sensors
 
     def fits(self, arm: Arm) -> bool:
-        """Return whether the task has an arm of this number of links, in the plane or in space."""
+        """Return whether an arm has a number of links and axes (plane or space) that the task permits."""
         least, most = self.links
         return self.has_axes_of(arm) and least <= arm.n_links and (most is None or arm.n_links <= most)
 
     def has_axes_of(self, arm: Arm) -> bool:
-        """Return whether the task has arms of the plane like this arm, or arms in space like this arm."""
+        """Return whether task and arm are both in the plane or both in space."""
         return arm.axes == self.axes
 
     def check_axes(self, arm: Arm) -> None:
-        """Raise `InvalidValue` if an arm of the plane is given for space, or an arm in space for the plane."""
+        """Raise `InvalidValue` unless task and arm are both in the plane or both in space."""
         if not self.has_axes_of(arm):
             arm.check_planar()
             what = f"must leave the x-y plane for {self.id}"

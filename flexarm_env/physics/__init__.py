@@ -1,4 +1,4 @@
-"""Mechanics of an arm: for each formulation an assembly (NumPy) and compiled equations, and the time integration."""
+"""Mechanics of arms: for each formulation the assembly (in NumPy) and compiled equations; time integration for all."""
 
 from .elastica import equations as _elastica
 from .exact import equations as _exact

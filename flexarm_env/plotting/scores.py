@@ -1,4 +1,4 @@
-"""Figure of scores: one line for each task, one marker for each method."""
+"""Plot the suite's scores: one line for each task, one marker for each method."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ MARKERS = ("D", "o", "s", "^", "v", "P", "X")
 def plot_scores(
     labels: Sequence[str], methods: Mapping[str, Sequence[float | None]], path: str | os.PathLike[str]
 ) -> None:
-    """Plot scores, where 0 is PD control and 1 the best known result.
+    """Plot scores, for which 0 is PD control and 1 is the best known result.
 
     Args:
         labels: names of the tasks. methods: scores of at most seven methods, one for each task, or None. path: file of

@@ -169,7 +169,7 @@ def contact_of(path: str, value: object, dimension: int | None = None, directory
     directory: folder of CSV files with displacements.
 
     Raises:
-        ValueError: the message names the key path, the value and the allowed values.
+        ValueError: a value is invalid; the message names the key path, the value and the rule.
     """
     if not isinstance(value, Contact):
         table = check.table_of(path, value)
@@ -204,7 +204,7 @@ def contacts_of(path: str, value: object, arm: Arm, dimension: int | None = None
     dimension: 2 if the arm is computed in the plane, 3 in space; None if this is not known yet.
 
     Raises:
-        ValueError: the message names the key path, the value and the allowed values.
+        ValueError: a value is invalid; the message names the key path, the value and the rule.
     """
     if value is None:
         return ()

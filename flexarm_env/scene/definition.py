@@ -334,7 +334,7 @@ class Scene:
         Args:
             source: path of a file, or TOML text. parameter_set: name of a parameter set in the file, or None.
         Raises:
-            ValueError: the message names the file, the key path, the value and the rule.
+            ValueError: the content is invalid; the message names the file, the key path, the value and the rule.
             OSError: the file does not exist.
         """
         return toml.read(cls, source, parameter_set)

@@ -1,4 +1,4 @@
-"""Functions of time as tables: `kind` and parameters, as in TOML files."""
+"""Convert functions of time to tables and back, with `kind` and parameters as in TOML files."""
 
 import inspect
 from collections.abc import Callable, Mapping
@@ -22,7 +22,10 @@ _CSV = ("interpolation", "column", "time", "rate", "acceleration", "scale")
 
 
 def function_from_table(entry: Mapping[str, Any], directory: Path) -> TimeFunction:
-    """Create a function of time from a TOML table: ``kind`` and parameters; CSV files are in ``directory``."""
+    """Create a function of time from a TOML table with the key ``kind`` and the parameters of this kind.
+
+    Paths of CSV files are relative to ``directory``.
+    """
     kind = check.needed("", entry, "kind", "must be one of " + ", ".join(f'"{k}"' for k in (*KINDS, "csv")))
     check.choice("kind", kind, (*KINDS, "csv"))
     given = {key: value for key, value in entry.items() if key != "kind"}
@@ -44,5 +47,5 @@ def function_from_table(entry: Mapping[str, Any], directory: Path) -> TimeFuncti
 
 
 def function_table(function: TimeFunction) -> dict[str, Any]:
-    """Return a TOML table from which :func:`function_from_table` makes an equal function."""
+    """Return a TOML table from which :func:`function_from_table` creates an equal function."""
     return {"kind": function.kind, **dict(function.parameters)}

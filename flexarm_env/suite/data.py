@@ -18,16 +18,16 @@ _MAY = ("price", "rules", "lesson")
 
 @dataclass(frozen=True)
 class Task:
-    """Task of the suite: an environment with fixed keywords. A task that is changed gets a new version and another id.
+    """Task of the suite: an environment with fixed keywords. A changed task has a new version and another id.
 
     Attributes:
         id: name and version, "slew-measured-v2". number: position in the suite. title: short title.
         environment: id of the underlying environment. keywords: keywords of that environment.
         budget: number of control periods that training may use. hard: text that names the difficulty of the task.
-            lesson: what the results on the task show, in one sentence; "" for superseded versions.
+            lesson: one sentence on the result of the task; "" for previous versions.
         price: price per unit of an episode's cost (info["episode_cost"] at its end); scores use return minus price
             times cost.
-        rules: version of the rules of rewards and drawn targets (keyword `rules` of the environment).
+        rules: version of the rules for rewards and random targets (keyword `rules` of the environment).
         digest: digest of the resolved arm and keywords (`flexarm_env.suite.digest`), as recorded in the file.
     """
 
@@ -95,7 +95,7 @@ def read(text: str, task_id: str) -> Task:
 def tasks(*, earlier: bool = False) -> tuple[Task, ...]:
     """Return all tasks in order, each in its latest version.
 
-    earlier: whether to include the previous versions.
+    earlier: True to include the previous versions.
     """
     folder = resources.files("flexarm_env") / "data" / "suite"
     files = [entry for entry in folder.iterdir() if entry.name.endswith(".toml")]

@@ -1,4 +1,4 @@
-"""Methods on a task of the suite: the runs of each method and their means."""
+"""Results of methods on a task of the suite: the runs of each method, and their means."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Line:
 
     @property
     def learnt(self) -> bool:
-        """Whether the method is a policy from training."""
+        """True if the method is a trained policy."""
         return self.policy and any(entry["training"] for entry in self.entries)
 
     def trained(self, key: str) -> float:
@@ -53,7 +53,7 @@ def lines_of(task: Task, found: Sequence[Results]) -> list[Line]:
 
 
 def middle(own: Mapping[str, Sequence[float]], count: int) -> str:
-    """Format the interquartile mean with its interval; "" if the method lacks some of `count` tasks."""
+    """Format the interquartile mean with its interval; "" if the method has no results on some of the `count` tasks."""
     if len(own) < count:
         return ""
     limits = interval(own)

@@ -1,4 +1,4 @@
-"""Overview of the suite's results: the finding, a row for each task, and the scores for the figure."""
+"""Write the overview of the suite's results: the finding, a table with a row for each task, and data for the figure."""
 
 from collections.abc import Mapping, Sequence
 
@@ -64,7 +64,7 @@ def overview(
 
 
 def finding(known: Sequence[Task], rows: Mapping[str, Sequence[Line]]) -> str:
-    """Format the finding: how often policies that learnt are best, the range of the best scores, the hardest task."""
+    """Format the finding: number of tasks on which trained policies are best, range of best scores, hardest task."""
     first = [line for task in known if (line := _best(task, rows[task.id])) is not None]
     scores = [_score(line) for line in first]
     if not scores or not np.all(np.isfinite(scores)):
@@ -128,7 +128,7 @@ def controller(lines: Sequence[Line]) -> Line | None:
 
 
 def learners(known: Sequence[Task], rows: Mapping[str, Sequence[Line]]) -> list[str]:
-    """Return the methods that learn and have results on most tasks, at most `COLUMNS`, the best first."""
+    """Return at most `COLUMNS` trained methods, those with results on most tasks, the best first."""
     found: dict[str, dict[str, list[float]]] = {}
     for task in known:
         for line in rows[task.id]:

@@ -55,9 +55,9 @@ def pages(found: Sequence[Results], stem: str = "suite", figure: str = "") -> di
         stem: file name of the first page without its ending. figure: path of the figure of scores
             (`flexarm_env.plotting.scores`), relative to the pages; "": no figure.
     Returns:
-        The pages' texts by file name: the overview STEM.md, and the details STEM-tasks.md. STEM-earlier.md has the
-        results on superseded versions of tasks, STEM-missing.md lists what was not evaluated; each of them exists only
-        if it has content.
+        The texts of the pages by file name. STEM.md is the overview, and STEM-tasks.md contains the details.
+        STEM-earlier.md has the results on previous versions of tasks, and STEM-missing.md lists methods that could not
+        be evaluated; these two exist only if they have content.
     """
     every = [task for task in tasks(earlier=True) if any(task.id in one.tasks for one in found)]
     known = [task for task in every if task in tasks()]

@@ -54,7 +54,7 @@ def of_arrays(policy: NumpyPolicy) -> bytes:
 
 
 def of_controller(name: str, task: Task) -> bytes:
-    """Serialize a controller: its name and its tuned gains on a task, without `rests` at its default."""
+    """Return a controller's name and tuned gains on a task as bytes; the gain `rests` is omitted at its default."""
     made = resolved(task)
     gains = dataclasses.asdict(tuned_gains(name, made.arm.axes.table_of_gains(made.kind.task), made.arm.n_links))
     if gains.get("rests") == 1:  # seeds published before the field existed

@@ -66,7 +66,7 @@ class Network:
     """Chain of linear layers with tanh or ReLU between them.
 
     Args:
-        layers: torch.nn.Linear, from the observation to the output. relu: whether to use ReLU instead of tanh. more:
+        layers: torch.nn.Linear, from the observation to the output. relu: True for ReLU, False for tanh. more:
             further parameters that are learned together with the layers.
     """
 

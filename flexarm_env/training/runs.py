@@ -55,7 +55,7 @@ def report(folder: Path, title: str, began: float, lines: list[str]) -> None:
 
 
 def own_folder(folder: Path, fresh: bool) -> Path:
-    """Return the folder; create the folder if it does not exist. fresh: whether to empty the folder first."""
+    """Create the folder if it does not exist, and return it. fresh: True to empty the folder first."""
     if fresh and folder.exists():
         shutil.rmtree(folder)
     folder.mkdir(parents=True, exist_ok=True)
