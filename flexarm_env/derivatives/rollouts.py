@@ -112,8 +112,8 @@ def rollout(arms: Differentiable, state: Any, actions: Any) -> Rollout:
     for k in range(count):
         states[k + 1], seen[k], paid[k] = arms.step(states[k], given[k])
         failed[k], past[k] = arms.failed, arms.past
-        if getattr(arms, "step_ends", None) is not None:
-            step_ends.append(arms.step_ends)
+        if (ends := getattr(arms, "step_ends", None)) is not None:
+            step_ends.append(ends)
     return Rollout(arms, states, given.copy(), seen, paid, failed, past, tuple(step_ends))
 
 
