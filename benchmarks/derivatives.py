@@ -51,7 +51,9 @@ SPACE: dict[str, Callable[[int], dict[str, Any]]] = {
     "in space": lambda links: {},
     "in space, randomised": lambda links: {"randomization": {"EI": (0.8, 1.2), "GJ": (0.8, 1.2)}},
     "in space, motors": lambda links: {"actuator": {"lag": 0.01, "delay": 0.02}},
-    "in space, gears": lambda links: {"arm": dataclasses.replace(arms_by_name.named("three_dof"), joints=(GEAR,) * 3)},
+    "in space, gears": lambda links: {
+        "arm": dataclasses.replace(arms_by_name.named("three_dof"), joints=(GEAR,) * 3), "elements": 2, "dt": 0.0025,
+    },
 }
 CASES = [*itertools.product(KINDS, (1, 2)), *itertools.product(SPACE, (3,))]
 """Kinds of arms with the numbers of links that are measured."""

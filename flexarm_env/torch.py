@@ -103,7 +103,7 @@ class _Step(torch.autograd.Function):
     def backward(ctx: Any, by_state: Tensor, by_seen: Tensor, by_paid: Tensor) -> tuple[None, Tensor, Tensor]:
         state, action = ctx.saved_tensors
         began = _numbers("state", state), _numbers("action", action)
-        more = {} if ctx.step_ends is None else {"step_ends": ctx.step_ends}
+        more: dict[str, Any] = {} if ctx.step_ends is None else {"step_ends": ctx.step_ends}
         back, by_action = ctx.arms.vjp(*began, by_state.numpy(), by_seen.numpy(), by_paid.numpy(), **more)
         return None, torch.from_numpy(back).to(state.dtype), torch.from_numpy(by_action).to(action.dtype)
 

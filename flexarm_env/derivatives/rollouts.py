@@ -85,7 +85,7 @@ class Rollout:
         by_paid = _given("rewards", rewards, self.rewards.shape)
         by_actions, by_state = np.zeros_like(self.actions), by_states[-1]
         for k in reversed(range(len(self.actions))):
-            more = {"step_ends": self.step_ends[k]} if self.step_ends else {}
+            more: dict[str, Any] = {"step_ends": self.step_ends[k]} if self.step_ends else {}
             back, by_actions[k] = self.arms.vjp(
                 self.states[k], self.actions[k], by_state, by_seen[k], by_paid[k], **more
             )
@@ -108,7 +108,7 @@ def rollout(arms: Differentiable, state: Any, actions: Any) -> Rollout:
     seen, paid = np.zeros((count, arms.n, arms.observation_size)), np.zeros((count, arms.n))
     failed, past = np.zeros((count, arms.n), np.bool_), np.zeros((count, arms.n), np.bool_)
     states[0] = start
-    step_ends = []
+    step_ends: list[Any] = []
     for k in range(count):
         states[k + 1], seen[k], paid[k] = arms.step(states[k], given[k])
         failed[k], past[k] = arms.failed, arms.past
