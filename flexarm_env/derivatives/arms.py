@@ -9,7 +9,8 @@ from gymnasium.envs.registration import load_env_creator
 
 from .. import validation as check
 from ..validation import Array
-from .period import Jacobians, Periods, checked
+from .period import Jacobians, Periods
+from .places import checked
 from .rollouts import Rollout, rollout
 
 

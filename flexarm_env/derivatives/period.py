@@ -22,7 +22,7 @@ from ..tasks.program import complete
 from ..validation import Array
 from .memory import Memory
 from .methods import method_of
-from .places import laws_of, places_of
+from .places import checked, laws_of, places_of
 
 MOST_AT_ONCE = 3
 """Largest number of Jacobian columns per pass. More columns compile longer and are not cheaper per column."""
@@ -446,14 +446,3 @@ class Periods:
             self._crew.run(code, self._placed.address, self._groups)
         else:
             made(self._placed.address, 0, self._groups)
-
-
-def checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Return an array of numbers as float64; raise ValueError if its shape is not `shape`.
-
-    name: name of the argument in the message.
-    """
-    rows = check.floats(name, value)
-    if rows.shape != shape:
-        raise check.InvalidValue(f"{name}.shape", rows.shape, f"must be {shape}")
-    return rows

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .. import validation as check
 from ..compiler import size, uncompiled
 from ..physics.integrator.work import unpack
 from ..physics.joints.layout import LAW as JOINT_LAW
@@ -26,6 +27,7 @@ from ..tasks.program import (
     TARGET_RATE,
     TORQUE_FACTOR,
 )
+from ..validation import Array
 
 _JOINT, _LAW = JOINT_LAW.places, LAW.places
 
@@ -159,3 +161,14 @@ def _of_sensors(instruments: Any, first: int, recorded: Any, own: Any) -> tuple[
         drawn += recorded(f"sensor[{c}].law", at.gain, 2)
         given += recorded(f"sensor[{c}].since", at.since, 1)
     return moving, given
+
+
+def checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """Return an array of numbers as float64; raise ValueError if its shape is not `shape`.
+
+    name: name of the argument in the message.
+    """
+    rows = check.floats(name, value)
+    if rows.shape != shape:
+        raise check.InvalidValue(f"{name}.shape", rows.shape, f"must be {shape}")
+    return rows

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..validation import Array
-from .period import Differentiable, checked
+from .period import Differentiable
+from .places import checked
 
 
 class Outcome(NamedTuple):
