@@ -193,7 +193,7 @@ class StrainGauge(Law):
         return self.link, self.place, self.measures
 
     def per_curvature(self, m: float, J: float) -> float:
-        """Return reading / curvature for a section with mass m (kg/m) and rotary inertia J (kg m) per length.
+        """Return the ratio reading / curvature for a section with mass m (kg/m) and rotary inertia J (kg m) per length.
 
         If the gauge measures curvature, the ratio is 1. If it measures strain, the ratio is `distance`, m.
         """
@@ -202,7 +202,7 @@ class StrainGauge(Law):
         return surface(m, J) if self.distance is None else self.distance
 
     def per_curvature_of(self, link: Any) -> float:
-        """Return reading / curvature (1, or a distance in m) at the position of the gauge on a `Link`."""
+        """Return the reading divided by the curvature (1, or a distance in m) at the gauge's position on a `Link`."""
         s = self.place * link.length
         there, across = link.along(s), self.measures == "xz"
         return self.per_curvature(float(there.m), float(link.across(np.array(s))["J_y"] if across else there.J))

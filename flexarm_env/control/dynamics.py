@@ -232,7 +232,7 @@ class Dynamics:
 
     def corrected(self, x: Array, outputs: Array) -> Array:
         """Change states x (m, S) so that they have the measured outputs (m, 4 N), see `outputs`.
-        The correction turns links at their joints, and adds the shape of a link that a force at its tip bends.
+        The correction turns links at their joints, and adds the shape of a link under a static force at its tip.
         """
         half, out = self.half, x.copy()
         angle, rate, bend, bend_rate = np.split(outputs, 4, axis=1)

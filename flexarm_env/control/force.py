@@ -89,7 +89,7 @@ class View(NamedTuple):
         along, normal (n, 2): unit vectors of the path, and of the wall's normal away from the root.
         commanded, force (n,): commanded and measured normal force, N.
         near, share (n,): progress of the approach, and of the rise of the force, 0 to 1.
-        touching (n,): 1 once the force has risen, otherwise 0.
+        touching (n,): 1 if the commanded force has its full value (`share` 1), otherwise 0.
     """
 
     signals: Signals

@@ -217,7 +217,7 @@ def _regulator(setup: Setup, gains: LQGGains, own: Plant) -> Array:
 
 
 def curvatures(setup: Setup) -> list[tuple[float, str]]:
-    """Return for each observed gauge reading / curvature, and the name of the linear model's output."""
+    """Return, for each observed gauge, reading divided by curvature and the name of the linear model's output."""
     return [
         (g.per_curvature_of(setup.arm.links[g.link]) * float(np.mean(g.gains)), gauge_name(g.link, g.place, g.measures))
         for g in gauges_of(setup).values()

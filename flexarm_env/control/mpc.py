@@ -10,7 +10,7 @@ regulator alone keeps within the limits, it replaces the plan.
 
 Joint angles, tip deflections and their rates are measured. The model predicts all other state variables. Since the
 predicted higher modes are those of the nominal arm, which are wrong for another arm, the predicted shape of a link is
-blended with the shape of a link that a force at its tip bends (`MPCGains.memory`).
+blended with the shape of a link under a static force at its tip (`MPCGains.memory`).
 
 Violations of joint limits and of shapes to be avoided are penalized.
 """
@@ -71,7 +71,7 @@ class MPCGains(StateWeights):
 
     Args:
         memory: weight, 0 to 1, of the model's prediction for the part of the state that is not measured. The shape of a
-            link that a force at its tip bends has the weight 1 - memory.
+            link under a static force at its tip has the weight 1 - memory.
         allowed: cost of the distance from the goal below which a plan has reached the goal.
         block: number of control periods with the same planned torque. horizon: number of blocks in a plan.
         iterations: number of iLQR iterations per period. first: number of iterations for an episode's first plan.

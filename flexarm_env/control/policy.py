@@ -166,7 +166,7 @@ def format_of(meta: Mapping[str, Any]) -> int:
 
 
 def fitted(meta: Mapping[str, Any], setup: Setup, size: int, joints: int) -> NDArray[np.float64] | None:
-    """Verify by a file's `meta` that a policy with `size` entries and `joints` actions fits an environment.
+    """Verify by a file's `meta` that a policy for `size` observation entries and `joints` actions fits an environment.
 
     Returns:
         The environment's scales divided by the scales in `meta` if they differ, otherwise None.

@@ -23,7 +23,7 @@ SHARE = 0.2
 """Largest accepted shift of a parameter, divided by the half width of its 95 % interval."""
 
 LEAST = 1e-4
-"""Smallest shift, as a share of a parameter's size, that causes a refinement."""
+"""Smallest shift, divided by a parameter's size, that causes a refinement."""
 
 MOST = {"step": 5, "mesh": 2}
 """Largest numbers of refinements of time step and mesh."""
@@ -38,7 +38,7 @@ EVALUATIONS = 8
 """Largest number of evaluations of a fit after a refinement; such a fit starts close to its solution."""
 
 FAR = 3.0
-"""Number of sizes of a parameter; a larger shift means that the companion failed."""
+"""Largest plausible shift, divided by a parameter's size. A larger shift counts as a failure of the refined model."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,10 @@ class Resolved:
     """Result of a fit with an estimate of the discretization error in each parameter.
 
     Attributes:
-        problem: the least-squares problem with the final step and mesh. fit: the fit; its z (p,) includes the remaining
-            shifts. uncertainty: confidence intervals, widened for the remaining shifts. shifts: dict with the remaining
-            shifts (p,) for the keys "step" and "mesh", scaled as z. coarse: names of the parameters whose remaining
-            shift exceeds the half width of their interval.
+        problem: the least-squares problem with the final step and mesh. shifts: dict with the remaining shifts (p,) for
+            the keys "step" and "mesh", scaled as z (see the module's docstring). fit: the fit; its z (p,) includes the
+            remaining shifts. uncertainty: confidence intervals, widened for the remaining shifts. coarse: names of the
+            parameters whose remaining shift exceeds the half width of their interval.
     """
 
     problem: Problem

@@ -78,7 +78,7 @@ def finding(known: Sequence[Task], rows: Mapping[str, Sequence[Line]]) -> str:
 
 
 def scores(known: Sequence[Task], rows: Mapping[str, Sequence[Line]]) -> list[str]:
-    """Format the table of scores: a row for each task, with its lesson, the best controller and methods that learn."""
+    """Format the table of scores: each task's `lesson`, and scores of the best controller and of learning methods."""
     chosen = learners(known, rows)
     own: dict[str, dict[str, list[float]]] = {name: {} for name in ["", *chosen]}
     cells = []

@@ -398,7 +398,7 @@ def chosen_tasks(words: str | None) -> tuple[Task, ...]:
 
 
 def listed(flag: str, words: str) -> list[str]:
-    """Split a text into words separated by commas. A text without a word raises ValueError."""
+    """Split a text into words separated by commas; raise ValueError if the text contains only commas and spaces."""
     found = [word.strip() for word in words.split(",") if word.strip()]
     if not found:
         raise check.InvalidValue(flag, words, "must name at least one, or several with commas between them")

@@ -67,10 +67,10 @@ class Gradient(BaseAlgorithm):
         batch_size, n_epochs: batch size and number of epochs for fitting the critic in each window.
         gae_lambda: weight of longer returns in the critic's targets. max_grad_norm: largest norm of the actor's
             gradient.
-        limit_margin: angle, rad, from a joint limit within which a cost is subtracted from the reward. The cost grows
-            to `limit_cost` per period at the limit. It is needed because an episode ends at a limit, and the gradient
+        limit_margin: if a joint is within this angle, rad, of its limit, a cost is subtracted from the reward.
+        limit_cost: this cost per period at the limit. It is needed because an episode ends at a limit, and the gradient
             does not contain the jump of the return at this end.
-        policy_kwargs, seed, verbose, device, tensorboard_log: as for PPO.
+        policy_kwargs, seed, verbose, device, tensorboard_log: as for PPO of Stable-Baselines3.
     """
 
     policy_aliases: ClassVar = {"MlpPolicy": ActorCriticPolicy}

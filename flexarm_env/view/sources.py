@@ -290,7 +290,7 @@ class Clips(NamedTuple):
 
 
 def clips_of(axes: str) -> Clips:
-    """Return the functions for arms that move along the given axes (`Arm.axes`)."""
+    """Return the functions that make clips of arms that move along the given axes (`Arm.axes`)."""
     plane, in_space = Clips(of_trajectory, _episode_in_plane), Clips(of_trajectory_in_space, _episode_in_space)
     return {"xy": plane, "xyz": in_space}[axes]
 
