@@ -1,5 +1,4 @@
-"""Outputs of a chain in space: energies, momentum, damping power, input displacements, gauges, poses, drawing
-points."""
+"""Outputs of a chain in space: energies, momentum, damping power, input displacements, gauges, poses, drawn points."""
 
 from __future__ import annotations
 
