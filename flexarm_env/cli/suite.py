@@ -38,8 +38,8 @@ thus resumes. Functions of your own are evaluated every time, other policies wit
 episodes, all with seeds from {FIRST}, the result uses the first {EPISODES}; the others refine the differences between
 methods on the page.
 
-A policy is a controller (pd, zv, zvd, lqr, lqg, mpc, time_optimal; at a wall hybrid_force, impedance, lqr_force), a
-run folder or policy.npz, a policy of the package, an .onnx file, or your own MODULE:NAME: a function of observations
+A policy is a controller (pd, zv, zvd, lqr, lqg, mpc, time_optimal; at a wall hybrid_force, impedance, lqr_force,
+mpc_force), a run folder or policy.npz, a policy of the package, an .onnx file, or your own MODULE:NAME: a function of observations
 (n, entries) to actions (n, joints) or of one observation to one action, or an object with `reset` and `act`, or its
 class. `reset` receives the first observations. If each task has its own policy, write {PLACE} in the name for the
 task's id.

@@ -5,9 +5,9 @@
     flexarm evaluate --env TwoLinkFlexArm-v0 --policy pd,zvd,lqr --randomized --out runs/table
 
 --policy takes a controller (pd, zv, zvd, lqr, mpc, time_optimal; lqg with --env-kwargs '{"observation": "measured"}';
-hybrid_force, impedance, lqr_force with --env-kwargs '{"task": "press"}' or "land"; zv@FILE is zv with gains from a file
-of `flexarm tune`), a run folder, a file (policy.npz, a .zip of Stable-Baselines3, .onnx), the name of a policy of the
-package, or MODULE:NAME, a Python function of observations. Several policies,
+hybrid_force, impedance, lqr_force, mpc_force with --env-kwargs '{"task": "press"}' or "land"; zv@FILE is zv with gains
+from a file of `flexarm tune`), a run folder, a file (policy.npz, a .zip of Stable-Baselines3, .onnx), the name of a
+policy of the package, or MODULE:NAME, a Python function of observations. Several policies,
 separated by commas, give one table. A tip has settled when it stays, to the end of the episode, within 2 % of the slew
 (at least 0.5 deg), or within 2 % of the arm's length of the target; without settling the whole duration counts.
 Intervals are 95 % bootstrap intervals over the episodes. With --out, the table, the JSON, a figure of the tip error in
