@@ -72,10 +72,11 @@ def framed(
     return replace(frame, contacts=contacts, settings=_resolved(frame, contacts, duration, given, drawn, changed))
 
 
-def with_rows(modes: Array, contacts: tuple[Contact, ...], space: bool) -> Array:
+def with_rows(modes: Array, contacts: tuple[Contact, ...]) -> Array:
     """Return a table of initial rates with rows of zeros for moving obstacles, which follow the arm's coordinates."""
     rows = sum(len(contact.displacements) for contact in contacts)
-    behind = 2 if space else 0
+    # tables of `vibration.swing` have three columns, and two last rows that are not rates
+    behind = 2 if modes.shape[1] == 3 else 0
     return np.insert(modes, [len(modes) - behind] * rows, 0.0, axis=0)
 
 

@@ -268,7 +268,7 @@ def plan(
     vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
     if vibration > 0.0:
         modes = swing(own, settings) if kind.space else shake(own, settings, frame.gravity)
-        modes = touch.with_rows(modes, touched, kind.space)
+        modes = touch.with_rows(modes, touched)
     begun = dataclasses.replace(begun, drawn=factors, laws=laws, hub=hub, vibration=vibration, shake=modes)
     drawn = {name: k for k, name in enumerate(FACTOR_NAMES) if name in (randomization or {})}
     drawn |= _drawn_offsets(extras, carried.readings(own, own.axes))
