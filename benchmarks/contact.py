@@ -33,6 +33,7 @@ from flexarm_env.shapes import HalfSpace
 from flexarm_env.time_functions import constant, cycloid
 from tests.contact_tools import duration, iterations_of_a_step, reading
 from tests.physics import test_contact as answers
+from tests.physics import test_contact_formulations as formulations
 from tests.physics.test_contact_free import ROD, G, L, M, sliding_rod
 
 Array = NDArray[np.float64]
@@ -265,6 +266,18 @@ def others(tips: Any) -> list[Found]:
     return rows
 
 
+def agreement() -> list[Found]:
+    """Compare the falling strip in all formulations with the elastica of the finest mesh."""
+    exact, found = formulations.tips(False, "elastica", formulations.REFERENCE), []
+    for space, formulation, mesh, coarse in formulations.MESHES:
+        errors = [formulations.apart(space, formulation, one, exact) for one in (coarse, mesh)]
+        allowed = errors[0] / 2**formulations.ORDER + formulations.ROUND_OFF
+        cells = {"formulation": formulation, "space": space, "mesh": mesh, "coarse": errors[0], "apart": errors[1]}
+        found.append({**cells, "allowed": allowed})
+        print(found[-1], flush=True)
+    return found
+
+
 # --- steps -----------------------------------------------------------------------------------------------
 COUNTS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
 """Tested numbers of steps in an impact."""
@@ -388,14 +401,15 @@ def measure(options: argparse.Namespace) -> Found:
     """Measure all parts, or the parts that --only names, and evaluate the verdicts."""
     tips = exudyn_tips(options)
     makers: dict[str, Callable[[], Any]] = {
-        "sticking": sticking, "known": known, "others": lambda: others(tips), "steps": steps, "cost": cost,
-        "sweep": sweep,
+        "sticking": sticking, "known": known, "others": lambda: others(tips), "agreement": agreement,
+        "steps": steps, "cost": cost, "sweep": sweep,
     }  # fmt: skip
     found = pages.parts(options, "contact", makers)
     found["exudyn_tips"] = tips
     found["verdicts"] = {
         "all known answers within their tolerances": all(one["error"] <= one["allowed"] for one in found["known"]),
         "other programs within the stated distances": all(one["apart"] <= one["allowed"] for one in found["others"]),
+        "all formulations agree": all(one["apart"] <= one["allowed"] for one in found["agreement"]),
         "no hard case is silently wrong": all(one["outcome"] != "silently wrong" for one in found["sweep"]),
     }
     return found
@@ -413,6 +427,12 @@ def blocks(found: Found) -> pages.Blocks:
          f"{one['allowed']:.0e}") for one in found["known"]
     ]  # fmt: skip
     apart = [(one["what"], one["peer"], f"{one['apart']:.1e}", f"{one['allowed']:.0e}") for one in found["others"]]
+    agreeing = [
+        (one["formulation"], "space" if one["space"] else "plane",
+         ", ".join(f"{count} {name}" for name, count in one["mesh"].items()),
+         f"{1e6 * one['coarse']:.2g}", f"{1e6 * one['apart']:.2g}", f"{1e6 * one['allowed']:.2g}")
+        for one in found["agreement"]
+    ]  # fmt: skip
     masses = [
         (f"{one['k']:.0e}", f"{1e3 * one['lasts']:.3g}", one["restitution"], one["peak"],
          f"{100 * one['at_8'][0]:.2g} %, {100 * one['at_8'][1]:.2g} %", _step(one["dt"]))
@@ -442,6 +462,9 @@ def blocks(found: Found) -> pages.Blocks:
         ),
         "known": table("scene | reference | computed | exact | error | allowed", answers_of),
         "others": table("scene | program | largest difference | allowed", apart),
+        "agreement": table(
+            "formulation | computed in | mesh | half the mesh: difference, µm | difference, µm | allowed, µm", agreeing
+        ),
         "mass": table(
             "stiffness k, N/m^1.5 | duration of the impact, ms | steps for 1 % error of restitution | "
             "steps for 1 % error of the peak force | both errors with 8 steps | "
@@ -466,7 +489,7 @@ if __name__ == "__main__":
     more: dict[str, Any] = {
         "only": {
             "nargs": "*",
-            "choices": ("sticking", "known", "others", "steps", "cost", "sweep"),
+            "choices": ("sticking", "known", "others", "agreement", "steps", "cost", "sweep"),
             "help": "measure only these parts",
         },
         "exudyn": {"help": "Python interpreter that has Exudyn"},

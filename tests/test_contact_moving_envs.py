@@ -135,11 +135,21 @@ def test_derivatives_under_a_moving_floor() -> None:
 
 
 def test_steps_resolve_the_speed_of_the_obstacle() -> None:
-    fast = {**FLOOR.to_table(), "displacement_y": {"kind": "sine", "amplitude": 0.05, "omega": 100.0}}
+    fast = {**FLOOR.to_table(), "displacement_y": {"kind": "sine", "amplitude": 0.1, "omega": 50.0}}
     steps = [gym.make("FlexibleArm-v0", contacts=x).unwrapped.plan.settings.dt for x in (FLOOR, fast)]
     assert steps[1] < steps[0]
     told = refusal(lambda: gym.make("FlexibleArm-v0", contacts=fast, dt=steps[0]))
     assert told.startswith("contacts[0].stiffness = 10000.0: must be at most") and "an impact at 5 m/s" in told
+
+
+def test_steps_resolve_the_displacement_itself() -> None:
+    """A sine of 5 ms has steps well within its period; one of a microsecond is refused by name."""
+    quick = {**FLOOR.to_table(), "displacement_y": {"kind": "sine", "amplitude": 1e-5, "omega": 2.0 * math.pi / 5e-3}}
+    assert gym.make("FlexibleArm-v0", contacts=quick).unwrapped.plan.settings.dt < 5e-3 / 8.0
+    told = refusal(lambda: gym.make("FlexibleArm-v0", contacts=quick, dt=5e-3))
+    assert told.startswith("dt = 0.005: must be at most")
+    shaken = {**quick, "displacement_y": {"kind": "sine", "amplitude": 1e-9, "omega": 2e6 * math.pi}}
+    assert "too fast" in refusal(lambda: gym.make("FlexibleArm-v0", contacts=shaken))
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from ..physics.contact.build import (
 from ..physics.contact.layout import Touching
 from ..physics.model import EI_Y_FACTOR, GJ_FACTOR, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, System
 from ..physics.reading import reading_of
-from ..scene import Contact, Scene, contacts_of
+from ..scene import Contact, Scene, contacts_of, resolving_step
 from ..scene.contacts import place_on_link
 from ..settings import Settings
 from ..tasks.starts import Starts
@@ -132,7 +132,19 @@ def _resolved(
     # an obstacle hits a resting arm with its own speed
     contacts = tuple(replace(x, speed=max(x.speed, largest_speed(x, length))) for x in contacts)
     assert settings.dt is not None
+    moves = standing_scene(frame.arm, settings.dt, frame.gravity, contacts=contacts)
+    dt = resolving_step(moves, settings.dt, length)
+    if given.get("dt") is not None and dt < settings.dt:
+        what = f"must be at most {dt:.3g} s, so that steps resolve the displacements of obstacles"
+        raise check.InvalidValue("dt", given["dt"], what)
+    if frame.period / dt > MOST_STEPS:
+        what = f"must move slower: they need steps of at most {dt:.2g} s, more than {MOST_STEPS} in a control period"
+        raise check.InvalidValue("contacts", f"obstacles too fast for control_dt = {frame.period:g} s", what)
     count = max(1, round(frame.period / settings.dt))
+    if dt < settings.dt:
+        count = math.ceil(frame.period / dt * (1.0 - 1e-9))
+        settings = _with_step(settings, frame.period / count, given.get("tolerance") is not None)
+        assert settings.dt is not None
     while True:
         scene = standing_scene(frame.arm, settings.dt, frame.gravity, contacts=contacts)
         system = _with_least_masses(assembly.assemble(scene, settings), scene, settings, drawn, changed)

@@ -23,7 +23,7 @@ from flexarm_env.physics.obstacles import packed
 from flexarm_env.physics.protocol import State, Weights
 from flexarm_env.scene import Contact, PointLoad, Scene, touching_links
 from flexarm_env.settings import Settings
-from flexarm_env.time_functions import TimeFunction, constant
+from flexarm_env.time_functions import OMEGA, TimeFunction, constant
 
 Array = NDArray[np.float64]
 
@@ -208,10 +208,18 @@ def with_masses(scene: Scene, settings: Settings, system: System) -> System:
 
 
 def largest_speed(contact: Contact, end: float) -> float:
-    """Return the largest speed (m/s) of an obstacle from 0 to `end` (s), sampled at 1000 instants; 0 if it is fixed."""
-    t = np.linspace(0.0, end, 1000)
+    """Return the largest speed (m/s) of an obstacle from 0 to `end` (s); 0 if it is fixed.
+
+    The speed is sampled at 1000 instants, at more if sines of the displacement have more than 62 periods.
+    """
+    fastest = max((abs(function.pieces[:, OMEGA]).max() for _, function in contact.displacements), default=0.0)
+    t = np.linspace(0.0, end, int(min(max(1000.0, 16.0 * fastest * end / (2.0 * math.pi)), MOST_SAMPLES)))
     rates = [np.asarray(function(t, 1)) for _, function in contact.displacements]
     return float(np.sqrt(sum((rate**2 for rate in rates), np.zeros(1))).max())
+
+
+MOST_SAMPLES = 200000
+"""Largest number of instants at which the speed of an obstacle is sampled."""
 
 
 def start_depths(system: System) -> Array:

@@ -235,8 +235,7 @@ def _section_of(lane, model, q, link, at_tip):
 @kernel
 def _loaded(lane, model, q, f):
     """Return the `Place`, without rates, of the section on which point load f acts."""
-    at = L.end * f
-    return _section_of(lane, model, q, int(model.loads[at + L.link]), model.loads[at + L.at_tip] != 0.0)
+    return _section_of(lane, model, q, int(model.loads[L.end * f + L.link]), model.loads[L.end * f + L.at_tip] != 0.0)
 
 
 @kernel
