@@ -53,7 +53,7 @@ class Shape:
         return len(self.place)
 
     def moved(self, by: Sequence[float]) -> Self:
-        """Return the shape displaced by a vector (m)."""
+        """Return the shape displaced by the vector `by` (d,), m."""
         points = {f.name: getattr(self, f.name) for f in fields(self) if f.name in ("point", "center", "start", "end")}
         return replace(self, **{k: tuple(x + y for x, y in zip(v, by, strict=True)) for k, v in points.items()})
 

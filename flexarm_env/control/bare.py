@@ -11,9 +11,10 @@ from ..parameters import Arm
 
 
 class Bare(NamedTuple):
-    """Task without reward: class of its record, number of entries, and number of a target's coordinates.
+    """Description of a task without reward.
 
-    ranges: ranges of targets, which are not used.
+    kind: class of the task's record. entries: number of entries of an observation. targets: number of coordinates of a
+    target. ranges: ranges of targets, which are not used.
     """
 
     kind: type[Task]
@@ -23,13 +24,13 @@ class Bare(NamedTuple):
 
 
 def bare_in_plane(arm: Arm) -> Bare:
-    """Return the record for an arm in the plane."""
+    """Return the description of the task for an arm in the plane."""
     n, ranges = arm.n_links, [(arm.total_length, arm.total_length), (0.0, 0.0)]
     return Bare(Slew, 6, 1, ranges) if n == 1 else Bare(Reach if n == 2 else Chain, 5 * n + 4, 2, ranges)
 
 
 def bare_in_space(arm: Arm) -> Bare:
-    """Return the record for an arm in space."""
+    """Return the description of the task for an arm in space."""
     n, flexible = arm.n_links, [link for link in arm.links if not link.rigid]
     return Bare(SpaceReach, 3 * n + 6 * len(flexible) + 6, 3, [(0.0, 0.0)] * n)
 

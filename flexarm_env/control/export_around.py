@@ -28,8 +28,8 @@ def around_c_source(
             (from the environment's observation to actions). Each function has an argument of the type NAME_memory.
         elbows, targets: arguments of `in_c.controller_source`.
     Raises:
-        ValueError: under the conditions of `export.c_source` and `in_c.controller_source`, or if the controller is a
-            `catalogue.Following`.
+        ValueError: `export.c_source` or `in_c.controller_source` raises it, or the controller is a `Following` of
+            `control.catalogue`.
     """
     own = bound_controller(policy)
     if isinstance(own, Following):

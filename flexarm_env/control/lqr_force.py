@@ -114,9 +114,10 @@ class WallModel(NamedTuple):
 
     Attributes:
         A, B: matrices of the modal states and the two integrated errors, for torques u (N,), N m.
-        K (N, S), P (S, S): gains of the regulator and matrix of its cost. W (N, N): cost c' W c of a torque c in one
-            period beside the regulator's.
-        states (S, 4 N + 2): states from outputs and integrated errors. gains (N, 4 N + 2): K times `states`.
+        K (N, S), P (S, S): gains of the regulator and matrix of its cost x' P x. W (N, N): if the torques of one period
+            differ by c from those of the regulator, the cost increases by c' W c.
+        states (S, 4 N + 2): matrix that computes the state from outputs and integrated errors. gains (N, 4 N + 2): K
+            times `states`.
     """
 
     A: Array

@@ -3,9 +3,9 @@
 The model is that of `lqr_force.LQRForce`: the arm about rest on the wall, whose stiffness acts between tip and wall,
 and the integrals of force error and path error. In each period the controller minimizes the regulator's cost over all
 torques of the next periods that stay within the motors' limits (Mayne et al. 2000). With torques u = -K x + c the cost
-is the regulator's plus the sum of c' W c. If the regulator's own torques stay within the limits, c = 0.
+is the regulator's cost plus the sum of c' W c. If the regulator's torques stay within the limits, c = 0.
 
-While the measured force is less than a share of the commanded force, the tip has lost the wall. The controller then
+If the measured force is below `LOST` times the commanded force, the tip counts as off the wall. The controller then
 applies the state feedback of an arm in free motion towards the reference.
 """
 
@@ -32,7 +32,8 @@ class MPCForceGains(LQRForceGains):
     """Gains of the controller `MPCForce`: those of `LQRForce`, and the horizon.
 
     Args:
-        horizon: number of control periods in which the torques are limited. Later torques are the regulator's.
+        horizon: number of control periods for which the plan keeps the torque limits. The plan's later torques are
+            those of the regulator, without limits.
     """
 
     horizon: int = 20
@@ -43,7 +44,7 @@ class MPCForceGains(LQRForceGains):
 
 
 class MPCForce(LQRForce):
-    """State feedback and integral errors about an arm on the wall, optimal within the torque limits."""
+    """State feedback with integrals of force and path error, which minimizes its cost within the torque limits."""
 
     gains: MPCForceGains
 
@@ -65,9 +66,10 @@ class MPCForce(LQRForce):
 
 
 class Program(NamedTuple):
-    """Quadratic program of a horizon: torques F x of the regulator; other torques u cost (u - F x)' H (u - F x) more.
+    """Quadratic program over p periods: torques u increase the regulator's cost by (u - F x)' H (u - F x).
 
-    F (H N, S), H (H N, H N). The torques of all periods follow one another.
+    F x are the regulator's torques from the state x. u contains the torques of the p periods, one period after the
+    other. F has the shape (p N, S), H the shape (p N, p N).
     """
 
     F: Array
@@ -89,7 +91,7 @@ class Program(NamedTuple):
         return cls(F, inverse.T @ np.kron(np.eye(horizon), model.W) @ inverse)
 
     def first_torques(self, x: Array, low: Array, high: Array) -> Array:
-        """Return the first torques (N,), N m, of the optimum. x (S,): state. low, high (N,): bounds of all periods."""
+        """Return the optimal torques (N,), N m, of the first period. x (S,): state. low, high (N,): torque limits."""
         times = len(self.F) // len(low)
         bounds = np.tile(np.minimum(low, 0.0), times), np.tile(np.maximum(high, 0.0), times)
         return boxed(self.H, self.F @ x, *bounds)[: len(low)]
@@ -98,7 +100,7 @@ class Program(NamedTuple):
 def boxed(H: Array, wanted: Array, low: Array, high: Array) -> Array:
     """Return the u within [low, high] that minimizes (u - wanted)' H (u - wanted), by projected Newton steps.
 
-    H: symmetric positive definite. See Bertsekas 1982.
+    H: symmetric positive definite matrix. The method is that of Bertsekas (1982).
     """
     u = np.clip(wanted, low, high)
     if (u == wanted).all():

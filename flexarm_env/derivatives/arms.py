@@ -38,8 +38,8 @@ class Arms(Periods):
 
     A state is an array of numbers that determine the arm's future. A period gives bitwise the same results as the
     environment, except that actions are float64. Episodes do not end, and nothing is random: sensors have no noise, and
-    delays have no jitter. If the environment has pushes, a state contains only the present or else the next push. The
-    caller handles time limits, joint limits and resets. If the solver fails, the results are NaN.
+    delays have no jitter. If the environment has pushes, a state contains only the present push; between pushes, the
+    next one. The caller handles time limits, joint limits and resets. If the solver fails, the results are NaN.
 
     Args:
         id: id of an environment of this package.

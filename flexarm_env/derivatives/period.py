@@ -107,7 +107,7 @@ class Jacobians(NamedTuple):
         return after, out[:, x : x + entries], out[:, -1]
 
     def vjp(self, state: Array, observation: Array, reward: Array) -> tuple[Array, Array]:
-        """Return derivatives of a scalar by state and action, from those by the results ("cotangents").
+        """Return the derivatives of a scalar by state and action from its derivatives by the results ("cotangents").
 
         state (n, S), observation (n, O), reward (n,): derivatives by next state, observation and reward.
         """

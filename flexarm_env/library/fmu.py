@@ -77,7 +77,7 @@ def write_fmu(env: Any, path: Path, name: str, form: str = "3.0", cpu: str | Non
         env: single environment of this package. path: path of the file. name: C identifier, name of the model. form:
             version of the FMI standard, a key of `FORMS`. cpu: LLVM's name of the processor, or None for `build.CPU`.
     Raises:
-        ValueError: under the conditions of `build.write`, or if no C compiler is found.
+        ValueError: `build.write` raises it, or no C compiler is found.
     """
     _check_form(form)
     with tempfile.TemporaryDirectory() as folder:

@@ -106,7 +106,7 @@ class Contact:
         return tuple((axis, function) for axis, function in found if function is not None)
 
     def obstacle_at(self, t: float) -> Shape:
-        """Return the obstacle at its place at time t (s)."""
+        """Return the obstacle, displaced to its position at time t (s)."""
         if not self.displacements:
             return self.obstacle
         found = dict(self.displacements)

@@ -37,8 +37,8 @@ def possible(task_id: str) -> Possible:
 
     In each period the terms accuracy, settle and force are at most 1, and the penalties impulse, distance, vibration
     and attitude are at most 1. The penalty effort is at most 1 per joint, and the penalty change at most 4 per joint.
-    Each term is multiplied by its weight. The failure penalty is subtracted at most once in an episode. With rules 2,
-    distance and attitude may also be rewards of at most 1.
+    Each term is multiplied by its weight. The failure penalty is subtracted at most once in an episode. If the
+    task's `rules` are 2, distance and attitude can instead be rewards of at most 1.
     """
     made = resolved(task(task_id))
     weight = dict(zip(made.kind.rewards, made.record.weights.tolist(), strict=True))

@@ -52,7 +52,7 @@ def references() -> dict[str, Reference]:
 
 
 def read_references(text: str, path: str) -> dict[str, Reference]:
-    """Parse the tasks' reference values from JSON. A ValueError names the file, the key and the rule."""
+    """Parse the tasks' reference values from JSON; raise ValueError for invalid content."""
     found: dict[str, Reference] = {}
     with check.in_file(path):
         for name, entry in check.table_of("", json.loads(text)).items():

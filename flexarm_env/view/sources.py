@@ -230,7 +230,7 @@ def of_episode(
         plan: the environment's plan (`envs`), which defines its observation and arm. views: `batch.View` of each
             instant. rows: arrays of observations and infos by name.
         rewards: rewards of the episode's steps. label: name of the clip. rate: function that returns the matrix (G,
-            rows) from the coordinates to the curvatures, 1/m, at G places.
+            rows) by which the coordinates are multiplied to obtain the curvatures, 1/m, at G places.
     """
     arm: Arm = plan.arm
     energies = {k.removeprefix("energy_"): x for k, x in rows.items() if k.startswith("energy_") or k == "work"}
