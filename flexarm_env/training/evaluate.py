@@ -5,10 +5,10 @@
     flexarm evaluate --env TwoLinkFlexArm-v0 --policy pd,zvd,lqr --randomized --out runs/table
 
 --policy takes a controller (pd, zv, zvd, lqr, mpc, time_optimal; lqg with --env-kwargs '{"observation": "measured"}';
-hybrid_force, impedance, lqr_force, mpc_force with --env-kwargs '{"task": "press"}' or "land"; zv@FILE is zv with gains from a file
-of `flexarm tune`), a run folder, a file (policy.npz, a .zip of Stable-Baselines3, .onnx), the name of a policy of the
-package, or MODULE:NAME, a Python function of observations. Several policies, separated by commas, give one table with
-a row per policy.
+hybrid_force, impedance, lqr_force, mpc_force with --env-kwargs '{"task": "press"}' or "land"; zv@FILE is zv with
+gains from a file of `flexarm tune`), a run folder, a file (policy.npz, a .zip of Stable-Baselines3, .onnx), the name
+of a policy of the package, or MODULE:NAME, a Python function of observations. Several policies, separated by commas,
+give one table with a row per policy.
 
 The settling time is the time after which the tip stays near its target until the episode ends: within 2 % of the slew
 angle (at least 0.5 deg) for the task slew, within 2 % of the arm's length for reach. A tip that never settles counts
