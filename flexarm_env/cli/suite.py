@@ -42,10 +42,10 @@ again. With more than {EPISODES} --episodes, the score uses the first {EPISODES}
 differences between methods on the page more precise.
 
 A policy is a controller (pd, zv, zvd, lqr, lqg, mpc, time_optimal; for tasks at a wall hybrid_force, impedance,
-lqr_force, mpc_force), a run folder or policy.npz, a policy of the package, an .onnx file, or MODULE:NAME. MODULE:NAME is a Python
-function from observations (n, entries) to actions (n, joints), a function from one observation to one action, or an
-object or class with the methods `reset`, which receives the first observations, and `act`. If each task has its own
-policy, write {PLACE} in the name in place of the task's id.
+lqr_force, mpc_force), a run folder or policy.npz, a policy of the package, an .onnx file, or MODULE:NAME. MODULE:NAME
+is a Python function from observations (n, entries) to actions (n, joints), a function from one observation to one
+action, or an object or class with the methods `reset`, which receives the first observations, and `act`. If each task
+has its own policy, write {PLACE} in the name in place of the task's id.
 
   flexarm bench suite --list            with --json: id, for --task, and env_id, for gymnasium.make
   flexarm bench suite --policy pd,lqg --out runs/suite
