@@ -39,10 +39,10 @@ episodes, all with seeds from {FIRST}, the result uses the first {EPISODES}; the
 methods on the page.
 
 A policy is a controller (pd, zv, zvd, lqr, lqg, mpc, time_optimal; at a wall hybrid_force, impedance, lqr_force,
-mpc_force), a run folder or policy.npz, a policy of the package, an .onnx file, or your own MODULE:NAME: a function of observations
-(n, entries) to actions (n, joints) or of one observation to one action, or an object with `reset` and `act`, or its
-class. `reset` receives the first observations. If each task has its own policy, write {PLACE} in the name for the
-task's id.
+mpc_force), a run folder or policy.npz, a policy of the package, an .onnx file, or your own MODULE:NAME: a function of
+observations (n, entries) to actions (n, joints) or of one observation to one action, or an object with `reset` and
+`act`, or its class. `reset` receives the first observations. If each task has its own policy, write {PLACE} in the
+name for the task's id.
 
   flexarm bench suite --list            with --json: id, for --task, and env_id, for gymnasium.make
   flexarm bench suite --policy pd,lqg --out runs/suite
