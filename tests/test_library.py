@@ -58,6 +58,11 @@ CASES: list[Any] = [
         {"contacts": {**TOUCHING, "bodies": ["tip", "joint1"]}, "formulation": "geometrically_exact"},
         id="touches, exact",
     ),
+    pytest.param(
+        "FlexibleArm-v0",
+        {"contacts": {**TOUCHING, "displacement_y": {"kind": "sine", "amplitude": 0.1, "omega": 6.0}}},
+        id="touched by a moving obstacle",
+    ),
     pytest.param("SpatialFlexArm-v0", {"contacts": FLOOR, "elements": 1}, id="touches in space"),
 ]
 
