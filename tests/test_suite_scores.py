@@ -7,7 +7,9 @@ import pytest
 from scipy import stats
 
 from flexarm_env import suite
-from flexarm_env.suite import page, results, score
+from flexarm_env.suite import overview, page, results, score
+from flexarm_env.suite.lines import lines_of
+from flexarm_env.training import config
 
 FIRST_TASK = suite.tasks()[0]
 
@@ -99,3 +101,12 @@ def test_all_methods_are_told_apart(task: suite.Task, published: list[results.Re
     lines = page.lines_of(task, published)
     least = 2 if task.id == "wipe-v1" else 4  # pd and hybrid_force alone so far
     assert len(lines) >= least and page.widest(task, lines) <= page.WIDTH
+
+
+def test_policies_that_contain_pd_are_marked(published: list[results.Results]) -> None:
+    yaml = pytest.importorskip("yaml")
+    text = yaml.safe_load((config.HOME / "ppo" / "suite.yml").read_text("utf-8"))
+    assert {f"flexarm/{name}" for name in overview.AROUND} == {*text["around"]}
+    rows = {task.id: lines_of(task, published) for task in suite.tasks()}
+    marked = [row.split("`")[1] for row in overview.scores(suite.tasks(), rows) if overview.MARK in row]
+    assert marked == [task.id for task in suite.tasks() if task.id in overview.AROUND]

@@ -10,7 +10,7 @@ from .lines import Line, lines_of, middle, two
 from .results import Results
 from .score import interquartile_mean
 
-COLUMNS = 5
+COLUMNS = 4
 """Largest number of methods that learn with a column of their own."""
 
 NAMES = {
