@@ -144,8 +144,8 @@ def _resolved(
     if dt < settings.dt:
         count = math.ceil(frame.period / dt * (1.0 - 1e-9))
         settings = _with_step(settings, frame.period / count, given.get("tolerance") is not None)
-        assert settings.dt is not None
     while True:
+        assert settings.dt is not None
         scene = standing_scene(frame.arm, settings.dt, frame.gravity, contacts=contacts)
         system = _with_least_masses(assembly.assemble(scene, settings), scene, settings, drawn, changed)
         need = _steps_needed(scene, system, frame.period)
@@ -153,7 +153,6 @@ def _resolved(
             break
         count = min(MOST_STEPS, max(need, count + 1))
         settings = _with_step(frame.settings, frame.period / count, given.get("tolerance") is not None)
-        assert settings.dt is not None
     check_steps(scene, settings, system)
     return settings
 
