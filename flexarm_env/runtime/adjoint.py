@@ -130,7 +130,7 @@ def _period(lane, d, g, block, bars, tape):
     par, poses, record, action, seen, info, _, _ = sections(layout, block)
     _, poses_bar, record_bar, action_bar, seen_bar, reward_bar, _, _ = sections(layout, bars)
     par_bar = _parameters(d, bars)
-    _run(lane, d, g, block, tape, w)
+    _run(lane, d, g, block, tape, w, None)
     length, more = _length(model, p.task) * len(lane), _more(model) * len(lane)
     start = tape[p.n_steps * length :]
     # cotangents of observation and reward, through poses (inertial axes), to q, v, a at the period's end
@@ -172,10 +172,11 @@ def _period(lane, d, g, block, bars, tape):
 
 
 @kernel
-def _run(lane, d, g, block, tape, w):
-    """Run group g's period with the ends of its steps and jumps on the tape; w: views of `block`.
+def _run(lane, d, g, block, tape, w, recording):
+    """Run group g's period with the ends of its steps and jumps on the tape, or in d.step_ends; w: views of `block`.
 
-    # in        d.state, d.action;  d.step_ends if d.known[0] > 0
+    recording: a tag to write d.step_ends, but no steps and jumps on the tape; None for the tape.
+    # in        d.state, d.action;  d.step_ends if d.known[0] > 0, without the tag
     # out       block, w;  tape: `_length` numbers a step, then `_length` + `_more` for each jump of torques
     """
     p, layout, model = d.program, d.plain, d.program.model
@@ -191,19 +192,48 @@ def _run(lane, d, g, block, tape, w):
         # a jump of a by u - u_0: its state, S, a and u_0 before it go behind the ends of all steps
         if may_jump_before_step(p.actuator, s):
             jump_with_torques(lane, p, model, par, s, record, saved, block, w, (0,))
-            write_parts(_of_step(lane, model, w), start[s * (length + more) :])
-            write_parts(_of_jump(w), start[s * (length + more) + length :])
-        if model.newton.rotations is None:
-            advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
+            if recording is None:
+                write_parts(_of_step(lane, model, w), start[s * (length + more) :])
+                write_parts(_of_jump(w), start[s * (length + more) + length :])
+        _step(lane, d, g, s, par, block, w, recording)
+        if recording is None:
+            write_parts(_of_step(lane, model, w), tape[s * length :])
+
+
+@kernel
+def _step(lane, d, g, s, par, block, w, recording):
+    """Advance group g by step s. In models with rotations `foreseen` in w becomes the prediction's increment.
+
+    recording: a tag to write d.step_ends instead; None without.
+    """
+    p, model = d.program, d.program.model
+    if recording is not None:
+        advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
+        _record_step(lane, d, g, s, w)
+    elif model.newton.rotations is None:
+        advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
+    else:
+        if d.known[0] > 0.0:
+            _repeat_step(lane, d, g, s, w)
         else:
-            if d.known[0] > 0.0:
-                _repeat_step(lane, d, g, s, w)
-            else:
-                advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
-            # stored: the increment by which the prediction moves q, in place of the prediction
-            foreseen = accumulated_increment(lane, w)[1]
-            local_difference(lane, model, w.q0, foreseen, foreseen)
-        write_parts(_of_step(lane, model, w), tape[s * length :])
+            advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
+        # stored: the increment by which the prediction moves q, in place of the prediction
+        foreseen = accumulated_increment(lane, w)[1]
+        local_difference(lane, model, w.q0, foreseen, foreseen)
+
+
+@kernel
+def _record_step(lane, d, g, s, w):
+    """Write q and v of group g at the end of step s into d.step_ends; NaN for an arm whose solver failed."""
+    n = size(d.program.model.n)
+    for i in range(lane_count(lane)):
+        arm = g * lane_count(lane) + i
+        if arm < d.n:
+            at = (arm * d.program.n_steps + s) * 2 * n
+            for k in range(n):
+                d.step_ends[at + k], d.step_ends[at + n + k] = w.q[k * len(lane) + i], w.v[k * len(lane) + i]
+            if w.flag[i] != 0.0:
+                d.step_ends[at] = np.nan
 
 
 @kernel
@@ -251,19 +281,9 @@ def recorded_step(address, first, last):
 @kernel
 def _record(lane, d, g, block, tape, w):
     """Advance group g by one period; write the period's results and d.step_ends. w: views of `block`."""
-    p, n = d.program, size(d.program.model.n)
-    _run(lane, d, g, block, tape, w)
-    close(lane, p, d.plain, block, w)
+    _run(lane, d, g, block, tape, w, (0,))
+    close(lane, d.program, d.plain, block, w)
     write_outcome(lane, d, d.places, d.plain, g, block)
-    for i in range(lane_count(lane)):
-        arm = g * lane_count(lane) + i
-        if arm < d.n:
-            for s in range(p.n_steps):
-                # q and v are the first numbers of a step (`_of_step`)
-                end = tape[s * _length(p.model, p.task) * len(lane) :]
-                for k in range(2 * n):
-                    found = end[k * len(lane) + i]
-                    d.step_ends[(arm * p.n_steps + s) * 2 * n + k] = np.nan if w.flag[i] != 0.0 else found
 
 
 @inlined
