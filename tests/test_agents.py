@@ -321,7 +321,7 @@ def test_evaluate_prints_json(run: Path, tmp_path: Path):
         (tune, "--env CartPole-v1", "must be an environment of flexarm_env"),
         (tune, "--env FlexibleArm-v0 --samples 0", "--samples = 0: must be a whole number, at least 1"),
         (tune, "--env FlexibleArm-v0 --margin nan", "--margin = nan: must be a number, zero or positive"),
-        (tune, "--env SpatialFlexArm-v0", "--env SpatialFlexArm-v0: must be an environment of the plane"),
+        (tune, "--env SpatialFlexArm-v0", "--env = 'SpatialFlexArm-v0': must be an environment of the plane"),
         (judging, '--policy pd --env-kwargs {"num_envs":3}', "env_kwargs.num_envs = 3: must be left out"),
         (judging, '--policy pd --env-kwargs {"n":3}', "n: unknown argument"),
         (train_ppo, "--algo a2c", "algo = 'a2c': must be one of \"ppo\", \"sac\","),

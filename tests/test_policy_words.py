@@ -89,7 +89,7 @@ def made(word: str, envs: tuple[Any, Any]) -> list[Any]:
     ]  # fmt: skip
 
 
-@pytest.mark.filterwarnings("ignore:.*control_dt of one's own")
+@pytest.mark.filterwarnings("ignore:.*control_dt changes the task")
 @pytest.mark.parametrize(
     "word",
     ["pd", "pd@gains.toml", "mine.npz", "run", "acts:row", "acts:rows", "acts:Remembers", "model.zip", "mine.onnx"],
