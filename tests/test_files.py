@@ -520,7 +520,7 @@ def test_a_text_with_no_character_and_a_broken_scene_are_refused_by_name(
     flipped[at + 2] ^= 0x20  # of a character's four bytes the third: beyond the last one that there is
     broken = scene[:at] + "[[[\n".encode("utf-32-le") + scene[at + 16 :]
     for name, content, sentence in (
-        ("flipped", bytes(flipped), "flipped.npz: damaged, or no trajectory of this package (scene.npy holds "),
+        ("flipped", bytes(flipped), "flipped.npz: damaged, or no trajectory of this package (scene.npy contains "),
         ("broken", broken, "broken.npz: scene: not a TOML file: "),
     ):
         Path(f"{name}.npz").write_bytes(archive(members | {"scene.npy": content}))
