@@ -197,8 +197,8 @@ def blocks(found: pages.Found) -> pages.Blocks:
     }
     if found["absent"]:
         whole, cut = found["absent"]["whole"], found["absent"]["cut"]
-        less = f"{cut:,.0f} without the code of these features ({100 * (whole / cut - 1):+.2f} %)"
-        lines["absent"] = [f"A period takes {whole:,.0f} instructions, or {less}."]
+        less = f"{cut:,.0f} without the code of the absent features ({100 * (whole / cut - 1):+.2f} %)"
+        lines["absent"] = [f"A control period takes {whole:,.0f} instructions, and {less}."]
     return lines
 
 

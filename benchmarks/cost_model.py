@@ -128,7 +128,8 @@ def blocks(found: pages.Found) -> pages.Blocks:
         rows.append([r["case"], f"{r['iterations']:.1f}", counts, *single, *wide, f"{r['state_bytes']:.0f}"])
     heads = "case | iterations | operations (of them divisions) | ceiling, µs | one arm, µs | ratio | "
     ceilings = (
-        f"The ceiling is {one:.2f} billion operations per second for one arm, {eight:.1f} billion in eight lanes."
+        f"The ceiling (highest measured rate) is {one:.2f} billion operations per second for one arm and "
+        f"{eight:.1f} billion for eight arms in vector lanes."
     )
     return {
         "steps": [

@@ -126,10 +126,11 @@ def saved(rows: list[dict[str, Any]], tolerance: float = 1e-4) -> list[str]:
             or ("step_tolerance" not in row["options"] and row["options"].get("dt") == max(enough))
         }
         pairs = [f"{cpu[motion, True]:.2g} and {cpu[motion, False]:.2g} (`{motion}`)" for motion in MOTIONS]
-        lines.append(f"- With `{formulation}` and an error of at most {100 * tolerance:g} % of the length per "
+        lines.append(f"- For an error of at most {100 * tolerance:g} % of the length per "
                      "control period, "
-                     f"fixed steps must be {1e3 * max(enough):.3g} ms in all motions. The CPU times per control "
-                     f"period, in µs, with adaptive steps and with fixed steps are {', '.join(pairs)}.")  # fmt: skip
+                     f"fixed steps of `{formulation}` must be {1e3 * max(enough):.3g} ms in all motions. The CPU times "
+                     f"per control period, in µs, with adaptive steps and with fixed steps are "
+                     f"{', '.join(pairs)}.")  # fmt: skip
     return lines
 
 

@@ -227,7 +227,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
             cells += [f"{there.sum()} of {len(late)}", f"{middle:.2f} s" if math.isfinite(middle) else "–"]
         rows.append((row["name"], *cells))
     return {
-        "rates": [f"`Pendulum-v1` in the same run: {base:,.0f} steps per second of processor time.", "",
+        "rates": [f"In the same measurement `Pendulum-v1` runs {base:,.0f} steps per second of processor time.", "",
                   *table("environment | steps per second | relative to Pendulum-v1", pace)],
         "tips": table("torques at | program | after 0.1 s | 0.2 s | 0.3 s | 0.5 s", errors),
         "reached": table("policy | within 10 mm for 3 periods | median time | within 10 mm until the end | median "

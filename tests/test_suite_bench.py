@@ -391,7 +391,7 @@ def test_the_page_is_made_of_all_files_in_a_folder(tmp_path: Path, monkeypatch: 
     assert "| pd | 1 | 0.00 | 0.00 |" in text
     assert "| *range of scores* |  |  | 0.70 |" in text and "| *1 - highest score* |  |  | 0.30 |" in text
     assert "| 0% | 3600 |" in text  # of the budget
-    assert "CPU hours: 4.00 of training" in first
+    assert "4.00 CPU hours of training" in first
     assert f"- short-0.json: {FIRST_TASK.id}" in texts["-missing"]
     assert f"- zv on `{FIRST_TASK.id}`, `swing-up-v1`: needs what is not seen\n" in texts["-missing"]
     # ppo is below its budget of training

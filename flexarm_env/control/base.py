@@ -42,7 +42,7 @@ MOST_GAIN = 1e6
 
 @dataclass(frozen=True)
 class Gains:
-    """Validated controller parameters; a field per joint has a tuple of N numbers, or one number for all joints."""
+    """Validated controller parameters; a parameter per joint is a tuple of N numbers or one number for all joints."""
 
     def __post_init__(self) -> None:
         """Validate every field against its bounds and store the converted value."""
@@ -147,8 +147,8 @@ class Setup:
 def lateness(plan: Any) -> tuple[float, float]:
     """Return (delay, lag), s, of an environment: sum of motor and sensor delay, and time constant of the motors.
 
-    For random delays the largest value counts. In a solver step dt the difference between the motor torque and the
-    commanded torque is multiplied by exp(-dt / lag).
+    For a random delay the function returns the largest value. In a solver step dt the difference between the motor
+    torque and the commanded torque is multiplied by exp(-dt / lag).
     """
     motors, sensors, step = plan.extras.actuator, plan.extras.sensors, plan.settings.dt
     delay = 0.0 if sensors is None else sensors.age * plan.period
@@ -173,8 +173,8 @@ class Signals:
         bend_rates (n, N): rates of the entries of `bends`, 1/s.
         error: target minus tip angle (n, 1), rad, in task "slew"; otherwise the vector from tip to target (n, 2), m, in
             the frame that turns with the hub. In space the vector is (n, 3).
-        to_go (n, N): the goal's joint angles minus the present joint angles, rad, only with observation="measured". The
-            arrays bends, bend_rates and error are then empty.
+        to_go (n, N): the goal's joint angles minus the present joint angles, rad, only with observation="measured".
+            With observation="measured" the arrays bends, bend_rates and error are empty.
         gauges (n, G): readings of the strain gauges, in the gauges' units.
     """
 
@@ -315,12 +315,12 @@ class Controller(ABC):
                 own[rows] = value
 
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> NDArray[np.float32]:
-        """Compute actions in [-1, 1], (n, N), or (N,) for one observation: torques divided by their limits, saturated.
+        """Compute saturated actions in [-1, 1], (n, N), or (N,) for one observation: torques divided by torque limits.
 
         beside: actions of another policy, with the shape of the result, which are added before the saturation. The
-        controller's state estimate is advanced with the sum. Raises RuntimeError before the first `reset`. Raises
-        ValueError, without a change of the memory, if the observation is not finite, has another number of entries than
-        the environment's observations, or another number of rows than in `reset`.
+        controller advances its state estimate with the sum of both actions. Raises RuntimeError before the first
+        `reset`. Raises ValueError, without a change of the memory, if the observation is not finite, has another number
+        of entries than the environment's observations, or another number of rows than in `reset`.
         """
         signals = self.read(observation)
         count, begun = len(signals.angles), len(self.goal)

@@ -105,8 +105,9 @@ TUNED_ON = "strip"
 def for_arm(gains: LQRGains, setup: Setup) -> LQRGains:
     """Adapt the LQR weights of joint rates, which were tuned on the one-link arm `TUNED_ON`, to another one-link arm.
 
-    The weights refer to rates divided by the first flexible frequency. They are multiplied by the ratio, between the
-    two arms, of this frequency times the duration of the fastest quarter turn. Their effect in a slew is then equal.
+    The weights refer to rates divided by the first flexible frequency. For each arm, this frequency is multiplied by
+    the duration of the fastest quarter turn. The weights are scaled by the ratio of the product for the new arm to the
+    product for `TUNED_ON`, so that their effect in a slew is equal.
     """
     # ratio of (first flexible frequency x quarter-turn time) to that of the tuning arm
     share = _tempo(setup.arm) / _tempo(arms.named(TUNED_ON))
@@ -170,9 +171,9 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
 
 
 class Following:
-    """Controller that computes its goal in every period anew, and so follows a moving target or a floating base.
+    """Controller that recomputes its goal in every period to follow a moving target or a floating base.
 
-    It wraps a controller without memory.
+    The class wraps a controller without memory.
     """
 
     restarts = True
@@ -198,7 +199,7 @@ class Following:
 
 
 def controller(name: str, env: Any, gains: Any = None) -> Controller | Following:
-    """Create a controller as :func:`make` does, and also PD control for moving targets and floating bases."""
+    """Create a controller as :func:`make` does; PD control also supports moving targets and floating bases."""
     plan = env.unwrapped.plan
     following = name == "pd" and (plan.task in ("track", PRESS, LAND) or plan.arm.base is not None)
     made = make(name, Setup.of(env) if following else env, gains)

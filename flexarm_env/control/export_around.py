@@ -1,4 +1,4 @@
-"""Export policies that contain a network and a controller (`control.around`) as C; the controller's matrix for ONNX."""
+"""Export policies that contain a network and a controller (`control.around`) as C code or for ONNX."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .policy import AroundPolicy
 def around_c_source(
     policy: AroundPolicy, entries: Entries, name: str, elbows: Pairs | None = None, targets: Points | None = None
 ) -> str:
-    """Generate a policy with network and controller as one C99 file, which adds the actions of both.
+    """Generate one C99 file of a policy whose actions are the sum of a network's and a controller's actions.
 
     Args:
         policy: policy bound to an environment.

@@ -1,7 +1,7 @@
 """Export a controller as one C file, in double precision.
 
 Python designs the controller (Riccati equations, modes, a linear program). The C file contains the resulting numbers
-and computes the actions of `Controller.act` in each control period. It is composed of the C fragments in
+and computes the actions of `Controller.act` in each control period. The C file is composed of the C fragments in
 `data/control/c`. Gains that depend on an arm's posture are tabulated for all requested postures, in steps of
 `arm_model.GRID`.
 """
@@ -52,14 +52,15 @@ def controller_source(
         controller: result of `control.make`. name: prefix of the file's definitions. NAME_act maps values in SI units
             to actions, once per control period. NAME_decide maps the environment's observation to actions. NAME_reset
             begins an episode.
-        slew: for TimeOptimal only: angle, rad, of the slews to either side for which the file contains the plan.
+        slew: for TimeOptimal only: angle, rad, of a slew; the file contains the plans for this slew to either side.
         elbows: range (low, high), rad, of each elbow's angle at the goal (for LQG also during the motion) for which
             gains are tabulated. For other postures the controller uses the nearest entry. None: the full range of a
             two-link arm.
         targets: for an arm in space: targets (x, y, z), m. The file contains the static equilibria at these points,
             which are searched from joint angles 0. Any other target is replaced by the nearest of these points.
-        inside: True if NAME_act and NAME_decide shall have the argument `const double *beside` before the actions:
-            actions of another policy, one per joint, that are added before the saturation.
+        inside: True if the file is part of another policy: NAME_act and NAME_decide then have the argument
+            `const double *beside` before the actions. This argument contains the other policy's actions, one per joint,
+            which are added before the saturation.
     Raises:
         ValueError: the controller is MPC, which optimizes in each period, or a controller of a contact force; slew is
             missing; elbows are missing for three links or more; targets are missing for an arm in space, or the arm has

@@ -1,8 +1,8 @@
 """Control of a tip in space that slides along a wall under a commanded normal force (task "press").
 
-The controllers use a force sensor and the vector from tip to target if the observation contains them. Otherwise they
-use encoders and strain gauges: for an arm at rest, the gauge readings determine the force on the tip, and the force
-determines the arm's shape.
+The controllers use a force sensor and the vector from tip to target if the observation contains them. Otherwise the
+controllers use encoders and strain gauges. For an arm at rest, the gauge readings determine the force on the tip, and
+this force determines the arm's shape.
 """
 
 from dataclasses import dataclass, replace
@@ -46,7 +46,7 @@ class SpatialForceGains(Approach):
 
 
 class SpatialHybridForce(WallController):
-    """Hybrid force/position control in space: PD about the arm at rest on the wall, with integral errors.
+    """Hybrid force/position control in space: PD control about the rest posture on the wall, with integral terms.
 
     In each period the controller computes joint angles and torques of the arm at rest with its tip at the reference
     position, under gravity and the reference force (`SpatialChain`). The reference position moves from the tip's
@@ -187,7 +187,8 @@ class SpatialHybridForce(WallController):
 class SpatialImpedance(SpatialHybridForce):
     """Impedance control in space: `SpatialHybridForce` without integral terms, so that no force needs to be measured.
 
-    The joints behave like springs and dampers about the arm at rest on the wall. Friction, wall and arm must be known.
+    The joints behave like springs and dampers about the rest posture on the wall. The controller needs accurate models
+    of friction, wall and arm.
     """
 
     def __init__(self, setup: Setup, gains: SpatialForceGains | None = None) -> None:

@@ -27,20 +27,20 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
     1 m.
 
     `gymnasium.make("MultiLinkFlexArm-v0")` creates one arm. `gymnasium.make_vec("MultiLinkFlexArm-v0", num_envs=n)`
-    creates n arms that one compiled call advances. Each of them gives bitwise the same results as a single arm. The id
-    `flexarm_env:MultiLinkFlexArm-v0` also works if the package has not been imported.
+    creates n arms that one compiled call advances. Each of the n arms gives bitwise the same results as a single arm.
+    The id `flexarm_env:MultiLinkFlexArm-v0` also works if the package has not been imported.
 
     ## Action space
 
     `Box(-1, 1, (N,), float32)`: torques of hub and elbows divided by their limits (1, 0.3 and 0.075 N m for the default
     arm). The torques are constant over one control period. An elbow's torque acts on the link after the elbow, and with
-    opposite sign on the link before the elbow. Actions beyond +-1 are clipped. NaN or infinity ends the episode
-    (`action_not_finite`).
+    opposite sign on the link before the elbow. Actions beyond +-1 are clipped. An action with NaN or infinity ends the
+    episode (`action_not_finite`).
 
     ## Observation space
 
-    `Box` of 5 N + 4 float32 in +-10 (sines and cosines in +-1). Each entry is divided by its scale and clipped to the
-    bounds.
+    `Box` of 5 N + 4 float32 in +-10 (sines and cosines in +-1). Each entry is a quantity divided by its scale and
+    clipped to the bounds.
 
     | # | entry | scale | unit |
     |---|---|---|---|
@@ -52,12 +52,13 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
     | 5 N + 2, 5 N + 3 | vector from tip to target, x and y | 0.5 L | m |
 
     Definitions, names and optional entries are those of TwoLinkFlexArm-v0; elbows are named `elbow_1`, `elbow_2` and so
-    on. For the default arm w_0 = 1.506, w_1 = 1.735 and w_2 = 2.410 rad/s.
+    on. For the default arm the rate scales are w_0 = 1.506, w_1 = 1.735 and w_2 = 2.410 rad/s.
 
     ## Rewards
 
     The reward has the terms, weights and bounds of TwoLinkFlexArm-v0, with sums over all N joints and links. The term
-    effort is -sum of a_k^2 (weighted: -0.01 N to 0). The term vibration is -min(sum of d_k'^2, 1), with weight 0.
+    effort is -sum of a_k^2 (weighted: -0.01 N to 0). The term vibration is -min(sum of d_k'^2, 1) with the deflection
+    rates d_k'; its weight is 0.
 
     ## Starting state
 

@@ -2,7 +2,7 @@
 
 A picture shows the deformed links to scale, the rigid arm at the same joint angles in a pale color, the target, the
 payload, hub and elbows, the recent path of the tip, the tip deflections, the joint torques, the time and a grid.
-pygame is imported when the first `Renderer` is created. Arrays of pixels require no display.
+pygame is imported when the first `Renderer` is created. Rendering to arrays of pixels requires no display.
 """
 
 import logging
@@ -73,8 +73,8 @@ class Renderer:
         reach: largest distance of the tip from the root, m, which determines the scale.
         size: width and height, pixels. fps: pictures per second in the window.
         hub: True if a motor turns the root. payload: True if the tip carries a payload.
-        deflection, torque: values at the ends of the bars: tip deflection divided by the link's length, and torque
-            divided by its limit.
+        deflection, torque: full scales of the bars for the tip deflection divided by the link's length and for the
+            torque divided by its limit.
     Raises:
         ValueError: an unknown mode, or a reach that is not positive. gymnasium.error.DependencyNotInstalled: pygame is
             not installed.

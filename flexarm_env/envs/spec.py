@@ -34,8 +34,8 @@ class ArmSpec(EnvSpec):
     """EnvSpec whose `max_episode_steps` is the number of control periods in the environment's `duration`.
 
     Wrappers read the length of an episode from `max_episode_steps`. The environment truncates its episodes itself. If
-    Gymnasium creates an environment from this spec, it passes the limit that the user gave, or None, so that no
-    TimeLimit wrapper ends episodes too early if the new environment has a longer `duration`.
+    Gymnasium creates an environment from this spec, the spec passes the limit that the user gave, or None. A TimeLimit
+    wrapper then cannot end episodes too early if the new environment has a longer `duration`.
     """
 
     given: int | None = None

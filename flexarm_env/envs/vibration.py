@@ -88,11 +88,11 @@ def swing(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None = None
     """Return initial rates (n + 2, 3) of an arm in space in its lowest modes of y bending, z bending and torsion.
 
     The first n rows are rates for `protocol.set_joint_configuration`. The next row is the energy, J, for an amplitude
-    of 1. The last row is (c, 0, 0); c, in s^2, is large compared with the squared reciprocal of every frequency. The
-    modes are computed about straight links at joint angles 0, without gravity. A mode is of y bending, z bending or
-    torsion if most of its strain energy is of this kind. If there is no mode of a kind, its rates are 0. All three
-    columns have the same energy: that with which, to first order, a tip would deflect by its link's length in the
-    softer bending direction.
+    of 1. The last row is (c, 0, 0), where c (s^2) is much larger than 1 / w^2 for every natural frequency w (rad/s).
+    The modes are computed about straight links at joint angles 0, without gravity. A mode belongs to y bending, z
+    bending or torsion if this deformation has most of the mode's strain energy. If no mode belongs to one of the three
+    deformations, the rates in its column are 0. All three columns have the same energy. With this
+    energy, to first order, a tip would deflect by its link's length in the softer bending direction.
     """
     assert settings.dt is not None
     arm = arm.taut

@@ -61,8 +61,9 @@ def mass_matrix(chain: Chain) -> Array:
 def chain_modes(chain: Chain, clamped: bool = True) -> tuple[Array, Array]:
     """Return natural frequencies (Hz, ascending) and damping ratios of a chain about its stress-free posture.
 
-    clamped: True if the joints are held (with an elastic gear, the motors). If False, the joints turn freely; their
-    frequencies 0 are omitted. The damping ratios assume that the modes are those of the undamped chain.
+    clamped: True if the joints are held (with an elastic gear, the motors). If False, the joints turn freely, and the
+    zero frequencies of rigid motions are omitted. The damping ratios assume that the modes are those of the undamped
+    chain.
     """
     hinges = chain.hinges
     kept = [i for i, hinge in enumerate(hinges) if not (clamped and hinge.driven)]

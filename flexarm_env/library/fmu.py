@@ -68,10 +68,11 @@ class Variable(NamedTuple):
 def write_fmu(env: Any, path: Path, name: str, form: str = "3.0", cpu: str | None = None) -> Built:
     """Write an environment's arm with its motors as a co-simulation FMU.
 
-    Inputs are the joint torques (N m), or the actions if the environment has another action mode. They are constant
-    over a control period. A communication step must be a whole number of control periods. The importing tool sets the
-    initial state and the parameters. Only sensor noise is random; its seed is the parameter `seed`. The state of the
-    FMU can be saved and restored. The FMU has no directional derivatives; the C library has (`build.write`).
+    Inputs are the joint torques (N m), or the actions if the environment has another action mode. The inputs are
+    constant over a control period. A communication step must be a whole number of control periods. The importing tool
+    sets the initial state and the parameters. Only sensor noise is random; its seed is the parameter `seed`. The state
+    of the FMU can be saved and restored. The FMU does not provide directional derivatives; the C library
+    (`build.write`) does.
 
     Args:
         env: single environment of this package. path: path of the file. name: C identifier, name of the model. form:

@@ -66,8 +66,8 @@ class Equilibrium(Simulation):
 
     Attributes:
         stability: stability of the equilibrium, with the joints held or free according to `hold_joints`.
-        followed: fraction of the loads up to which the equilibrium depends continuously on the loads. If it is below
-            1.0, the arm snaps through at this fraction. It is 0.0 if joints turn freely.
+        followed: fraction of the loads up to which the equilibrium depends continuously on the loads. If `followed` is
+            below 1.0, the arm snaps through at this fraction. `followed` is 0.0 if joints turn freely.
     """
 
     stability: Stability
@@ -85,9 +85,9 @@ def static_equilibrium(
     """Compute the static equilibrium of an arm under gravity and constant loads; time-dependent loads are ignored.
 
     With held joints, the loads of a planar arm grow in proportion from zero to their values, and the function follows
-    the equilibrium of the arm. With free joints it returns a minimum of the potential energy. If the initial state is
-    an equilibrium, it returns this state, even if the state is unstable (such as an upright arm).
-    In space the full loads act on the unloaded shape at once. Above the buckling load the result may therefore lie on
+    the equilibrium of the arm. With free joints the function returns a minimum of the potential energy. If the initial
+    state is an equilibrium, the function returns this state, even if the state is unstable (such as an upright arm). In
+    space the full loads act on the unloaded shape at once. Above the buckling load the result may therefore lie on
     another branch than the equilibrium that grows with the load, and may be unstable. For spatial scenes with
     `start="held"` there is no warning about an unstable result.
 
@@ -96,8 +96,8 @@ def static_equilibrium(
         formulation, options: formulation and options of the solver, as in `simulate`.
         hold_joints: if True, joints stay at their initial angles; holding torques replace the scene's joint torques,
             and an elastic gear is held at its motor. If False, joints turn freely, without Coulomb friction.
-        require_stable: reaction to an unstable equilibrium (a straight column above its critical load). None: warn.
-            True: raise NoEquilibrium. False: return the equilibrium without a warning.
+        require_stable: reaction to an unstable equilibrium, such as a straight column above its critical load. None:
+            warn. True: raise NoEquilibrium. False: return the equilibrium without a warning.
     Returns:
         A Simulation of the same arm at rest, at t = 0, with its `stability`; `joint_torques()` returns the holding
         torques, N m, which continue to act.

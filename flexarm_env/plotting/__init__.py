@@ -48,8 +48,7 @@ def plot_trajectory(
 ) -> Path:
     """Plot deformed shapes with time labels, and beside them tip deflection and energy over time.
 
-    If the deflection after the last change of the drives is small, it is drawn enlarged; the panel's title states the
-    factor.
+    A small deflection after the last change of the drives is drawn enlarged; the panel's title states the factor.
 
     Args:
         trajectory: the run to plot. path: the file to write. reference: a reference solution
@@ -395,7 +394,7 @@ def _peaks(amplitude: Array) -> list[int]:
 def plot_campbell(found: Campbell, path: str | os.PathLike[str], title: str = "") -> Path:
     """Plot natural frequencies over spin rate, with the line of one vibration per revolution; return `path`.
 
-    Frequencies refer to the fixed frame if they are all defined there (`Campbell.at_rest`), as for a body of
+    Frequencies refer to the fixed frame if all of them are defined in this frame (`Campbell.at_rest`), as for a body of
     revolution. Otherwise all frequencies refer to the frame that rotates with the arm. Marks at the bottom show the
     spin rates at which the arm is unstable.
     """

@@ -27,7 +27,7 @@ class Contact:
 
     The normal force at the penetration d is F_n = max(0, k d^n (1 + 3/2 alpha dd/dt)) (Hunt & Crossley 1975). The
     friction force at the sliding velocity w is the regularized Coulomb law F_t = -mu F_n w / sqrt(|w|^2 + v_s^2). With
-    this law a point never sticks: under a tangential force F < mu F_n it creeps with a velocity of at most
+    this law a point never sticks. Under a tangential force F < mu F_n the point creeps with a velocity of at most
     v_s / sqrt((mu F_n / F)^2 - 1).
 
     Args:
@@ -113,14 +113,14 @@ class Contact:
         return self.obstacle.moved([float(found[k](t)) if k in found else 0.0 for k in range(self.obstacle.dimension)])
 
     def held(self) -> Contact:
-        """Return the contact with an obstacle that does not move from its position at t = 0."""
+        """Return the contact with the obstacle fixed at its position at t = 0."""
         still: dict[str, Any] = {
             DISPLACEMENTS[axis]: constant(float(function(0.0))) for axis, function in self.displacements
         }
         return replace(self, **still) if still else self
 
     def links(self, arm: Arm) -> tuple[int, ...]:
-        """Return, for each point in `bodies`, the index of the link on which it lies; joints belong to the link before.
+        """Return the link index of each point in `bodies`; a joint belongs to the link before the joint.
 
         Raises:
             ValueError: the arm lacks a joint or link that `bodies` names.
@@ -201,7 +201,7 @@ def _shape(path: str, value: object, dimension: int | None) -> Shape:
 def contacts_of(path: str, value: object, arm: Arm, dimension: int | None = None) -> tuple[Contact, ...]:
     """Return an arm's contacts, validated, from a contact, a table, a sequence of both, or None (no contacts).
 
-    dimension: 2 if the arm is computed in the plane, 3 in space; None if this is not known yet.
+    dimension: 2 for an arm in the plane, 3 for an arm in space; None if the dimension is unknown.
 
     Raises:
         ValueError: a value is invalid; the message names the key path, the value and the rule.

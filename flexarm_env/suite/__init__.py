@@ -16,7 +16,7 @@ def make(task_id: str, **more: Any) -> Any:
     """Create the environment of a task, as `gymnasium.make` does.
 
     more: further keywords of the environment. `render_mode` and `info_level` leave the task unchanged. Every other
-    keyword changes the task, so that scores on it do not count in the suite, and causes a warning. `duration` and
+    keyword changes the task and causes a warning. Scores on a changed task do not count in the suite. `duration` and
     `reward` cause no warning, because training may change them.
     """
     import gymnasium
@@ -38,7 +38,8 @@ def digest(one: Task) -> str:
     """Return the digest of a task: a hash of its complete definition, 16 hexadecimal digits.
 
     The hash covers the environment's id and keywords, and all values that follow from them: arm, solver settings,
-    times, reward weights, ranges of initial states, and observation layout. Numbers enter with ten significant digits.
+    times, reward weights, ranges of initial states, and observation layout. The hash uses numbers with ten significant
+    digits.
     """
     from .frozen import digest_of
 

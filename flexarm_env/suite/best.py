@@ -1,7 +1,7 @@
 """Records: the best known actions in each of a task's 100 public episodes, which can be replayed.
 
 A new record does not change the reference values of the scores (`flexarm_env.suite.score`), so that a score can exceed
-1. The page of results lists runs with a better value than the record in an episode. The program `agents.record` in a
+1. The page of results lists the runs that exceed the record's value in an episode. The program `agents.record` in a
 checkout computes the records.
 """
 
@@ -81,7 +81,7 @@ def record(task: Task) -> Record:
 
 
 def rounding(task_id: str) -> float:
-    """Return the largest difference of J between replays of a record on two processors (`ROUNDING`)."""
+    """Return the largest difference of the mean value J between replays of a record on two processors (`ROUNDING`)."""
     return UPRIGHT.get(task_id, ROUNDING)
 
 

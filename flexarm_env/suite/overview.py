@@ -30,8 +30,8 @@ does not learn. **IQM** is the interquartile mean, the mean of the middle half o
 interval (bootstrap over runs) and the number of tasks."""
 
 MARK = "°"
-HOW_MARKED = f"""{MARK} marks policies of PPO that contain PD control, whose torques the network corrects. Without PD
-control PPO stays near or below PD on these tasks."""
+HOW_MARKED = f"""{MARK} marks PPO policies that contain PD control: the network corrects the torques of PD control. On
+these tasks the score of PPO without PD control is near or below 0, the score of PD control."""
 
 
 def overview(

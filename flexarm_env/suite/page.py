@@ -223,7 +223,8 @@ def _provenance(found: Sequence[Results]) -> Iterator[str]:
     machines = sorted({e["versions"]["machine"] for e in entries if "machine" in e.get("versions", {})})
     judging = sum(entry["cpu_s"] for entry in entries) / 3600.0
     training = sum((entry["training"] or {}).get("cpu_s", 0.0) for entry in entries) / 3600.0
-    yield f"{len(found)} files; CPU hours: {training:.2f} of training, {judging:.2f} of evaluation."
+    hours = f"{training:.2f} CPU hours of training and {judging:.2f} CPU hours of evaluation"
+    yield f"The {len(found)} results files took {hours}."
     yield " · ".join(machines + versions)
 
 

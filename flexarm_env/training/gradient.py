@@ -68,8 +68,8 @@ class Gradient(BaseAlgorithm):
         gae_lambda: weight of longer returns in the critic's targets. max_grad_norm: largest norm of the actor's
             gradient.
         limit_margin: if a joint is within this angle, rad, of its limit, a cost is subtracted from the reward.
-        limit_cost: this cost per period at the limit. It is needed because an episode ends at a limit, and the gradient
-            does not contain the jump of the return at this end.
+        limit_cost: value of this cost, per period, for a joint at its limit. At a joint limit the episode ends and the
+            return jumps. The gradient does not contain this jump, so the cost replaces it.
         policy_kwargs, seed, verbose, device, tensorboard_log: as for PPO of Stable-Baselines3.
     """
 

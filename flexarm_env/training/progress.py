@@ -25,9 +25,9 @@ class Progress:
     """Progress of a run, which is stored in every checkpoint.
 
     curve: learning curve, one row of COLUMNS per evaluation. best: smallest cost so far (see `cost`). best_return: mean
-    return of the evaluation with the smallest cost. Costs are equal until an episode succeeds; the evaluation with the
-    higher return is then the better one. solved: row of `curve` at which the task was solved, or None. wall_s, cpu_s:
-    time spent so far, s, without evaluation and checkpoints.
+    return of the evaluation with the smallest cost. Until an episode succeeds, all costs are equal, and the evaluation
+    with the higher return is the better one. solved: row of `curve` at which the task was solved, or None. wall_s,
+    cpu_s: time spent so far, s, without evaluation and checkpoints.
     """
 
     curve: list[dict[str, float]] = field(default_factory=list)
