@@ -44,11 +44,11 @@ class Experiment:
     """An arm with sensors, the loads of the experiment, and the parameters to be fitted.
 
     The loads act in addition to the inputs in the log. A joint whose angle is not prescribed starts at the first
-    reading of its encoder. If the offset of the encoder is known (offset = 0.0), the initial angle is also a parameter
-    of the fit, one for each fitted log, because the first reading has a measurement error. logs: names of these logs.
+    reading of its encoder. If the encoder's offset is known (offset = 0.0), the fit also determines the initial angle
+    in each fitted log, because the first reading has a measurement error. logs: names of the fitted logs.
 
     Attributes:
-        parameters (p,): the requested parameters, then the initial angles. start (p,): their initial values.
+        parameters (p,): the requested parameters, then the initial angles. start (p,): initial parameters.
         runs: number of simulations. refinements: number of times that the config's time step was halved ("step") and
             that its mesh was refined ("mesh"). by_differences: for each parameter whose derivative is a finite
             difference between simulations, the reason.
@@ -149,7 +149,7 @@ class Experiment:
         return np.where([p.nuisance for p in self.parameters], self.start, values)
 
     def predict(self, values: Array, run: Run) -> dict[str, Array]:
-        """Predict the readings (n,) of each output at the run's instants; if the simulation fails, all are `LOST`."""
+        """Predict the readings (n,) of each output at the run's instants; all are `LOST` if the simulation fails."""
         return self._read(self._played(values, run), values, run)
 
     def _read(self, played: Played | None, values: Array, run: Run) -> dict[str, Array]:
