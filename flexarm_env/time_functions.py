@@ -418,7 +418,7 @@ def from_csv(
 
     Args:
         path: the CSV file. interpolation: as in :func:`table`.
-        column: name of the column with the values (rad, m, N or N m); other columns are ignored. None: the file must
+        column: name of the column with the values (rad, m, N or N m); other columns are ignored. If None, the file must
             have the columns t, psi and optionally psi_dot and psi_ddot, and no others.
         time: name of the column with the times, s. rate, acceleration: names of the columns with derivatives, or None.
         scale: factor on values and derivatives, for example a change of units or a gear ratio.

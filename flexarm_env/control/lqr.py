@@ -105,8 +105,8 @@ def design(
 ) -> Design:  # fmt: skip
     """Compute regulator and observer gains from the discrete Riccati equations at a posture (elbow angles, rad).
 
-    limits (N,): torque limits, N m. dt: control period, s. spread: result of `spread_of`, which is added to the
-    measurement noise `SENSOR` that the observer always assumes.
+    limits (N,): torque limits, N m. dt: control period, s. spread: result of `spread_of`. The observer assumes this
+    noise in addition to the measurement noise `SENSOR`.
     """
     from scipy.linalg import solve_discrete_are
 

@@ -86,7 +86,7 @@ class PD(Controller):
         self.kp, self.kd = gains.on(setup)
 
     def linear(self) -> Array | None:
-        """Return the matrix K (entries, N) with which unsaturated actions are observation @ K.
+        """Return the matrix K (entries, N) of the linear control law: unsaturated actions are observation @ K.
 
         The result is None if the observation does not contain the goal's joint angles.
         """

@@ -200,8 +200,8 @@ class Motion:
         """Return the model with all vibration frequencies limited to `most` rad/s.
 
         Higher frequencies cause round-off errors and hardly move the arm. With M-normalized mode shapes V the stiffness
-        matrix is K = M V diag(w^2) V^T M. Rows and columns of modes with w > most are multiplied by most / w, in K, in
-        C and in M - S (S: the integrator's mass matrix).
+        matrix is K = M V diag(w^2) V^T M. In K, C and M - S, the rows and columns of modes with w > most are multiplied
+        by most / w. S is the integrator's mass matrix.
         """
         squares, V = vibrations(self.M, self.K)
         if not squares[-1] < CARRIED:
@@ -256,9 +256,9 @@ class Motion:
     def respond(self, advance: Array, torques: Callable[[int, Array, Array], Array], periods: int, runs: int) -> Array:
         """Return the response to torques over control periods, (periods, 2 + 2 N, runs).
 
-        Rows: tip displacement (m; three rows in space), motor or joint angles (rad), angles between the ends of the
-        links (rad). advance: transition matrix from `exact` or `stepped`. torques: function of (period, angles (N,
-        runs), rates (N, runs)) that returns torques (N, runs), N m.
+        The rows are the tip displacement (m; three rows in space), motor or joint angles (rad), and each link's angle
+        between root and tip (rad). advance: transition matrix from `exact` or `stepped`. torques: function of (period,
+        angles (N, runs), rates (N, runs)) that returns torques (N, runs), N m.
         """
         n = len(self.M)
         seen = np.vstack([self.tip, self.B.T, self.bend])

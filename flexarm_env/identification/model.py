@@ -50,8 +50,8 @@ class Experiment:
     Attributes:
         parameters (p,): the requested parameters, then the initial angles. start (p,): initial parameters.
         runs: number of simulations. refinements: number of times that the config's time step was halved ("step") and
-            that its mesh was refined ("mesh"). by_differences: for each parameter whose derivative is a finite
-            difference between simulations, the reason.
+            that its mesh was refined ("mesh"). by_differences: by parameter, the reason why its derivative is a finite
+            difference between simulations.
     """
 
     def __init__(self, arm: Arm, config: Config, parameters: Sequence[Parameter], logs: Sequence[str] = ()) -> None:
@@ -160,7 +160,7 @@ class Experiment:
         return self._readings(played.trajectory, self.table(values), run)
 
     def slopes(self, values: Array, run: Run, sizes: Array, careful: bool = False) -> dict[str, Array]:
-        """Return the derivatives (n, p) of each output of `predict` by the parameters divided by their `sizes` (p,).
+        """Return the derivatives (n, p) of each output of `predict` by the scaled parameters: values / `sizes` (p,).
 
         The derivatives are exact (`derivatives.runs`) where possible, and otherwise finite differences between
         simulations. careful: True for differences of fourth order. If the simulation fails, the derivatives are 0.

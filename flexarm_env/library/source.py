@@ -53,7 +53,7 @@ SENTENCES = {
 
 
 def fill(file: str, name: str, known: Mapping[str, Any]) -> str:
-    """Return the text of a template file with each mark @WORD@ replaced by `known[WORD]`.
+    """Return the text of a template file with each placeholder @WORD@ replaced by `known[WORD]`.
 
     name: name of the library. It replaces the word NAME and, in capital letters, the word UPPER.
     """

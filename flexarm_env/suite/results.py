@@ -391,7 +391,7 @@ def versions() -> dict[str, str]:
 
 
 def chosen_tasks(words: str | None) -> tuple[Task, ...]:
-    """Return the tasks whose ids are given, separated by commas, each once; None means all tasks."""
+    """Return the tasks with the given ids (separated by commas), without duplicates; None means all tasks."""
     if words is None:
         return tasks()
     return tuple({one.id: one for one in map(data.task, listed("--task", words))}.values())

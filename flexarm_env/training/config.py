@@ -1,9 +1,9 @@
 """Hyper-parameters from files in RL Zoo's format: one entry per environment id.
 
 A file may contain two further tables, whose keys are environment ids too. `env_kwargs` contains keyword arguments of
-the environment for which the hyper-parameters were chosen. RL Zoo ignores this table; its users pass the same keywords
-by `--env-kwargs`. `around` names a classical controller (`control.around.Inside`), whose torques are added to the
-network's torques, and the largest torque of the network as a fraction of the torque limits.
+the environment for which the hyper-parameters were chosen. RL Zoo ignores `env_kwargs`; users of RL Zoo pass the same
+keywords by `--env-kwargs`. `around` names a classical controller (`control.around.Inside`), whose torques are added to
+the network's torques, and the largest torque of the network as a fraction of the torque limits.
 """
 
 from __future__ import annotations

@@ -80,7 +80,7 @@ class SpatialTrajectory(Trajectory):
     def columns(self) -> dict[str, Array]:
         """Return the columns that `to_csv` writes, as arrays (n,) by name.
 
-        They are time, energy, positions, the tip's quaternion, joint angles, deflections and twist.
+        The columns are time, energy, positions, the tip's quaternion, joint angles, deflections and twist.
         """
         table = {"t": self.t, "energy": self.energy}
         places = {"start": self.start, "tip": self.tip}

@@ -53,7 +53,8 @@ class Clip:
         angles (n, N, 2): angles of the tangents at each link's root and tip, rad.
         rigid (n, N): angles of the links' roots in the rigid arm at the same joint angles, rad (`rigid_angles`).
         rest (P, 2): points of the stress-free links, m, in axes at each link's root with x along the tangent.
-            curvature (n, P): curvature at the points, 1/m. In both arrays a joint belongs to the link that ends there.
+            curvature (n, P): curvature at the points, 1/m. In `rest` and `curvature` a joint belongs to the link that
+            ends at this joint.
         surface: distance from the neutral axis to the surface, m, from which surface strains are computed; None if it
             is unknown or varies.
         target (n, 2): position of the target, m, or None. polar: True if the target is an angle, so that the distance
