@@ -5,18 +5,19 @@ parts, which are divided by the arm's length:
 
     time_step   half the distance from a run with twice the step. (The error of a second-order method is a third of this
                 distance; the factor 1/2 includes a safety margin.) If the step does not resolve the slowest vibration
-                or its decay, the whole distance from a run with an eighth of the step. In space up to 1.5 times the
-                distance, if a run with four times the step shows that the errors are not of second order
-    mesh        half the distance between two runs with twice the step, one of them on a mesh with half as many cells;
-                the whole distance if the second mesh is finer. Some errors do not depend on the mesh: those of chord
-                frames on stubby links, and those of bending within less than an element under high tension. The part
-                is then at least the distance from a run with frames clamped at the segments' roots, in space from
-                a run with exact beams (`accuracy_space`)
+                or its decay, the part is the whole distance from a run with an eighth of the step. In space the part is
+                up to 1.5 times the distance if a run with four times the step shows that the errors are not of second
+                order
+    mesh        half the distance between two runs with twice the step, of which one has a mesh with half as many cells.
+                If the other mesh is finer, the part is the whole distance. Two errors do not depend on the mesh: the
+                error of chord frames on stubby links, and the error of a link under high tension that bends within less
+                than one element. For such links the part is at least the distance from a run with frames clamped at the
+                segments' roots, in space from a run with exact beams (`accuracy_space`)
     energy      five times the energy that the time integration created, or half of the energy that it dissipated,
                 divided by `Trajectory.turned_over`
     others      errors of the formulation that are known before the run (`System.notes`)
 
-The estimate is the sum of time_step, mesh and others, or `energy` if `energy` is larger.
+The estimated tip error is time_step + mesh + others, or `energy` if `energy` is larger.
 """
 
 import math
@@ -75,7 +76,7 @@ class Estimate:
 
 
 def missed(settings: Settings, step_error: float) -> str:
-    """Return a sentence that the steps miss step_tolerance, or "" if step_error is at most step_tolerance."""
+    """Return the message that the step error exceeds step_tolerance, or "" if it does not."""
     if settings.step_tolerance is None or step_error <= settings.step_tolerance:
         return ""
     return (
@@ -94,11 +95,11 @@ REMEDY = {
 
 
 def other_mesh(settings: Settings, errors: Errors | None = None, full: int = 5) -> tuple[Settings, float]:
-    """Return settings with another mesh, and the expected ratio of the run's error to its distance from a run on it.
+    """Return settings with another mesh, and the run's expected error divided by the distance of the two runs.
 
-    The other mesh is coarser than the mesh of the run, or finer if there is no coarser mesh. If links are reduced to
-    modes, the returned settings in the plane are those of the model without modes, with at least `full` segments. In
-    space they have another number of segments and the same number of modes.
+    The other mesh is coarser than the mesh of the run, or finer if there is no coarser mesh. For links reduced to modes
+    in the plane, the returned settings have at least `full` segments and no modes. In space the returned settings have
+    another number of segments and the same number of modes.
     """
     if settings.formulation == "elastica":
         assert settings.nodes is not None
@@ -123,9 +124,9 @@ def other_mesh(settings: Settings, errors: Errors | None = None, full: int = 5) 
 
 
 def companion_mesh(scene: Scene, settings: Settings) -> tuple[Scene, Settings, float]:
-    """Return scene and settings with another mesh, and the ratio of error to distance, as in `other_mesh`. If a section
-    jumps or kinks, all cells are halved, because a coarser mesh could have the same cells in a short interval and not
-    show their error. Otherwise the mesh is that of `other_mesh`."""
+    """Return scene and settings with another mesh, and the error divided by the distance, as in `other_mesh`. If a
+    link's section has jumps or kinks, all cells are halved: a coarser mesh could keep the cells of a short interval and
+    hide their error. For all other arms the mesh is that of `other_mesh`."""
     if divided(scene.arm) and (halved := halved_mesh(scene.arm, settings)):
         return replace(scene, arm=halved[0]), halved[1], 1.0
     full = default_mesh(scene.arm, settings.formulation).get("segments", 5)
@@ -149,8 +150,9 @@ gear's vibration: below x = SLOW the step resolves the vibration, above x = QUIC
 
 
 def clamped(scene: Scene, settings: Settings) -> Settings | None:
-    """Return settings with frames clamped at the segments' roots, for a run whose error no mesh shows; otherwise None.
-    This is the error of chord frames with von Karman coupling due to the shear of stubby links in the plane."""
+    """Return settings with frames clamped at the segments' roots if chord frames with von Karman coupling have an error
+    due to the shear of stubby links in the plane; otherwise return None. A comparison of meshes does not show this
+    error."""
     along = settings.formulation == "floating_frame" and settings.frame == "chord" and settings.coupling == "von_karman"
     if along and errors_of(scene).has_stubby_link(scene.arm):
         return settings.replace(frame="root")
@@ -158,7 +160,7 @@ def clamped(scene: Scene, settings: Settings) -> Settings | None:
 
 
 def rubs(scene: Scene) -> bool:
-    """Return whether a joint has Coulomb friction or backlash, with which errors of the step are of first order."""
+    """Return whether a joint has Coulomb friction or backlash, which cause step errors of first order."""
     return any(joint.friction_coulomb > 0.0 or joint.backlash > 0.0 for joint in scene.arm.joints)
 
 
@@ -169,9 +171,10 @@ def gear_rate(scene: Scene) -> float:
 
 
 def slowest_rate(scene: Scene) -> float:
-    """Return the angular frequency, rad/s, of the straight arm's slowest vibration with a fixed root; if overdamped,
-    its faster decay rate, 1/s. It is Rayleigh's estimate for a beam with the arm's length, smallest stiffness and load
-    at the tip. For planar arms with varying sections it is computed from the actual arm."""
+    """Return the angular frequency, rad/s, of the straight arm's slowest vibration with a fixed root. If this vibration
+    is overdamped, return its faster decay rate, 1/s. The frequency is Rayleigh's estimate for a beam with the arm's
+    length, smallest stiffness and load at the tip. For planar arms with varying sections the frequency is computed from
+    the actual arm."""
     arm = scene.arm
     if all(link.rigid for link in arm.links):
         return 0.0
@@ -187,8 +190,8 @@ def count_steps(scene: Scene, settings: Settings, end: float, sample: float) -> 
 
 def in_steps(scene: Scene, settings: Settings, end: float, sample: float) -> Settings:
     """Return settings with the longest step of at most dt for which steps end at every sample and kink. For an elastica
-    dt is chosen so that steps of at most this length cover a tenth of the time, because its inertia matrix contains a
-    correction for one step length (docs/theory.md, section 5.3)."""
+    dt is chosen so that steps of at most this length cover a tenth of the time. The reason is the correction in the
+    elastica's inertia matrix, which holds for one step length (docs/theory.md, section 5.3)."""
     return settings.replace(dt=_step_of(_stretches(scene, end, sample), settings, sample))
 
 
@@ -248,11 +251,12 @@ def estimate(
     run: Callable[..., Probe],
     levels: Sequence[int] = (),
 ) -> tuple[dict[str, float], str]:
-    """Return the parts time_step and mesh of the error, divided by the arm's length, and why a part is infinite, or "".
+    """Return the parts time_step and mesh of the error, divided by the arm's length, and a reason.
 
-    mine: the run, sampled every `sample` s. run: function that computes a comparison run from a scene, settings, a
-    sampling interval and, with a step_tolerance, the halvings of dt in each interval. levels: halvings of dt in `mine`
-    (`Trajectory.step_levels`). Meshes are compared without `Arm.mass_damping`, whose effect depends on the mesh.
+    The reason states why a part is infinite; it is "" if all parts are finite. mine: the run, sampled every `sample` s.
+    levels: numbers of halvings of dt in `mine` (`Trajectory.step_levels`). run: function that computes a comparison
+    run. Its arguments are a scene, settings, a sampling interval and, with a step_tolerance, the number of halvings of
+    dt in each interval. Meshes are compared without `Arm.mass_damping`, whose effect depends on the mesh.
     """
     dt = settings.dt
     assert dt is not None
@@ -342,11 +346,11 @@ def followed(
     levels: Sequence[int],
     notes: Mapping[str, float],
 ) -> dict[str, float]:
-    """Return the elastica's error due to neglected stretch and shear, divided by the arm's length; otherwise {}.
+    """Return an elastica's error due to neglected stretch and shear, divided by the arm's length; {} if it has none.
 
-    In the plane the error is the distance from a run whose bending stiffness is reduced to imitate stretch and shear,
-    at most 1 and at least the linear estimate in `notes`. In space it is the distance from a run with exact beams or,
-    for slender links, from the run with reduced stiffness.
+    In the plane the error is the distance from a run whose bending stiffness is reduced to represent stretch and shear.
+    It is at most 1 and at least the linear estimate in `notes`. In space the error is the distance from a run with
+    exact beams or, for slender links, from the run with reduced stiffness.
     """
     stiffness = getattr(notes, "softer", None)
     if stiffness is None:

@@ -45,11 +45,11 @@ class Axes(str):
         return tuple(np.cumsum(joints).tolist())
 
     def behind_rigid_joint(self, value: float) -> float:
-        """Return a scene's angle or rate of the link after a rigid joint. value: that of the link before the joint."""
+        """Return a scene's angle or rate of the link after a rigid joint. value: angle or rate of the previous link."""
         return value
 
     def divides_cells(self, formulation: str) -> bool:
-        """Return whether meshes of a formulation end at jumps and kinks of the sections."""
+        """Return whether the meshes of a formulation have cell boundaries at jumps and kinks of the sections."""
         return True
 
     def inertia_across(self, link: Link, s: Array) -> Array:
@@ -133,8 +133,8 @@ def mount(path: str, value: Any) -> Matrix | None:
     Returns the rotation matrix, or None for no rotation.
 
     Raises:
-        ValueError: the value has neither form, or the matrix is not orthogonal and right-handed to 1e-6. A matrix
-            within this tolerance is made orthogonal.
+        ValueError: the value has neither form, or the matrix deviates from a rotation matrix by more than 1e-6. Smaller
+            deviations are corrected.
     """
     if value is None:
         return None
@@ -211,10 +211,10 @@ def about_z(value: Inertia) -> float:
 
 
 def about(I: Array, mass: float, arm: Array) -> Array:
-    """Return the inertia tensor about another point than the center of mass (parallel axis theorem).
+    """Return the inertia tensor about any point by the parallel axis theorem.
 
     The result is I + mass (arm^T arm E - arm arm^T), kg m^2, with the identity matrix E. I: inertia tensor about the
-    center of mass. arm (3,): vector between the center of mass and the point, m.
+    center of mass. arm (3,): vector from the center of mass to the point, m.
     """
     return np.asarray(I + mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm)))
 
@@ -272,7 +272,7 @@ class RigidLink(Link):
 
     @property
     def uniform(self) -> None:
-        """Section of the link: None, because a rigid link has none."""
+        """Section of the link: None for a rigid link."""
         return None
 
     def moment(self, power: int) -> float:

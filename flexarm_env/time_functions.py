@@ -1,7 +1,8 @@
 """Prescribed functions of time for motions and loads, with exact first and second derivatives.
 
-A :class:`TimeFunction` consists of pieces; each piece is a cubic polynomial plus a sine. Between two pieces the value
-or a derivative may jump. Such an instant is called a *kink*; a time step of the solver must end there.
+A :class:`TimeFunction` is defined piecewise: each piece is a cubic polynomial plus a sine. The value or a derivative
+may jump from one piece to the next. The instant of a jump is called a *kink*, and a time step of the solver must end
+there.
 """
 
 from __future__ import annotations
@@ -292,8 +293,8 @@ def _with_ends_held(t: Array, y: Array, rows: list[list[float]]) -> list[list[fl
 
 
 def linear_table(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
-    """Return the linear interpolation of y (n,) over t (n,), s, with n >= 2; outside it equals the first or last value.
-    Each row is a kink. Raises ValueError for too few rows, times that do not increase, or values that are not finite.
+    """Return the linear interpolation of y (n,) over t (n,), s, with n >= 2; outside, the first or last value. Each row
+    is a kink. Raises ValueError for too few rows, times that do not increase, or values that are not finite.
     """
     time, value = _columns(t, 2, y=y)
     slopes = np.diff(value) / np.diff(time)
@@ -311,7 +312,7 @@ def steps(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunctio
 def spline_table(
     t: Sequence[float] | Array, psi: Sequence[float] | Array, boundary: str = "not-a-knot"
 ) -> TimeFunction:
-    """Return the cubic spline through the points (t, psi); after the last point it is constant.
+    """Return the cubic spline through the points (t, psi); after the last point the function is constant.
 
     Args:
         t (n,): increasing instants, s. psi (n,): values, rad or m. boundary: "not-a-knot" (default), "natural" (second
@@ -345,8 +346,8 @@ def hermite_table(
     """Return the piecewise cubic function with given values and rates, and, if given, accelerations at the instants t.
 
     Args:
-        t (n,): increasing instants, s. psi (n,): values, rad or m. psi_dot (n,): rates. psi_ddot (n,): accelerations,
-            for which each interval has three cubics; None: one cubic per interval, and accelerations jump.
+        t (n,): increasing instants, s. psi (n,): values, rad or m. psi_dot (n,): rates. psi_ddot (n,): accelerations.
+            With accelerations each interval has three cubics. Without (None) it has one cubic, and accelerations jump.
     After the last instant the value is constant. A ValueError names an invalid row.
     """
     if psi_ddot is None:
@@ -394,7 +395,7 @@ COLUMNS = ("t", "psi", "psi_dot", "psi_ddot")
 
 
 def from_array(data: npt.ArrayLike, interpolation: str | None = None) -> TimeFunction:
-    """Return :func:`table` of an array with 2, 3 or 4 columns: t, psi, psi_dot, psi_ddot."""
+    """Return a function from an array: columns t, psi and, if known, psi_dot, psi_ddot; see :func:`table`."""
     rows = np.asarray(data)
     if rows.ndim != 2 or not 2 <= rows.shape[1] <= 4 or rows.dtype.kind not in "fiu":
         what = f"{rows.dtype} of shape {rows.shape}"
@@ -413,11 +414,11 @@ def from_csv(
     acceleration: str | None = None,
     scale: float = 1.0,
 ) -> TimeFunction:
-    """Return :func:`table` of the columns of a CSV file; the first line of the file names its columns.
+    """Return a function from columns of a CSV file, whose first line has the columns' names; see :func:`table`.
 
     Args:
         path: the CSV file. interpolation: as in :func:`table`.
-        column: name of the column with the values (rad, m, N or N m); other columns are ignored. None: the file must
+        column: name of the column with the values (rad, m, N or N m); other columns are ignored. If None, the file must
             have the columns t, psi and optionally psi_dot and psi_ddot, and no others.
         time: name of the column with the times, s. rate, acceleration: names of the columns with derivatives, or None.
         scale: factor on values and derivatives, for example a change of units or a gear ratio.

@@ -27,7 +27,7 @@ GRID = 0.1
 def postures(goals: Array) -> list[tuple[float, ...]]:
     """Round the elbow angles of goals (n, N), rad, to the design grid; return a tuple of N - 1 angles for each goal.
 
-    A posture and its mirror image have the same model. The returned posture is the one whose first bent elbow has a
+    A posture and its mirror image have the same model, so the function returns the posture whose first bent elbow has a
     positive angle.
     """
     # joint 0, the hub, does not affect the model
@@ -69,7 +69,7 @@ class ArmModel:
         return held(self.A, self.B, dt)
 
     def state_of(self, outputs: Array) -> Array:
-        """Return the state (..., 2n) of least energy among all states with the given outputs (..., 4N).
+        """Return the state (..., 2n) that has the given outputs (..., 4N) and the smallest energy.
 
         The amplitudes q of the modes minimize |q_rigid|^2 + sum_i (omega_i q_i)^2, summed over the flexible modes i.
         The rates q' minimize |q'|^2.

@@ -13,8 +13,8 @@ from ..parameters import Arm
 class Bare(NamedTuple):
     """Description of a task without reward.
 
-    kind: class of the task's record. entries: number of entries of an observation. targets: number of coordinates of a
-    target. ranges: ranges of targets, which are not used.
+    kind: class of the task's data in compiled code. entries: number of entries of an observation. targets: number of
+    coordinates of a target. ranges: ranges of targets; unused in this task.
     """
 
     kind: type[Task]

@@ -6,10 +6,10 @@ and the bias b of each gauge:
 
     x+ = A x + B (u - f + d) + w,   angles = C x + v,   gauges = C x + b + v
 
-Here w and v are process and measurement noise, and f are the joints' Coulomb friction torques. The filter estimates
-gauge biases, because bending decays and biases do not. It does not estimate encoder biases, because they cannot be
-distinguished from a rotation of the arm. Measured joint rates are not used: they are computed from the angles, which
-the filter uses. The model omits sensor delays, sensor low-passes, and motor lag.
+Here w and v are process and measurement noise, and f are the joints' Coulomb friction torques. The filter can estimate
+gauge biases, since a bias is constant, whereas bending decays. The filter does not estimate encoder biases, which are
+indistinguishable from a rotation of the arm. The filter uses the measured joint angles, but not the joint rates, which
+are computed from these angles. The model omits sensor delays, sensor low-passes, and motor lag.
 """
 
 import re
@@ -58,8 +58,9 @@ class LQGGains(StateWeights):
     """`StateWeights` of the regulator and noise parameters of the filter.
 
     Args:
-        noise, push: standard deviations of the process noise, divided by the torque limit: of the joint torques, and of
-            forces on the links, which represent the nonlinear effects of large motions.
+        noise: standard deviation of the process noise of the joint torques, divided by the torque limit. push: standard
+            deviation, divided by the torque limit, of the process noise of forces on the links. This noise represents
+            the nonlinear effects of large motions.
         drift: standard deviation of the disturbance torque's change in one control period, divided by the limit.
     """
 
@@ -73,7 +74,7 @@ class Plant(NamedTuple):
 
     rigid (2n, N): derivative of x by the joint angles of the undeformed arm. inertia (N, N): rigid inertia of the arm,
     kg m^2. first: lowest flexible frequency with free joints, rad/s. states: names of the model's states x. shown:
-    output rows of joint angles, of their rates, of the outputs of `bent_of`, and of the rates of these outputs.
+    output rows of four groups: joint angles, joint rates, outputs of `bent_of`, and the rates of these outputs.
     """
 
     A: Array
@@ -125,7 +126,7 @@ def plant(setup: Setup, posture: tuple[float, ...]) -> Plant:
 
 
 def bent_of(arm: Arm) -> list[tuple[str, float]]:
-    """Return the names of the linear model's outputs that correspond to `Signals.bends`, each with a divisor.
+    """Return outputs (name, divisor) of the linear model: an output divided by its divisor is in `Signals.bends`.
 
     The divisor of a deflection is the link's length. In space the outputs are the flexible links' deflections along y
     and z, and twists (rad, with divisor 1).
@@ -168,11 +169,10 @@ def measured(setup: Setup, gains: LQGGains, own: Plant) -> Design:
 
 
 def designed(setup: Setup, gains: LQGGains, own: Plant, seen: Array, variances: Array, bias: Array) -> Design:
-    """Compute regulator and time-varying Kalman gains for p measurements `seen` @ x of the arm's state x.
+    """Compute regulator and time-varying Kalman gains for p measurements of the arm's state x.
 
-    seen (p, 2 n): one row per measurement; n is the number of the model's coordinates, so that x has n coordinates and
-    n rates. variances (p,): variances of the measurements. bias (b,): standard deviations of the biases of the last b
-    measurements.
+    seen (p, 2 n): output matrix of the measurements `seen` @ x; x contains n coordinates and their n rates. variances
+    (p,): variances of the measurements. bias (b,): standard deviations of the biases of the last b measurements.
     """
     from scipy.linalg import block_diag
 
@@ -217,7 +217,7 @@ def _regulator(setup: Setup, gains: LQGGains, own: Plant) -> Array:
 
 
 def curvatures(setup: Setup) -> list[tuple[float, str]]:
-    """Return, for each observed gauge, reading divided by curvature and the name of the linear model's output."""
+    """Return, for each observed gauge, its reading per curvature and the name of its output in the linear model."""
     return [
         (g.per_curvature_of(setup.arm.links[g.link]) * float(np.mean(g.gains)), gauge_name(g.link, g.place, g.measures))
         for g in gauges_of(setup).values()
@@ -225,7 +225,7 @@ def curvatures(setup: Setup) -> list[tuple[float, str]]:
 
 
 def gauges_of(setup: Setup) -> dict[int, StrainGauge]:
-    """Return the observed gauges by the indices of their entries in the observation."""
+    """Return a dict of the observed gauges; its keys are the indices of their entries in the observation."""
     all_of = setup.sensors.strain_gauges if setup.sensors else ()
     found = {f"strain_gauge_{k}": gauge for k, gauge in enumerate(all_of, 1)}
     return {k: found[name] for k, name in enumerate(setup.names) if name in found}
@@ -255,7 +255,7 @@ def _variances(setup: Setup, encoders: list[Encoder]) -> list[float]:
 class LQG(Controller):
     """LQG controller u = -K x - d + f with estimates of the state x and of the disturbance torques d.
 
-    f is the Coulomb friction that the estimated motion causes.
+    The term f compensates for the Coulomb friction of the estimated motion.
 
     Attributes:
         z (n, s): estimates relative to each arm's goal (see `Design`).
@@ -285,7 +285,7 @@ class LQG(Controller):
         ]
 
     def seen(self, signals: Signals, to_go: Array) -> Array:
-        """Return the measurements (n, p): joint angles minus the goal's, rad, and gauge readings minus mean biases."""
+        """Return the measurements (n, p): joint angles minus goal angles, rad, and gauge readings minus mean biases."""
         return np.hstack([-to_go, signals.gauges - self.centres])
 
     def torques(self, signals: Signals, to_go: Array) -> Array:

@@ -87,7 +87,7 @@ def riccati(A: Array, B: Array, Q: Array, R: Array) -> tuple[Array, Array]:
 def spread_of(setup: Setup) -> tuple[float, ...]:
     """Return the standard deviations (4 N,), in SI units, of the measurement noise of the outputs; () without noise.
 
-    The outputs are joint angles, their rates, deflections, and their rates.
+    The outputs are joint angles, joint rates, deflections, and deflection rates.
     """
     if not any(setup.noise):
         return ()
@@ -105,8 +105,8 @@ def design(
 ) -> Design:  # fmt: skip
     """Compute regulator and observer gains from the discrete Riccati equations at a posture (elbow angles, rad).
 
-    limits (N,): torque limits, N m. dt: control period, s. spread: result of `spread_of`, which is added to the
-    measurement noise `SENSOR` that the observer always assumes.
+    limits (N,): torque limits, N m. dt: control period, s. spread: result of `spread_of`. The observer assumes this
+    noise in addition to the measurement noise `SENSOR`.
     """
     from scipy.linalg import solve_discrete_are
 
@@ -147,7 +147,7 @@ class Observer:
 
 
 def times(matrices: Array, vectors: Array) -> Array:
-    """Return the n products (n, i) of matrices (n, i, j) and vectors (n, j)."""
+    """Multiply n matrices (n, i, j) by n vectors (n, j); return the n products (n, i)."""
     product: Array = (matrices @ vectors[:, :, None])[:, :, 0]
     return product
 

@@ -1,4 +1,4 @@
-"""PD control of the joints, in the plane and in space; in space about the arm's rest at the target under gravity."""
+"""PD control of the joints. In space the set point is the arm's equilibrium at the target under gravity."""
 
 import warnings
 from dataclasses import dataclass, field
@@ -36,7 +36,7 @@ class PDGains(Gains):
     ratio: tuple[float, ...]
 
     def of(self, arm: Arm) -> tuple[Array, Array]:
-        """Return kp (N,), N m/rad, and kd (N,), N m s/rad, for an arm, from its inertia with elbows at 90 degrees."""
+        """Compute kp (N,), N m/rad, and kd (N,), N m s/rad, from the arm's inertia with elbows at 90 degrees."""
         for name, given in (("bandwidth", self.bandwidth), ("ratio", self.ratio)):
             if np.size(given) not in (1, arm.n_links):
                 raise check.InvalidValue(f"pd.{name}", given, f"must be one number, or {arm.n_links}, one per joint")
@@ -86,7 +86,7 @@ class PD(Controller):
         self.kp, self.kd = gains.on(setup)
 
     def linear(self) -> Array | None:
-        """Return the matrix K (entries, N) with which unsaturated actions are observation @ K.
+        """Return the matrix K (entries, N) of the linear control law: unsaturated actions are observation @ K.
 
         The result is None if the observation does not contain the goal's joint angles.
         """
@@ -115,9 +115,10 @@ class PD(Controller):
 class SpatialPDGains(Gains):
     """Gains of PD control in space.
 
-    ratio: damping ratio. lag: time constant, s, of the low-pass on rates. The root of a beam has so little inertia that
-    its sampled rate must not be fed back without this filter. rests: 1: goals are static rests of the flexible arm; 0:
-    goals are postures of the rigid arm, which take a hundredth of the time and leave the sag of the links as an error.
+    ratio: damping ratio. lag: time constant, s, of the low-pass on rates. Without this filter, feedback of the sampled
+    rate of a beam's root is unstable, because the root has little inertia. rests: 1: goals are static equilibria of the
+    flexible arm. 0: goals are postures of the rigid arm, which need a hundredth of the computing time, but the sag of
+    the links remains as an error.
     """
 
     rate: float
@@ -161,7 +162,7 @@ class SpatialPD(AboutRest):
         return np.asarray(found[best, np.arange(len(now))])
 
     def rest_at(self, target: Array, now: Array) -> tuple[float, Array, Array]:
-        """Return distance from the target, joint angles and holding torques; those of the rigid arm if `rests` is 0."""
+        """Return target distance, joint angles and holding torques at rest; if `rests` is 0, of the rigid arm."""
         if self.gains.rests:
             return super().rest_at(target, now)
         angles = self._rigid(target[None], now[None])
@@ -176,7 +177,7 @@ class SpatialPD(AboutRest):
         return self.forward(to_go) + self.pulled(signals, to_go)
 
     def pulled(self, signals: Signals, to_go: Array, rates: Array | float = 0.0) -> Array:
-        """Update the rate filter; return PD torques (n, N), N m: the inertia at the goal times PD accelerations.
+        """Update the rate filter; return PD torques (n, N), N m: inertia matrix at the goal times PD accelerations.
 
         to_go (n, N): goal minus joint angles, rad. rates: desired joint rates (n, N), rad/s.
         """

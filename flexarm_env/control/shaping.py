@@ -64,8 +64,9 @@ def zv(frequency: float, ratio: float = 0.0) -> Shaper:
 def zvd(frequency: float, ratio: float = 0.0) -> Shaper:
     """Return the zero-vibration-derivative shaper (ZVD), which has three impulses.
 
-    Its residual vibration is proportional to the square of an error in the frequency; that of the zero-vibration shaper
-    is proportional to the error. frequency: undamped frequency of the mode, rad/s. ratio: damping ratio, 0 to 0.99.
+    If the assumed frequency has an error, the residual vibration is proportional to the square of this error. With the
+    zero-vibration shaper the residual vibration is proportional to the error. frequency: undamped frequency of the
+    mode, rad/s. ratio: damping ratio, 0 to 0.99.
     """
     # the convolution of two ZV shapers
     one = zv(frequency, ratio)
@@ -97,7 +98,7 @@ def closed_loop_shaper(arm: Arm, gains: PDGains, kind: str, posture: tuple[float
 
 
 def cascade(closed: Array, kind: str, most: int) -> Shaper:
-    """Convolve the shapers of the slowest lightly damped modes of x' = closed @ x, at most `most` modes."""
+    """Convolve the shapers of the slowest lightly damped modes (at most `most`) of the loop x' = closed @ x."""
     # one of each conjugate pair: frequency |s|, damping ratio -Re(s)/|s|
     poles = np.linalg.eigvals(closed)
     poles = poles[poles.imag > 1e-6]
@@ -151,7 +152,7 @@ class Shaped(Controller):
     def inverse_dynamics(self, left: Array, rates: Array, accelerations: Array) -> Array:
         """Return the rigid arm's torques (n, N), N m, along the reference, without gravity torques.
 
-        They are inertia times acceleration plus Coriolis torques. left, rates, accelerations (n, N): results of
+        The torques are inertia times acceleration plus Coriolis torques. left, rates, accelerations (n, N): results of
         `reference`.
         """
         arm, angles = self.setup.arm, self.goal - left
@@ -162,7 +163,8 @@ class Shaped(Controller):
 class ShapedPD(Shaped):
     """PD control along a shaped reference with the rigid arm's inverse dynamics as feedforward.
 
-    The reference before shaping is the fastest motion of the rigid arm with `effort` times its torque limits.
+    The reference before shaping is the fastest motion of the rigid arm whose torques are at most `effort` times the
+    torque limits.
     """
 
     def __init__(self, setup: Setup, gains: ShapedGains, kind: str) -> None:
@@ -189,7 +191,7 @@ class ShapedPD(Shaped):
 class SpatialShapedGains(SpatialPDGains):
     """Gains of PD control in space and of its shaped reference.
 
-    effort: largest torque of the reference motion divided by the torque limit. modes: largest number of modes that the
+    effort: largest torque of the reference motion divided by the torque limit. modes: maximum number of modes that the
     shaper suppresses.
     """
 

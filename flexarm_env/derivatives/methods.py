@@ -1,7 +1,7 @@
 """Choose the method that differentiates the control periods of a batch.
 
-Derivatives of the following transitions either come from their equations (implicit differentiation), or from dual
-numbers in SIMD lanes, with which the program is executed.
+The table lists transitions of an arm's state and two ways to differentiate them. Implicit differentiation uses the
+equation of a transition. Forward differentiation executes the program with dual numbers in SIMD lanes.
 
 | transition | by its equation, forward and backward | as executed, in dual lanes |
 |---|---|---|
@@ -11,8 +11,8 @@ numbers in SIMD lanes, with which the program is executed.
 | change of the payload | – | `integrator.impact`: a fixed number of solutions |
 | kinks of prescribed motions | – | `runtime.guided`, as in the environment |
 
-The computations between two transitions (commands, motors, observation, reward) are explicit. Dual lanes or
-`compiler.vjp_of` differentiate them.
+The computations between two transitions (commands, motors, observation, reward) are explicit. Dual numbers or
+`compiler.vjp_of` differentiate these computations.
 """
 
 from typing import Any, NamedTuple
@@ -33,8 +33,8 @@ class Method(NamedTuple):
     by_equations: True if Jacobians are computed from the equations of steps and jumps (`runtime.implicit`), False if
     dual numbers are used (`runtime.derivative`).
     backwards: True if `runtime.adjoint` computes vector-Jacobian products, False if they are computed from Jacobians.
-    passes: number of linear solutions for the derivative of a step; 1 if the Newton matrix is the exact derivative of
-    the residual.
+    passes: number of linear systems solved for the derivative of a step; 1 if the Newton matrix is the exact derivative
+    of the residual.
     """
 
     by_equations: bool

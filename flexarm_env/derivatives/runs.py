@@ -92,9 +92,9 @@ class Run:
     def slopes(self, neighbours: Sequence[tuple[Simulation, float, float]]) -> Array:
         """Return the derivatives of q and v by a parameter, (samples, 2, n), at the start and at the samples.
 
-        neighbours: two triples (simulation, offset, weight). Each simulation is of the scene with the parameter changed
-        by the offset. The weights are those of a finite difference: for an offset e, a central difference has
-        (a, e, 1 / 2e) and (b, -e, -1 / 2e), a one-sided difference has (a, e, 2 / e) and (b, 2 e, -1 / 2e).
+        neighbours: two triples (simulation, offset, weight). In each simulation the parameter is changed by the offset.
+        The weights are the coefficients of a finite difference. For an offset e, a central difference has (a, e, 1 /
+        2e) and (b, -e, -1 / 2e); a one-sided difference has (a, e, 2 / e) and (b, 2 e, -1 / 2e).
 
         Raises:
             NotDifferentiable: the steps cannot be differentiated (`check`), or the parameter changes the structure of
@@ -141,7 +141,8 @@ class Run:
         """Return the trajectory of an arm with changed parameters, to first order.
 
         change (samples, 2, n): changes of q and v. other: Simulation of the changed arm.
-        places: True to compute tip, joints and motors from the changed q and v. All other fields are those of this run.
+        places: True to compute tip, joints and motors from the changed q and v. All other fields are copied from this
+        run.
         """
         q, v = self.trajectory.q + change[:, 0], self.trajectory.v + change[:, 1]
         found: dict[str, Any] = {}

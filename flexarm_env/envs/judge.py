@@ -50,7 +50,7 @@ SETTLED, CHATTER = 20, 0.3
 
 
 class Judge:
-    """Estimates of the tip's error for one arm, drive and control period (s); `resolution` defines the errors.
+    """Estimates of the tip's error for one arm with one actuation and control period (s); see `resolution`.
 
     stiffness: factor on EI, in space also on EI_y and GJ. theta: largest angle between the ends of a link, rad.
     """
@@ -85,7 +85,7 @@ class Judge:
 
     @cached_property
     def chatters(self) -> tuple[bool, bool]:
-        """Return whether the PD loop sustains a vibration by itself, in at least one posture and in every posture."""
+        """Return two flags: the PD loop sustains a vibration in at least one posture, and in every posture."""
         if self.drive.residual is None:
             return False, False
         limits = CHATTER * np.array(self.drive.limits)
@@ -242,7 +242,7 @@ class Judge:
 
 
 class Worst:
-    """Largest error estimates of the nominal arm and of the extreme randomized arms, which have the weight SELDOM."""
+    """Largest error estimates of the nominal arm and (multiplied by SELDOM) of the extreme randomized arms."""
 
     def __init__(self, rules: Sequence[Judge]) -> None:
         self.rules, self.arm, self.period = rules, rules[0].arm, rules[0].period
@@ -276,7 +276,7 @@ def judge(arm: Arm, drive: Drive, period: float, stiffness: float = 1.0) -> Judg
 
 
 def worst(arm: Arm, drive: Drive, period: float, drawn: Mapping[str, tuple[float, float]]) -> Worst:
-    """Return error estimates of an arm, of the softest randomized arm, and of the stiffest with the smallest payload.
+    """Return error estimates of an arm, of the softest, and of the stiffest randomized arm (with least payload).
 
     period: control period, s. drawn: ranges (low, high) of randomized factors by name; only the factors on EI, payload
     and torque_constant are used.

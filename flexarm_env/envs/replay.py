@@ -27,7 +27,7 @@ def through_env(scene: Scene, settings: Settings, sample: float | None = None, e
         settings: formulation and options, with dt. sample: control period, s; None uses the scene's sampling interval.
         error_limit: estimated error, divided by the arm's length, above which the run is "inaccurate"; see `simulate`.
     Returns:
-        The same trajectory as from `simulate` with these settings, except for cpu_seconds.
+        The trajectory, equal to that of `simulate` with these settings except for cpu_seconds.
     Raises:
         ValueError: an environment cannot represent the scene.
     """

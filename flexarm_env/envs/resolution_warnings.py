@@ -1,4 +1,4 @@
-"""Warnings about a step or mesh that may be too coarse, and about an episode that may be too short."""
+"""Warn of a step or mesh that may be too coarse, and of an episode that may be too short."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def too_coarse(rule: Rule, settings: Settings, estimate: float, name: str, most:
 
 
 def amplified(estimate: float, formulation: str) -> str:
-    """Return a warning about an arm that amplifies errors so much that they are large with any settings.
+    """Return a warning about an arm whose error is large with all settings, because its motion amplifies errors.
 
     estimate: error of the tip divided by the arm's length. formulation: formulation of the settings.
     """
@@ -63,7 +63,7 @@ def amplified(estimate: float, formulation: str) -> str:
 
 
 def unsettled(period: float, estimate: float) -> str:
-    """Return a warning about an arm whose PD loop sustains a vibration, with the tip's error and settings to change.
+    """Return a warning that the PD loop sustains a vibration; it states the tip's error and settings to change.
 
     period: control period, s. estimate: error of the tip divided by the arm's length.
     """

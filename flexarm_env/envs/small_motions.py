@@ -1,14 +1,15 @@
-"""Linear model of small motions of an arm in the plane, for a mesh, a step and torques that change at control instants.
+"""Linear model of small motions of an arm in the plane, with a mesh, a step, and torques held in each control period.
 
 The links are nearly straight elasticas. The coordinates x are the tangent angles at the nodes of
-`physics.elastica.chain`, rad, and the angles of motors with elastic gears, rad. If the base floats, its position, m,
-and attitude, rad, are coordinates, too. The equations are
+`physics.elastica.chain`, rad, and the angles of motors with elastic gears, rad. For a floating base the coordinates
+also include its position, m, and attitude, rad. The equations are
 
     M x'' + C x' + K x = B u,    tip = c x,    motor and joint angles = B^T x
 
 `Motion.of` assembles the matrices M, C, K and B. For the elastica the tangent angle of a link is one polynomial. For
-the other formulations it is quadratic in each element, because the displacements of a beam element are cubic.
-`Motion.exact` advances x by a control period with the matrix exponential, `Motion.stepped` with the integrator's steps.
+all other formulations the tangent angle is quadratic in each element, since the displacements of a beam element are
+cubic. `Motion.exact` advances x by a control period with the matrix exponential, `Motion.stepped` with the integrator's
+steps.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ def actions(count: int) -> Array:
 
 
 class Elements(Line):
-    """Link with a tangent angle that is continuous, and quadratic in each of n elements."""
+    """Link of n elements; its tangent angle is continuous, and quadratic in each element."""
 
     @classmethod
     def cut(cls, link: Link, n: int) -> Elements:
@@ -83,9 +84,9 @@ def fine(arm: Arm) -> Chain:
 
 @lru_cache(64)
 def cut(arm: Arm, elements: int) -> Chain:
-    """Return the matrices of an arm with at least this number of beam elements per link.
+    """Return the matrices of an arm with at least the given number of beam elements per link.
 
-    All links have the same number of elements, the largest that a link requires.
+    All links have the same number of elements: the largest number that any link requires.
     """
     lines = [Elements.cut(link, elements) for link in arm.links]
     most = max(line.n for line in lines)
@@ -153,8 +154,8 @@ class Motion:
     def floating(self, arm: Arm, first: Array, mass: float) -> Motion:
         """Return the model with the position (m) and attitude (rad) of a floating base as three more coordinates.
 
-        first (n,): momentum of the arm per rate of each coordinate, complex x + i y, kg m. mass: mass of the arm, kg.
-        The hub's torque acts on the base with the opposite sign.
+        first (n,): derivative of the arm's momentum by the rate of each coordinate, complex x + i y, kg m. mass: mass
+        of the arm, kg. The hub's torque acts on the base with the opposite sign.
         """
         assert arm.base is not None
         made, n = self.grown(3), len(self.M)
@@ -199,8 +200,8 @@ class Motion:
         """Return the model with all vibration frequencies limited to `most` rad/s.
 
         Higher frequencies cause round-off errors and hardly move the arm. With M-normalized mode shapes V the stiffness
-        matrix is K = M V diag(w^2) V^T M. Rows and columns of modes with w > most are multiplied by most / w, in K, in
-        C and in M - S (S: the integrator's mass matrix).
+        matrix is K = M V diag(w^2) V^T M. In K, C and M - S, the rows and columns of modes with w > most are multiplied
+        by most / w. S is the integrator's mass matrix.
         """
         squares, V = vibrations(self.M, self.K)
         if not squares[-1] < CARRIED:
@@ -255,9 +256,9 @@ class Motion:
     def respond(self, advance: Array, torques: Callable[[int, Array, Array], Array], periods: int, runs: int) -> Array:
         """Return the response to torques over control periods, (periods, 2 + 2 N, runs).
 
-        Rows: tip displacement (m; three rows in space), motor or joint angles (rad), angles between the ends of the
-        links (rad). advance: transition matrix from `exact` or `stepped`. torques: function of (period, angles (N,
-        runs), rates (N, runs)) that returns torques (N, runs), N m.
+        The rows are the tip displacement (m; three rows in space), motor or joint angles (rad), and each link's angle
+        between root and tip (rad). advance: transition matrix from `exact` or `stepped`. torques: function of (period,
+        angles (N, runs), rates (N, runs)) that returns torques (N, runs), N m.
         """
         n = len(self.M)
         seen = np.vstack([self.tip, self.B.T, self.bend])

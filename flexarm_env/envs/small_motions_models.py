@@ -1,4 +1,4 @@
-"""One interface to the linear models of small motions in the plane and in space, with constants for each.
+"""Linear models of small motions in the plane and in space, and their constants, behind one interface.
 
 The modules `judge`, `resolution` and `trials` use the constants, which were fitted to simulations of random arms.
 """
@@ -28,10 +28,11 @@ class SmallMotions:
     """Linear models of small motions of an arm in the plane.
 
     Attributes:
-        bend: reference angle, rad, in the factor G = 1 + (theta / bend)^3 (`Judge.gain`). kept: largest error of the
-            default settings, divided by the arm's length, at which they are kept. ladder: angles theta, rad, above
-            which the search begins with the second and the third mesh. trials: largest number of settings in trial
-            episodes. lanes: number of trial episodes of the nominal arm.
+        bend: reference angle, rad, in the factor G = 1 + (theta / bend)^3 (`Judge.gain`). kept: the default settings
+            are used if their error, divided by the arm's length, is at most this value. ladder: two angles theta, rad;
+            above the first the search for a mesh begins with the second mesh, above the second with the third mesh.
+            trials: largest number of settings that are tested in trial episodes. lanes: number of trial episodes of the
+            nominal arm.
     """
 
     bend, kept, ladder, trials, lanes = 0.55, 5e-3, (1.6, 3.0), 6, 16
@@ -45,18 +46,19 @@ class SmallMotions:
         return Motion.of(arm, _scaled(fine(arm), stiffness), pose)
 
     def on_mesh(self, arm: Arm, settings: Settings, pose: Array, h: float, stiffness: float) -> Motion:
-        """Return the linear model on the mesh in `settings` in steps of h, s. stiffness: factor on EI."""
+        """Return the linear model for the mesh in `settings` and steps of h, s. stiffness: factor on EI."""
         parts = fine(arm) if settings.modes else cut(arm, (settings.segments or 1) * (settings.elements or 1))
         if settings.nodes is not None:
             parts = chain(arm, settings.nodes)
         return Motion.of(arm, _scaled(parts, stiffness), pose, settings, h)
 
     def unsteady(self, motion: Motion, n: int, index: int, damped: float) -> float:
-        """Return the angular frequency, rad/s, that steps must resolve for stability; 0 if there is none."""
+        """Return the angular frequency, rad/s, that steps must resolve for stability, or 0 (no limit)."""
         return 0.0 if n == 1 else frequency_unless_damped(motion, index, damped)
 
     def link_angles(self, joints: Array) -> Array:
-        """Return the absolute link angles, with whose rates e_3 is computed, from joint angles (periods, N, runs)."""
+        """Convert joint angles (periods, N, runs) to absolute link angles; e_3 is computed from the rates of the
+        result."""
         return np.cumsum(joints, axis=1)
 
     def spin(self, error: float) -> float:

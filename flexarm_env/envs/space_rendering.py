@@ -110,9 +110,9 @@ class SpaceRenderer(Renderer):
         """Draw the arm at one instant.
 
         Args:
-            chain: for each of the N links, points (P, 3), m, and the directions of the link's width at these points.
-                rigid: (N + 1, 3), positions of joints and tip of the rigid arm, m, or None. target (3,): target point,
-                m, or None. Other arguments: as in `Renderer.frame`.
+            chain: for each of the N links two arrays (P, 3): points of the link, m, and the directions of its width
+                there. rigid: (N + 1, 3), positions of joints and tip of the rigid arm, m, or None. target (3,): target
+                point, m, or None. Other arguments: as in `Renderer.frame`.
         Returns:
             The picture, (height, width, 3) uint8; None if a window shows it.
         """

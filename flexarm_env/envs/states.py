@@ -88,7 +88,7 @@ def _check_block(batch: Batch, block: Array) -> None:
 
 
 def put_state(batch: Batch, i: int, state: dict[str, Any]) -> tuple[np.random.Generator, Any, Guide | None]:
-    """Set arm i to a state; return the random generator, the seed and the guide that the state contains."""
+    """Set arm i to a state; return the state's random generator, seed and guide (prescribed motion)."""
     batch.set_state(i, state["arm"])
     return copy.deepcopy(state["generator"]), state["seed"], copy.deepcopy(state["guide"])
 

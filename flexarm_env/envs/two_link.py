@@ -27,7 +27,7 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     of link 1. L, the sum of the lengths, is 1 m.
 
     `gymnasium.make("TwoLinkFlexArm-v0")` creates one arm. `gymnasium.make_vec("TwoLinkFlexArm-v0", num_envs=n)` creates
-    n arms that one compiled call advances. Each of them gives bitwise the same results as a single arm. The id
+    n arms that one compiled call advances. Each arm gives bitwise the same results as a single arm. The id
     `flexarm_env:TwoLinkFlexArm-v0` also works if the package has not been imported.
 
     ## Action space
@@ -51,8 +51,8 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | 10, 11 | `tip_velocity_x`, `tip_velocity_y` | tip velocity | w_0 L | m/s |
     | 12, 13 | `to_target_x`, `to_target_y` | vector from tip to target | 0.5 L | m |
 
-    - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k, I_k is the inertia about joint k of the
-      straight arm from joint k to the tip. For the default arm w_0 = 1.595 and w_1 = 2.371 rad/s.
+    - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k. I_k is the inertia, about joint k, of the part
+      of the straight arm beyond joint k. For the default arm w_0 = 1.595 and w_1 = 2.371 rad/s.
     - The vectors in entries 10 to 13 have components in the frame that turns with the hub.
     - The elbow angle is the angle of link 2's root relative to link 1's tip.
     - The tip deflection of a link is the component of (tip - root) normal to the link's tangent at the root, divided by
@@ -62,11 +62,11 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     `target_velocity_y` (scale w_0 L), and the displacements of the target in the next 0.1 s, `target_ahead_1_x`,
     `target_ahead_1_y`, and 0.3 s, `target_ahead_2_x`, `target_ahead_2_y` (scale 0.5 L).
 
-    The following entries exist, too, but must be selected by name. `hub_error` and `elbow_error` are the joint angles
-    at which the rigid arm reaches the target minus the present joint angles (scale 1 rad). `target_x` and `target_y`
-    are the target in inertial axes (scale L). `previous_action` and `previous_action_1` are the previous actions of hub
-    and elbow. Sensors have the entries `strain_gauge_1`, `tip_acceleration_x`, `tip_acceleration_y`, `camera_x` and
-    `camera_y`. See [Entries of the observation](options.md#observation).
+    The observation contains the following entries only if you select them by name. `hub_error` and `elbow_error` are
+    goal angles minus present joint angles (scale 1 rad); at the goal angles the rigid arm's tip is at the target.
+    `target_x` and `target_y` are the target in inertial axes (scale L). `previous_action` and `previous_action_1` are
+    the previous actions of hub and elbow. Sensors have the entries `strain_gauge_1`, `tip_acceleration_x`,
+    `tip_acceleration_y`, `camera_x` and `camera_y`. See [Entries of the observation](options.md#observation).
 
     ## Rewards
 
@@ -90,9 +90,9 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     The arm is at rest with straight links. In half of the episodes both joint angles are 0; in the other half they are
     random between -0.5 and 0.5 rad. The target is at a random distance of 0.3 L to 0.95 L from the root, in a random
-    direction within +-120 degrees of the x axis. All distributions are uniform, within the joint limits. A target is
-    drawn again if the arm cannot reach it within the joint limits or if the motors cannot hold the arm there against
-    gravity. If there is no possible target, `make` raises an error. [Starts and resets](options.md#starts-and-resets)
+    direction within +-120 degrees of the x axis. All distributions are uniform, within the joint limits. Targets that
+    the arm cannot reach within the joint limits, or where the motors cannot hold the arm against gravity, are drawn
+    again. If there is no possible target, `make` raises an error. [Starts and resets](options.md#starts-and-resets)
     describes how to set other initial states.
 
     ## Episode end

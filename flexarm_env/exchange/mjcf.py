@@ -37,10 +37,10 @@ def comment_of(line: str) -> str:
 
 
 def diagonal(inertia: Array, floor: float = LEAST) -> tuple[Array, Array]:
-    """Return principal moments (3,), none below `floor`, and the quaternion (4,) of their axes.
+    """Return principal moments of inertia (3,), each at least `floor`, and the quaternion (4,) of the principal axes.
 
-    Moments below `floor`, such as that of a line about itself, are raised to `floor`. The smallest moment is raised
-    until the largest moment is at most the sum of the two others, as MuJoCo requires.
+    Moments below `floor`, such as the moment of a thin rod about its axis, are raised to `floor`. The smallest moment
+    is raised until the largest moment is at most the sum of the two others, as MuJoCo requires.
 
     inertia (3, 3): inertia tensor, kg m^2. floor: smallest moment of inertia, kg m^2.
     """
@@ -62,10 +62,10 @@ def diagonal(inertia: Array, floor: float = LEAST) -> tuple[Array, Array]:
 def choose_integrator(chain: Chain) -> tuple[str, float]:
     """Choose MuJoCo's integrator and its time step h, s, for a chain.
 
-    "RK4" is explicit and of fourth order. It requires h omega <= 1 and 2 zeta h omega <= 1 for the highest frequency
-    omega, rad/s, and its damping ratio zeta. If these conditions allow a step of at least `LEAST_STEP`, the function
-    returns "RK4" and a step of at most 2 ms. Otherwise it returns "discrete", an implicit integrator of first order in
-    MuJoCo 4, and a step of 0.5 ms.
+    "RK4" is explicit and of fourth order. The integrator "RK4" requires h omega <= 1 and 2 zeta h omega <= 1 for the
+    highest frequency omega, rad/s, with its damping ratio zeta. If these conditions allow a step of at least
+    `LEAST_STEP`, the function returns "RK4" and a step of at most 2 ms. Otherwise the function returns
+    "discrete", an implicit integrator of first order in MuJoCo 4, and a step of 0.5 ms.
     """
     frequencies, ratios = chain_modes(chain, clamped=False)
     omega = 2.0 * np.pi * frequencies
@@ -93,8 +93,8 @@ def mjcf(
 
     Args:
         chain: the chain. gravity: acceleration of gravity, m/s^2. timestep: time step, s. integrator: MuJoCo's name of
-            the integrator. If timestep or integrator is None, `choose_integrator` selects it. comments: lines of text
-            at the top of the file.
+            the integrator. If timestep or integrator is None, `choose_integrator` selects this value. comments: lines
+            of text at the top of the file.
     """
     chosen, step = choose_integrator(chain)
     if timestep is not None:

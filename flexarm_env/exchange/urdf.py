@@ -26,8 +26,8 @@ def urdf(chain: Chain, comments: Iterable[str] = ()) -> str:
     friction.
 
     Raises:
-        ValueError: the chain has springs or elastic gears, which URDF lacks; `chain_of` with segments=0 adds no
-            springs.
+        ValueError: the chain has springs or elastic gears, which URDF cannot describe. (`chain_of` with segments=0
+            returns a chain without springs.)
     """
     for hinge in chain.hinges:
         if hinge.stiffness:

@@ -1,9 +1,9 @@
 """Test a log for wrong gains, delayed readings and a clock with a wrong rate.
 
-Each test adds one parameter e, such as the relative error of a gain, to a finished fit. To first order the best value
-of e is the last component of -(K'K)^-1 K' r. Here r is the vector of residuals, and K = [J, g] contains the derivatives
-of r by the fitted parameters (J) and by e (g). A column is suspect if e exceeds `CERTAIN` half widths of its 95 %
-confidence interval and also exceeds `Deviation.least`.
+Each test adds one parameter e, such as the relative error of a gain, to a finished fit. To first order the
+least-squares estimate of e is the last component of -(K'K)^-1 K' r. Here r is the vector of residuals, and K = [J, g]
+contains the derivatives of r by the fitted parameters (J) and by e (g). A column is suspect if e exceeds `CERTAIN` half
+widths of its 95 % confidence interval and also exceeds `Deviation.least`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ CLOCK_STEP = 1e-4
 
 @dataclass(frozen=True)
 class Deviation:
-    """Estimated error in the description of a column in the config.
+    """Estimated error in the config's description of a column of the log.
 
     Attributes:
         value: the estimated deviation, as a relative error or in s. half: half width of its 95 % confidence interval.
@@ -59,7 +59,7 @@ each run's residuals (kept, outputs)."""
 
 
 def deviations(problem: Problem, z: Array) -> list[Deviation]:
-    """Estimate the errors of each output's gain, of its delay, and of the clock; return the most significant first.
+    """Estimate errors of the clock and of each output's gain and delay; return the most significant error first.
 
     Gains and delays that the fit itself determines are omitted. z (p,): fitted parameters, scaled as in `Problem`.
     """

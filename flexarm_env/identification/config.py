@@ -40,8 +40,8 @@ class Channel:
         name: name of the input ("joint0", "motor0", "torque0", "current0", "voltage0") or of the reading
             ("strain_gauge_1", "hub_angle", ...; see `Trajectory.measured`).
         column: name of the column in the log file. factor: SI value per unit of the column. offset: value of the column
-            at which the SI value is 0. If None (outputs only), a constant is fitted for each run. shift: delay of the
-            column, s, positive or negative: a row at time t contains the value of the instant t - shift.
+            at which the SI value is 0. None (outputs only): the fit determines one offset for each run. shift: delay of
+            the column, s, positive or negative; a row at time t contains the value measured at t - shift.
         low_pass: cut-off frequency, Hz, of a zero-phase second-order Butterworth filter; None for no filter.
     """
 
@@ -79,7 +79,8 @@ class Parameter:
             arm's value.
         prior: mean and standard deviation of the value from prior knowledge, or None. size: typical change of the
             value, by which the fit scales the parameter; None for the magnitude of the initial value. nuisance: True if
-            the fitted value holds only for the fitted logs; predictions of held-out logs then use the initial value.
+            the fitted value applies only to the fitted logs. In predictions of held-out logs a nuisance parameter has
+            its initial value.
     """
 
     path: str
@@ -96,8 +97,8 @@ class Parameter:
 class Config:
     """Contents of the configuration file of a fit.
 
-    time: name of the column with the time. start: initial state of a run, as in a `Scene`. skip: duration, s, at the
-        start of each run in which readings are not compared with predictions.
+    time: name of the column with the time. start: initial state of a run, as in a `Scene`. skip: duration, s, of an
+        initial part of each run; the fit ignores the readings in this part.
     """
 
     time: Channel

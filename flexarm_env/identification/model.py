@@ -44,14 +44,14 @@ class Experiment:
     """An arm with sensors, the loads of the experiment, and the parameters to be fitted.
 
     The loads act in addition to the inputs in the log. A joint whose angle is not prescribed starts at the first
-    reading of its encoder. If the offset of the encoder is known (offset = 0.0), the initial angle is also a parameter
-    of the fit, one for each fitted log, because the first reading has a measurement error. logs: names of these logs.
+    reading of its encoder. If the encoder's offset is known (offset = 0.0), the fit also determines the initial angle
+    in each fitted log, because the first reading has a measurement error. logs: names of the fitted logs.
 
     Attributes:
-        parameters (p,): the requested parameters, then the initial angles. start (p,): their initial values.
+        parameters (p,): the requested parameters, then the initial angles. start (p,): initial parameters.
         runs: number of simulations. refinements: number of times that the config's time step was halved ("step") and
-            that its mesh was refined ("mesh"). by_differences: for each parameter whose derivative is a finite
-            difference between simulations, the reason.
+            that its mesh was refined ("mesh"). by_differences: by parameter, the reason why its derivative is a finite
+            difference between simulations.
     """
 
     def __init__(self, arm: Arm, config: Config, parameters: Sequence[Parameter], logs: Sequence[str] = ()) -> None:
@@ -149,7 +149,7 @@ class Experiment:
         return np.where([p.nuisance for p in self.parameters], self.start, values)
 
     def predict(self, values: Array, run: Run) -> dict[str, Array]:
-        """Predict the readings (n,) of each output at the run's instants; if the simulation fails, all are `LOST`."""
+        """Predict the readings (n,) of each output at the run's instants; all are `LOST` if the simulation fails."""
         return self._read(self._played(values, run), values, run)
 
     def _read(self, played: Played | None, values: Array, run: Run) -> dict[str, Array]:
@@ -160,7 +160,7 @@ class Experiment:
         return self._readings(played.trajectory, self.table(values), run)
 
     def slopes(self, values: Array, run: Run, sizes: Array, careful: bool = False) -> dict[str, Array]:
-        """Return the derivatives (n, p) of each output of `predict` by the parameters divided by their `sizes` (p,).
+        """Return the derivatives (n, p) of each output of `predict` by the scaled parameters: values / `sizes` (p,).
 
         The derivatives are exact (`derivatives.runs`) where possible, and otherwise finite differences between
         simulations. careful: True for differences of fourth order. If the simulation fails, the derivatives are 0.

@@ -53,9 +53,9 @@ SENTENCES = {
 
 
 def fill(file: str, name: str, known: Mapping[str, Any]) -> str:
-    """Return the text of a template file with each mark @WORD@ replaced by `known[WORD]`.
+    """Return the text of a template file with each placeholder @WORD@ replaced by `known[WORD]`.
 
-    name: name of the library, which replaces the word NAME and, in capitals, the word UPPER.
+    name: name of the library. It replaces the word NAME and, in capital letters, the word UPPER.
     """
     # marks first, then NAME and UPPER, which the inserted texts contain too
     text = (resources.files("flexarm_env") / "data" / "library" / file).read_text()
@@ -66,9 +66,9 @@ def fill(file: str, name: str, known: Mapping[str, Any]) -> str:
 class Parameter(NamedTuple):
     """Parameter of the arm that the compiled programs read at run time.
 
-    start: value of the parameter in the environment. least, most: permitted range of values. law: index in the array of
-    joint parameters, or None for a parameter that the environment can randomize at reset. at: if `law` is None, index
-    of the parameter in the memory block of the arm.
+    start: value of the parameter in the environment. least, most: permitted range of values. law: index of a joint's
+    parameter in the array of joint parameters; None for all other parameters, which the environment can randomize at
+    reset. at: if `law` is None, index of the parameter in the memory block of the arm.
     """
 
     name: str
@@ -85,10 +85,10 @@ class Source:
     """Generator of the C files of a library.
 
     Args:
-        env: environment. name: prefix of all C names. worlds: initial memory contents of the program for steps and of
-            the program for derivatives, if it exists. periods: object that computes derivatives (`Periods`), or None.
-            absent: reason why derivatives are missing. symbols: C names of the programs. cpu: name of the processor
-            for the comment in the header.
+        env: environment. name: prefix of all C names. worlds: initial memory contents of the compiled program that
+            steps the arm, and of the program for derivatives, if any. periods: object that computes derivatives
+            (`Periods`), or None. absent: reason why derivatives are missing. symbols: C names of the programs. cpu:
+            name of the processor for the comment in the header.
     """
 
     def __init__(
@@ -173,7 +173,7 @@ class Source:
 
     @property
     def farthest(self) -> tuple[float, float, float]:
-        """Largest joint angle (rad), target coordinate (m or rad) and initial vibration that a reset permits."""
+        """Largest joint angle (rad), target coordinate (m or rad) and `initial_vibration` that a reset accepts."""
         plan = self.plan
         angle = min(plan.farthest, 1e6)
         return angle, plan.arm.total_length if self.point else angle, 0.0 if plan.starts.shake is None else 0.5
@@ -370,7 +370,7 @@ def _members(layout: Layout, sizes: dict[str, int], inner: dict[str, Layout]) ->
 
 
 def flat(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of an entry of `info` without the first axis if its length is 1."""
+    """Return the shape of an entry of `info`; a first axis of length 1 is omitted."""
     return shape[1:] if len(shape) == 2 and shape[0] == 1 else shape
 
 

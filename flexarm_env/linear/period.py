@@ -1,8 +1,8 @@
-"""Derivative of the state after a period by the state before it and the inputs: tangents of the solver's steps.
+"""Derivatives of the state after a period by the initial state and the inputs: tangents of the solver's steps.
 
-Each array carries its tangents in additional SIMD lanes ("dual lanes"). The steps are differentiated exactly as they
-are computed, constraint forces and the correction at the end of a period included. For rotations in space an error of
-second order in a step's rotation remains, because the tangents neglect part of the effect of the Newton iterates.
+Each array carries its tangents in additional SIMD lanes ("dual lanes"). The tangents include constraint forces and the
+correction at the end of a period. The tangents are exact except for rotations in space. For rotations in space the
+tangents neglect part of the effect of the Newton iterates, which causes an error of second order in a step's rotation.
 """
 
 from typing import Any
@@ -52,10 +52,10 @@ def period_tangents(
 ) -> tuple[Array, Array]:
     """Return the tangents of the coordinates q and rates v at the end of a period dt, s: two arrays (rows, columns).
 
-    Each column is the derivative by one variable; the last len(inputs) variables are entries of the input vector u,
-    with the indices `inputs`. starts: tangents of q, v and the accelerations at the start of the period, (rows,
-    columns) each. rows: the coordinates with tangents. flat, w: the work array and its views, which the function
-    advances to the end of the period.
+    Each column is the derivative by one variable. The last variables are the entries u[inputs] of the input vector u.
+    starts: tangents of q, v and the accelerations at the start of the period, (rows, columns) each. rows: the
+    coordinates with tangents. flat, w: the work array and its views, which the function advances to the end of the
+    period.
     """
     steps, h = steps_of(simulation, dt)
     n, links = starts[0].shape[1], simulation.scene.arm.n_links

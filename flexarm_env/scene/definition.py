@@ -43,26 +43,27 @@ class Scene:
         duration: duration of the simulation, s. dt: default time step, s. sample: default sampling interval, s (None:
             ``dt``).
         root: "pinned": the root's position is fixed or prescribed, and the hub's angle is free unless prescribed.
-            "free": the arm, with its base if it has one, is a free body.
+            "free": the arm, including a floating base, moves freely.
         position: position of the root at t = 0, m: (x, y), in space (x, y, z).
         angles: absolute angles of the links at t = 0, N numbers (rad), or () if all links point along +x. The angle of
             a curved link is the angle of its tangent at the root. If the links turn out of the plane (`Arm.spatial`),
             `angles` are joint angles.
         velocity: velocity of the root before t = 0, m/s: (x, y), in space (x, y, z). rates: absolute angular rates of
             the links before t = 0, N numbers (rad/s), or () for rest; in space joint rates. Before t = 0 each link
-            moves as a rigid body. If a motion begins with another rate, the rate jumps at t = 0.
-        start: "unloaded": the arm starts without stress. "held": it starts at rest under gravity and the loads at
-            t = 0; its joints (with elastic gears, its motors) are held at `angles` and are released at t = 0 unless a
-            motion prescribes them. "equilibrium": it starts at rest under gravity and the loads at t = 0, with free
-            joints.
-        rigid_joints: joints k >= 1 at which link k is fixed to link k-1 at its initial angle.
+            moves as a rigid body. If a prescribed motion begins with a different rate, the joint's rate jumps at t = 0.
+        start: "unloaded": the arm starts without stress. "held": the arm starts at rest under gravity and the loads at
+            t = 0, with its joints (with elastic gears, its motors) held at `angles`. At t = 0 the joints without
+            prescribed motions are released. "equilibrium": the arm starts at rest under gravity and the loads at t = 0,
+            with free joints.
+        rigid_joints: indices k >= 1 of joints that cannot turn; link k keeps its initial angle to link k-1.
         motions: prescribed coordinates; each must start at the value given by ``position`` and ``angles``.
         loads: joint torques and point loads.
         contacts: obstacles that points of the arm can touch, with the force laws (`Contact`).
         gravity: gravitational acceleration (gx, gy), in space (gx, gy, gz), m/s^2, or None.
         space: True to compute the scene in space even if it could be computed in the plane. A scene is always in space
-            if its arm, gravity, position, velocity, a force, a moment or a motion of the root leaves the x-y plane. If
-            such a scene stays in another plane, `simulate` computes it in that plane (`scene.plane.in_plane`).
+            if its arm, its gravity, its initial position or velocity, a load, or a motion of the root has a component
+            out of the x-y plane. If such a scene stays in another plane, `simulate` computes it in that plane
+            (`scene.plane.in_plane`).
         solver: default formulation and solver options of the scene, as pairs (name, value) or a dict.
         description, source, note: texts on content, origin and assumptions.
     """
@@ -295,10 +296,10 @@ class Scene:
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Instants, s, within the duration at which a time step must end, in order ("kinks").
+        """Increasing instants, s, within the duration at which a time step must end ("kinks").
 
-        They are the jumps of the rate or acceleration of a motion or of an obstacle's displacement, and the jumps of a
-        load's value or slope.
+        Kinks are instants at which the rate or acceleration of a motion or of an obstacle's displacement jumps, or the
+        value or slope of a load.
         """
         # motions count with two derivatives (acceleration), loads with one
         times = {t for motion in self.motions for t in motion.function.kinks}
@@ -307,10 +308,11 @@ class Scene:
         return tuple(sorted(t for t in times if 0.0 < t < self.duration * (1.0 - 1e-12)))
 
     def settings(self, formulation: str | None = None, **options: Any) -> Settings:
-        """Return solver settings for this scene; ``options`` override the scene's ``solver``, which overrides defaults.
+        """Return solver settings for this scene: ``options``, then the scene's ``solver``, then defaults.
 
-        The options in ``solver`` apply only if the formulation is the scene's own (default "floating_frame", in space
-        "geometrically_exact"). The default mesh is finer for arms whose sections jump or kink (`scene.mesh`).
+        If `formulation` differs from the scene's formulation (default "floating_frame", in space
+        "geometrically_exact"), the settings in ``solver`` are ignored. The default mesh is finer for arms whose
+        sections jump or kink (`scene.mesh`).
         """
         own = dict(self.solver)
         preferred = own.pop("formulation", self.axes.formulation)
@@ -378,8 +380,8 @@ def standing_scene(
 
     Args:
         dt: solver step, s. gravity: acceleration of gravity, m/s^2, or None. angles: initial angles of the links, rad
-            (in space joint angles). pushed: True to add a zero force at the tip, which a caller can change during the
-            simulation. contacts: obstacles that the arm can touch.
+            (in space joint angles). pushed: True to add a force at the tip, initially zero, which a caller can change
+            during the simulation. contacts: obstacles that the arm can touch.
     """
     root = "pinned" if arm.base is None else "free"
     loads = (PointLoad(arm.n_links - 1, "tip", force_x=constant(0.0)),) if pushed else ()

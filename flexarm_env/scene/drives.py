@@ -21,8 +21,9 @@ class Motion:
 
     Args:
         coordinate: "joint0" is the absolute angle of link 0's root; "joint1", ... is the angle from the tip of link k-1
-            to the root of link k; "motor0", ... is the angle of a motor with an elastic gear, divided by the gear ratio
-            and measured as the joint's angle; "root_x", "root_y" and, in space, "root_z" are the root's position, m.
+            to the root of link k; "motor0", ... is the angle of a motor with an elastic gear, divided by the gear
+            ratio, with the zero of the joint's angle; "root_x", "root_y" and, in space, "root_z" are the root's
+            position, m.
         function: value (rad or m) as a function of time; it must be continuous.
     """
 
@@ -39,7 +40,7 @@ class Motion:
 
     @property
     def joint(self) -> int | None:
-        """Index of the joint whose angle or motor is prescribed; None for the root's position."""
+        """Index of the joint whose joint or motor angle is prescribed; None if the root's position is prescribed."""
         return None if self.coordinate.startswith("root") else int(self.coordinate[5:])
 
     @property
@@ -50,7 +51,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class JointTorque:
-    """Torque, N m, of joint k, which acts on the root of link k and, reversed, on the tip of link k-1 or the ground."""
+    """Torque, N m, of joint k on the root of link k; the opposite torque acts on the tip of link k-1 or the ground."""
 
     joint: int
     function: TimeFunction

@@ -56,8 +56,8 @@ def pages(found: Sequence[Results], stem: str = "suite", figure: str = "") -> di
             (`flexarm_env.plotting.scores`), relative to the pages; "": no figure.
     Returns:
         The texts of the pages by file name. STEM.md is the overview, and STEM-tasks.md contains the details.
-        STEM-earlier.md has the results on previous versions of tasks, and STEM-missing.md lists methods that could not
-        be evaluated; these two exist only if they have content.
+        STEM-earlier.md (results on previous versions of tasks) and STEM-missing.md (methods that could not be
+        evaluated) are omitted if they are empty.
     """
     every = [task for task in tasks(earlier=True) if any(task.id in one.tasks for one in found)]
     known = [task for task in every if task in tasks()]
@@ -117,7 +117,7 @@ def _learnt(judged: Sequence[tuple[Task, dict[str, Any]]]) -> Iterator[int]:
 
 
 def less_pd(task: Task, numbers: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Return the values (n,) of n episodes minus the values of PD control in the same episodes."""
+    """Return the values J (n,) of n episodes minus the values of PD control in the same episodes."""
     gain: NDArray[np.float64] = values(task, numbers) - np.array(numbers["pd"], float)
     return gain
 
@@ -138,7 +138,7 @@ def _second(task: Task, line: Line, learnt: set[int]) -> tuple[str, str, str]:
 
 
 def gap(task: Task, line: Line, first: Line) -> tuple[float, float, int] | None:
-    """Return the score of the method `first` minus the score of `line`, from paired differences per episode.
+    """Return the score of the method `first` minus the score of `line`, computed from differences per episode.
 
     Returns the mean difference, the half width of its 95 % interval, and the number of common episodes; None if the
     task has no reference values.
@@ -154,9 +154,9 @@ def gap(task: Task, line: Line, first: Line) -> tuple[float, float, int] | None:
 
 
 def widest(task: Task, lines: Sequence[Line]) -> float:
-    """Return the largest half width of the 95 % intervals of score differences between two policies (`gap`).
+    """Return the largest half width of the 95 % intervals of `gap` among all pairs of policies.
 
-    All pairs of policies are compared, except policies that were trained with less than the task's budget.
+    Policies that were trained with less than the task's budget are excluded.
     """
     own = [line for line in lines if line.policy and not line.short(task)]
     gaps = [gap(task, line, other) for k, line in enumerate(own) for other in own[:k]]

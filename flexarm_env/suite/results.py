@@ -47,7 +47,7 @@ class Results:
             of PD control in the same episodes. "second" has the results of the second 100 episodes
             (`flexarm_env.suite.second`) with their "first_seed" and "pd", or is null. "further" has the values of
             episodes beyond the first 100, or is null. "versions" and "date" record programs and date.
-        refused: by task id, the reason why the method could not be evaluated.
+        refused: reasons why the method could not be evaluated, by task id.
     """
 
     name: str
@@ -73,7 +73,7 @@ class Results:
         """Return the number of episodes of a task for which this file has results of a policy.
 
     The number is 0 if the stored results belong to another policy, another version of the task, or other episodes. The
-    number is 0 for Python functions, too, because the name of a function does not determine its behavior.
+    number is also 0 for policies that are Python functions: a function's name does not determine its behavior.
         """
         entry = self.tasks.get(task.id)
         if entry is None or chosen.kind == "function" or entry["policy"]["fingerprint"] != chosen.fingerprint:
@@ -82,7 +82,7 @@ class Results:
         return length(entry) if (entry["digest"], entry["first_seed"], entry["episodes"]) == asked else 0
 
     def other_than(self, word: str, chosen: Chosen) -> str:
-        """Return the name of the policy with stored results if it is another policy than `word` names; "" otherwise."""
+        """Return the name of the policy with stored results if it differs from the policy `word`, otherwise ""."""
         for task, entry in self.tasks.items():
             source = entry["policy"].get("source", "")
             if os.path.normpath(source) != os.path.normpath(word.replace(PLACE, task)) and (
@@ -105,15 +105,15 @@ def judged(
 ) -> tuple[Results, list[str], dict[str, str]]:
     """Evaluate a policy on tasks and update its results file after each task.
 
-    Stored results of the same policy are kept unless `again` is True. Results on all 100 episodes of the protocol are
-    never replaced by results on fewer episodes; the latter are returned but not written.
+    Stored results of the same policy are kept unless `again` is True. Results on fewer than the protocol's 100 episodes
+    are returned, but do not replace stored results on all 100 episodes.
 
     Args:
         word: name of the policy. wanted: the tasks. folder: folder of the results file. choose: function that finds
-            the policy, see `suite.policies.choose`. name, run: name and run of the results. None: the policy's own name
-            and run; the results file may then contain no other policy. episodes: number of episodes, counted from the
-            protocol's first episode, at least the stored number. Beyond the first 100 episodes only the values are
-            stored.
+            the policy, see `suite.policies.choose`. name, run: name and run of the results. None means the policy's own
+            name and run, and a results file of another policy is then rejected. episodes: number of episodes, counted
+            from the protocol's first episode, at least the stored number. Beyond the first 100 episodes only the values
+            are stored.
     Returns:
         The results on these tasks; messages about the tasks that failed; and, by task id, a note about each task whose
         stored results were kept.
@@ -235,20 +235,20 @@ def values(task: Task, entry: Mapping[str, Any]) -> NDArray[np.float64]:
 
 
 def length(entry: Mapping[str, Any]) -> int:
-    """Return the number of consecutive episodes of an entry, counted from the protocol's first seed."""
+    """Return the number of episodes of an entry with consecutive seeds from the protocol's first seed on."""
     return int(entry["episodes"]) + len(entry.get("further") or ())
 
 
 def all_values(task: Task, entry: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Return the values of all episodes of an entry, those beyond the first 100 included."""
+    """Return the values J of all episodes of an entry, including the episodes beyond the first 100."""
     return np.concatenate([values(task, entry), np.array(entry.get("further") or (), float)])
 
 
 def settling(task: Task, entry: Mapping[str, Any]) -> float | None:
-    """Return the mean time, s, after which the success bounds stay met (`episodes.measures.success_period`).
+    """Return the mean time, s, after which an episode stays within the success bounds until its end.
 
-    The success bounds are met from this time to the end of the episode. A failed episode counts with its full duration.
-    The result is None if the entry does not contain this time.
+    The time is computed by `episodes.measures.success_period`. For a failed episode the time is the full duration. The
+    result is None if the entry does not contain this time.
     """
     if "settled" not in entry:
         return None
@@ -263,7 +263,7 @@ def of_the_protocol(task: Task, entry: Mapping[str, Any]) -> bool:
 
 
 def of_task(task: Task, found: Iterable[Results]) -> Iterator[tuple[Results, dict[str, Any]]]:
-    """Yield those of the results `found` that contain the task on the protocol's episodes, each with its entry."""
+    """Yield the results in `found` that contain the task on the protocol's episodes, each with the task's entry."""
     for one in found:
         entry = one.tasks.get(task.id)
         if entry is not None and of_the_protocol(task, entry):
@@ -391,7 +391,7 @@ def versions() -> dict[str, str]:
 
 
 def chosen_tasks(words: str | None) -> tuple[Task, ...]:
-    """Return the tasks whose ids are given, separated by commas, each once; None means all tasks."""
+    """Return the tasks with the given ids (separated by commas), without duplicates; None means all tasks."""
     if words is None:
         return tasks()
     return tuple({one.id: one for one in map(data.task, listed("--task", words))}.values())

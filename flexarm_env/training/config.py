@@ -1,9 +1,9 @@
 """Hyper-parameters from files in RL Zoo's format: one entry per environment id.
 
 A file may contain two further tables, whose keys are environment ids too. `env_kwargs` contains keyword arguments of
-the environment for which the hyper-parameters were chosen. RL Zoo ignores this table; its users pass the same keywords
-by `--env-kwargs`. `around` names a classical controller whose torques are added to the network's
-(`control.around.Inside`), and the share of the torque limits that the network commands.
+the environment for which the hyper-parameters were chosen. RL Zoo ignores `env_kwargs`; users of RL Zoo pass the same
+keywords by `--env-kwargs`. `around` names a classical controller (`control.around.Inside`), whose torques are added to
+the network's torques, and the largest torque of the network as a fraction of the torque limits.
 """
 
 from __future__ import annotations
@@ -52,13 +52,13 @@ OURS = ("env", "seed", "tensorboard_log", "verbose", "device", "policy_kwargs", 
 
 @dataclass(frozen=True)
 class Config:
-    """Hyper-parameters of a run: `text` has the file's values, `arguments` the algorithm's keyword arguments.
+    """Hyper-parameters of a run: values of the file (`text`) and keyword arguments of the algorithm (`arguments`).
 
     Args:
         algorithm: name of the algorithm, a key of CLASSES. text: values of the file by key. env_kwargs: keyword
             arguments of the environment.
-        around: controller whose torques are added to the network's (keys controller, share and gains); {}: no
-            controller.
+        around: controller whose torques are added to the network's torques, with the keys controller, share and gains;
+            {} for no controller.
     """
 
     algorithm: str
@@ -67,7 +67,7 @@ class Config:
     around: Mapping[str, Any] = field(default_factory=dict)
 
     def lasting(self, n_timesteps: int | None) -> Config:
-        """Return the config with another number of environment steps; None leaves the number unchanged."""
+        """Return the config with a new number of environment steps; None leaves the number unchanged."""
         return self if n_timesteps is None else replace(self, text={**self.text, "n_timesteps": n_timesteps})
 
     def changed(self, settings: Sequence[str], env_id: str) -> Config:
@@ -141,8 +141,9 @@ def default_path(algorithm: str, env_id: str = "") -> Path:
 def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str] | None = None) -> Config:
     """Read the hyper-parameters of an environment from a file. A ValueError names the file, the key and the rule.
 
-    path: your own file, or a file of the package, named by its path in a checkout (configs/ppo/robust.yml) or, if it
-    belongs to this algorithm, by its stem (robust). None means `default_path`.
+    path: your own file, or a file of the package. A file of the package is named by its path in a checkout
+    (configs/ppo/robust.yml). A file for this algorithm may also be named by its stem (robust). None means
+    `default_path`.
     allowed: accepted keys of the entry; None means the arguments of the algorithm's class in Stable-Baselines3.
     """
     yaml = _yaml()
@@ -214,7 +215,7 @@ def checked(config: Config, path: str, env_id: str, allowed: Collection[str]) ->
 
 @contextmanager
 def fitting(algorithm: str) -> Iterator[None]:
-    """In a `with` block that constructs an algorithm, convert errors into a ValueError about the hyper-parameters."""
+    """Convert errors in a `with` block, which constructs an algorithm, into a ValueError about hyper-parameters."""
     try:
         yield
     except (AssertionError, TypeError, RuntimeError) as error:

@@ -3,7 +3,7 @@
     python -m flexarm_env.training.films --policy runs/ppo-FlexibleArm-v0-0,pd --out runs/beside.gif
     python -m flexarm_env.training.films --env TwoLinkFlexArm-v0 --policy pd,lqr --seed 10004 --out two.mp4 --size 480
 
---policy takes the same names as in `flexarm evaluate`. All policies act in the episode of the same seed. --labels takes
+--policy takes the same names as in `flexarm evaluate`. All policies act in episodes with the same seed. --labels takes
 labels to print above the pictures, separated by commas.
 """
 

@@ -132,8 +132,8 @@ class Training:
         """Validate and return the arguments of a new run, or of a run to be resumed.
 
         A resumed run keeps its original arguments except the arguments named in `kept`. Raises ValueError in four
-        cases: a new run exists already; the run has finished and --n-timesteps does not extend it; the run belongs to
-        another algorithm; or the seed is reserved for evaluation.
+        cases: the folder of a new run already contains a run; a finished run is resumed without a larger --n-timesteps;
+        the run belongs to another algorithm; or the seed is reserved for evaluation.
         """
         own = self._resumed(kept, algorithm) if self.resume else self
         if not isinstance(own.seed, int) or not 0 <= own.seed <= MOST_SEED:
@@ -228,10 +228,10 @@ def checkpoints(folder: Path) -> list[Path]:
 
 @contextlib.contextmanager
 def new_checkpoint(folder: Path, steps: int, best: Iterable[str]) -> Iterator[Path]:
-    """Yield an empty folder for a `with` block; at its end the folder atomically becomes a checkpoint.
+    """Yield an empty folder for a `with` block; at the block's end the folder atomically becomes a checkpoint.
 
-    The last two checkpoints are kept. steps: environment steps so far. best: names of the run folder's files with the
-    best model so far; the checkpoint contains copies of them, so that model and learning curve are restored together.
+    The last two checkpoints are kept. steps: environment steps so far. best: names of the files of the best model so
+    far. The checkpoint contains copies of these files, so that model and learning curve are restored together.
     """
     home = folder / "checkpoints"
     part, final = home / f".part-{os.getpid()}", home / f"{steps:012d}"

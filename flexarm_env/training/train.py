@@ -133,10 +133,10 @@ def train(arguments: Arguments) -> Any:
 
 
 def controller_inside(config: configs.Config, arguments: Arguments, env: Any) -> Inside | None:
-    """Create the controller whose torque is added to the network's, as the flags or else the config name it.
+    """Create the controller whose torque is added to the network's torque; flags override the config.
 
-    Returns None if neither names a controller. env: an environment of the training. Raises ValueError for an invalid
-    or an unsupported controller.
+    Returns None if neither flags nor config name a controller. env: an environment of the training. Raises ValueError
+    for an invalid or an unsupported controller.
     """
     table, share = config.around, arguments.share
     if arguments.around and not (arguments.resume and table):
@@ -162,8 +162,8 @@ def controller_inside(config: configs.Config, arguments: Arguments, env: Any) ->
 def fitted(config: configs.Config, arguments: Arguments) -> tuple[configs.Config, dict[str, Any]]:
     """Choose discount factor, episode duration and control period for the user's own arm (`rigid.timescales`).
 
-    Values that the user gave by flags or in a config file are kept. The function prints the chosen values. Returns
-    the config, and the chosen environment keywords.
+    Values from flags or from a config file take precedence. The function prints the chosen values. Returns the config,
+    and the chosen environment keywords.
     """
     given, text = arguments.env_kwargs, dict(config.text)
     named = given.get("arm")

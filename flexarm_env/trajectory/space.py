@@ -37,9 +37,10 @@ class SpatialTrajectory(Trajectory):
         twist (n, N): rotation of each link's tip about the x axis of the link's root, relative to the root, rad.
         link_rotations (n, N, 2, 4): quaternions (w, x, y, z) of the axes at each link's root and tip.
         shapes (n, points, 3): points along the arm's center line from root to tip, m.
-        unresolved_damping (n,): work of the damping forces since the start minus `dissipated`, J. The difference arises
-            because strain rates at the ends of steps and within steps differ by a term of second order in the step.
-            `balance` includes it; it matters in stiff links with damping.
+        unresolved_damping (n,): energy dissipated by the damping forces since the start minus `dissipated`, J. This
+            difference is due to strain rates within steps, which differ from the rates at the ends of steps by a term
+            of second order in the step. `balance` includes the difference, which is large only in stiff links with
+            damping.
         q, v (n, rows): the solver's coordinates (positions, rotation vectors and joint angles) and their time
             derivatives. For a rotation, v contains the angular velocity in the section's own axes, rad/s. If the motion
             was computed in a plane (`scene.plane.in_plane`), q and v are those of the planar run.
@@ -62,7 +63,7 @@ class SpatialTrajectory(Trajectory):
 
     @classmethod
     def read(cls, simulation: Any, fields: Mapping[str, Array], shapes: Array) -> dict[str, Any]:
-        """Return the attributes whose form differs in plane and space, from the arrays of `Simulation.record`."""
+        """Compute the attributes that differ between plane and space from the arrays of `Simulation.record`."""
         found = read(simulation.scene.arm, simulation.settings, fields["q"], fields["v"])
         return {"deflection_bound": math.inf, "unresolved_damping": fields["beyond"], **found}
 
@@ -79,7 +80,7 @@ class SpatialTrajectory(Trajectory):
     def columns(self) -> dict[str, Array]:
         """Return the columns that `to_csv` writes, as arrays (n,) by name.
 
-        They are time, energy, positions, the tip's quaternion, joint angles, deflections and twist.
+        The columns are time, energy, positions, the tip's quaternion, joint angles, deflections and twist.
         """
         table = {"t": self.t, "energy": self.energy}
         places = {"start": self.start, "tip": self.tip}

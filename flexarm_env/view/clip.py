@@ -20,8 +20,8 @@ class Pull:
     """Force or torque on a point of the arm over time.
 
     name: name in the legend. point: index of the point of the arm on which the force or torque acts. values: torques
-    (n,), N m, or forces (n, 2), in space (n, 3), N. limit: torque that is drawn at full size, N m; None for the largest
-    torque, which is also used if it exceeds the limit. axis (n, 3): axis of a torque in space.
+    (n,), N m, or forces (n, 2), in space (n, 3), N. limit: torque that is drawn at full size, N m. If limit is None or
+    too small, the largest torque is drawn at full size. axis (n, 3): axis of a torque in space.
     """
 
     name: str
@@ -53,11 +53,12 @@ class Clip:
         angles (n, N, 2): angles of the tangents at each link's root and tip, rad.
         rigid (n, N): angles of the links' roots in the rigid arm at the same joint angles, rad (`rigid_angles`).
         rest (P, 2): points of the stress-free links, m, in axes at each link's root with x along the tangent.
-            curvature (n, P): curvature at the points, 1/m. In both arrays a joint belongs to the link that ends there.
+            curvature (n, P): curvature at the points, 1/m. In `rest` and `curvature` a joint belongs to the link that
+            ends at this joint.
         surface: distance from the neutral axis to the surface, m, from which surface strains are computed; None if it
             is unknown or varies.
-        target (n, 2): position of the target, m, or None. polar: True if the target is an angle, so that a distance
-            from it has no meaning.
+        target (n, 2): position of the target, m, or None. polar: True if the target is an angle, so that the distance
+            from tip to target is undefined.
         pulls: forces and torques on the arm. charts: charts in the order of display.
         pinned: True if the root is pinned. payload: True if the tip carries a payload. walls: outlines of obstacles.
         base (n,): attitude of the floating base, rad, or None.
@@ -91,7 +92,7 @@ class Clip:
         return thin
 
     def own_entries(self) -> dict[str, Any]:
-        """Return the entries of the page's data that only planar clips have."""
+        """Return the entries of the player's data that exist only for planar clips."""
         return {
             **{name: packed("f4", getattr(self, name)) for name in ("angles", "rest")},
             "surface": self.surface,
@@ -147,8 +148,9 @@ def magnified(
 ) -> Array:
     """Return the points of the arm with its deflection multiplied by a factor.
 
-    The factor multiplies each link's deflection from the tangent at its root, and the angle by which its bending turns
-    the following links. The root, the joint angles, and coordinates along the tangents do not change.
+    The factor multiplies two quantities of each link: the deflection from the tangent at its root, and the bending
+    angle between root and tip, by which the following links turn. The root, the joint angles, and coordinates along the
+    tangents do not change.
 
     Args:
         points (P, 2): points of the arm from root to tip, m. cuts (N + 1,): indices of the points at root, joints and
