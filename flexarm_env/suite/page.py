@@ -65,7 +65,7 @@ def pages(found: Sequence[Results], stem: str = "suite", figure: str = "") -> di
     # significant differences between the two hundreds, over all entries of the pages
     learnt = set(_learnt([(task, entry) for task in every for line in rows[task.id] for entry in line.entries]))
     details = ["# Results on each task of the suite", ""]
-    details += [f"This page gives the results of every method on every task; [the overview]({stem}.md) has the findings.", ""]
+    details += [f"This page has all results by task; [the overview]({stem}.md) has the findings.", ""]
     details += ["## Scores", "", *_scores(known, rows), "", HOW]
     before = ["# Results on superseded tasks", ""]
     before += [f"This page has the results on superseded versions of tasks; {stem}-tasks.md explains the columns."]
@@ -179,7 +179,7 @@ def _record(task: Task, lines: Sequence[Line]) -> str:
     bar = kept.values + best.rounding(task.id)
     above = {line.method: max(int((values(task, e) > bar).sum()) for e in line.entries) for line in lines}
     beaten = ", ".join(f"{name} in {count} episodes" for name, count in above.items() if count)
-    more = f" Better than the stored actions: **{beaten}**; docs/tutorials/suite.md says how to submit it." if beaten else ""
+    more = f" Better than these actions: **{beaten}**; docs/tutorials/suite.md says how to submit it." if beaten else ""
     shown = f"`flexarm bench suite --best {task.id}` replays these actions"
     return f"The best stored actions ({kept.date}) reach J = {kept.values.mean():.1f} ({shown}).{more}"
 
