@@ -40,7 +40,7 @@ def checked(value: object, length: float) -> Curvature:
 
 
 def check_places(key: str, places: list[float], length: float) -> float:
-    """Check places along a link (m) and return its length.
+    """Validate places along a link (distances from the root, m) and return the link's length.
 
     Places must increase from 0 to the length; two equal places define a jump. The last place is set to the exact
     length. key: key path for error messages, with {} in place of the index.
@@ -61,10 +61,10 @@ def check_places(key: str, places: list[float], length: float) -> float:
 
 
 def between(places: Array, s: Array, before: bool) -> tuple[NDArray[np.int64], Array]:
-    """Return the interval between points in which each place s lies, and the relative position of s in it, 0 to 1.
+    """Return, for each place s, the interval between points that contains s, and the position of s in it, 0 to 1.
 
-    The interval is given by the index of its first point. At a jump it is the interval after the jump, or before the
-    jump if `before` is True.
+    The interval is given by the index of its first point. At a jump the function returns the interval after the jump;
+    if `before` is True, the interval before the jump.
     """
     i = np.clip(np.searchsorted(places, s, side="left" if before else "right") - 1, 0, len(places) - 2)
     return i, np.clip((s - places[i]) / (places[i + 1] - places[i]), 0.0, 1.0)
@@ -81,7 +81,7 @@ def jumps(curve: Curvature) -> tuple[float, ...]:
 
 
 def along(curve: Curvature, s: Any, before: bool = False) -> Array:
-    """Return the curvature (1/m) at places s (m); at a jump the value after the jump (`before`: the value before)."""
+    """Return the curvature (1/m) at places s (m); at a jump the value after it, or before it if `before` is True."""
     s = np.asarray(s, np.float64)
     if isinstance(curve, float):
         return np.full(s.shape, curve)
