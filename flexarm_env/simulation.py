@@ -317,7 +317,7 @@ class Simulation:
             self._restart(fresh=False)
 
     def observe(self) -> tuple[Array, Array]:
-        """Return link poses (n_links, 12), zeros for an arm in space, and energies (kinetic, strain, gravity), J."""
+        """Return link poses (n_links, 12), which are 0 in space, and energies (kinetic, strain, gravity), J."""
         self._observe(_NO_POINTS)
         return self._poses.reshape(-1, POSE.end).copy(), self._energies.copy()
 
@@ -325,7 +325,7 @@ class Simulation:
         observe_arm(SINGLE, self.model, self.par, self.work.q, self.work.v, self._poses, self._energies, points)
 
     def gained(self, start: float) -> bool:
-        """Return whether the energy exceeds ENERGY_LIMIT times (start + gross work + losses + gravity energy), J."""
+        """Return whether energy > ENERGY_LIMIT * (initial energy + gross work + losses + gravity energy), J."""
         lost = float(self.work.books[DISSIPATED])
         return bool(uncompiled(has_gained_energy)(*self.observe()[1].tolist(), start, self.gross, lost, ENERGY_LIMIT))
 

@@ -253,12 +253,13 @@ class PressController(WallController):
 
 
 class HybridForce(PressController):
-    """Hybrid force/position control: state feedback with integral errors about an arm that presses on the wall.
+    """Hybrid force/position control: state feedback and integral action about the equilibrium with the tip on the wall.
 
-    In each period the controller computes joint angles and torques of the arm at rest with its tip at the reference
-    position and with the reference force on the tip (`StaticChain`). The reference position moves from the tip's
-    initial position to the target; then the reference force rises. The position error along the wall and the force
-    error normal to the wall are integrated separately (Raibert & Craig 1981); both integrals shift the reference.
+    In each period the controller computes joint angles and torques of a static equilibrium (`StaticChain`). In this
+    equilibrium the tip is at the reference position, and the reference force acts on the tip. The reference position
+    moves from the tip's initial position to the target; then the reference force rises. The position error along the
+    wall and the force error normal to the wall are integrated separately (Raibert & Craig 1981); both integrals shift
+    the reference.
     """
 
     def __init__(self, setup: Setup, gains: ForceGains | None = None) -> None:
@@ -283,7 +284,7 @@ class HybridForce(PressController):
 
 
 class Impedance(PressController):
-    """Impedance control: the tip behaves like a spring and damper about the reference.
+    """Impedance control: the motors hold the tip at the reference like a spring and a damper.
 
     torques = holding torques + J' [K (x_d - x) + D (x_d' - x')], with the Jacobian J of the arm at rest at the
     reference (Hogan 1985, eq. 9, quasi-static). K and D are diagonal in the axes along and normal to the wall. x - x_d

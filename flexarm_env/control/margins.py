@@ -59,7 +59,7 @@ def _law(setup: Setup, gains: PDGains | LQRGains, posture: tuple[float, ...]) ->
 
 
 def warn_of_delay(name: str, setup: Setup, gains: Any) -> None:
-    """Warn if the setup's delay exceeds `SAFE` times the delay margin, or if its motor lag destabilizes the loop.
+    """Warn if the setup's delay exceeds `SAFE` times the delay margin, or if the motor lag destabilizes the loop.
 
     name: name of the controller. The function does not warn of an unstable PD loop, since `PDGains.on` already warns.
     """

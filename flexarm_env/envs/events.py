@@ -180,7 +180,8 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool,
 
 
 def starts(kind: Kind, arm: Arm, value: Any, rules: int) -> tuple[Starts, bool]:
-    """Return the ranges of initial states, and whether target angles are absolute (True) or relative to the start."""
+    """Return ranges of initial states, and whether target angles are absolute (True) or relative to the initial
+    angle."""
     usual = kind.starts(arm, rules)
     if value is None:
         return usual, False

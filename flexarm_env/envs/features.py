@@ -95,7 +95,7 @@ def controller(frame: Frame, mode: Any, share: Any) -> Controller | None:
 
 
 def amplified(arm: Arm, mode: Any) -> tuple[Arm, Amplifier | None]:
-    """Return the amplifier that converts currents or voltages to torques, and the arm with the friction by back-emf.
+    """Return the amplifier that converts currents or voltages to torques, and the arm with friction due to back-emf.
 
     Raises ValueError if a joint has no motor, or the motor has no limit or, for voltages, no resistance.
     """

@@ -38,9 +38,9 @@ class Modes:
         spin: spin rate, rad/s: the argument `spin` of `modes`.
         growing: number of unstable modes among all modes, not only among the n lowest; 0 if the state is stable.
         whirl (n,): in space, the direction in which points circle the first joint's axis, in the frame that turns with
-            the arm: 1 for circles in the direction of a positive spin, -1 for circles in the opposite direction, 0 for
-            motion along a straight line, and between these values for ellipses. NaN if points are at rest or move only
-            along the axis. Empty in the plane.
+            the arm. The value is 1 for circles in the direction of a positive spin and -1 for circles in the opposite
+            direction. It is 0 for motion along a straight line, and between these values for ellipses. It is NaN if
+            points are at rest or move only along the axis. Empty in the plane.
     """
 
     frequencies: Array
@@ -72,9 +72,9 @@ def modes(
         spin: spin rate, rad/s, about the root of a pinned Scene without gravity; the scene's loads are not used. The
             modes are small motions in the rotating frame about the steady rotation. Centrifugal forces deform the arm
             in this rotation.
-        clamped: which joints are held. False: no joint; joints that are not prescribed or rigid turn under constant
-            torques. True: the hub, joint 0. A list: the joints with these indices. With an elastic gear, the motor's
-            side is held. Coulomb friction is not included.
+        clamped: which joints are held. False: no joint; all joints turn under constant torques, except prescribed and
+            rigid joints. True: the hub, joint 0. A list: the joints with these indices. With an elastic gear, the
+            motor's side is held. Coulomb friction is not included.
     Returns:
         The modes (`Modes`).
     Raises:

@@ -29,7 +29,7 @@ MOST_POINTS = 21
 def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip:
     """Return the clip of a `Trajectory` in the plane.
 
-    curvature: function that returns the curvatures (n, G), 1/m, at G places. Each place is a pair of link index and
+    curvature: function that returns the curvatures (n, G), 1/m, at G points. Each point is a pair of link index and
     position along the link, 0 to 1.
     """
     scene: Scene = run.scene
@@ -230,7 +230,7 @@ def of_episode(
         plan: the environment's plan (`envs`), which defines its observation and arm. views: `batch.View` of each
             instant. rows: arrays of observations and infos by name.
         rewards: rewards of the episode's steps. label: name of the clip. rate: function that returns a matrix (G,
-            rows). The matrix times the coordinates gives the curvatures, 1/m, at G places.
+            rows). The matrix times the coordinates gives the curvatures, 1/m, at G points.
     """
     arm: Arm = plan.arm
     energies = {k.removeprefix("energy_"): x for k, x in rows.items() if k.startswith("energy_") or k == "work"}
