@@ -1,6 +1,6 @@
 """Parts of the error estimate (`accuracy`) that differ between plane and space.
 
-In space these include errors that comparisons with coarser meshes and longer steps do not show.
+In space the estimate includes errors that comparisons with coarser meshes and longer steps do not show.
 """
 
 import math
@@ -64,18 +64,18 @@ def _pull(scene: Scene, t: Array, tip: Array) -> float:
 
 
 def witness(scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Settings | None, bool]:
-    """Return settings of exact beams for a comparison run, and whether their mesh is fine enough.
+    """Return settings for a comparison run with exact beams, and whether its mesh is fine enough.
 
-    The distance from this run is an error that a comparison with a coarser mesh does not show.
+    The distance from the comparison run contains errors that a comparison with a coarser mesh does not show.
 
-    Floating frames whose x axis is the chord of a segment cause an error of the order of the squared shear angle, which
-    no mesh reduces. The elastica formulation
-    neglects shear deformation. A link under an axial force N bends within a distance of about sqrt(EI/N) from its ends.
-    If the elements are several times longer than this distance, meshes with one and with two elements have the same
-    error.
+    If the x axis of a floating frame is the chord of a segment, the error is of the order of the squared shear angle. A
+    finer mesh does not reduce this error. The elastica formulation neglects shear deformation. A link under an axial
+    force N bends within a distance of about sqrt(EI/N) from its ends. If the elements are several times longer than
+    this distance, meshes with one and with two elements have the same error.
 
     Args:
-        t: instants of the run, (n,), s. tip: positions of the tip and of the ends of its axes, (n, 4, 3), m.
+        t: instants of the run, (n,), s. tip: positions of the tip and of the end points of its three axes, (n, 4, 3),
+            m.
     Returns:
         The settings (None if coarser meshes show all errors), and whether the elements of the exact beams are short
             enough.
@@ -115,18 +115,18 @@ LITTLE = 1e-7
 
 
 def step_factor(growth: float) -> float:
-    """Return the ratio of the error of a run with step h to its distance from a run with step 2 h.
+    """Return the error of a run with step h, divided by its distance from a run with step 2 h.
 
     growth: factor by which the distance grows if both steps are doubled. If the error is proportional to a power of h,
     the ratio is 1 / (growth - 1), for example 1/3 for a method of second order. The result contains a safety factor of
     1.5. If no step resolves a vibration, the error is about the vibration's amplitude for every step, and growth is
-    about 1; the result is therefore limited to 1.5.
+    about 1. The result is therefore limited to 1.5.
     """
     return 0.5 if growth >= 4.0 or not math.isfinite(growth) else min(1.5, 1.5 / max(growth - 1.0, 1e-3))
 
 
 def mesh_factor(n: int) -> float:
-    """Return the ratio of the error of a run with n elements to its distance from a run with m = n / 2 elements.
+    """Return the error of a run with n elements, divided by its distance from a run with m = n / 2 elements.
 
     If n is odd, m is rounded up. For errors proportional to the squared element length the ratio is
     1 / ((n/m)^2 - 1), which is 1/3 for m = n / 2. The result contains a safety factor of 1.5. For n = 1 the comparison
@@ -139,15 +139,15 @@ class Errors:
     """Parts of the error estimate for runs in the plane."""
 
     def factor(self, n: int) -> float:
-        """Return the ratio of the error of a run with n elements or segments to its distance from a run with n / 2."""
+        """Return the error of a run with n elements or segments, divided by its distance from a run with n / 2."""
         return HALF
 
     def other_modes(self, settings: Settings, full: int) -> tuple[Settings, float]:
-        """Return `accuracy.other_mesh` of links reduced to modes: the full model with at least `full` segments."""
+        """Return the comparison mesh (`accuracy.other_mesh`) for links reduced to modes: `full` or more segments."""
         return settings.replace(segments=max(full, settings.segments or 1), elements=1), 1.0
 
     def has_stubby_link(self, arm: Arm) -> bool:
-        """Return whether runs with chord frames are compared with frames clamped at the segments' roots."""
+        """Return whether a run with chord frames needs a comparison run with frames clamped at the segments' roots."""
         return any(link.slenderness > STUBBY for link in arm.links)
 
     def gear_rate(self, arm: Arm) -> float:
@@ -167,7 +167,7 @@ class Errors:
         return _varying_rate(arm)
 
     def share_of_step(self, share: float, growth: Callable[[], float]) -> float:
-        """Return the ratio of the time step's error to the distance between runs with the steps h and 2 h.
+        """Return the error due to the time step h, divided by the distance between runs with the steps h and 2 h.
 
         share: default ratio. growth: function that returns the factor by which this distance grows if both steps are
         doubled.
@@ -175,13 +175,14 @@ class Errors:
         return share
 
     def witness(self, scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Settings | None, bool]:
-        """Return None: in the plane the comparison with clamped frames (`has_stubby_link`) replaces exact beams."""
+        """Return None: in the plane, runs are compared with clamped frames instead of exact beams."""
         return None, True
 
     def neglected(self, apart: float, known: float) -> float:
-        """Return the elastica's error due to neglected stretch and shear, divided by the arm's length.
+        """Return the error of the elastica because it neglects stretch and shear, divided by the arm's length.
 
-        apart: distance from a run with reduced stiffness, known: linear estimate, both divided by the arm's length.
+        apart: distance from a run with reduced stiffness. known: linear estimate of the error. Both are divided by the
+        arm's length.
         """
         return max(known, min(1.0, apart))
 
@@ -199,7 +200,7 @@ class ErrorsInSpace(Errors):
         return settings.replace(segments=2 if n == 1 else -(-n // 2), modes=settings.modes), mesh_factor(n)
 
     def has_stubby_link(self, arm: Arm) -> bool:
-        """Return False: `witness` finds links with shear deformation."""
+        """Return False, because in space `witness` covers links with shear deformation."""
         return False
 
     def gear_rate(self, arm: Arm) -> float:
@@ -219,7 +220,7 @@ class ErrorsInSpace(Errors):
         return witness(scene, settings, t, tip)
 
     def neglected(self, apart: float, known: float) -> float:
-        """Return the distance `apart` from the run of exact beams."""
+        """Return `apart`, the distance from the comparison run with exact beams."""
         return apart
 
 

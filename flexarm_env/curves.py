@@ -40,9 +40,9 @@ def checked(value: object, length: float) -> Curvature:
 
 
 def check_places(key: str, places: list[float], length: float) -> float:
-    """Check places along a link (m) and return its length.
+    """Validate positions along a link (distances from the root, m) and return the link's length.
 
-    Places must increase from 0 to the length; two equal places define a jump. The last place is set to the exact
+    Positions must increase from 0 to the length; two equal positions define a jump. The last is set to the exact
     length. key: key path for error messages, with {} in place of the index.
     """
     if places[0] != 0.0:
@@ -61,27 +61,27 @@ def check_places(key: str, places: list[float], length: float) -> float:
 
 
 def between(places: Array, s: Array, before: bool) -> tuple[NDArray[np.int64], Array]:
-    """Return the interval between points in which each place s lies, and the relative position of s in it, 0 to 1.
+    """Return, for each position s, the interval between points that contains s, and the interval's fraction up to s.
 
-    The interval is given by the index of its first point. At a jump it is the interval after the jump, or before the
-    jump if `before` is True.
+    The interval is given by the index of its first point. At a jump the function returns the interval after the jump;
+    if `before` is True, the interval before the jump.
     """
     i = np.clip(np.searchsorted(places, s, side="left" if before else "right") - 1, 0, len(places) - 2)
     return i, np.clip((s - places[i]) / (places[i + 1] - places[i]), 0.0, 1.0)
 
 
 def points(curve: Curvature) -> tuple[float, ...]:
-    """Return the places within a link at which the curvature has a kink or a jump, m from the root."""
+    """Return the positions within a link at which the curvature has a kink or a jump, m from the root."""
     return () if isinstance(curve, float) else tuple(s for s, _ in curve[1:-1])
 
 
 def jumps(curve: Curvature) -> tuple[float, ...]:
-    """Return the places within a link at which the curvature jumps, m from the root."""
+    """Return the positions within a link at which the curvature jumps, m from the root."""
     return () if isinstance(curve, float) else tuple(s for (s, _), (after, _) in pairwise(curve) if s == after)
 
 
 def along(curve: Curvature, s: Any, before: bool = False) -> Array:
-    """Return the curvature (1/m) at places s (m); at a jump the value after the jump (`before`: the value before)."""
+    """Return the curvature (1/m) at positions s (m); at a jump the value after it, or before it if `before` is True."""
     s = np.asarray(s, np.float64)
     if isinstance(curve, float):
         return np.full(s.shape, curve)
@@ -91,7 +91,7 @@ def along(curve: Curvature, s: Any, before: bool = False) -> Array:
 
 
 def angle(curve: Curvature, s: Any) -> Array:
-    """Return the tangent's angle (rad) at places s (m) relative to the root: the integral of the curvature."""
+    """Return the tangent's angle (rad) at positions s (m) relative to the root: the integral of the curvature."""
     s = np.asarray(s, np.float64)
     if isinstance(curve, float):
         return np.asarray(curve * s)
@@ -107,7 +107,8 @@ def angle(curve: Curvature, s: Any) -> Array:
 def place(curve: Curvature, s: Any) -> NDArray[np.complex128]:
     """Return the points at arc lengths s (m) as complex numbers x + iy, m, in the axes of the root's tangent.
 
-    x + iy = int_0^s exp(i angle) ds, by Gauss quadrature on pieces that turn by less than half a radian.
+    x + iy = int_0^s exp(i angle) ds, by Gauss quadrature on intervals in which the angle changes by less than half a
+    radian.
     """
     s = np.asarray(s, np.float64)
     if isinstance(curve, float) and curve == 0.0:
@@ -125,7 +126,7 @@ def place(curve: Curvature, s: Any) -> NDArray[np.complex128]:
 
 
 def part(curve: Curvature, first: float, last: float) -> Curvature:
-    """Return the curvature between the places first and last (m), with s measured from `first`."""
+    """Return the curvature between the positions first and last (m), with s measured from `first`."""
     if isinstance(curve, float):
         return curve
     inner = [(s - first, kappa) for s, kappa in curve if first < s < last]

@@ -298,7 +298,7 @@ class Link:
         return tuple(sorted({0.0, *inner, *curves.jumps(self.curvature), self.length}))
 
     def along(self, s: Array | float, before: bool = False) -> Properties:
-        """Return the section's properties at positions s, m from the root: at a jump those after it, or `before` it."""
+        """Return properties at positions s, m from the root; at a jump those after it or, with `before`, before it."""
         s = np.asarray(s, np.float64)
         if isinstance(self.section, Taper):
             return self.section.along(s / self.length)
@@ -353,7 +353,7 @@ class Link:
         return Link(length, ((0.0, ends_at[0]), *inner, (length, ends_at[1])), **own)
 
     def mesh(self, n: int, option: str) -> Array:
-        """Return the ends (n + 1,), m, of n cells: of equal length, or with ends at jumps and kinks (`meshing`).
+        """Return the boundaries (n + 1,), m, of n cells: equally spaced, or placed at jumps and kinks (`meshing`).
 
         Raises ValueError if n is too small for the jumps; the message names `option`, the solver option with value n.
         """
@@ -424,7 +424,7 @@ class Link:
 
     @property
     def slenderness(self) -> float:
-        """Ratio of shear to bending flexibility, EI / (C L^2), of the mean section; stubby: about 1e-3 or more."""
+        """Shear flexibility / bending flexibility, EI / (C L^2), of the mean section; stubby links: 1e-3 or more."""
         return self.mean.EI / (self.mean.C * self.length**2)
 
 

@@ -262,7 +262,7 @@ SHAPES: tuple[type[Shape], ...] = (HalfSpace, Sphere, Box, Cylinder)
 
 
 def shape_of(path: str, value: Any, dimension: int) -> Shape:
-    """Return `value` if it is a shape; create a shape if it is a table.
+    """Return `value` if it is a shape; otherwise create a shape from the table `value`.
 
     A table has the key `shape` ("half_space", "sphere", "box" or "cylinder") and the fields of this class.
 

@@ -114,7 +114,7 @@ class Simulation:
         return MESSAGE[self.status].format(t=self.t, h=self.dt, halvings=self.scheme.max_halvings, bound=bound)
 
     def set_torques(self, torques: Array, fresh: bool = True) -> None:
-        """Set the joint torques, N m. fresh: False to keep the integrator's filtered accelerations, as at kinks."""
+        """Set the joint torques, N m. fresh: False keeps the integrator's filtered accelerations (used at kinks)."""
         self.work.u0[:] = self.work.u
         self.work.u[: len(torques)] = torques
         self._restart(fresh)
@@ -179,10 +179,10 @@ class Simulation:
     def record(
         self, end: float, interval: float, progress: Callable[[float], None] | None = None
     ) -> tuple[dict[str, Array], Array]:
-        """Advance to `end`, s, and record m samples: the start and every `interval`, s; stop if the solver fails. At a
-        kink the state just before the kink is recorded. progress: function that is called with the completed fraction.
-        Returns a dict of arrays with one row per sample (`runtime.sampling.SAMPLE`), and the positions of P points on
-        the center line, (m, P, 2) or (m, P, 3), m."""
+        """Advance to `end`, s, and record m samples: at the start and after each `interval`, s; stop if the solver
+        fails. At a kink the state just before the kink is recorded. progress: function that is called with the
+        completed fraction. Returns a dict of arrays with one row per sample (`runtime.sampling.SAMPLE`), and the
+        positions of P points on the center line, (m, P, 2) or (m, P, 3), m."""
         count = steps_in(end, interval)
         instants = np.arange(count + 1.0) * interval
         instants[0], instants[-1] = self.t, min(count * interval, end)
@@ -317,7 +317,7 @@ class Simulation:
             self._restart(fresh=False)
 
     def observe(self) -> tuple[Array, Array]:
-        """Return link poses (n_links, 12), zeros for an arm in space, and energies (kinetic, strain, gravity), J."""
+        """Return link poses (n_links, 12), which are 0 in space, and energies (kinetic, strain, gravity), J."""
         self._observe(_NO_POINTS)
         return self._poses.reshape(-1, POSE.end).copy(), self._energies.copy()
 
@@ -325,7 +325,7 @@ class Simulation:
         observe_arm(SINGLE, self.model, self.par, self.work.q, self.work.v, self._poses, self._energies, points)
 
     def gained(self, start: float) -> bool:
-        """Return whether the energy exceeds ENERGY_LIMIT times (start + gross work + losses + gravity energy), J."""
+        """Return whether energy > ENERGY_LIMIT * (initial energy + gross work + losses + gravity energy), J."""
         lost = float(self.work.books[DISSIPATED])
         return bool(uncompiled(has_gained_energy)(*self.observe()[1].tolist(), start, self.gross, lost, ENERGY_LIMIT))
 
@@ -372,11 +372,11 @@ def simulate(
             with the completed fraction of the run.
         error_limit: largest `error_estimate`, divided by the arm's length, for which the status is "ok".
         time_limit: largest wall-clock time, s, without compilation; a longer run ends with the status "timed_out". The
-            limit applies to the run and separately to each additional run of the error estimate (usually two).
+            time limit applies separately to the run and to each additional run of the error estimate (usually two).
         estimate_error: True to estimate the error by additional runs. If False, `error_estimate` is nan, and
             `error_parts` contains only energy and notes.
         options: options of the formulation (`flexarm_env.settings.Settings`), such as segments=8 or dt=0.01. Steps are
-            shorter than dt if a motion or load requires it: at most a sixteenth of a sine's period.
+            shorter than dt if a motion or load requires shorter steps: for a sine, at most a sixteenth of the period.
     Returns:
         The Trajectory; for a scene in space a `SpatialTrajectory`. The status of the run is "ok"; "inaccurate" if the
             estimated error exceeds error_limit or step_tolerance is not met; or the name of the failure that ended the

@@ -60,8 +60,8 @@ class UnknownKey(BadKey):
 
 
 class UnknownArgument(UnknownKey, TypeError):
-    """Error for an unknown keyword argument; also a TypeError, with Python's message. `gymnasium.make` raises a copy of
-    the error with the message as the only argument; ``path`` is then the whole message.
+    """Error for an unknown keyword argument: also a TypeError, with the message of Python's own error. `gymnasium.make`
+    raises a copy of the error with the message as the only argument; ``path`` is then the whole message.
     """
 
     def __init__(self, path: str, allowed: Iterable[str] = (), what: str = "argument", hint: str = "") -> None:
@@ -102,7 +102,7 @@ def lacking(what: str, package: str, extra: str) -> str:
 
 @contextlib.contextmanager
 def needs(what: str, package: str, extra: str, error: type[Exception] = ImportError) -> Iterator[None]:
-    """In a `with` block that imports an optional package, raise `error` with an install command if it is missing."""
+    """Context manager for the import of an optional package; raise `error` with an install command if it is missing."""
     try:
         yield
     except ImportError as missing:
@@ -135,7 +135,7 @@ def shown(value: object) -> str:
 
 
 def joined(path: str, key: str) -> str:
-    """Return the key path "path.key"; no dot before an index [3], after a colon, or if path or key is empty."""
+    """Join path and key with a dot, without the dot before an index [3], after a colon, or if either part is empty."""
     if not path or not key:
         return path or key
     return path + key if key.startswith("[") or path.endswith(": ") else f"{path}.{key}"
@@ -428,7 +428,7 @@ def needed(path: str, table: Mapping[str, Any], key: str, allowed: str) -> Any:
 
 def made(path: str, kind: type[T], value: object, *, prefix: str | None = None, **must: str) -> T:
     """Create an instance of the dataclass ``kind`` from a table of its fields. prefix: key path that is added to errors
-    of the class; default ``path``. must: for required fields, by name, a description of the value for messages.
+    of the class; default ``path``. must: descriptions of the values of required fields, by name, for messages.
     """
     table = table_of(path, value)
     known_keys(path, table, names_of(kind))

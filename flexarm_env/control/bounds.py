@@ -59,10 +59,10 @@ def _or_infinite(path: str, value: object, unit: str = "", **bounds: float) -> f
 
 
 def within(plant: Dynamics, bounds: Bounds, n: int, total: int, stiff: float = 1.0) -> list[ilqr.Limits]:
-    """Return the path constraints of `bounds` for n arms over `total` periods: joint angles, deflections, distances.
+    """Return the constraints of `bounds` on joint angles, deflections and distances for n arms over `total` periods.
 
     Distances are measured from the shapes of `keep_out` and divided by the arm's length. Deflections are divided by
-    their bound. stiff: factor on the initial penalties.
+    their bound. stiff: factor on the initial penalty weights.
     """
     found = []
     count = plant.n_inputs

@@ -54,9 +54,9 @@ def onnx_bytes(policy: NumpyPolicy, law: tuple[float, NDArray[np.float64]] | Non
     """Serialize the policy as an ONNX model from `observation` (n, entries) to `action` (n, joints), both float32.
 
     The input is the environment's observation, including previous instants; the model normalizes it. Actions are in
-    [-1, 1]. The model's metadata is the policy's `meta`. law: for a policy with a controller inside, the network's
-    share and the matrix K with which the controller's unsaturated actions are observation @ K. Raises ImportError if
-    the package onnx is missing.
+    [-1, 1]. The model's metadata is the policy's `meta`. law: for a policy with a controller inside, the factor on the
+    network's actions, and a matrix K. The unsaturated actions of the controller are observation @ K. Raises ImportError
+    if the package onnx is missing.
     """
     with check.needs("an ONNX file", "onnx", "export"):
         from onnx import TensorProto, checker, helper, numpy_helper
@@ -147,8 +147,8 @@ def c_comment(lines: Iterable[str]) -> str:
 def harmless(line: str) -> str:
     """Return a line of user text in a form that is safe inside a C comment.
 
-    Comment delimiters are separated by spaces. Backslashes and characters that are not printable ASCII become "?". Two
-    question marks are separated, too, because they begin C99's trigraph for a backslash.
+    Comment delimiters are separated by spaces. Backslashes and characters that are not printable ASCII become "?".
+    Adjacent question marks are separated, too, because "??" begins C99's trigraph for a backslash.
     """
     # printable ASCII without backslash
     line = re.sub(r"[^ -\[\]-~]", "?", line)

@@ -52,7 +52,7 @@ class ForceGains(Approach):
     Args:
         angle, rate, bend, bend_rate: weights of the state feedback about the reference; see `lqr.StateWeights`.
         path, force: integral gains, 1/s, on the distance from the path and on the error of the normal force.
-        lead: proportional gain on the distance from the path, divided by its integral gain, s.
+        lead: proportional gain on the distance from the path, divided by the integral gain `path`, s.
     """
 
     angle: float = 2.919
@@ -151,7 +151,7 @@ class WallController(Controller):
         """Reset the controller's memory (arrays with one row per episode) to its values at the start of an episode."""
 
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> NDArray[np.float32]:
-        """Compute actions in [-1, 1]: torques divided by their limits, saturated; for beside see `Controller.act`."""
+        """Compute actions in [-1, 1]: saturated torques divided by their limits. For `beside` see `Controller.act`."""
         if not len(self.goal):
             raise RuntimeError("No episode has begun: call the controller's reset(observation) first")
         signals = self.read(observation)
@@ -175,10 +175,10 @@ class WallController(Controller):
         """Return joint torques (n, N), N m. seen (n, entries): observation, with the environment's scales."""
 
     def progress(self) -> tuple[Array, Array, Array]:
-        """Return three arrays (n,): progress of the approach, progress of the force's rise, and the end of the rise.
+        """Return three arrays (n,): progress of the approach, progress of the force's rise, end of the rise.
 
         The progress is between 0 and 1; in the approach it is a polynomial of fifth degree in time. The third array is
-        1 after the force has risen, and 0 before.
+        1 after the rise of the force, and 0 before.
         """
         time, timing = self._periods * self.setup.control_dt, self.timing
         x, y = np.clip(time / timing.approach, 0.0, 1.0), np.clip((time - timing.approach) / timing.press, 0.0, 1.0)
@@ -253,12 +253,13 @@ class PressController(WallController):
 
 
 class HybridForce(PressController):
-    """Hybrid force/position control: state feedback with integral errors about an arm that presses on the wall.
+    """Hybrid force/position control: state feedback and integral action about the equilibrium with the tip on the wall.
 
-    In each period the controller computes joint angles and torques of the arm at rest with its tip at the reference
-    position and with the reference force on the tip (`StaticChain`). The reference position moves from the tip's
-    initial position to the target; then the reference force rises. The position error along the wall and the force
-    error normal to the wall are integrated separately (Raibert & Craig 1981); both integrals shift the reference.
+    In each period the controller computes joint angles and torques of a static equilibrium (`StaticChain`). In this
+    equilibrium the tip is at the reference position, and the reference force acts on the tip. The reference position
+    moves from the tip's initial position to the target; then the reference force rises. The position error along the
+    wall and the force error normal to the wall are integrated separately (Raibert & Craig 1981); both integrals shift
+    the reference.
     """
 
     def __init__(self, setup: Setup, gains: ForceGains | None = None) -> None:
@@ -283,12 +284,12 @@ class HybridForce(PressController):
 
 
 class Impedance(PressController):
-    """Impedance control: the tip behaves like a spring and damper about the reference.
+    """Impedance control: the motors hold the tip at the reference like a spring and a damper.
 
     torques = holding torques + J' [K (x_d - x) + D (x_d' - x')], with the Jacobian J of the arm at rest at the
     reference (Hogan 1985, eq. 9, quasi-static). K and D are diagonal in the axes along and normal to the wall. x - x_d
-    is J times the deviation of the joint angles. Deviations of the deflections are ignored, so that sensors and motors
-    are collocated and the loop dissipates energy for any gains. The controller has no integral terms; friction, wall
+    is J times the deviation of the joint angles. Deviations of the deflections are ignored. Sensors and motors are then
+    collocated, so that the loop dissipates energy for any gains. The controller has no integral terms; friction, wall
     and arm must therefore be known.
     """
 
@@ -319,8 +320,8 @@ class Impedance(PressController):
 def feedback(setup: Setup, weights: LQRGains, goals: Array, off: Array) -> Array:
     """Return the LQR's feedback K x (n, N), N m, for a deviation x from the goal.
 
-    goals (n, N): joint angles at the goals, rad; the gains K are those of each goal's posture. off (n, 4 N): outputs
-    (`Signals.outputs`) minus their values at the goal, from which x is computed.
+    goals (n, N): joint angles at the goals, rad; the posture of each goal determines the gains K. off (n, 4 N): outputs
+    (`Signals.outputs`) minus their values at the goal; x is computed from these differences.
     """
     # a mirrored posture has the same gains
     rows = [posture_gains(setup.arm, setup.torque_limits, setup.control_dt, weights, one) for one in postures(goals)]
@@ -333,7 +334,8 @@ def posture_gains(
 ) -> Array:
     """Return LQR gains (N, 4 N) on outputs in a posture (elbow angles, rad).
 
-    They are the gains of `lqr.design` on states times the matrix of `ArmModel.state_of` from outputs to states.
+    The result is the product of two matrices: the gains of `lqr.design` on states, and the matrix of
+    `ArmModel.state_of`, which computes states from outputs.
     """
     own = design(arm, limits, dt, weights, posture)
     return np.asarray(own.K @ own.model.state_of(np.eye(len(own.C))).T)
@@ -401,7 +403,8 @@ class StaticChain:
 
         Returns joint angles (n, N), rad, deflections divided by length (n, N), and holding torques (n, N), N m. angles:
         initial guess of Newton's iteration. iterations: number of iterations; each moves the tip by at most 0.05 m
-        along x and y. With more than two joints the solution is near the initial guess.
+        along x and y. With more than two joints there are many solutions; the iteration finds one near the initial
+        guess.
         """
         step, angles = 1e-5, angles.copy()
         for _ in range(iterations):

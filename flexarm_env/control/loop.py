@@ -1,4 +1,4 @@
-"""Closed-loop stability of a linear arm about rest, sampled at the control period, with delays and motor lag."""
+"""Stability of closed loops: a linear arm about rest, sampled at the control period, with delays and motor lag."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -61,7 +61,7 @@ Law = tuple[Array, Array, Array, Array]
 
 
 def radius(system: tuple[Array, Array, Array], law: Law, gain: float = 1.0) -> float:
-    """Return the closed loop's spectral radius with the controller's torques times `gain`; stable if below 1.
+    """Return the spectral radius of the closed loop with the torques multiplied by `gain`; below 1 the loop is stable.
 
     system: matrices (A, B, C) that `plant` returns. law: matrices (P, Q, K, D) of the controller z+ = P z + Q y, u =
     -(K z + D y), with its states z and the measured outputs y.
@@ -74,7 +74,7 @@ def radius(system: tuple[Array, Array, Array], law: Law, gain: float = 1.0) -> f
 
 
 def gain_margin(system: tuple[Array, Array, Array], law: Law) -> float:
-    """Return the gain margin: the smallest factor, above 1, on the torques with which the loop is unstable.
+    """Return the gain margin: the smallest factor above 1 on the torques that makes the loop unstable.
 
     For an unstable loop the result is 1. The search ends at the factor `MOST_GAIN`.
     """
@@ -82,7 +82,7 @@ def gain_margin(system: tuple[Array, Array, Array], law: Law) -> float:
 
 
 def delay_margin(model: ArmModel, dt: float, law: Law, lag: float = 0.0) -> float:
-    """Return the delay margin, s: the smallest delay with which the loop is unstable.
+    """Return the delay margin, s: the smallest delay that makes the loop unstable.
 
     For an unstable loop the result is 0. The search ends at `MOST_DELAY` periods. dt: control period, s. lag: time
     constant of the motors, s.
@@ -121,8 +121,9 @@ def pd_law(kp: Array, kd: Array) -> Law:
 def observer_law(A: Array, B: Array, C: Array, K: Array, L: Array) -> Law:
     """Return the matrices of u = -K x^ with an observer's estimate x^.
 
-    In each period the estimate is corrected by L (y - C x^), then used, and then predicted by A x^ + B u. A, B, C:
-    discrete model. Returns (P, Q, K, D), as in `radius`, with the predicted estimate as the controller's states.
+    In each period the observer first corrects the estimate by L (y - C x^). The controller then computes u from the
+    estimate, and the observer predicts the next estimate, A x^ + B u. A, B, C: discrete model. Returns (P, Q, K, D), as
+    in `radius`, with the predicted estimate as the controller's states.
     """
     # corrected estimate: (I - L C) x^ + L y
     keep = np.eye(len(A)) - L @ C

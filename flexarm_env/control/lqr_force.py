@@ -1,7 +1,7 @@
 """LQR with the integrals of the force error and of the position error along the wall (task "press").
 
 The linear model contains the arm about rest, a spring between tip and wall with sliding friction, and two integrators.
-Sliding friction couples the forces along and normal to the wall: if the model did not contain it, the loop would be
+Sliding friction couples the forces along and normal to the wall. With a model without friction, the loop would be
 unstable for one direction of the path. One Riccati equation gives all gains. Integral action in linear-quadratic
 control follows Young & Willems (1972).
 """
@@ -29,9 +29,8 @@ class LQRForceGains(Approach):
 
     Args:
         angle, rate, bend, bend_rate: weights of the arm's state; see `lqr.StateWeights`.
-        path: weight, 1/s, of the time integral of the distance from the path divided by the arm's length.
-        force: weight, 1/s, of the time integral of the force error divided by the largest tip force that the motors can
-            hold.
+        path: weight, 1/s, of the time integral of (distance from the path / arm's length).
+        force: weight, 1/s, of the time integral of (force error / largest tip force that the motors can hold).
         stiffness: assumed stiffness of the wall, multiplied by the arm's length and divided by the largest tip force.
     """
 
@@ -45,7 +44,7 @@ class LQRForceGains(Approach):
 
 
 class LQRForce(PressController):
-    """Feedback of state and integrated errors about an arm that presses on the wall, from one Riccati equation."""
+    """Linear-quadratic feedback of state and integrated errors about an arm that presses on the wall."""
 
     def __init__(self, setup: Setup, gains: LQRForceGains | None = None) -> None:
         """Store the gains; see `PressController`."""
@@ -114,8 +113,8 @@ class WallModel(NamedTuple):
 
     Attributes:
         A, B: matrices of the modal states and the two integrated errors, for torques u (N,), N m.
-        K (N, S), P (S, S): gains of the regulator and matrix of its cost x' P x. W (N, N): if the torques of one period
-            differ by c from those of the regulator, the cost increases by c' W c.
+        K (N, S), P (S, S): gains of the regulator and matrix of its cost x' P x. W (N, N): the cost increases by c' W c
+            if the torques of one period differ by c from the regulator's torques.
         states (S, 4 N + 2): matrix that computes the state from outputs and integrated errors. gains (N, 4 N + 2): K
             times `states`.
     """
@@ -141,7 +140,7 @@ def wall_model(
 
     limits (N,): torque limits, N m. dt: control period, s. posture: elbow angles, rad. bearing: direction, rad, in the
     hub's frame, of the wall's normal that points away from the root. most: largest tip force, N. friction: coefficient
-    of friction, negative if the tip slides in the direction of this normal turned by -90 degrees.
+    of friction; it is negative if the tip slides in the direction that results if this normal is turned by -90 degrees.
     """
     model = arm_model(arm, posture)
     n, N, size = len(model.A) // 2, model.n_joints, len(model.A)

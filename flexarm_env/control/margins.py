@@ -36,7 +36,7 @@ class Margins:
 def margins(setup: Setup, gains: Any) -> Margins | None:
     """Compute the margins of PD control or an LQR on the setup's arm, with motor lag but without delay.
 
-    Returns the minima over all postures; None for other gains, which include the gains of arms in space.
+    Returns the smallest margins over all postures. For other gains, and for arms in space, the result is None.
     """
     found, dt = [], setup.control_dt
     if not isinstance(gains, PDGains | LQRGains):
@@ -59,9 +59,9 @@ def _law(setup: Setup, gains: PDGains | LQRGains, posture: tuple[float, ...]) ->
 
 
 def warn_of_delay(name: str, setup: Setup, gains: Any) -> None:
-    """Warn if the setup's delay exceeds `SAFE` times the delay margin, or if its motor lag destabilizes the loop.
+    """Warn if the setup's delay exceeds `SAFE` times the delay margin, or if the motor lag destabilizes the loop.
 
-    name: name of the controller. An unstable PD loop causes no warning here, since `PDGains.on` already warns.
+    name: name of the controller. The function does not warn of an unstable PD loop, since `PDGains.on` already warns.
     """
     if not (setup.delay or setup.lag):
         return
@@ -110,6 +110,7 @@ def warn_of_growth(name: str, setup: Setup, gains: Any) -> None:
 def stand_in(setup: Setup) -> LQRGains:
     """Return the gains of the LQR with which the margins of time_optimal and MPC are estimated.
 
-    They are the tuned gains of time_optimal, which follows its plan by an LQR. MPC is about as fast as this LQR.
+    These gains are the tuned gains of the LQR with which time_optimal follows its plan. MPC reacts about as fast as
+    this LQR.
     """
     return LQRGains(angle=10.0, rate=10.0, bend=10.0, bend_rate=10.0)

@@ -1,18 +1,18 @@
 """Receding-horizon control (MPC): in every period plan torques for the next periods, and apply the first torque.
 
 `ilqr` plans on the elastica model, within the torque limits, from the estimated state. The cost contains the effort
-and, from a planned arrival time on, the distance from rest at the goal. Before this time the distance has no cost,
-since the saturated torques would otherwise cause overshoot. The terminal cost is the cost-to-go of a linear regulator
+and, from a planned arrival time on, the distance from rest at the goal. Before the planned arrival the distance has no
+cost, since saturated torques would otherwise cause overshoot. The terminal cost is the cost-to-go of a linear regulator
 (LQR) at the goal. In each period the previous plan is simulated with its feedback gains from the present state, and is
-improved by one iteration. If a plan does not reach the goal at its arrival time, this time is postponed: at the start
-of an episode until a plan succeeds, later at most by the time that an arm with other parameters could need. When the
-regulator alone keeps within the limits, it replaces the plan.
+improved by one iteration. If a plan does not reach the goal at its arrival time, the arrival is postponed. At the start
+of an episode it is postponed until a plan succeeds. Later it is postponed at most by the time that an arm with other
+parameters could need. The regulator replaces the plan as soon as its torques alone satisfy the limits.
 
-Joint angles, tip deflections and their rates are measured. The model predicts all other state variables. Since the
-predicted higher modes are those of the nominal arm, which are wrong for another arm, the predicted shape of a link is
-blended with the shape of a link under a static force at its tip (`MPCGains.memory`).
+Joint angles, tip deflections and their rates are measured. The model predicts all other state variables. The predicted
+higher modes are those of the nominal arm and can be wrong for the real arm. The predicted shape of a link is therefore
+blended with the shape of a link under a static tip force (`MPCGains.memory`).
 
-Violations of joint limits and of shapes to be avoided are penalized.
+The cost also penalizes the violation of joint limits and points inside shapes to be avoided.
 """
 
 from dataclasses import dataclass
@@ -72,7 +72,7 @@ class MPCGains(StateWeights):
     Args:
         memory: weight, 0 to 1, of the model's prediction for the part of the state that is not measured. The shape of a
             link under a static force at its tip has the weight 1 - memory.
-        allowed: cost of the distance from the goal below which a plan has reached the goal.
+        allowed: a plan has reached the goal if the cost of the distance from the goal is below this value.
         block: number of control periods with the same planned torque. horizon: number of blocks in a plan.
         iterations: number of iLQR iterations per period. first: number of iterations for an episode's first plan.
         margin: distance that plans keep from shapes, divided by the arm's length, and from joint limits, rad.
@@ -125,8 +125,8 @@ class MPC(Controller):
 
     Attributes:
         x (n, S): estimated states (see `dynamics.Dynamics`).
-        plan: torques (H, n, N), divided by their limits, and feedback gains. left: number of periods in which the
-            first block still applies.
+        plan: torques (H, n, N), divided by their limits, and feedback gains. left: number of further periods in which
+            the first block of torques applies.
         arrival, latest (n,): planned and latest arrival at the goal, in control periods from the start of the episode.
     """
 
@@ -288,7 +288,7 @@ RATES, UNKNOWN = 10.0, 9.0
 
 
 class SpatialMPC(MPC, AboutRest):
-    """MPC in space about the arm's rest at its target under gravity, with an extended Kalman filter.
+    """MPC in space about the static equilibrium at the target under gravity, with an extended Kalman filter.
 
     Attributes:
         spread (n, S, S): covariance of the error of the estimated states.

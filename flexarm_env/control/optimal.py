@@ -6,9 +6,10 @@
 
 `ilqr` computes the motions with the nonlinear elastica model and torque limits. The augmented Lagrangian method
 enforces bounds on joint angles and deflections, and terminal conditions. Durations are whole control periods, found by
-bisection for all arms together. The motions are local optima. To verify them, `least_effort`, `least_time` and `follow`
-simulate their torques on a finer mesh with shorter steps (`Motion.replay`). In space, a plan whose replay violates a
-limit is computed again with half the step, at most `Dynamics.halvings` times, unless a step was passed to `dynamics`.
+bisection for all arms together. The motions are local optima. `least_effort`, `least_time` and `follow` verify a
+motion: they simulate its torques on a finer mesh with shorter steps (`Motion.replay`). In space, if the replay violates
+a limit, the plan is computed again with half the step, at most `Dynamics.halvings` times. A step that was passed to
+`dynamics` is not halved.
 """
 
 from collections.abc import Callable, Sequence
@@ -81,7 +82,8 @@ def rates_of(plant: Dynamics) -> float:
 def rigid_periods(plant: Dynamics, start: Array, goal: Array) -> Counts:
     """Return the least number of control periods (n,) in which the rigid arm moves from rest to rest.
 
-    All joints start and stop together, and the inertia is that at the goal. start, goal (n, N): joint angles, rad.
+    All joints start and stop together, and the joint inertia is evaluated at the goal. start, goal (n, N): joint
+    angles, rad.
     """
     times = rigid_times(plant.inertia(goal), goal - start, plant.limits)
     return np.asarray(np.maximum(1, np.ceil(times / plant.period)), np.int64)
@@ -93,8 +95,9 @@ def optimise(
 ) -> tuple[ilqr.Solution, Array]:  # fmt: skip
     """Minimize costs subject to limits, by `ilqr.solve` and the augmented Lagrangian method.
 
-    Returns the solution and each arm's largest violation (n,). The penalty of a limit is increased if a round does not
-    halve its violation. The iteration ends if all arms meet their limits, or have not improved in two rounds.
+    Returns the solution and each arm's largest violation (n,). If an outer iteration does not halve an arm's violation,
+    the arm's penalties are increased. The outer iteration ends when each arm either meets its limits or has not
+    improved in two iterations.
 
     x: initial states (n, S). controls (T, n, N): initial guess. effort: weight of the squared controls. torque: largest
     magnitude of the controls.
@@ -120,7 +123,7 @@ def optimise(
 
 
 def arrive(plant: Dynamics, goal: Array, periods: Counts, total: int) -> ilqr.Limits:
-    """Return the terminal constraint: at rest at the goal states (n, S) after `periods` (n,) of `total` periods.
+    """Return the constraint that the arms rest at the goal states (n, S) after `periods` (n,) of `total` periods.
 
     The constraint divides rates by `rates_of`.
     """
@@ -197,7 +200,7 @@ def least_effort(
             periods: duration of the motion in control periods.
         bounds: limits of the motion, see `Bounds`. guess: initial guess (T, n, N) of the controls.
     Returns:
-        A `Motion`. Its attribute `found` is True for arms whose plan meets all limits.
+        A `Motion`. The attribute `found` of the motion is True for arms whose plan meets all limits.
     """
     start, goal, own = _posed(plant, start, goal, bounds)
     n, total = len(start), check.integer("periods", periods, minimum=1)
@@ -261,8 +264,8 @@ def least_settling(
 
     Args:
         plant: dynamics of the arm. start, goal: states (n, S) at the start and at the goal; the arm rests at the goal.
-        off: function of states (..., n, S) and arm indices (n,). It returns the distances (..., n, 1) of the tips from
-            their targets divided by the allowed distance, and the derivative (..., n, 1, S) of these distances.
+        off: function of states (..., n, S) and arm indices (n,). The function returns the distances (..., n, 1) of the
+            tips from their targets divided by the allowed distance, and the derivatives (..., n, 1, S) of these ratios.
         after: cost matrices after the arrival: (S, S) for a stage, (n, S, S) for the last stage.
         guess: controls (T, n, N) with which the arms arrive after about `periods` (n,) control periods. tail: number of
             periods of the plan after the arrival. most: largest number of periods.
@@ -369,7 +372,7 @@ def follow(
             weight: weight of squared distances from the path, 1/m^2; squared torques, divided by their limits, have
             the weight 1. iterations: number of iLQR iterations.
     Returns:
-        A `Motion`, whose `missed` is the violation of the bounds and does not include distances from the path.
+        A `Motion`. Its `missed` is the violation of the bounds, without distances from the path.
     """
     start = check.array("start", start, ("n", plant.size), STATES)
     own, n = kept_by(plant, bounds, start=start), len(start)

@@ -92,14 +92,14 @@ class NumpyPolicy:
         return action.astype(np.float32)
 
     def bound(self, env: Any) -> NumpyPolicy:
-        """Return the policy for an environment, single or vector; raise ValueError if it does not fit (`check`)."""
+        """Return the policy for an environment or vector environment; raise ValueError if it does not fit (`check`)."""
         return self.check(Setup.of(env))
 
     def check(self, setup: Setup) -> NumpyPolicy:
-        """Return the policy; raise ValueError if observations or actions have another meaning than in training.
+        """Return the policy; raise ValueError if observations or actions have a different meaning than in training.
 
-        If the entries have the same names as in training but other scales, as for another arm, the policy converts
-        observations to the scales of training.
+        The observation of another arm can have the same entries with other scales than in training. The policy then
+        converts observations to the scales of training.
         """
         self.ratio = fitted(self.meta, setup, self.size, self.weights[-1][0].shape[1])
         return self
@@ -169,7 +169,7 @@ def fitted(meta: Mapping[str, Any], setup: Setup, size: int, joints: int) -> NDA
     """Verify by a file's `meta` that a policy for `size` observation entries and `joints` actions fits an environment.
 
     Returns:
-        The environment's scales divided by the scales in `meta` if they differ, otherwise None.
+        The environment's scales divided by the scales in `meta`; None if the scales are equal.
     Raises:
         ValueError: actions or entries have another meaning than in training.
     """

@@ -1,4 +1,4 @@
-"""Simulate the torques of a plan on a finer mesh with shorter steps ("replay"), also between control instants."""
+"""Replay plans: simulate their torques on a finer mesh with shorter steps, also between control instants."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -45,7 +45,7 @@ class Replay:
 
 @lru_cache(maxsize=16)
 def finer(plant: Dynamics) -> Dynamics:
-    """Return dynamics with a quarter of the plan's step as period; in the plane with up to twice as many nodes."""
+    """Return dynamics with a period of a quarter of the plan's step, and in the plane up to twice as many nodes."""
     assert plant.settings.dt is not None
     period = plant.settings.dt / FINER
     return plant.finer(period)
@@ -61,7 +61,7 @@ def _places(line: Line, tip: bool) -> Array:
 
 
 def refined(plant: Dynamics, fine: Dynamics, x: Array) -> Array:
-    """Interpolate states (n, S) to the nodes of the finer dynamics, by the polynomials of the node angles."""
+    """Interpolate states (n, S) to the nodes of the finer dynamics with the polynomials that define the node angles."""
     if plant.nodes == fine.nodes:
         return x
     known, wanted = chain(plant.arm, plant.nodes), chain(fine.arm, fine.nodes)

@@ -48,7 +48,7 @@ class NamedPolicy:
         kind: "controller", "policy" (a network run by NumPy), "onnx" or "function".
         policy: the policy, not yet verified for an environment; None for a controller.
         path: path of the policy's file; None without a file.
-        asked: environment keywords that the user gave for training and that evaluation uses, too.
+        asked: environment keywords that the user gave for training; evaluation uses the same keywords.
     """
 
     name: str
@@ -67,7 +67,7 @@ def load_policy(source: str | os.PathLike[str], env: Any = None) -> Any:
     Args:
         source: name of a controller, name of a policy of the package, file, run folder, or module:name.
         env: environment or vector environment in which the policy acts, or None. A controller requires the environment.
-            For any other policy the function verifies that the policy fits the environment.
+            The function verifies that a policy of any other form fits the environment.
     Returns:
         An object with `reset(observation)` and `act(observation)` for observations (entries,) or (n, entries).
     Raises:
@@ -87,7 +87,7 @@ def load_policy(source: str | os.PathLike[str], env: Any = None) -> Any:
 
 
 def find_policy(word: str, flag: str = "--policy") -> NamedPolicy:
-    """Find the policy that a name denotes, without an environment.
+    """Find the policy that a name denotes; no environment is needed.
 
     flag: name of the option in messages. Raises ValueError for an unknown name or a damaged file.
     """
@@ -244,7 +244,8 @@ class FunctionPolicy:
     """Policy that calls a Python function of observations, or the methods `reset` and `act` of an object.
 
     The function is called with all rows (n, entries) if it accepts them, and otherwise row by row. If the first call
-    with all rows fails, the object's `reset` is called again, because the failed call may have changed its memory.
+    with all rows fails, the object's `reset` is called again, because the failed call may have changed the object's
+    memory.
     """
 
     def __init__(self, word: str, function: Any, flag: str = "--policy") -> None:

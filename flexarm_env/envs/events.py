@@ -1,4 +1,4 @@
-"""Convert keyword arguments of environments to records: costs, pushes, payload changes, initial states, success."""
+"""Convert keywords of environments to data of tasks: costs, pushes, payload changes, initial states, success."""
 
 import dataclasses
 import math
@@ -120,8 +120,8 @@ def payload_change(frame: Frame, value: Any) -> PayloadChange | None:
     """Validate the keyword `payload_change`: a payload that the arm grips or releases once in an episode.
 
     value: table with `time` (s), `factor` (on the nominal payload's mass and inertia) and `gripped`; or None. In the
-    result the time is in control periods. Its field `resting` is (0,) if the gripped body rests before the change, so
-    that velocities jump, and None if the body already moves with the tip.
+    result the time is in control periods. The field `resting` of the result is (0,) if the gripped body is at rest
+    before the change, so that velocities jump. The field is None if the body already moves with the tip.
     """
     if value is None:
         return None
@@ -136,7 +136,7 @@ def payload_change(frame: Frame, value: Any) -> PayloadChange | None:
 
 
 def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool, drawn: int) -> dict[str, Any]:
-    """Return those fields of the task record for success, turns and info that differ from their defaults.
+    """Return the compiled task's fields for success, turns and info whose values differ from the defaults.
 
     success, turns: values of the environment's keywords with these names. absolute: True if target angles are absolute,
     False if they are relative to the initial angle. drawn: index in info of the last random factor; -1 without factors.
@@ -180,7 +180,8 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool,
 
 
 def starts(kind: Kind, arm: Arm, value: Any, rules: int) -> tuple[Starts, bool]:
-    """Return the ranges of initial states, and whether target angles are absolute (True) or relative to the start."""
+    """Return ranges of initial states, and whether target angles are absolute (True) or relative to the initial
+    angle."""
     usual = kind.starts(arm, rules)
     if value is None:
         return usual, False
@@ -203,7 +204,7 @@ def starts(kind: Kind, arm: Arm, value: Any, rules: int) -> tuple[Starts, bool]:
 
 
 def only_with(name: str, value: Any, task: str, wanted: str) -> None:
-    """Raise `InvalidValue` if the user gives a keyword that only another task has."""
+    """Raise `InvalidValue` if the user gives a keyword that belongs to another task."""
     if value is not None and task != wanted:
         raise check.InvalidValue(name, value, f'must be given with task="{wanted}" only')
 

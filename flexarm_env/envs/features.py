@@ -81,8 +81,8 @@ def _late(path: str, value: Any, step: float, name: str) -> tuple[int, int]:
 def controller(frame: Frame, mode: Any, share: Any) -> Controller | None:
     """Return the joint PD controllers whose set points are the actions; None if actions are torques or motor inputs.
 
-    The proportional gain gives the full torque at an error of pi/4 rad. The derivative gain gives critical damping for
-    the straight, rigid arm between the joint and the tip.
+    The proportional gain is such that an error of pi/4 rad causes the full torque. The derivative gain gives critical
+    damping for the straight, rigid arm between the joint and the tip.
     """
     if check.choice("action_mode", mode, ACTION_MODES) != "residual_pd":
         if share is not None:
@@ -95,7 +95,7 @@ def controller(frame: Frame, mode: Any, share: Any) -> Controller | None:
 
 
 def amplified(arm: Arm, mode: Any) -> tuple[Arm, Amplifier | None]:
-    """Return the amplifier that converts currents or voltages to torques, and the arm with the friction by back-emf.
+    """Return the amplifier that converts currents or voltages to torques, and the arm with friction due to back-emf.
 
     Raises ValueError if a joint has no motor, or the motor has no limit or, for voltages, no resistance.
     """
@@ -145,10 +145,10 @@ def with_friction(arm: Arm, value: Any) -> Arm:
 
 
 def with_hub(arm: Arm, drawn: Any) -> tuple[Arm, float]:
-    """Prepare an arm for random hub inertias; return it with the nominal hub inertia about the hub's axis, kg m^2.
+    """Prepare an arm for random hub inertias; return the arm and the nominal inertia about the hub's axis, kg m^2.
 
-    The random deviation from the nominal hub inertia is added to the rotor inertia of joint 0, which has the same
-    effect on a base that does not turn. If joint 0 is ideal, the function adds a rotor with negligible inertia.
+    The random deviation from the nominal hub inertia is added to the rotor inertia of joint 0. If the base does not
+    turn, both inertias have the same effect. If joint 0 is ideal, the function adds a rotor with negligible inertia.
     """
     if drawn is None:
         return arm, 0.0
@@ -212,7 +212,7 @@ def sensors(
 ) -> Sensors | None:
     """Convert the keyword for noise and delay, and the strain gauges, to sensors; None if all sensors are ideal.
 
-    names, scales: names and scales of all entries of the observation, those of the gauges last.
+    names, scales: names and scales of all entries of the observation; the gauges' entries are the last.
     """
     table = table_of("sensors", None if isinstance(value, description.Sensors) else value, _SENSORS)
     places = [gauge.spot for gauge in gauges]
@@ -281,7 +281,7 @@ def reference(frame: Frame, value: Any, periods: int) -> Reference:
 
 
 def gravity_of(kind: Kind, given: Any) -> tuple[float, ...] | None:
-    """Return gravity (2,), in space (3,), m/s^2; if `given` is None, the default of the environment's task."""
+    """Return gravity (2,), in space (3,), m/s^2: `given`, or the task's default if `given` is None."""
     if given is None:
         return kind.gravity
     count = len(kind.axes)

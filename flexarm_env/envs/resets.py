@@ -26,7 +26,7 @@ _FORCE = slice(8, 10)
 
 @dataclass(frozen=True)
 class Request:
-    """Options of one reset; NaN means that a number is drawn at random.
+    """Options of one reset. A number that is NaN is replaced by a random number.
 
     angles (N,): initial joint angles, rad. target (2,): target angle (rad) and 0, or target point (m); in space (N,)
     joint angles at which the rigid arm reaches the target. vibration (1,): amplitude of the initial vibration, a tip
@@ -46,7 +46,7 @@ class Request:
 
     @contextmanager
     def commanded(self, batch: Batch) -> Iterator[None]:
-        """Context manager in which new episodes of `batch` have the requested normal force, not a random one.
+        """Context manager: new episodes of `batch` have the requested normal force in place of a random force.
 
         All other random numbers are the same as without this request.
         """
@@ -132,7 +132,7 @@ def _start(plan: Plan, value: Any) -> list[float]:
 
 
 def guide_of(plan: Plan, request: Request) -> Guide | None:
-    """Create the `Guide` of an episode with prescribed motion; return None for an episode without."""
+    """Create the `Guide` of an episode with prescribed motion; return None if no motion is prescribed."""
     if request.motion is None:
         return None
     if plan.arm.base is not None:

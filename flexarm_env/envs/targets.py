@@ -49,11 +49,12 @@ def joint_range(arm: Arm, k: int, row: Any, of: str = "angles") -> Pair:
 class Target(ABC):
     """Type of a task's target: an angle or a point.
 
-    numbers: number of coordinates of a target. A record stores at least two numbers per target; the second number of an
-    angle is 0.
+    numbers: number of coordinates of a target. A compiled task stores at least two numbers per target; for an angle the
+    second number is 0.
     paths: shapes of random paths, the default shape first, each with the names and units of the numbers that define a
     path of this shape.
-    on_wall, at_rest_on_wall: types of targets on a wall, for the tasks "press" and "land"; None: there is no such task.
+    on_wall, at_rest_on_wall: types of targets on a wall, for the tasks "press" and "land"; None if the environment has
+    no such task.
     """
 
     numbers: int
@@ -93,7 +94,7 @@ class Target(ABC):
         """Validate `starts.target`; return the two ranges of a random target, in space a range for each joint."""
 
     def chain(self, arm: Arm) -> dict[str, Array]:
-        """Return the data for inverse kinematics in the task's record; None if moving targets need no such data."""
+        """Return the compiled task's data for inverse kinematics; None if moving targets need no such data."""
         return {}
 
     def axis(self, arm: Arm) -> Array | None:
@@ -113,7 +114,7 @@ class Target(ABC):
         """Return the default ranges of the numbers that define a random path of the shape `path`."""
 
     def drawn(self, options: Mapping[str, Any], arm: Arm) -> tuple[str, list[Pair]]:
-        """Return the shape of random paths and the ranges of its numbers.
+        """Return the shape of random paths and the ranges of the numbers that define a path.
 
         options: the user's ranges by name, which replace default ranges.
 
@@ -144,7 +145,7 @@ class Target(ABC):
 
     @abstractmethod
     def path(self, reference: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        """Return the path `reference` as one function of time per coordinate. t (n,): instants of its validation, s."""
+        """Return the path `reference` as one function of time per coordinate. t (n,): instants of the validation, s."""
 
 
 class Angle(Target):
@@ -274,7 +275,7 @@ def coordinates(value: Any, what: str, numbers: int) -> list[TimeFunction]:
 
 
 class Wall(NamedTuple):
-    """Wall: distance (m), bearing and elevation (rad) of the wall's point that is nearest to the root."""
+    """Wall, defined by distance (m), bearing and elevation (rad) of its point nearest to the root."""
 
     distance: float
     bearing: float
@@ -282,11 +283,11 @@ class Wall(NamedTuple):
 
     @property
     def directions(self) -> Array:
-        """Unit vectors (3, 3): from the root to the nearest point, to larger bearings, and upwards along the wall."""
+        """Unit vectors (3, 3): from root to nearest point, along the wall to larger bearings, up along the wall."""
         return np.array(uncompiled(directions_of)(self.bearing, self.elevation))
 
     def half_chord(self, length: float) -> float:
-        """Return the half length, m, of the part of the wall within `REACH` times the arm's length of the root."""
+        """Return half the length, m, of the wall's part within `REACH` times the arm's length from the root."""
         return math.sqrt(max((REACH * length) ** 2 - self.distance**2, 0.0))
 
 
@@ -318,7 +319,7 @@ class OnWall(Point):
         return np.asarray(goal_angles(arm, np.zeros((1, arm.n_links)), place, np.ones((1, arm.n_links)))[0])
 
     def record(self, arm: Arm) -> type[Task]:
-        """Return the class of the task's record for an arm."""
+        """Return the class of the compiled task for an arm."""
         return Press if arm.n_links == 2 else PressChain
 
 
@@ -334,7 +335,7 @@ class PlaceOnWall(OnWall):
     paths: ClassVar = {"line": (("distance", "m"), ("offset", "m"), ("speed", "m/s"), ("bearing", "rad"))}
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """Return ranges of a target: wall distance (m), offset from its nearest point (m), speed (0), bearing (rad)."""
+        """Return ranges: wall distance (m), offset from the wall's nearest point (m), speed (0), bearing (rad)."""
         d, b, _ = self.wall
         half = self.wall.half_chord(arm.total_length)
         return [(d, d), (0.0, 0.7 * half), (0.0, 0.0), (b, b)]
@@ -347,7 +348,7 @@ class PlaceOnWall(OnWall):
             raise check.InvalidValue("reference.offset", ranges[1], what)
 
     def record(self, arm: Arm) -> type[Task]:
-        """Return the task's record for landing on a wall."""
+        """Return the class of the compiled task for landing on a wall."""
         return Land if arm.n_links == 2 else LandChain
 
 

@@ -70,14 +70,15 @@ class Kind:
     id: id in Gymnasium's registry. task: name of the default task. arm: name of the default arm. duration: default
     length of an episode, s. target: type of the targets, an angle or a point. rewards: names and default weights of the
     reward's terms, in the order in which the task's `judge` computes them; the last term is failure. entries: names and
-    scales of an arm's observation, in the order of `observe`. record: class of the task's record for an arm; it
-    determines the kernels. starts: ranges of fresh starts, by arm and version of the rules. bands: default bounds of
-    success with their units, by name. replays: default motions of task="replay"; additional joints use the last motion.
-    axes: axes along which arms move (`Arm.axes`). period: control period, s. gravity: default gravity, m/s^2.
-    settings: default settings of exact beams; None for the usual default formulation. formulations: formulations and
-    presets that arms of these axes have in environments. conditions: conditions on drawn targets and paths. vibrate:
-    function of an arm, settings and gravity that returns the modes of `initial_vibration`; amplitudes: their number.
-    sensors: function that returns the sensors of "measured" observations for an arm without sensors.
+    scales of an arm's observation, in the order of `observe`. record: function of an arm that returns the class of the
+    compiled task; the class determines the kernels. starts: ranges of random initial states, by arm and version of the
+    rules. bands: default bounds of success with their units, by name. replays: default motions of task="replay";
+    additional joints use the last motion. axes: axes along which arms move (`Arm.axes`). period: control period, s.
+    gravity: default gravity, m/s^2. settings: default settings of exact beams; None for the usual default formulation.
+    formulations: formulations and presets that arms of these axes have in environments. conditions: conditions on drawn
+    targets and paths. vibrate: function of an arm, settings and gravity that returns the modes of `initial_vibration`.
+    amplitudes: number of these modes. sensors: function that returns the sensors of "measured" observations for an arm
+    without sensors.
     """
 
     id: str
@@ -122,8 +123,8 @@ class Kind:
     def build(self, arm: Arm, weights: Array, period: float, aims: Mapping[str, Any], rules: int = 2) -> Task:
         """Return the constants of the task (a `tasks.task.Task`) for an arm.
 
-        weights: weights of the reward's terms. period: control period, s. aims: fields of the record that differ from
-        the defaults.
+        weights: weights of the reward's terms. period: control period, s. aims: fields of the task that differ from
+        their defaults.
         """
         assert arm.torque_limits is not None
         scales = [scale for _, scale in self.entries(arm)]
@@ -291,8 +292,8 @@ def info_entries(
 
     Flags and texts in info (success, range, status, reason) are not included. full: True if info has energies. motors:
     True if info has motor angles and rates, for joints that are not ideal. extras: options that add entries. fitted:
-    True with a step_tolerance. drawn: index of each random factor, by name. touches: number of points that may touch
-    obstacles.
+    True if the solver has a step_tolerance. drawn: index of each random factor, by name. touches: number of points that
+    may touch obstacles.
     """
     n, targets, at = len(task.links), len(task.targets), info_places(task)
     entries = [
@@ -395,11 +396,11 @@ def reward_weights(
 
     With rules 2 the terms distance and attitude are rewards: a bound minus the loss (`tasks.task.left_of`). Default
     weights refer to the task's default control period. For another period all weights except that of failure are
-    proportional to the period, so that an episode's return does not depend on it. The default weight of failure is a
-    sum of two parts. The first part is the largest loss by all other terms in an episode, so that an early end is never
-    an advantage. The second part is the largest reward in the time `HOLD_TIME`, so that policies learn to avoid the
-    joint limits. With rules 1 the terms distance and attitude are losses of at most 1, weights do not depend on the
-    period, and the weight of failure is the task's default.
+    proportional to the period, so that an episode's return does not depend on it. The default weight of the term
+    failure is a sum of two parts. The first part is the largest loss by all other terms in an episode, so that an early
+    end is never an advantage. The second part is the largest reward in the time `HOLD_TIME`, so that policies learn to
+    avoid the joint limits. With rules 1 the terms distance and attitude are losses of at most 1, weights do not depend
+    on the period, and the weight of failure is the task's default.
 
     joints: number of joints. period: control period, s. limit: number of control periods in an episode.
     """

@@ -25,7 +25,7 @@ def bare(robot: Element) -> tuple[str, list[str]]:
     The mesh files that the URDF names need not exist. A link with a fixed joint remains a separate body.
 
     Raises:
-        ValueError: an arm cannot have a joint of this kind, or a limit or number is invalid; the message names the
+        ValueError: the URDF has a joint that an arm cannot have, or an invalid limit or number. The message names the
             joint, limit or number.
     """
     _check_depth(robot)

@@ -127,10 +127,10 @@ def chain_of(arm: Arm, segments: int = 4, placement: str = "gauss") -> Chain:
 
     Args:
         arm: the arm. segments: number of springs in each flexible link (for placement "between", the number of rigid
-            pieces); 0 makes all links rigid.
+            bodies); 0 makes all links rigid.
         placement: positions of the springs. "gauss": at the Gauss points of each interval with smooth EI. "middle": in
-            the middle of cells of equal length. "between": between rigid pieces of equal length l, with the stiffness
-            EI / l, and the first piece fixed to the joint. "between" is common in hand-written models and the least
+            the middle of cells of equal length. "between": between rigid bodies of equal length l, with the stiffness
+            EI / l; the first body is fixed to the joint. "between" is common in hand-written models and the least
             accurate.
     Raises:
         ValueError: a value is out of range, or the arm has backlash or mass_damping, which hinges cannot represent.

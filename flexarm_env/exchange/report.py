@@ -76,12 +76,12 @@ def differences(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0
 
     Returns:
         A dict of deviations. `frequency_1_hz`, ... and `chain_frequency_1_hz`, ... are the lowest natural frequencies
-        of the arm and of the chain with held joints. `tip_compliance_error` is the largest error in an entry of the tip
-        compliance matrix, divided by its largest entry. `tip_apart` is the largest distance between the arm's tip and
-        the chain's tip in a simulation, divided by the arm's length. The simulation lasts `DURATION` s with torques of
-        `PUSH` times the torque limits, which are reversed after half of the time. MuJoCo simulates the chain, so that
-        `tip_apart` requires MuJoCo and an arm with torque limits. `left_out` names the features of the arm that the
-        chain lacks.
+        of the arm and of the chain with held joints. `tip_compliance_error` is the largest error of an entry of the tip
+        compliance matrix, divided by the largest entry of the matrix. `tip_apart` is the largest distance between the
+        arm's tip and the chain's tip in a simulation, divided by the arm's length. The simulation lasts `DURATION` s
+        with torques of `PUSH` times the torque limits, which are reversed after half of the time. MuJoCo simulates the
+        chain, so that `tip_apart` requires MuJoCo and an arm with torque limits. `left_out` names the features of the
+        arm that the chain lacks.
     """
     found: dict[str, Any] = {}
     own, _ = chain_modes(chain)

@@ -46,10 +46,10 @@ class Excitation:
 
     Attributes:
         t (n,): instants, s, evenly spaced. torques (n, N): joint torques, N m, each constant until the next instant.
-        band: lowest and highest excited frequency, rad/s. modes (M,): natural frequencies of the arm with free joints
-            that lie in the band, rad/s.
-        angle: largest joint rotation from the start among the arm and the perturbed arms, rad. deflection: largest tip
-            deflection of a link divided by the link's length, among the same arms.
+        band: lowest and highest excited frequency, rad/s. modes (M,): natural frequencies, rad/s, of the arm with free
+            joints, as far as they lie in the band.
+        angle: largest joint rotation from the initial angle, rad, of the arm and of the arms with perturbed parameters.
+            deflection: largest tip deflection of a link of these arms, divided by the link's length.
     """
 
     t: Array
@@ -80,7 +80,7 @@ def excite(
             to excite; no frequency exceeds a fifth of `rate`. most_angle: largest joint rotation to either side, rad.
             most_torque: largest joint torque, N m; default: half of each joint's limit. most_deflection: largest tip
             deflection of a link, divided by the link's length.
-        drawn: number of arms with perturbed parameters, for which the bounds must hold, too. spread: largest factor by
+        drawn: number of arms with perturbed parameters; they must satisfy the bounds, too. spread: largest factor by
             which EI, tip masses, hub inertia and damping of these arms are multiplied or divided. seed: seed of phases
             and perturbed arms. options: solver options, as in `simulate`.
     Raises:

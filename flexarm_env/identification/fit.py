@@ -34,7 +34,7 @@ ROUGH = 0.1
 class Problem:
     """Least-squares problem for the scaled parameters z = (value - start) / size.
 
-    Each residual is a difference of a reading divided by the standard deviation of this reading in the log.
+    Each residual is the simulated minus the measured reading, divided by the reading's standard deviation in the log.
     """
 
     experiment: Experiment
@@ -42,7 +42,7 @@ class Problem:
 
     @property
     def sizes(self) -> Array:
-        """Changes (p,) of the parameters' values for a change of 1 in each component of z."""
+        """Change (p,) of each parameter's value if its component of z changes by 1."""
         found = []
         for p, x in zip(self.experiment.parameters, self.experiment.start, strict=True):
             found.append(p.size or abs(x) or 0.1 * (p.high - p.low))
@@ -116,7 +116,7 @@ class Fit:
     z (p,): best parameters, scaled as in `Problem`. cost: sum of squared residuals. starts: final cost of the fit from
         each initial guess. evaluations: number of evaluations of the residuals. ended: the optimizer's final message.
         runs: number of simulations.
-    by_differences: for each parameter whose derivatives are finite differences between simulations, the reason.
+    by_differences: parameters whose derivatives are finite differences between simulations, each with the reason.
     """
 
     z: Array

@@ -38,7 +38,7 @@ class Run:
     kept: NDArray[np.bool_]
 
     def until(self, share: float) -> Run:
-        """Return the shortest first part of the run with the fraction `share` of the compared readings' variance."""
+        """Return the shortest initial part of the run that contains the fraction `share` of the readings' variance."""
         # cumulative squared deviation of all readings
         power = np.zeros(len(self.t))
         for y in self.outputs.values():

@@ -134,7 +134,7 @@ def _periods(batch: Any) -> tuple[Periods | None, str]:
 
 
 def first_error(stderr: str) -> str:
-    """Return at most 500 characters of a compiler's first error line, or of the last line if no line has an error."""
+    """Return a compiler's first error line, or the last line if there is no error; at most 500 characters."""
     lines = stderr.strip().splitlines() or ["no word"]
     return next((line for line in lines if "error" in line.lower()), lines[-1])[:500]
 

@@ -1,4 +1,4 @@
-"""Static equilibria of an arm; linear models about a state: state-space models, natural frequencies, mode shapes."""
+"""Compute static equilibria, and linear models about a state: state-space models, natural frequencies, mode shapes."""
 
 from ..rest import NoEquilibrium
 from .campbell import Campbell, campbell

@@ -29,17 +29,18 @@ class Modes:
             growth without oscillation). The modes are sorted by |lambda|, ascending.
         damping (n,): damping ratios -Re lambda / |lambda|; 1 for each eigenvalue of an overdamped mode, -1 for growth
             without oscillation, 0 for a rigid motion.
-        eigenvalues (n,): eigenvalues lambda, rad/s; of each conjugate pair the member with positive imaginary part.
+        eigenvalues (n,): eigenvalues lambda, rad/s; a conjugate pair is represented by the eigenvalue with positive
+            imaginary part.
         shapes (n, points, 2), in space (n, points, 3): displacements of points on the arm's center line, scaled and
             shifted in phase so that the largest displacement is 1 m. In rotation, points move on ellipses; the array
-            contains the real parts.
+            contains the real parts of the complex displacements.
         points (points, 2), in space (points, 3): positions of the points on the center line, from root to tip, m.
         spin: spin rate, rad/s: the argument `spin` of `modes`.
-        growing: number of unstable modes, counted among all modes and not only the n lowest; 0 if the state is stable.
+        growing: number of unstable modes among all modes, not only among the n lowest; 0 if the state is stable.
         whirl (n,): in space, the direction in which points circle the first joint's axis, in the frame that turns with
-            the arm: 1 for circles in the direction of a positive spin, -1 for circles in the opposite direction, 0 for
-            motion along a straight line, and between these values for ellipses. NaN if points are at rest or move only
-            along the axis. Empty in the plane.
+            the arm. The value is 1 for circles in the direction of a positive spin and -1 for circles in the opposite
+            direction. It is 0 for motion along a straight line, and between these values for ellipses. It is NaN if
+            points are at rest or move only along the axis. Empty in the plane.
     """
 
     frequencies: Array
@@ -69,11 +70,11 @@ def modes(
         n: largest number of modes to return.
         formulation, options: formulation and options of the solver, as in `simulate`; only for a Scene.
         spin: spin rate, rad/s, about the root of a pinned Scene without gravity; the scene's loads are not used. The
-            modes are small motions, in the rotating frame, about the steady rotation, in which centrifugal forces
-            deform the arm.
-        clamped: which joints are held. False: no joint; joints that are not prescribed or rigid turn under constant
-            torques. True: the hub, joint 0. A list: the joints with these indices. With an elastic gear, the motor's
-            side is held. Coulomb friction is not included.
+            modes are small motions in the rotating frame about the steady rotation. Centrifugal forces deform the arm
+            in this rotation.
+        clamped: which joints are held. False: no joint; all joints turn under constant torques, except prescribed and
+            rigid joints. True: the hub, joint 0. A list: the joints with these indices. With an elastic gear, the
+            motor's side is held. Coulomb friction is not included.
     Returns:
         The modes (`Modes`).
     Raises:

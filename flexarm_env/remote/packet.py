@@ -23,10 +23,10 @@ Numbers of each kind:
     CHALLENGE    cookie
     BYE, OTHER_VERSION   none
 
-The server answers the first HELLO of a client with a CHALLENGE of the same size. It sends larger packets only to an
-address that has returned the cookie. A sender with a forged source address does not receive the cookie and therefore
-cannot direct large packets at another machine. If a HELLO has another version, the server answers with OTHER_VERSION,
-whose header contains the server's version.
+The server answers the first HELLO of a client with a CHALLENGE of the same size. The server sends larger packets only
+to an address that has returned the cookie. A sender with a forged source address does not receive the cookie and
+therefore cannot direct large packets at another machine. If a HELLO has another version, the server answers with
+OTHER_VERSION, whose header contains the server's version.
 """
 
 import hashlib

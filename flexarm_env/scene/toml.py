@@ -154,7 +154,7 @@ def schema(kind: Any) -> dict[str, Any]:
     """Return the JSON schema (draft 2020-12) of scene files, with which editors can complete and check these files.
 
     kind: the class `Scene`, whose fields are the keys of the file. The schema does not contain rules that relate
-    several keys, nor the parameters of functions of time; they are checked when a file is read.
+    several keys, nor the parameters of functions of time; these are validated when a file is read.
     """
     function = {
         "type": "object", "required": ["kind"],

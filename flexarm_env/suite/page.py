@@ -21,28 +21,28 @@ WIDTH = 0.05
 HOW = f"""## How to read the tables
 
 - **J** is the mean return over the {EPISODES} episodes of seeds {FIRST} to {FIRST + EPISODES - 1}, which no
-  training uses. If the task has a price, J is reduced by the price times the mean cost.
+  training uses. In tasks with costs, the mean cost times its weight (the price) is subtracted.
 - **Score** is (J - J_PD) / (J_best - J_PD): 0 for PD control, 1 for the best known torques.
 - **Blank cells** mean that the method does not apply to the task or was not evaluated on it.
 - The last three rows of the table of scores describe the policies on a task. ***Range of scores*** is the highest minus
-  the lowest score. ***Largest half width*** is the largest half width of the 95 % interval of a score difference, over
-  all pairs of policies with the full budget.
-- **Score gap to the best policy** is the score of the best policy minus the method's score, paired over the common
-  episodes, with half the width of the difference's 95 % interval. If more than {EPISODES} episodes
+  the lowest score. ***Largest half width*** refers to the 95 % intervals of the score differences between all pairs of
+  policies with the full budget: it is half the width of the widest interval.
+- **Score gap to the best policy** is the mean difference between the best policy's score and the method's score in the
+  same episodes. Half the width of the difference's 95 % interval follows after ±. If more than {EPISODES} episodes
   were evaluated, their number follows. Brackets give the number of episodes that would reduce the half width to
   {WIDTH}.
 - **Settling time** is the mean time after which the tip stays within the bounds of success to the end of the episode. A
   failed episode counts as its whole length.
-- **Second hundred** are 100 episodes whose seeds follow from the policy itself (`flexarm_env.suite.second`). The
-  columns give success, settling, and J minus the J of PD, with the same difference on the public hundred in brackets.
-  † marks a difference between both hundreds that is larger than chance explains (permutation test, p < {LEVEL} after
-  Holm, over all runs of these pages). *public only* marks functions, models with a memory and `foresight`, which are
-  evaluated only on the public hundred and may have memorized these episodes.
+- **Second hundred** are 100 episodes whose seeds are computed from the policy itself (`flexarm_env.suite.second`). The
+  columns give success rate, settling time, and J minus the J of PD. Brackets give J minus the J of PD in the 100 public
+  episodes (the public hundred). † marks a difference between both hundreds that is larger than chance explains
+  (permutation test, p < {LEVEL} after Holm, over all runs of these pages). *public only* marks functions, models with a
+  memory and `foresight`, which are evaluated only on the public hundred and may have memorized these episodes.
 - **Italic methods** were trained with less than the task's budget.
-- **`foresight`** is no policy. The torques of each episode are optimized by the gradient of the episode's own return,
-  with the complete episode known in advance. The search starts from the torques of the best trained policy or of the
-  best controller that observes the whole state. The results are local optima. For an arm that balances upright, the
-  gradients are too large to be useful, and the starting torques remain."""
+- **`foresight`** is no policy. An optimizer that knows the complete episode in advance improves the torques of each
+  episode by the gradient of the episode's return. The search starts from the torques of the best trained policy or of
+  the best controller that observes the whole state. The results are local optima. In the task that balances an arm
+  upright, the gradients are too large to be useful, so the result equals the initial torques."""
 
 
 MISSING = "Some methods cannot be evaluated on some tasks, and some results files contain results of other tasks."
@@ -65,7 +65,7 @@ def pages(found: Sequence[Results], stem: str = "suite", figure: str = "") -> di
     # significant differences between the two hundreds, over all entries of the pages
     learnt = set(_learnt([(task, entry) for task in every for line in rows[task.id] for entry in line.entries]))
     details = ["# Results on each task of the suite", ""]
-    details += [f"Every method on every task; [the overview]({stem}.md) has the findings.", ""]
+    details += [f"This page has all results by task; [the overview]({stem}.md) has the findings.", ""]
     details += ["## Scores", "", *_scores(known, rows), "", HOW]
     before = ["# Results on superseded tasks", ""]
     before += [f"This page has the results on superseded versions of tasks; {stem}-tasks.md explains the columns."]
@@ -179,9 +179,9 @@ def _record(task: Task, lines: Sequence[Line]) -> str:
     bar = kept.values + best.rounding(task.id)
     above = {line.method: max(int((values(task, e) > bar).sum()) for e in line.entries) for line in lines}
     beaten = ", ".join(f"{name} in {count} episodes" for name, count in above.items() if count)
-    more = f" Better than the record: **{beaten}**; docs/tutorials/suite.md says how to submit it." if beaten else ""
-    shown = f"`flexarm bench suite --best {task.id}` replays the record"
-    return f"The record of {kept.date} has the value J = {kept.values.mean():.1f} ({shown}).{more}"
+    more = f" Better than these actions: **{beaten}**; docs/tutorials/suite.md says how to submit it." if beaten else ""
+    shown = f"`flexarm bench suite --best {task.id}` replays these actions"
+    return f"The best stored actions ({kept.date}) reach J = {kept.values.mean():.1f} ({shown}).{more}"
 
 
 def _table(task: Task, lines: Sequence[Line], learnt: set[int]) -> Iterator[str]:
@@ -189,8 +189,8 @@ def _table(task: Task, lines: Sequence[Line], learnt: set[int]) -> Iterator[str]
     known = reference(task)
     yield from (" ".join(task.hard.split()), "")
     if known is not None:
-        own = f"PD has the value J_PD = {known.pd:.1f}; "
-        yield from (f"{own}`{known.by}` has the best known value, J_best = {known.best:.1f}.", "")
+        own = f"PD control reaches J_PD = {known.pd:.1f}. "
+        yield from (f"{own}The best result of a method is J_best = {known.best:.1f} (`{known.by}`).", "")
     if task.id in best.known():
         yield from (_record(task, lines), "")
     first = next((line for line in lines if line.policy), None)

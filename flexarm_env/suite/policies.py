@@ -1,4 +1,4 @@
-"""Find the policies that the suite evaluates by their names, and compute hashes that identify them."""
+"""Find the policies that the suite evaluates by name, and compute hashes that identify the policies."""
 
 import hashlib
 import inspect
@@ -35,8 +35,8 @@ class Chosen:
             fit.
         run: training seed, if the policy's file records it. training: record of the training (steps, wall_s, cpu_s).
         canonical: function that returns the policy's numbers as bytes. The bytes determine the seeds of the policy's
-            100 further episodes (`flexarm_env.suite.second`). None: the policy is evaluated only on the 100 public
-            episodes.
+            100 further episodes (`flexarm_env.suite.second`). If `canonical` is None, the policy is evaluated only on
+            the 100 public episodes.
     """
 
     kind: str

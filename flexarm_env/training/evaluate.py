@@ -4,16 +4,19 @@
     flexarm evaluate --env FlexibleArm-v0 --policy runs/ppo-FlexibleArm-v0-0 --json
     flexarm evaluate --env TwoLinkFlexArm-v0 --policy pd,zvd,lqr --randomized --out runs/table
 
---policy takes a controller (pd, zv, zvd, lqr, mpc, time_optimal; lqg with --env-kwargs '{"observation": "measured"}';
-hybrid_force, impedance, lqr_force, mpc_force with --env-kwargs '{"task": "press"}' or "land"; zv@FILE is zv with
-gains from a file of `flexarm tune`), a run folder, a file (policy.npz, a .zip of Stable-Baselines3, .onnx), the name
-of a policy of the package, or MODULE:NAME, a Python function of observations. Several policies, separated by commas,
-give one table with a row per policy.
+--policy takes a controller, a run folder, a file (policy.npz, a .zip of Stable-Baselines3, .onnx), the name of a policy
+of the package, or MODULE:NAME, a Python function of observations. Several policies, separated by commas, give one table
+with a row per policy.
 
-The settling time is the time after which the tip stays near its target until the episode ends: within 2 % of the slew
-angle (at least 0.5 deg) for the task slew, within 2 % of the arm's length for reach. A tip that never settles counts
-with the episode's whole duration. Intervals are 95 % bootstrap intervals over the episodes. The folder --out receives
-the table, the JSON and a figure of the tip error in the first episode; with --video also a film for each policy.
+The controllers are pd, zv, zvd, lqr, mpc and time_optimal. The controller lqg requires --env-kwargs
+'{"observation": "measured"}'. The controllers hybrid_force, impedance, lqr_force and mpc_force require --env-kwargs
+'{"task": "press"}' or "land". zv@FILE is zv with gains from a file of `flexarm tune`.
+
+The settling time is the time after which the tip stays near its target until the episode ends. In the task slew, near
+means within 2 % of the slew angle (at least 0.5 deg); in reach, within 2 % of the arm's length. A tip that never
+settles counts with the episode's whole duration. Intervals are 95 % bootstrap intervals over the episodes. The folder
+--out receives the table, the JSON and a figure of the tip error in the first episode; with --video also a film for each
+policy.
 
 A policy.npz contains only numbers. A .zip and the vecnormalize.pkl beside it contain pickled objects: the command reads
 only the numbers in them and executes no code from them. A policy given as MODULE:NAME runs the code of this module.
@@ -100,10 +103,10 @@ def keywords(arguments: Arguments, chosen: NamedPolicy) -> dict[str, Any]:
 
 
 def bounds(env: Any, result: fixed.Episodes) -> dict[str, float]:
-    """Return lower bounds of the settling time, s: medians over the episodes, for one-link slews; {} otherwise.
+    """Return lower bounds of the settling time, s, for one-link slews (medians over the episodes); {} otherwise.
 
-    One bound is the duration of the time-optimal slew of a rigid link. The other is the duration of the time-optimal
-    slew that brings the flexible link to rest.
+    One bound is the duration of the time-optimal slew of a rigid link. The other bound is the duration of the
+    time-optimal slew that brings the flexible link to rest.
     """
     setup = Setup.of(env)
     if setup.task != "slew":

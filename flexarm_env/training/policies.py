@@ -1,4 +1,4 @@
-"""Find the policy that a name on the command line denotes; run a Stable-Baselines3 model during training."""
+"""Find the policy that a command-line argument names; evaluate a Stable-Baselines3 model during training."""
 
 import dataclasses
 from collections.abc import Mapping

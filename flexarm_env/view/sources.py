@@ -29,8 +29,8 @@ MOST_POINTS = 21
 def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip:
     """Return the clip of a `Trajectory` in the plane.
 
-    curvature: function that returns the curvatures (n, G), 1/m, at G places, which are pairs of link index and position
-    along the link, 0 to 1.
+    curvature: function that returns the curvatures (n, G), 1/m, at G points. Each point is a pair of link index and
+    position along the link, 0 to 1.
     """
     scene: Scene = run.scene
     arm = scene.arm
@@ -229,8 +229,8 @@ def of_episode(
     Args:
         plan: the environment's plan (`envs`), which defines its observation and arm. views: `batch.View` of each
             instant. rows: arrays of observations and infos by name.
-        rewards: rewards of the episode's steps. label: name of the clip. rate: function that returns the matrix (G,
-            rows) by which the coordinates are multiplied to obtain the curvatures, 1/m, at G places.
+        rewards: rewards of the episode's steps. label: name of the clip. rate: function that returns a matrix (G,
+            rows). The matrix times the coordinates gives the curvatures, 1/m, at G points.
     """
     arm: Arm = plan.arm
     energies = {k.removeprefix("energy_"): x for k, x in rows.items() if k.startswith("energy_") or k == "work"}
