@@ -157,7 +157,8 @@ def blocks(found: pages.Found) -> pages.Blocks:
             "While the joints of "
             f"the robot rest, the measured frequency is {seen['frequency']:.2f} Hz (ratio {seen['damping']:.3f}). "
             f"This frequency is the median of {seen['count']} intervals, with values from {seen['least']:.2f} to "
-            f"{seen['most']:.2f} Hz. The oscillators of the baseline have these frequencies (with damping ratios): {single}."
+            f"{seen['most']:.2f} Hz. The oscillators of the baseline have these frequencies "
+            f"(with damping ratios): {single}."
         ],
     }  # fmt: skip
 
