@@ -10,7 +10,8 @@ of 100 control periods in steps of h and of h/2, with bang-bang torques that are
 
 The factor d / d_1 measures the amplification of errors, and the error of the trial is max(d, e_1 d / d_1). If the
 factor exceeds `GROWN`, settings must also satisfy a second condition: the tip's distance from episodes on the next
-finer mesh in steps of h/2 must be small. If a PD loop sustains a vibration ("chatters"), this distance is the error.
+finer mesh in steps of h/2 must be small. If a PD loop sustains a vibration ("chatters"), the trial's error is this
+distance to the finer mesh.
 
 With random factors (keyword `randomization`), two more arms run the same episodes as the nominal arm: the softest arm
 with the heaviest payload and the strongest torques, and the stiffest arm with the lightest payload.
@@ -124,9 +125,9 @@ def trials_of(
 
     Args:
         kind: definition of the environment's task, without the user's reward terms. arm: the arm. period: control
-            period, s. gravity: m/s^2, or None. mode, share: action mode, and share of the residual torque added to a PD
-            loop. amplifier: the amplifier, or None. drawn: ranges (low, high) of random factors by name
-            (`starts.FACTORS`).
+            period, s. gravity: m/s^2, or None. mode: the action mode. share: largest residual torque that is added to a
+            PD loop, divided by the torque limit. amplifier: the amplifier, or None. drawn: ranges (low, high) of random
+            factors by name (`starts.FACTORS`).
     """
     drive = None if amplifier is None else tuple(None if x is None else tuple(x.tolist()) for x in amplifier)
     ends = corners(drawn or {})

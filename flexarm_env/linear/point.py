@@ -39,7 +39,7 @@ def gauge_name(link: int, place: float, measures: str = "xy") -> str:
 
 
 class ArmAtPoint:
-    """Computation of the `LinearModel` of a simulation about its present state.
+    """Compute the `LinearModel` of a simulation about its present state.
 
     Attributes:
         names: names of the coordinates. inputs, x, u, rate, A, B: as in the continuous `LinearModel`. still: mass,

@@ -12,10 +12,10 @@ gains of the package if this file does not exist. The output file is --out or, b
 the file to `flexarm evaluate --policy zv@FILE`. In a checkout, `python -m agents.tune` instead writes
 flexarm_env/data/control/TASK.toml, the file that `flexarm_env.control.make` reads.
 
-Gains of pd, zv and zvd must leave a gain margin (--margin; default: a factor of 2, 6 dB). The closed loop of the
-linearized arm, sampled at the control period, must be stable with all gains multiplied by the margin. Without this
-condition (--margin 0) the search finds unstable loops that end in a limit cycle, in which the elbow's torque changes
-sign in every period.
+Gains of pd, zv and zvd must have a minimum gain margin (--margin; default: a factor of 2, which is 6 dB). The closed
+loop of the linearized arm, sampled at the control period, must be stable with all gains multiplied by the margin.
+Without this condition (--margin 0) the search finds unstable loops. They end in a limit cycle in which the elbow's
+torque changes sign in every period.
 """
 
 import json
@@ -80,7 +80,7 @@ class Arguments:
         refinements: number of Nelder-Mead evaluations.
         episodes: number of episodes per evaluation.
         seed: seed of the search.
-        margin: gain margin: the linearized loop must be stable with all PD gains multiplied by this factor; 0: no
+        margin: factor by which all PD gains can be multiplied while the linearized loop must stay stable; 0: no
             condition.
         out: file to which the gains are written.
         home: folder in which TASK.toml is written if --out is not given.
